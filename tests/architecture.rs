@@ -12,7 +12,10 @@ use std::path::{Path, PathBuf};
 use table::{CRATES, ROOMS, Rule};
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ lies in the workspace").to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("tests/ lies in the workspace")
+        .to_owned()
 }
 
 /// Every file below `folder`, without version control, build folders (they carry a CACHEDIR.TAG) and runs of a cohort.
@@ -20,16 +23,24 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
-        let entries = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("cannot read {}: {e}", folder.display()));
+        let entries = std::fs::read_dir(&folder)
+            .unwrap_or_else(|e| panic!("cannot read {}: {e}", folder.display()));
         for entry in entries {
             let path = entry.expect("an entry of a folder that can be read").path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             if path.is_symlink() {
                 continue;
             }
             if !path.is_dir() {
                 found.push(path);
-            } else if name != ".git" && !path.join("CACHEDIR.TAG").exists() && !path.join("cardiotwin.db").exists() {
+            } else if name != ".git"
+                && !path.join("CACHEDIR.TAG").exists()
+                && !path.join("cardiotwin.db").exists()
+            {
                 folders.push(path);
             }
         }
@@ -41,12 +52,21 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 /// What a clone would hold, where git can tell; else all that lies here.
 fn committed_files() -> Vec<PathBuf> {
     let listing = std::process::Command::new("git")
-        .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
+        .args([
+            "ls-files",
+            "-z",
+            "--cached",
+            "--others",
+            "--exclude-standard",
+        ])
         .current_dir(root())
         .output();
     match listing {
         Ok(listing) if listing.status.success() && !listing.stdout.is_empty() => {
-            String::from_utf8_lossy(&listing.stdout).split_terminator('\0').map(|name| root().join(name)).collect()
+            String::from_utf8_lossy(&listing.stdout)
+                .split_terminator('\0')
+                .map(|name| root().join(name))
+                .collect()
         }
         _ => files(&root()),
     }
@@ -55,10 +75,18 @@ fn committed_files() -> Vec<PathBuf> {
 fn rust_files(folder: &str) -> Vec<(String, String)> {
     let folder = root().join(folder);
     let mut found = Vec::new();
-    for file in if folder.exists() { files(&folder) } else { Vec::new() } {
+    for file in if folder.exists() {
+        files(&folder)
+    } else {
+        Vec::new()
+    } {
         if file.extension().is_some_and(|e| e == "rs") {
             let text = std::fs::read_to_string(&file).expect("Rust source is UTF-8");
-            let name = file.strip_prefix(root()).expect("a file of the workspace").to_string_lossy().into_owned();
+            let name = file
+                .strip_prefix(root())
+                .expect("a file of the workspace")
+                .to_string_lossy()
+                .into_owned();
             found.push((name, text));
         }
     }
@@ -71,7 +99,11 @@ fn none(problems: Vec<String>, what: &str) {
 
 /// `cardiotwin-units` is `units`, `cardiotwin` is `coordinator`.
 fn short(crate_name: &str) -> Option<&str> {
-    if crate_name == "cardiotwin" { Some("coordinator") } else { crate_name.strip_prefix("cardiotwin-") }
+    if crate_name == "cardiotwin" {
+        Some("coordinator")
+    } else {
+        crate_name.strip_prefix("cardiotwin-")
+    }
 }
 
 fn rule<'a>(rules: &'a [Rule], who: &str) -> Option<&'a Rule> {
@@ -94,7 +126,9 @@ fn crates_import_only_what_the_table_allows() {
         };
         seen.insert(name.to_owned());
         let Some(rule) = rule(CRATES, name) else {
-            problems.push(format!("crate {name} has no row in tests/architecture/table.rs: add one with its reason"));
+            problems.push(format!(
+                "crate {name} has no row in tests/architecture/table.rs: add one with its reason"
+            ));
             continue;
         };
         for dependency in &package.dependencies {
@@ -106,7 +140,10 @@ fn crates_import_only_what_the_table_allows() {
                 None if package.manifest_path.as_str().contains("/solver/")
                     && table::NOT_FOR_SOLVERS.contains(&dependency.name.as_str()) =>
                 {
-                    problems.push(format!("solver crate {name} depends on {}", dependency.name));
+                    problems.push(format!(
+                        "solver crate {name} depends on {}",
+                        dependency.name
+                    ));
                 }
                 _ => {}
             }
@@ -114,16 +151,27 @@ fn crates_import_only_what_the_table_allows() {
     }
     for rule in CRATES {
         if !seen.contains(rule.who) {
-            problems.push(format!("the table names crate {}, which the workspace lacks", rule.who));
+            problems.push(format!(
+                "the table names crate {}, which the workspace lacks",
+                rule.who
+            ));
         }
     }
-    none(problems, "arrows between crates that the architecture refuses");
+    none(
+        problems,
+        "arrows between crates that the architecture refuses",
+    );
 }
 
 /// `coordinator/src/store/events.rs` is the module `store::events`.
 fn module_of(file: &str) -> Vec<String> {
-    let path = file.trim_start_matches("coordinator/src/").trim_end_matches(".rs");
-    path.split('/').filter(|part| !matches!(*part, "mod" | "lib" | "main")).map(str::to_owned).collect()
+    let path = file
+        .trim_start_matches("coordinator/src/")
+        .trim_end_matches(".rs");
+    path.split('/')
+        .filter(|part| !matches!(*part, "mod" | "lib" | "main"))
+        .map(str::to_owned)
+        .collect()
 }
 
 #[test]
@@ -144,7 +192,9 @@ fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
             match rule(ROOMS, room) {
                 Some(rule) => rule.may,
                 None => {
-                    problems.push(format!("{file}: room {room} has no row in tests/architecture/table.rs"));
+                    problems.push(format!(
+                        "{file}: room {room} has no row in tests/architecture/table.rs"
+                    ));
                     continue;
                 }
             }
@@ -155,7 +205,9 @@ fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
             } else if path.names[0] == "cardiotwin" && path.names.len() > 1 {
                 path.names.get(1).cloned() // the library, from its own binary
             } else {
-                path.names[0].strip_prefix("cardiotwin_").map(|name| name.replace('_', "-"))
+                path.names[0]
+                    .strip_prefix("cardiotwin_")
+                    .map(|name| name.replace('_', "-"))
             };
             let Some(target) = target else { continue };
             let own = module.first().is_some_and(|room| *room == target);
@@ -171,10 +223,16 @@ fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
     }
     for rule in ROOMS {
         if !seen.contains(rule.who) {
-            problems.push(format!("the table names room {}, which the coordinator lacks", rule.who));
+            problems.push(format!(
+                "the table names room {}, which the coordinator lacks",
+                rule.who
+            ));
         }
     }
-    none(problems, "arrows between rooms that the architecture refuses");
+    none(
+        problems,
+        "arrows between rooms that the architecture refuses",
+    );
 }
 
 #[test]
@@ -188,8 +246,10 @@ fn places_do_not_use_the_foreign_names_refused_there() {
             }
             for path in scan::paths(&text).iter().filter(|path| !path.in_tests) {
                 let name = path.names.join("::");
-                let hit =
-                    refusal.paths.iter().find(|refused| name == **refused || name.starts_with(&format!("{refused}::")));
+                let hit = refusal
+                    .paths
+                    .iter()
+                    .find(|refused| name == **refused || name.starts_with(&format!("{refused}::")));
                 if let Some(refused) = hit {
                     problems.push(format!(
                         "{file}:{}: `{name}`: {refused} is refused here, so that {}",
@@ -200,7 +260,9 @@ fn places_do_not_use_the_foreign_names_refused_there() {
         }
     }
     for (file, text) in rust_files("solver") {
-        let calls = scan::paths(&text).into_iter().filter(|path| path.is_macro && !path.in_tests);
+        let calls = scan::paths(&text)
+            .into_iter()
+            .filter(|path| path.is_macro && !path.in_tests);
         for path in calls.filter(|_| file.contains("/src/")) {
             if table::SOLVER_MACROS.contains(&path.names[path.names.len() - 1].as_str()) {
                 problems.push(format!(
@@ -219,18 +281,27 @@ fn no_code_is_unfinished_or_switched_off() {
     let mut problems = Vec::new();
     for (file, text) in rust_files("") {
         for path in scan::paths(&text) {
-            if path.is_macro && matches!(path.names[path.names.len() - 1].as_str(), "todo" | "unimplemented") {
+            if path.is_macro
+                && matches!(
+                    path.names[path.names.len() - 1].as_str(),
+                    "todo" | "unimplemented"
+                )
+            {
                 problems.push(format!("{file}:{}: {}!", path.line, path.names.join("::")));
             }
         }
         let tokens = scan::tokens(&text);
         for window in tokens.windows(3) {
-            let [(line, hash), (_, bracket), (_, name)] = window else { unreachable!("windows of three") };
+            let [(line, hash), (_, bracket), (_, name)] = window else {
+                unreachable!("windows of three")
+            };
             if *hash == scan::Token::Sign('#')
                 && *bracket == scan::Token::Sign('[')
                 && *name == scan::Token::Name("ignore".into())
             {
-                problems.push(format!("{file}:{line}: #[ignore]: a test that does not run proves nothing"));
+                problems.push(format!(
+                    "{file}:{line}: #[ignore]: a test that does not run proves nothing"
+                ));
             }
         }
     }
@@ -243,7 +314,10 @@ fn files_keep_to_one_subject() {
     for (file, text) in rust_files("") {
         let n_lines = text.lines().count();
         if n_lines > table::LONGEST_FILE {
-            problems.push(format!("{file}: {n_lines} lines, more than {}: name its second half", table::LONGEST_FILE));
+            problems.push(format!(
+                "{file}: {n_lines} lines, more than {}: name its second half",
+                table::LONGEST_FILE
+            ));
         }
     }
     none(problems, "files that have outgrown one subject");
@@ -265,12 +339,16 @@ fn nothing_points_outside_the_repository() {
         if file.file_name().is_some_and(|name| name == "Cargo.lock") {
             continue;
         }
-        let Ok(text) = std::fs::read_to_string(&file) else { continue }; // a picture, or deleted
+        let Ok(text) = std::fs::read_to_string(&file) else {
+            continue;
+        }; // a picture, or deleted
         for (index, line) in text.lines().enumerate() {
             for word in refused {
                 let hit = line.match_indices(word).any(|(at, _)| {
                     // In the middle of a longer path it is a folder of somebody's; at the start it is a place on one machine.
-                    !line[..at].ends_with(|c: char| c.is_alphanumeric() || matches!(c, '_' | '}' | '$' | '.' | '~'))
+                    !line[..at].ends_with(|c: char| {
+                        c.is_alphanumeric() || matches!(c, '_' | '}' | '$' | '.' | '~')
+                    })
                 });
                 if hit {
                     problems.push(format!(
@@ -287,7 +365,8 @@ fn nothing_points_outside_the_repository() {
 
 #[test]
 fn the_document_shows_the_table_that_is_tested() {
-    let document = std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
+    let document =
+        std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
     let expected = table::markdown();
     for line in expected.lines().filter(|line| !line.is_empty()) {
         assert!(
@@ -312,12 +391,33 @@ fn the_reader_sees_through_groups_comments_literals_and_modules() {
     "##;
     let paths = scan::paths(source);
     let module = vec!["machine".to_owned()];
-    let reached: Vec<String> =
-        paths.iter().filter_map(|path| scan::absolute(path, &module)).map(|path| path.join("::")).collect();
-    assert_eq!(reached, ["engine::Loop", "store::self", "store::Event", "report::draw", "cli"]);
+    let reached: Vec<String> = paths
+        .iter()
+        .filter_map(|path| scan::absolute(path, &module))
+        .map(|path| path.join("::"))
+        .collect();
+    assert_eq!(
+        reached,
+        [
+            "engine::Loop",
+            "store::self",
+            "store::Event",
+            "report::draw",
+            "cli"
+        ]
+    );
     let names = |path: &scan::Path| path.names.join("::");
-    assert!(paths.iter().any(|path| path.is_macro && names(path) == "println" && !path.in_tests && path.line == 7));
     assert!(
-        paths.iter().any(|path| names(path) == "std::time::Instant::now" && path.in_tests && path.modules == ["tests"])
+        paths.iter().any(|path| path.is_macro
+            && names(path) == "println"
+            && !path.in_tests
+            && path.line == 7)
+    );
+    assert!(
+        paths
+            .iter()
+            .any(|path| names(path) == "std::time::Instant::now"
+                && path.in_tests
+                && path.modules == ["tests"])
     );
 }

@@ -7,7 +7,9 @@ pub use cardiotwin_schemas::time::utc_text;
 /// Milliseconds since 1970-01-01T00:00:00Z.
 #[must_use]
 pub fn now_ms() -> i64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 

@@ -18,5 +18,8 @@ pub const NOISE_PERCENT: [(&str, f64); 7] = [
 #[must_use]
 pub fn weights() -> BTreeMap<String, f64> {
     let two_digits = |x: f64| format!("{x:.1e}").parse().unwrap_or(x);
-    NOISE_PERCENT.iter().map(|(name, sd)| ((*name).to_owned(), two_digits(sd.powi(-2)))).collect()
+    NOISE_PERCENT
+        .iter()
+        .map(|(name, sd)| ((*name).to_owned(), two_digits(sd.powi(-2))))
+        .collect()
 }

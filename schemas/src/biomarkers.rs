@@ -11,10 +11,16 @@ pub struct Biomarkers {
     #[serde(rename = "P_max_mmHg", skip_serializing_if = "Option::is_none")]
     pub p_max_mmhg: Option<f64>,
     /// Largest pressure rate before the peak.
-    #[serde(rename = "dPdt_max_mmHg_per_ms", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "dPdt_max_mmHg_per_ms",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub dpdt_max_mmhg_per_ms: Option<f64>,
     /// Smallest (negative) pressure rate after the peak.
-    #[serde(rename = "dPdt_min_mmHg_per_ms", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "dPdt_min_mmHg_per_ms",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub dpdt_min_mmhg_per_ms: Option<f64>,
     /// Pressure transient duration at 90 % decay, t3 − t1.
     #[serde(rename = "PTD90_ms", skip_serializing_if = "Option::is_none")]
@@ -44,8 +50,14 @@ pub struct Biomarkers {
 
 /// Keys of the biomarkers that step 1 fits, and that a robustness sweep of kind `data` perturbs: the terms of step 1's
 /// cost (SPEC section 5).
-pub const STEP1_BIOMARKERS: [&str; 6] =
-    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms"];
+pub const STEP1_BIOMARKERS: [&str; 6] = [
+    "P_max_mmHg",
+    "dPdt_max_mmHg_per_ms",
+    "dPdt_min_mmHg_per_ms",
+    "PTD90_ms",
+    "tau_VD_ms",
+    "tau_VR_ms",
+];
 
 impl Biomarkers {
     /// Keys and values of the biomarkers that steps 1 and 3 look at.
@@ -65,7 +77,15 @@ impl Biomarkers {
     /// Biomarkers with these values in the order of [`Self::of_organ`], and no others.
     #[must_use]
     pub fn with_organ(values: [Option<f64>; 7]) -> Self {
-        let [p_max_mmhg, dpdt_max_mmhg_per_ms, dpdt_min_mmhg_per_ms, ptd90_ms, tau_vd_ms, tau_vr_ms, sv_ml] = values;
+        let [
+            p_max_mmhg,
+            dpdt_max_mmhg_per_ms,
+            dpdt_min_mmhg_per_ms,
+            ptd90_ms,
+            tau_vd_ms,
+            tau_vr_ms,
+            sv_ml,
+        ] = values;
         Self {
             p_max_mmhg,
             dpdt_max_mmhg_per_ms,

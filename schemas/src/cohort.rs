@@ -112,7 +112,10 @@ pub struct SettingsLayer {
 #[serde(deny_unknown_fields, default)]
 pub struct PatientDefaults {
     /// Filling pressure.
-    #[serde(rename = "left_atrial_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "left_atrial_pressure_mmHg",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub left_atrial_pressure_mmhg: Option<f64>,
     /// Passive exponent b.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -32,10 +32,18 @@ pub struct DiscoverSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
     /// Wall volume; estimated when absent.
-    #[serde(default, rename = "wall_volume_mL", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        rename = "wall_volume_mL",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub wall_volume_ml: Option<f64>,
     /// Filling pressure that the patient file states.
-    #[serde(default, rename = "left_atrial_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        rename = "left_atrial_pressure_mmHg",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub left_atrial_pressure_mmhg: Option<f64>,
     /// Windkessel that the patient file states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -448,7 +456,9 @@ impl TraceMisses {
     /// What the verification beat misses beyond that: the share of step 2's cell.
     #[must_use]
     pub fn of_cell(&self) -> f64 {
-        (self.verification.powi(2) - self.of_organ().powi(2)).max(0.0).sqrt()
+        (self.verification.powi(2) - self.of_organ().powi(2))
+            .max(0.0)
+            .sqrt()
     }
 }
 

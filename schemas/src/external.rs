@@ -89,7 +89,10 @@ impl ExitCodes {
             (&self.bug, FailureClass::Bug),
             (&self.numerics, FailureClass::Numerics),
         ];
-        listed.into_iter().find(|(codes, _)| codes.contains(&code)).map_or(FailureClass::Numerics, |(_, class)| class)
+        listed
+            .into_iter()
+            .find(|(codes, _)| codes.contains(&code))
+            .map_or(FailureClass::Numerics, |(_, class)| class)
     }
 }
 
@@ -189,7 +192,10 @@ impl std::fmt::Display for PlaceholderError {
         match self {
             Self::Unknown { name, line } => write!(f, "line {line}: {{{name}}} stands for nothing"),
             Self::Brace { line } => {
-                write!(f, "line {line}: a brace without its partner; write {{{{ or }}}} for a brace")
+                write!(
+                    f,
+                    "line {line}: a brace without its partner; write {{{{ or }}}} for a brace"
+                )
             }
         }
     }
@@ -201,7 +207,10 @@ impl std::error::Error for PlaceholderError {}
 ///
 /// # Errors
 /// The first placeholder that stands for nothing, or brace without its partner.
-pub fn expand(text: &str, value_of: impl Fn(&str) -> Option<String>) -> Result<String, PlaceholderError> {
+pub fn expand(
+    text: &str,
+    value_of: impl Fn(&str) -> Option<String>,
+) -> Result<String, PlaceholderError> {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     let line = |rest: &str| 1 + text[..text.len() - rest.len()].matches('\n').count();
@@ -213,12 +222,17 @@ pub fn expand(text: &str, value_of: impl Fn(&str) -> Option<String>) -> Result<S
             rest = after;
             continue;
         }
-        let inner = rest.strip_prefix('{').and_then(|inner| inner.split_once('}'));
+        let inner = rest
+            .strip_prefix('{')
+            .and_then(|inner| inner.split_once('}'));
         let Some((name, after)) = inner.filter(|(name, _)| !name.contains(['{', '\n'])) else {
             return Err(PlaceholderError::Brace { line: line(rest) });
         };
         let value = value_of(name);
-        out.push_str(&value.ok_or_else(|| PlaceholderError::Unknown { name: name.to_owned(), line: line(rest) })?);
+        out.push_str(&value.ok_or_else(|| PlaceholderError::Unknown {
+            name: name.to_owned(),
+            line: line(rest),
+        })?);
         rest = after;
     }
     out.push_str(rest);
@@ -232,16 +246,31 @@ mod tests {
     #[test]
     fn placeholders_are_replaced_and_doubled_braces_are_braces() {
         let value = |name: &str| (name == "t_CR_ms").then(|| "550".to_owned());
-        assert_eq!(expand("a = {t_CR_ms}\n{{x}}", value), Ok("a = 550\n{x}".to_owned()));
-        let unknown = PlaceholderError::Unknown { name: "t_CR".into(), line: 2 };
+        assert_eq!(
+            expand("a = {t_CR_ms}\n{{x}}", value),
+            Ok("a = 550\n{x}".to_owned())
+        );
+        let unknown = PlaceholderError::Unknown {
+            name: "t_CR".into(),
+            line: 2,
+        };
         assert_eq!(expand("a\nb = {t_CR}", value), Err(unknown));
-        assert_eq!(expand("a = {t_CR_ms", value), Err(PlaceholderError::Brace { line: 1 }));
-        assert_eq!(expand("\n\n}", value), Err(PlaceholderError::Brace { line: 3 }));
+        assert_eq!(
+            expand("a = {t_CR_ms", value),
+            Err(PlaceholderError::Brace { line: 1 })
+        );
+        assert_eq!(
+            expand("\n\n}", value),
+            Err(PlaceholderError::Brace { line: 3 })
+        );
     }
 
     #[test]
     fn an_exit_code_that_is_not_listed_is_a_simulation_that_failed() {
-        let codes = ExitCodes { site: vec![75, 124], ..ExitCodes::default() };
+        let codes = ExitCodes {
+            site: vec![75, 124],
+            ..ExitCodes::default()
+        };
         assert_eq!(codes.class_of(75), FailureClass::Site);
         assert_eq!(codes.class_of(1), FailureClass::Numerics);
     }

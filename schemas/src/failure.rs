@@ -82,6 +82,11 @@ impl Failure {
     /// A failure without a remedy.
     #[must_use]
     pub fn new(class: FailureClass, message: impl Into<String>) -> Self {
-        Self { class, message: message.into(), remedy: None, cause: None }
+        Self {
+            class,
+            message: message.into(),
+            remedy: None,
+            cause: None,
+        }
     }
 }

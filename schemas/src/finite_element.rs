@@ -92,7 +92,10 @@ pub struct WallSettings {
     #[serde(rename = "aorta_kappa_kPa")]
     pub aorta_kappa_kpa: f64,
     /// Passive tissue of its own by the mesh's tags.
-    #[serde(skip_serializing_if = "PassiveTissues::is_empty", deserialize_with = "crate::muscle::by_tag")]
+    #[serde(
+        skip_serializing_if = "PassiveTissues::is_empty",
+        deserialize_with = "crate::muscle::by_tag"
+    )]
     pub passive: PassiveTissues,
     /// Density.
     pub density_g_per_mm3: f64,
@@ -182,7 +185,12 @@ pub struct FibreSettings {
 
 impl Default for FibreSettings {
     fn default() -> Self {
-        Self { alpha_endo_deg: 60.0, alpha_epi_deg: -60.0, beta_endo_deg: -65.0, beta_epi_deg: 25.0 }
+        Self {
+            alpha_endo_deg: 60.0,
+            alpha_epi_deg: -60.0,
+            beta_endo_deg: -65.0,
+            beta_epi_deg: 25.0,
+        }
     }
 }
 
@@ -200,7 +208,11 @@ pub struct ConductionSettings {
 
 impl Default for ConductionSettings {
     fn default() -> Self {
-        Self { along_m_per_s: 0.6, across_m_per_s: 0.3, endocardium_m_per_s: 4.0 }
+        Self {
+            along_m_per_s: 0.6,
+            across_m_per_s: 0.3,
+            endocardium_m_per_s: 4.0,
+        }
     }
 }
 
@@ -218,7 +230,11 @@ pub struct NewtonSettings {
 
 impl Default for NewtonSettings {
     fn default() -> Self {
-        Self { halvings: 4, smallest_volume_ratio: 0.1, farthest_mm: 0.0 }
+        Self {
+            halvings: 4,
+            smallest_volume_ratio: 0.1,
+            farthest_mm: 0.0,
+        }
     }
 }
 
@@ -285,7 +301,8 @@ impl FiniteElementSettings {
     /// What step 0 needs of them, with those of the patient's effects that change the passive law.
     #[must_use]
     pub fn anatomy(&self, effects: &[EffectSpec]) -> AnatomySpec {
-        let of_the_law = |effect: &&EffectSpec| EFFECTS_OF_THE_PASSIVE_LAW.contains(&effect.name.as_str());
+        let of_the_law =
+            |effect: &&EffectSpec| EFFECTS_OF_THE_PASSIVE_LAW.contains(&effect.name.as_str());
         AnatomySpec {
             mesh_nodes: self.mesh_nodes,
             element: self.element,
@@ -299,8 +316,20 @@ impl FiniteElementSettings {
     /// What a beat needs of them.
     #[must_use]
     pub fn equations(&self) -> EquationSettings {
-        let Self { tolerance, newton, linear_solver, diastolic_step_ms, .. } = *self;
-        EquationSettings { tolerance, newton, linear_solver, diastolic_step_ms, potentials: None }
+        let Self {
+            tolerance,
+            newton,
+            linear_solver,
+            diastolic_step_ms,
+            ..
+        } = *self;
+        EquationSettings {
+            tolerance,
+            newton,
+            linear_solver,
+            diastolic_step_ms,
+            potentials: None,
+        }
     }
 }
 

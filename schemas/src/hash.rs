@@ -42,7 +42,10 @@ mod tests {
             b: f64,
             a: i32,
         }
-        assert_eq!(canonical_json(&A { b: 0.1, a: 1 }).unwrap(), r#"{"a":1,"b":0.1}"#);
+        assert_eq!(
+            canonical_json(&A { b: 0.1, a: 1 }).unwrap(),
+            r#"{"a":1,"b":0.1}"#
+        );
     }
 
     #[test]

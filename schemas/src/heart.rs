@@ -74,7 +74,11 @@ mod tests {
             sa_kpa: vec![None],
             lambda: vec![Some(1.0)],
         };
-        let part = HeartPart { surface: "cut".into(), contracts: true, triangles: vec![[0, 0, 0]] };
+        let part = HeartPart {
+            surface: "cut".into(),
+            contracts: true,
+            triangles: vec![[0, 0, 0]],
+        };
         let heart = HeartSurface {
             schema_version: crate::SCHEMA_VERSION,
             long_axis: [0.0, 0.0, 1.0],
@@ -84,8 +88,14 @@ mod tests {
             states: vec![state],
         };
         let text = serde_json::to_string(&heart).unwrap();
-        assert!(text.contains("\"Sa_kPa\":[null]") && text.contains("\"volume_mL\":120.5"), "{text}");
+        assert!(
+            text.contains("\"Sa_kPa\":[null]") && text.contains("\"volume_mL\":120.5"),
+            "{text}"
+        );
         assert_eq!(serde_json::from_str::<HeartSurface>(&text).unwrap(), heart);
-        assert!(serde_json::from_str::<HeartSurface>(&text.replace("\"lambda\"", "\"stretch\"")).is_err());
+        assert!(
+            serde_json::from_str::<HeartSurface>(&text.replace("\"lambda\"", "\"stretch\""))
+                .is_err()
+        );
     }
 }

@@ -48,7 +48,9 @@ text_id!(
 );
 
 /// One try at a task: the generation fences it, since only the current generation publishes.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 pub struct AttemptId {
     /// The task that is tried.
     pub task: TaskKey,
@@ -58,6 +60,11 @@ pub struct AttemptId {
 
 impl fmt::Display for AttemptId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}#{}", &self.task.0[..self.task.0.len().min(12)], self.generation)
+        write!(
+            f,
+            "{}#{}",
+            &self.task.0[..self.task.0.len().min(12)],
+            self.generation
+        )
     }
 }

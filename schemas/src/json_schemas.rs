@@ -7,28 +7,70 @@ use schemars::{Schema, schema_for};
 pub fn all() -> Vec<(&'static str, Schema)> {
     vec![
         ("cohort.schema.json", schema_for!(crate::cohort::CohortFile)),
-        ("patient.schema.json", schema_for!(crate::patient::PatientFile)),
-        ("model.schema.json", schema_for!(crate::overlay::ModelOverlay)),
+        (
+            "patient.schema.json",
+            schema_for!(crate::patient::PatientFile),
+        ),
+        (
+            "model.schema.json",
+            schema_for!(crate::overlay::ModelOverlay),
+        ),
         ("spec.schema.json", schema_for!(crate::task::AttemptSpec)),
-        ("outcome.schema.json", schema_for!(crate::outcome::TaskOutcome)),
-        ("external-parameters.schema.json", schema_for!(crate::external::ExternalParameters)),
+        (
+            "outcome.schema.json",
+            schema_for!(crate::outcome::TaskOutcome),
+        ),
+        (
+            "external-parameters.schema.json",
+            schema_for!(crate::external::ExternalParameters),
+        ),
         ("heart.schema.json", schema_for!(crate::heart::HeartSurface)),
-        ("progress.schema.json", schema_for!(crate::progress::Progress)),
+        (
+            "progress.schema.json",
+            schema_for!(crate::progress::Progress),
+        ),
         ("claim.schema.json", schema_for!(crate::progress::Claim)),
         ("notice.schema.json", schema_for!(crate::notices::Notice)),
         ("status.schema.json", schema_for!(crate::status::Status)),
         ("sweep.schema.json", schema_for!(crate::sweep::SweepFile)),
-        ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
-        ("fit-calcium.schema.json", schema_for!(crate::fit::CalciumFitAnswer)),
-        ("fit-afterload.schema.json", schema_for!(crate::afterload::AfterloadFitAnswer)),
-        ("afterload-discovery.schema.json", schema_for!(crate::afterload::AfterloadDiscovery)),
+        (
+            "sensitivity.schema.json",
+            schema_for!(crate::sensitivity::SensitivityRecord),
+        ),
+        (
+            "fit-calcium.schema.json",
+            schema_for!(crate::fit::CalciumFitAnswer),
+        ),
+        (
+            "fit-afterload.schema.json",
+            schema_for!(crate::afterload::AfterloadFitAnswer),
+        ),
+        (
+            "afterload-discovery.schema.json",
+            schema_for!(crate::afterload::AfterloadDiscovery),
+        ),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
-        ("discover-case.schema.json", schema_for!(crate::discover::DiscoverCase)),
-        ("discover-cohort.schema.json", schema_for!(crate::discover::DiscoverCases)),
-        ("fit-afterload-cuff.schema.json", schema_for!(crate::afterload::CuffFitAnswer)),
+        (
+            "discover-case.schema.json",
+            schema_for!(crate::discover::DiscoverCase),
+        ),
+        (
+            "discover-cohort.schema.json",
+            schema_for!(crate::discover::DiscoverCases),
+        ),
+        (
+            "fit-afterload-cuff.schema.json",
+            schema_for!(crate::afterload::CuffFitAnswer),
+        ),
         ("raw.schema.json", schema_for!(crate::raw::RawFile)),
-        ("prepare.schema.json", schema_for!(crate::preparation::Preparation)),
-        ("robustness.schema.json", schema_for!(crate::robustness::RobustnessResult)),
+        (
+            "prepare.schema.json",
+            schema_for!(crate::preparation::Preparation),
+        ),
+        (
+            "robustness.schema.json",
+            schema_for!(crate::robustness::RobustnessResult),
+        ),
     ]
 }
 

@@ -216,19 +216,38 @@ mod tests {
         let written = serde_json::to_value(distinct).unwrap();
         assert_eq!(written.as_object().unwrap().len(), MOTION.len());
         for measure in MOTION {
-            assert_eq!(written[measure.key].as_f64(), (measure.of)(&distinct), "{}", measure.key);
-            assert!(measure.normal[0] < measure.normal[1] && !measure.source.is_empty(), "{}", measure.key);
+            assert_eq!(
+                written[measure.key].as_f64(),
+                (measure.of)(&distinct),
+                "{}",
+                measure.key
+            );
+            assert!(
+                measure.normal[0] < measure.normal[1] && !measure.source.is_empty(),
+                "{}",
+                measure.key
+            );
         }
     }
 
     #[test]
     fn a_value_stands_against_its_range() {
         let base = MOTION[0];
-        let against =
-            |base_descent_mm| base.against(&MotionMeasures { base_descent_mm, ..Default::default() }).unwrap();
+        let against = |base_descent_mm| {
+            base.against(&MotionMeasures {
+                base_descent_mm,
+                ..Default::default()
+            })
+            .unwrap()
+        };
         assert_eq!(
             [11.9, 12.0, 15.0, 15.1].map(against),
-            [Against::Below, Against::Within, Against::Within, Against::Above]
+            [
+                Against::Below,
+                Against::Within,
+                Against::Within,
+                Against::Above
+            ]
         );
         assert_eq!(against(f64::NAN), Against::Above);
     }

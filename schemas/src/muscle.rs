@@ -94,9 +94,14 @@ pub type PassiveTissues = BTreeMap<i32, PassiveTissueSettings>;
 /// Reads tissues whose tags are texts: what JSON has for keys, and serde keeps within an enum that a field tags.
 pub(crate) fn by_tag<'de, D: Deserializer<'de>>(from: D) -> Result<PassiveTissues, D::Error> {
     let named = BTreeMap::<String, PassiveTissueSettings>::deserialize(from)?;
-    let tag =
-        |name: &str| name.parse().map_err(|_| D::Error::custom(format!("{name:?} is no tag, expected a whole number")));
-    named.iter().map(|(name, tissue)| Ok((tag(name)?, *tissue))).collect()
+    let tag = |name: &str| {
+        name.parse()
+            .map_err(|_| D::Error::custom(format!("{name:?} is no tag, expected a whole number")))
+    };
+    named
+        .iter()
+        .map(|(name, tissue)| Ok((tag(name)?, *tissue)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -114,12 +119,20 @@ mod tests {
             Wall(WallSettings),
         }
         let mut wall = WallSettings::default();
-        wall.passive.insert(-7, PassiveTissueSettings { mu_kpa: 5.0, kappa_kpa: 300.0 });
+        wall.passive.insert(
+            -7,
+            PassiveTissueSettings {
+                mu_kpa: 5.0,
+                kappa_kpa: 300.0,
+            },
+        );
         let task = Task::Wall(wall);
         let text = serde_json::to_string(&task).unwrap();
         assert!(text.contains(r#""passive":{"-7":{"#), "{text}");
         assert_eq!(serde_json::from_str::<Task>(&text).unwrap(), task);
-        let error = serde_json::from_str::<Task>(&text.replace("-7", "seven")).unwrap_err().to_string();
+        let error = serde_json::from_str::<Task>(&text.replace("-7", "seven"))
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("\"seven\" is no tag"), "{error}");
     }
 }

@@ -70,7 +70,12 @@ impl Default for NoticeSettings {
             command: vec![],
             mail: vec![],
             sendmail: vec!["/usr/sbin/sendmail".into(), "-t".into(), "-i".into()],
-            events: vec![NoticeKind::Done, NoticeKind::Stalled, NoticeKind::Failed, NoticeKind::QuotaLow],
+            events: vec![
+                NoticeKind::Done,
+                NoticeKind::Stalled,
+                NoticeKind::Failed,
+                NoticeKind::QuotaLow,
+            ],
             time_limit_s: 30.0,
             least_free_gb: 1.0,
         }

@@ -83,14 +83,17 @@ pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "
 /// Defaults of [`CELL_PARAMETERS`], in their order and units (Tables A2 and A4; the passive scale is that of the paper's
 /// sensitivity analysis, not Table A3's, which is that of isolated tissue).
 pub const CELL_DEFAULTS: [f64; 22] = [
-    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4, 120.0, 0.15, 0.6,
-    129.0, 128.0, 42.0,
+    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4,
+    120.0, 0.15, 0.6, 129.0, 128.0, 42.0,
 ];
 
 /// Default of a parameter of the cell model.
 #[must_use]
 pub fn cell_default(name: &str) -> Option<f64> {
-    CELL_PARAMETERS.iter().position(|known| *known == name).map(|idx| CELL_DEFAULTS[idx])
+    CELL_PARAMETERS
+        .iter()
+        .position(|known| *known == name)
+        .map(|idx| CELL_DEFAULTS[idx])
 }
 
 /// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
@@ -129,7 +132,9 @@ impl ContractionSpec {
     pub fn cell_parameters(&self) -> Option<&BTreeMap<String, f64>> {
         match self {
             Self::Tanh { .. } => None,
-            Self::Land2017Rice { parameters, .. } | Self::Land2017Trace { parameters, .. } => Some(parameters),
+            Self::Land2017Rice { parameters, .. } | Self::Land2017Trace { parameters, .. } => {
+                Some(parameters)
+            }
         }
     }
 }
@@ -160,7 +165,10 @@ pub struct CellStretch {
 
 impl Default for CellStretch {
     fn default() -> Self {
-        Self { origin: StretchOrigin::EndDiastole, slack_stretch: 1.0 }
+        Self {
+            origin: StretchOrigin::EndDiastole,
+            slack_stretch: 1.0,
+        }
     }
 }
 
@@ -213,7 +221,11 @@ impl ValveParameters {
 
 impl Default for ValveParameters {
     fn default() -> Self {
-        Self { r_av_f_mmhg_s_per_ml: 0.01, r_mv_f_mmhg_s_per_ml: 0.01, r_b_mmhg_s_per_ml: 1000.0 }
+        Self {
+            r_av_f_mmhg_s_per_ml: 0.01,
+            r_mv_f_mmhg_s_per_ml: 0.01,
+            r_b_mmhg_s_per_ml: 1000.0,
+        }
     }
 }
 

@@ -188,7 +188,11 @@ const OF_A_VALVE: &str = " valve opened and closed";
 
 impl std::fmt::Display for Check {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: found {}, expected {}", self.name, self.found, self.expected)
+        write!(
+            f,
+            "{}: found {}, expected {}",
+            self.name, self.found, self.expected
+        )
     }
 }
 
@@ -204,13 +208,17 @@ impl OrganBeatResult {
     /// The first check that does not hold of those without which the simulation cannot be believed: all but the valves'.
     #[must_use]
     pub fn failed_simulation(&self) -> Option<&Check> {
-        self.checks.iter().find(|check| !check.passed && !check.is_of_a_valve())
+        self.checks
+            .iter()
+            .find(|check| !check.passed && !check.is_of_a_valve())
     }
 
     /// The first valve that did not open and close: no whole beat.
     #[must_use]
     pub fn failed_valve(&self) -> Option<&Check> {
-        self.checks.iter().find(|check| !check.passed && check.is_of_a_valve())
+        self.checks
+            .iter()
+            .find(|check| !check.passed && check.is_of_a_valve())
     }
 
     /// The first check that does not hold.

@@ -7,7 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::discover::SearchSettings;
-use crate::organ::{EffectSpec, OneFibrePassive, TanhParameters, ValveParameters, WindkesselParameters};
+use crate::organ::{
+    EffectSpec, OneFibrePassive, TanhParameters, ValveParameters, WindkesselParameters,
+};
 
 /// One version of what was learned.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -25,7 +27,11 @@ pub struct ModelOverlay {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub afterload: Option<WindkesselParameters>,
     /// Fitted or estimated filling pressure.
-    #[serde(default, rename = "left_atrial_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        rename = "left_atrial_pressure_mmHg",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub left_atrial_pressure_mmhg: Option<f64>,
     /// Fitted passive state of the reduced ventricle.
     #[serde(default, skip_serializing_if = "Option::is_none")]

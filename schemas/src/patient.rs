@@ -49,10 +49,16 @@ pub struct Measured {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calcium: Option<String>,
     /// End-diastolic pressure.
-    #[serde(rename = "end_diastolic_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "end_diastolic_pressure_mmHg",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub end_diastolic_pressure_mmhg: Option<f64>,
     /// End-diastolic volume, where there is no volume trace.
-    #[serde(rename = "end_diastolic_volume_mL", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "end_diastolic_volume_mL",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub end_diastolic_volume_ml: Option<f64>,
     /// Beats that were averaged into the traces.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -182,7 +188,11 @@ pub struct PatientRightVentricle {
     /// Surface of its endocardium, the right side of the septum included; closed, or open at the rim.
     pub surface: String,
     /// Pressure in its cavity, the same at all times.
-    #[serde(rename = "pressure_mmHg", default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "pressure_mmHg",
+        default,
+        skip_serializing_if = "Option::is_none"
+    )]
     pub pressure_mmhg: Option<f64>,
     /// Trace of that pressure over one cycle, columns `time_ms` and `pressure_mmHg`; relative to `patient.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -213,7 +223,11 @@ pub struct Preload {
 #[serde(deny_unknown_fields)]
 pub struct PassiveMaterial {
     /// Guccione's C; the finite-element ventricle takes it as it is.
-    #[serde(rename = "guccione_C_kPa", default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "guccione_C_kPa",
+        default,
+        skip_serializing_if = "Option::is_none"
+    )]
     pub guccione_c_kpa: Option<f64>,
     /// Exponent b of the one-fibre passive law.
     #[serde(default, skip_serializing_if = "Option::is_none")]

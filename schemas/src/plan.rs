@@ -9,15 +9,16 @@ use crate::biomarkers::Biomarkers;
 use crate::external::{ExternalOrgan, ExternalSettings};
 use crate::ids::PatientId;
 use crate::organ::{
-    BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
+    BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters,
+    ValveParameters,
 };
 use crate::outcome::PassiveStateResult;
 use crate::patient::Noise;
 use crate::posterior::{PosteriorSpec, TwinBeat};
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
 use crate::task::{
-    CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, Step3ProposalSpec, Step3Run,
-    TaskSpec,
+    CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run,
+    Step3ProposalSpec, Step3Run, TaskSpec,
 };
 
 /// Proposals and posteriors of all patients draw the same: the data make the difference.
@@ -110,12 +111,22 @@ impl ResolvedPatient {
             cycle_length_ms: self.step0.cycle_length_ms,
             time_step_ms: solver.time_step_ms,
             shortest_step_ms: solver.shortest_step_ms,
-            newton_iterations: if in_3d { solver.finite_element.newton_iterations } else { solver.newton_iterations },
+            newton_iterations: if in_3d {
+                solver.finite_element.newton_iterations
+            } else {
+                solver.newton_iterations
+            },
             organ: self.organ(step0),
-            circulation: CirculationSpec { effects, ..step0.circulation.clone() },
+            circulation: CirculationSpec {
+                effects,
+                ..step0.circulation.clone()
+            },
             valves,
             contraction,
-            cell_stretch: CellStretch { origin: solver.cell_stretch, slack_stretch: solver.slack_stretch },
+            cell_stretch: CellStretch {
+                origin: solver.cell_stretch,
+                slack_stretch: solver.slack_stretch,
+            },
             beats,
             measured_end_diastolic_volume_ml: step0.measured.edv_ml,
             noise_windows: step0.noise_windows,
@@ -126,14 +137,21 @@ impl ResolvedPatient {
     /// What is simulated: step 0's organ, or another solver's in the same state.
     fn organ(&self, step0: &PassiveStateResult) -> OrganSpec {
         match (&step0.organ, self.settings.solver.fidelity) {
-            (OrganSpec::Reduced { passive, activation }, Fidelity::External) => {
-                OrganSpec::External(Box::new(ExternalOrgan {
-                    passive: *passive,
-                    activation: *activation,
-                    settings: ExternalSettings { files: BTreeMap::new(), ..self.settings.solver.external.clone() },
-                    files: self.external_files.clone(),
-                }))
-            }
+            (
+                OrganSpec::Reduced {
+                    passive,
+                    activation,
+                },
+                Fidelity::External,
+            ) => OrganSpec::External(Box::new(ExternalOrgan {
+                passive: *passive,
+                activation: *activation,
+                settings: ExternalSettings {
+                    files: BTreeMap::new(),
+                    ..self.settings.solver.external.clone()
+                },
+                files: self.external_files.clone(),
+            })),
             (organ, _) => organ.clone(),
         }
     }
@@ -141,7 +159,12 @@ impl ResolvedPatient {
     /// A beat for a task that searches: the one-fibre ventricle stands for the simulated one.
     fn in_search(&self, step0: &PassiveStateResult, beat: OrganBeatSpec) -> OrganBeatSpec {
         let newton_iterations = self.settings.solver.newton_iterations;
-        OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat }
+        OrganBeatSpec {
+            organ: step0.organ.clone(),
+            newton_iterations,
+            finite_element: None,
+            ..beat
+        }
     }
 
     /// What to simulate next in step 1, by space mapping.
@@ -155,8 +178,15 @@ impl ResolvedPatient {
         runs: Vec<Step1Run>,
     ) -> Step1ProposalSpec {
         let Settings { solver, step1, .. } = &self.settings;
-        let contraction = ContractionSpec::Tanh { parameters: start.tanh };
-        let beat = self.beat_spec(step0, contraction, start.valves, BeatCount::Fixed { n: solver.beats });
+        let contraction = ContractionSpec::Tanh {
+            parameters: start.tanh,
+        };
+        let beat = self.beat_spec(
+            step0,
+            contraction,
+            start.valves,
+            BeatCount::Fixed { n: solver.beats },
+        );
         Step1ProposalSpec {
             beat: self.in_search(step0, beat),
             measured: step0.measured,
@@ -197,8 +227,15 @@ impl ResolvedPatient {
     ///
     /// - `cell`: what step 3 begins with
     #[must_use]
-    pub fn posterior_spec(&self, step0: &PassiveStateResult, cell: &CellInOrgan, twin: TwinBeat) -> PosteriorSpec {
-        let Settings { step3, posterior, .. } = &self.settings;
+    pub fn posterior_spec(
+        &self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        twin: TwinBeat,
+    ) -> PosteriorSpec {
+        let Settings {
+            step3, posterior, ..
+        } = &self.settings;
         let beat = cell.beat.with_parameters(&twin.parameters);
         PosteriorSpec {
             parameters: step3.moved(&cell.beat.valves),

@@ -28,7 +28,12 @@ pub struct PosteriorSettings {
 
 impl Default for PosteriorSettings {
     fn default() -> Self {
-        Self { enabled: true, draws: 100, discrepancy_correlation_ms: 100.0, error_factor: 1.4 }
+        Self {
+            enabled: true,
+            draws: 100,
+            discrepancy_correlation_ms: 100.0,
+            error_factor: 1.4,
+        }
     }
 }
 
@@ -70,8 +75,12 @@ pub struct PosteriorSpec {
 
 /// Noise of a clinic's traces where a patient file states none: a fluid-filled or tip catheter averaged over some beats, and
 /// cine imaging.
-pub const USUAL_NOISE: TraceNoise =
-    TraceNoise { pressure_rms_mmhg: 2.0, pressure_correlation_ms: 12.0, volume_rms_ml: 3.0, volume_frames: 25.0 };
+pub const USUAL_NOISE: TraceNoise = TraceNoise {
+    pressure_rms_mmhg: 2.0,
+    pressure_correlation_ms: 12.0,
+    volume_rms_ml: 3.0,
+    volume_frames: 25.0,
+};
 
 /// The noise of a patient's traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -96,9 +105,15 @@ impl TraceNoise {
         let stated = |value: Option<f64>, usual: f64| value.filter(|v| *v > 0.0).unwrap_or(usual);
         Self {
             pressure_rms_mmhg: stated(noise.pressure_rms_mmhg, USUAL_NOISE.pressure_rms_mmhg),
-            pressure_correlation_ms: stated(noise.pressure_correlation_ms, USUAL_NOISE.pressure_correlation_ms),
+            pressure_correlation_ms: stated(
+                noise.pressure_correlation_ms,
+                USUAL_NOISE.pressure_correlation_ms,
+            ),
             volume_rms_ml: stated(noise.volume_rms_ml, USUAL_NOISE.volume_rms_ml),
-            volume_frames: stated(noise.volume_frames.map(f64::from), USUAL_NOISE.volume_frames),
+            volume_frames: stated(
+                noise.volume_frames.map(f64::from),
+                USUAL_NOISE.volume_frames,
+            ),
         }
     }
 
@@ -179,10 +194,16 @@ impl Sampling {
     #[must_use]
     pub fn doubt(&self) -> Option<String> {
         if self.converged_share < ENOUGH {
-            return Some(format!("only {:.0} % of the searches ended by themselves", 100.0 * self.converged_share));
+            return Some(format!(
+                "only {:.0} % of the searches ended by themselves",
+                100.0 * self.converged_share
+            ));
         }
         (self.left_over_expected > MOST_LEFT).then(|| {
-            format!("model and data differ by {:.1} times what their errors explain", self.left_over_expected.sqrt())
+            format!(
+                "model and data differ by {:.1} times what their errors explain",
+                self.left_over_expected.sqrt()
+            )
         })
     }
 }
@@ -229,7 +250,11 @@ impl PosteriorResult {
     /// How many of the twin's parameters lie outside of their intervals, and why; none where all lie within.
     #[must_use]
     pub fn outside_words(&self) -> Option<String> {
-        let outside = self.parameters.values().filter(|spread| spread.excludes_twin()).count();
+        let outside = self
+            .parameters
+            .values()
+            .filter(|spread| spread.excludes_twin())
+            .count();
         (outside > 0).then(|| {
             format!(
                 "{outside} of the twin's {} parameters lie outside of their intervals: step 3 weighs biomarkers most, the \
@@ -243,6 +268,10 @@ impl PosteriorResult {
     #[must_use]
     pub fn draw(&self, at: usize) -> BTreeMap<String, f64> {
         let values = self.draws.get(at).into_iter().flatten();
-        self.parameters.keys().cloned().zip(values.copied()).collect()
+        self.parameters
+            .keys()
+            .cloned()
+            .zip(values.copied())
+            .collect()
     }
 }

@@ -62,10 +62,16 @@ pub struct CatheterColumns {
     #[serde(rename = "lv_pressure_kPa", skip_serializing_if = "Option::is_none")]
     pub lv_pressure_kpa: Option<String>,
     /// Pressure in the aorta.
-    #[serde(rename = "aortic_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "aortic_pressure_mmHg",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub aortic_pressure_mmhg: Option<String>,
     /// Pressure in the aorta.
-    #[serde(rename = "aortic_pressure_kPa", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "aortic_pressure_kPa",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub aortic_pressure_kpa: Option<String>,
     /// Flow in the ascending aorta, positive out of the heart.
     #[serde(rename = "flow_mL_per_s", skip_serializing_if = "Option::is_none")]
@@ -246,7 +252,12 @@ pub struct RejectStep {
 
 impl Default for RejectStep {
     fn default() -> Self {
-        Self { enabled: true, keep: Vec::new(), leave_out: Vec::new(), leave_out_ms: Vec::new() }
+        Self {
+            enabled: true,
+            keep: Vec::new(),
+            leave_out: Vec::new(),
+            leave_out_ms: Vec::new(),
+        }
     }
 }
 
@@ -275,7 +286,10 @@ pub struct DriftStep {
 
 impl Default for DriftStep {
     fn default() -> Self {
-        Self { enabled: true, zero_at: ZeroAt::Begin }
+        Self {
+            enabled: true,
+            zero_at: ZeroAt::Begin,
+        }
     }
 }
 
@@ -297,7 +311,12 @@ pub struct AverageStep {
 
 impl Default for AverageStep {
     fn default() -> Self {
-        Self { enabled: true, align: true, cycle_length_ms: None, beat: None }
+        Self {
+            enabled: true,
+            align: true,
+            cycle_length_ms: None,
+            beat: None,
+        }
     }
 }
 
@@ -369,7 +388,11 @@ pub struct VolumeStep {
 
 impl Default for VolumeStep {
     fn default() -> Self {
-        Self { enabled: true, adjust: VolumeAdjustment::Scale, factor: None }
+        Self {
+            enabled: true,
+            adjust: VolumeAdjustment::Scale,
+            factor: None,
+        }
     }
 }
 
@@ -386,7 +409,10 @@ pub struct CycleStep {
 
 impl Default for CycleStep {
     fn default() -> Self {
-        Self { enabled: true, systole_factor: None }
+        Self {
+            enabled: true,
+            systole_factor: None,
+        }
     }
 }
 
@@ -403,7 +429,10 @@ pub struct SynchroniseStep {
 
 impl Default for SynchroniseStep {
     fn default() -> Self {
-        Self { enabled: true, lag_ms: None }
+        Self {
+            enabled: true,
+            lag_ms: None,
+        }
     }
 }
 

@@ -10,8 +10,8 @@ use crate::failure::Failure;
 use crate::ids::TaskKey;
 use crate::organ::Step1Parameters;
 use crate::outcome::{
-    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult,
-    TargetsResult,
+    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult,
+    Step3ProposalResult, TargetsResult,
 };
 use crate::plan::ResolvedPatient;
 use crate::posterior::PosteriorResult;
@@ -108,7 +108,10 @@ impl<T> TaskRecord<T> {
     /// Absolute path of the artefact called `name`.
     #[must_use]
     pub fn artefact(&self, name: &str) -> Option<PathBuf> {
-        self.artefacts.iter().find(|a| a.name == name).map(|a| self.directory.join(&a.file))
+        self.artefacts
+            .iter()
+            .find(|a| a.name == name)
+            .map(|a| self.directory.join(&a.file))
     }
 }
 
@@ -156,8 +159,13 @@ impl PatientRecord {
     #[must_use]
     pub fn twin(&self) -> Option<&TaskRecord<OrganBeatResult>> {
         let number = self.step3.as_ref().map_or(0, |step3| step3.best_iteration);
-        let of_step3 = self.step3_iterations.iter().find(|iteration| iteration.number == number);
-        of_step3.and_then(|iteration| iteration.run.as_ref()).or(self.verification.as_ref())
+        let of_step3 = self
+            .step3_iterations
+            .iter()
+            .find(|iteration| iteration.number == number);
+        of_step3
+            .and_then(|iteration| iteration.run.as_ref())
+            .or(self.verification.as_ref())
     }
 }
 
@@ -230,7 +238,9 @@ impl std::fmt::Display for Step1Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self.quality {
             Step1Quality::Converged => write!(f, "converged: iteration {}", self.best_iteration),
-            Step1Quality::Stalled { .. } => write!(f, "stalled: best iteration {}", self.best_iteration),
+            Step1Quality::Stalled { .. } => {
+                write!(f, "stalled: best iteration {}", self.best_iteration)
+            }
         }
     }
 }

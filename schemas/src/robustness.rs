@@ -137,7 +137,9 @@ pub struct RobustnessMember {
 }
 
 /// Which results a table holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum TableKind {
     /// Personalised Tanh model and valves (Tables 3 and 7).
@@ -152,8 +154,12 @@ pub enum TableKind {
 
 impl TableKind {
     /// All, in the paper's order.
-    pub const ALL: [Self; 4] =
-        [Self::Step1Parameters, Self::Step1Biomarkers, Self::Step2Parameters, Self::Step2Biomarkers];
+    pub const ALL: [Self; 4] = [
+        Self::Step1Parameters,
+        Self::Step1Biomarkers,
+        Self::Step2Parameters,
+        Self::Step2Biomarkers,
+    ];
 
     /// As in files.
     #[must_use]
@@ -328,14 +334,23 @@ mod tests {
 
     #[test]
     fn tables_stand_beside_the_papers() {
-        assert_eq!(TableKind::ALL.map(|t| t.paper(Uncertainty::Data)), [3, 4, 5, 6]);
-        assert_eq!(TableKind::ALL.map(|t| t.paper(Uncertainty::Guess)), [7, 8, 9, 10]);
+        assert_eq!(
+            TableKind::ALL.map(|t| t.paper(Uncertainty::Data)),
+            [3, 4, 5, 6]
+        );
+        assert_eq!(
+            TableKind::ALL.map(|t| t.paper(Uncertainty::Guess)),
+            [7, 8, 9, 10]
+        );
     }
 
     #[test]
     fn a_printed_limit_is_kept_as_such() {
         let read = |text: &str| serde_json::from_str::<Printed>(text).unwrap();
         assert_eq!(read(r#"{"below":0.1}"#).to_string(), "<0.1");
-        assert_eq!((read("2.5").to_string(), read("2.5").at_most()), ("2.5".to_owned(), 2.5));
+        assert_eq!(
+            (read("2.5").to_string(), read("2.5").at_most()),
+            ("2.5".to_owned(), 2.5)
+        );
     }
 }

@@ -11,7 +11,11 @@ pub const N_SAMPLES: usize = 40;
 #[serde(deny_unknown_fields)]
 pub struct BeatSamples {
     /// Cavity pressure.
-    #[serde(rename = "pressure_mmHg", default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(
+        rename = "pressure_mmHg",
+        default,
+        skip_serializing_if = "Vec::is_empty"
+    )]
     pub pressure_mmhg: Vec<f64>,
     /// Cavity volume.
     #[serde(rename = "volume_mL", default, skip_serializing_if = "Vec::is_empty")]
@@ -34,7 +38,11 @@ pub struct TraceDeviations {
 
 impl Default for TraceDeviations {
     fn default() -> Self {
-        Self { pressure_mmhg: 3.0, volume_ml: 3.0, correlation_ms: 100.0 }
+        Self {
+            pressure_mmhg: 3.0,
+            volume_ml: 3.0,
+            correlation_ms: 100.0,
+        }
     }
 }
 
@@ -58,11 +66,27 @@ impl MeasuredTraces {
     /// correlation times fit into a beat: T/τ · rms²/σ² of each trace. As many of every beat.
     #[must_use]
     pub fn residuals(&self, simulated: Option<&BeatSamples>) -> Vec<f64> {
-        let Self { samples, deviations, .. } = self;
-        let pressure = (&samples.pressure_mmhg, simulated.map(|s| &s.pressure_mmhg), deviations.pressure_mmhg);
-        let volume = (&samples.volume_ml, simulated.map(|s| &s.volume_ml), deviations.volume_ml);
-        let counted = [pressure, volume].into_iter().filter(|(_, _, sd)| *sd > 0.0);
-        counted.flat_map(|(measured, simulated, sd)| self.of_trace(measured, simulated, sd)).collect()
+        let Self {
+            samples,
+            deviations,
+            ..
+        } = self;
+        let pressure = (
+            &samples.pressure_mmhg,
+            simulated.map(|s| &s.pressure_mmhg),
+            deviations.pressure_mmhg,
+        );
+        let volume = (
+            &samples.volume_ml,
+            simulated.map(|s| &s.volume_ml),
+            deviations.volume_ml,
+        );
+        let counted = [pressure, volume]
+            .into_iter()
+            .filter(|(_, _, sd)| *sd > 0.0);
+        counted
+            .flat_map(|(measured, simulated, sd)| self.of_trace(measured, simulated, sd))
+            .collect()
     }
 
     fn of_trace(&self, measured: &[f64], simulated: Option<&Vec<f64>>, sd: f64) -> Vec<f64> {
@@ -81,10 +105,14 @@ impl MeasuredTraces {
     /// How many independent things the traces that count tell.
     #[must_use]
     pub fn n_measured(&self) -> f64 {
-        let Self { samples, deviations, .. } = self;
+        let Self {
+            samples,
+            deviations,
+            ..
+        } = self;
         let of = |trace: &[f64], sd: f64| f64::from(u8::from(!trace.is_empty() && sd > 0.0));
-        let n_traces =
-            of(&samples.pressure_mmhg, deviations.pressure_mmhg) + of(&samples.volume_ml, deviations.volume_ml);
+        let n_traces = of(&samples.pressure_mmhg, deviations.pressure_mmhg)
+            + of(&samples.volume_ml, deviations.volume_ml);
         n_traces * self.n_independent()
     }
 }
@@ -95,15 +123,48 @@ mod tests {
 
     #[test]
     fn a_difference_of_one_deviation_everywhere_counts_as_often_as_it_could_change() {
-        let samples = BeatSamples { pressure_mmhg: vec![50.0; 40], volume_ml: vec![100.0; 40] };
-        let deviations = TraceDeviations { pressure_mmhg: 2.0, volume_ml: 5.0, correlation_ms: 100.0 };
-        let measured = MeasuredTraces { samples, deviations, cycle_length_ms: 800.0 };
-        let sum = |beat: Option<&BeatSamples>| measured.residuals(beat).iter().map(|r| r * r).sum::<f64>();
-        let off = BeatSamples { pressure_mmhg: vec![52.0; 40], volume_ml: vec![95.0; 40] };
-        assert!((sum(Some(&off)) - 16.0).abs() < 1e-9 && (measured.n_measured() - 16.0).abs() < 1e-9);
-        assert!((sum(None) - 1600.0).abs() < 1e-6, "a failed beat is far off");
-        let deviations = TraceDeviations { pressure_mmhg: 0.0, ..deviations };
-        let of_volume = MeasuredTraces { deviations, ..measured };
-        assert_eq!((of_volume.residuals(Some(&off)).len(), of_volume.n_measured()), (40, 8.0));
+        let samples = BeatSamples {
+            pressure_mmhg: vec![50.0; 40],
+            volume_ml: vec![100.0; 40],
+        };
+        let deviations = TraceDeviations {
+            pressure_mmhg: 2.0,
+            volume_ml: 5.0,
+            correlation_ms: 100.0,
+        };
+        let measured = MeasuredTraces {
+            samples,
+            deviations,
+            cycle_length_ms: 800.0,
+        };
+        let sum = |beat: Option<&BeatSamples>| {
+            measured.residuals(beat).iter().map(|r| r * r).sum::<f64>()
+        };
+        let off = BeatSamples {
+            pressure_mmhg: vec![52.0; 40],
+            volume_ml: vec![95.0; 40],
+        };
+        assert!(
+            (sum(Some(&off)) - 16.0).abs() < 1e-9 && (measured.n_measured() - 16.0).abs() < 1e-9
+        );
+        assert!(
+            (sum(None) - 1600.0).abs() < 1e-6,
+            "a failed beat is far off"
+        );
+        let deviations = TraceDeviations {
+            pressure_mmhg: 0.0,
+            ..deviations
+        };
+        let of_volume = MeasuredTraces {
+            deviations,
+            ..measured
+        };
+        assert_eq!(
+            (
+                of_volume.residuals(Some(&off)).len(),
+                of_volume.n_measured()
+            ),
+            (40, 8.0)
+        );
     }
 }

@@ -133,7 +133,11 @@ pub struct ActivationSettings {
 
 impl Default for ActivationSettings {
     fn default() -> Self {
-        Self { spread_ms: 40.0, groups: 16, onset_ms: None }
+        Self {
+            spread_ms: 40.0,
+            groups: 16,
+            onset_ms: None,
+        }
     }
 }
 
@@ -198,12 +202,25 @@ pub struct Step1Settings {
 }
 
 /// The parameters that step 1 updates, in the order of the paper's Table A6.
-pub const STEP1_PARAMETERS: [&str; 6] =
-    ["Smax_ref_kPa", "tau_SR_ref_ms", "tau_SD_ms", "t_CR_ms", "R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
+pub const STEP1_PARAMETERS: [&str; 6] = [
+    "Smax_ref_kPa",
+    "tau_SR_ref_ms",
+    "tau_SD_ms",
+    "t_CR_ms",
+    "R_AV_f_mmHg_s_per_mL",
+    "R_MV_f_mmHg_s_per_mL",
+];
 
 /// The biomarkers of step 1: those of the cost, then stroke volume.
-pub const STEP1_BIOMARKERS: [&str; 7] =
-    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
+pub const STEP1_BIOMARKERS: [&str; 7] = [
+    "P_max_mmHg",
+    "dPdt_max_mmHg_per_ms",
+    "dPdt_min_mmHg_per_ms",
+    "PTD90_ms",
+    "tau_VD_ms",
+    "tau_VR_ms",
+    "SV_mL",
+];
 
 impl Default for Step1Settings {
     fn default() -> Self {
@@ -347,7 +364,10 @@ impl Default for CellFitSettings {
             calcium: CalciumSource::Rice,
             initial: BTreeMap::new(),
             parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
-            bounds: bounds.into_iter().map(|(name, range)| (name.to_owned(), range)).collect(),
+            bounds: bounds
+                .into_iter()
+                .map(|(name, range)| (name.to_owned(), range))
+                .collect(),
             weights: [
                 ("Sa_max_kPa", 5.0),
                 ("dSadt_max_kPa_per_ms", 1.0),
@@ -368,8 +388,9 @@ impl CellFitSettings {
     /// What is fitted: `parameters`, without Rice's four where calcium is a fixed input.
     #[must_use]
     pub fn fitted(&self) -> Vec<String> {
-        let has_effect =
-            |name: &&String| self.calcium == CalciumSource::Rice || !RICE_PARAMETERS.contains(&name.as_str());
+        let has_effect = |name: &&String| {
+            self.calcium == CalciumSource::Rice || !RICE_PARAMETERS.contains(&name.as_str())
+        };
         self.parameters.iter().filter(has_effect).cloned().collect()
     }
 }
@@ -405,7 +426,10 @@ pub struct VerificationSettings {
 
 impl Default for VerificationSettings {
     fn default() -> Self {
-        Self { enabled: true, tolerance_percent: TwinTolerances::default() }
+        Self {
+            enabled: true,
+            tolerance_percent: TwinTolerances::default(),
+        }
     }
 }
 
@@ -586,8 +610,24 @@ mod tests {
 
     #[test]
     fn fixed_calcium_leaves_rices_parameters_out() {
-        let settings = CellFitSettings { calcium: CalciumSource::MedianTrace, ..CellFitSettings::default() };
-        assert_eq!(settings.fitted(), ["n_TRPN", "beta_1_uM", "n_Tm", "Ca50_ref_uM", "k_UW_per_ms", "a_p_kPa"]);
-        assert_eq!(CellFitSettings::default().fitted(), CellFitSettings::default().parameters);
+        let settings = CellFitSettings {
+            calcium: CalciumSource::MedianTrace,
+            ..CellFitSettings::default()
+        };
+        assert_eq!(
+            settings.fitted(),
+            [
+                "n_TRPN",
+                "beta_1_uM",
+                "n_Tm",
+                "Ca50_ref_uM",
+                "k_UW_per_ms",
+                "a_p_kPa"
+            ]
+        );
+        assert_eq!(
+            CellFitSettings::default().fitted(),
+            CellFitSettings::default().parameters
+        );
     }
 }

@@ -65,7 +65,10 @@ impl Default for Step3Settings {
         Self {
             max_iterations: 4,
             parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
-            bounds: bounds.into_iter().map(|(name, range)| (name.to_owned(), range)).collect(),
+            bounds: bounds
+                .into_iter()
+                .map(|(name, range)| (name.to_owned(), range))
+                .collect(),
             uncertainty_percent: [
                 ("P_max_mmHg", 1.0),
                 ("dPdt_max_mmHg_per_ms", 3.0),
@@ -87,11 +90,24 @@ impl Step3Settings {
     #[must_use]
     pub fn moved(&self, valves: &ValveParameters) -> BTreeMap<String, MovedParameter> {
         let mut valves = *valves;
-        let mut centre = |name: &str| valves.named_mut(name).copied().or_else(|| cell_default(name));
+        let mut centre = |name: &str| {
+            valves
+                .named_mut(name)
+                .copied()
+                .or_else(|| cell_default(name))
+        };
         let moved = |name: &String| -> Option<(String, MovedParameter)> {
             let [lower, upper] = *self.bounds.get(name)?;
             let log_sd = PRIOR_SHARE * (upper / lower).ln().abs();
-            Some((name.clone(), MovedParameter { lower, upper, centre: centre(name)?, log_sd }))
+            Some((
+                name.clone(),
+                MovedParameter {
+                    lower,
+                    upper,
+                    centre: centre(name)?,
+                    log_sd,
+                },
+            ))
         };
         self.parameters.iter().filter_map(moved).collect()
     }
@@ -100,7 +116,11 @@ impl Step3Settings {
     ///
     /// - `cell`: parameters that differ from the model's defaults
     #[must_use]
-    pub fn values(&self, cell: Option<&BTreeMap<String, f64>>, valves: &ValveParameters) -> BTreeMap<String, f64> {
+    pub fn values(
+        &self,
+        cell: Option<&BTreeMap<String, f64>>,
+        valves: &ValveParameters,
+    ) -> BTreeMap<String, f64> {
         let value = |name: &String| {
             let of_cell = cell.and_then(|cell| cell.get(name).copied());
             let default = self.moved(valves).get(name).map(|moved| moved.centre);
@@ -113,18 +133,31 @@ impl Step3Settings {
 impl Step3Settings {
     /// What was measured of traces; none without any, or where none counts.
     #[must_use]
-    pub fn traces(&self, step0: &PassiveStateResult, cycle_length_ms: f64) -> Option<MeasuredTraces> {
+    pub fn traces(
+        &self,
+        step0: &PassiveStateResult,
+        cycle_length_ms: f64,
+    ) -> Option<MeasuredTraces> {
         let (samples, deviations) = (step0.samples.clone(), self.trace_deviations);
-        let traces = MeasuredTraces { samples, deviations, cycle_length_ms };
+        let traces = MeasuredTraces {
+            samples,
+            deviations,
+            cycle_length_ms,
+        };
         (traces.n_measured() > 0.0).then_some(traces)
     }
 
     /// Measured biomarkers that count, and the independent things that `traces` tell.
     #[must_use]
     pub fn n_measured(&self, measured: &Biomarkers, traces: Option<&MeasuredTraces>) -> f64 {
-        let counts =
-            |(name, value): &(&str, Option<f64>)| value.is_some() && self.uncertainty_percent.contains_key(*name);
-        let biomarkers = measured.of_organ().iter().filter(|named| counts(named)).count();
+        let counts = |(name, value): &(&str, Option<f64>)| {
+            value.is_some() && self.uncertainty_percent.contains_key(*name)
+        };
+        let biomarkers = measured
+            .of_organ()
+            .iter()
+            .filter(|named| counts(named))
+            .count();
         biomarkers as f64 + traces.map_or(0.0, MeasuredTraces::n_measured)
     }
 }
@@ -139,8 +172,14 @@ mod tests {
         let moved = settings.moved(&ValveParameters::default());
         assert_eq!(moved.len(), settings.parameters.len());
         for (name, p) in moved {
-            assert!(crate::organ::is_parameter(&name) && p.lower < p.upper && p.log_sd > 0.0, "{name}");
-            assert!(p.lower <= p.centre && p.centre <= p.upper && p.lower * p.upper > 0.0, "{name}: {p:?}");
+            assert!(
+                crate::organ::is_parameter(&name) && p.lower < p.upper && p.log_sd > 0.0,
+                "{name}"
+            );
+            assert!(
+                p.lower <= p.centre && p.centre <= p.upper && p.lower * p.upper > 0.0,
+                "{name}: {p:?}"
+            );
         }
     }
 }

@@ -95,15 +95,32 @@ impl CellDesign {
     /// Names of the biomarkers that are swept, as `samples.csv` has them.
     #[must_use]
     pub fn outputs(&self) -> &'static [&'static str] {
-        if self.organ.is_some() { &ORGAN_OUTPUTS } else { &CELL_OUTPUTS }
+        if self.organ.is_some() {
+            &ORGAN_OUTPUTS
+        } else {
+            &CELL_OUTPUTS
+        }
     }
 }
 
 /// Biomarkers of the cell: the paper's five outputs.
-const CELL_OUTPUTS: [&str; 5] = ["Sa_max_kPa", "dSadt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms"];
+const CELL_OUTPUTS: [&str; 5] = [
+    "Sa_max_kPa",
+    "dSadt_max_kPa_per_ms",
+    "STD30_ms",
+    "STD50_ms",
+    "STD90_ms",
+];
 /// Biomarkers of the organ: those that step 3 meets.
-const ORGAN_OUTPUTS: [&str; 7] =
-    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
+const ORGAN_OUTPUTS: [&str; 7] = [
+    "P_max_mmHg",
+    "dPdt_max_mmHg_per_ms",
+    "dPdt_min_mmHg_per_ms",
+    "PTD90_ms",
+    "tau_VD_ms",
+    "tau_VR_ms",
+    "SV_mL",
+];
 
 /// First line of `samples.csv`, a chunk's artefact: a line a sample follows, in the design's order. Block and row count
 /// from 0; `cut` says that a duration lacks a crossing of its level within the beat; the rise is the steepest one after
@@ -112,8 +129,7 @@ pub const SAMPLES_HEADING: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per
                                    lambda_min,Sa_res_kPa,Sa_min_kPa,rise_after_peak_kPa_per_ms,beats";
 
 /// The same of an organ: a biomarker that the beat does not have is empty; `shut` says that a valve did not open and close.
-pub const ORGAN_SAMPLES_HEADING: &str =
-    "block,row,status,P_max_mmHg,dPdt_max_mmHg_per_ms,dPdt_min_mmHg_per_ms,PTD90_ms,tau_VD_ms,tau_VR_ms,SV_mL,shut";
+pub const ORGAN_SAMPLES_HEADING: &str = "block,row,status,P_max_mmHg,dPdt_max_mmHg_per_ms,dPdt_min_mmHg_per_ms,PTD90_ms,tau_VD_ms,tau_VR_ms,SV_mL,shut";
 
 /// A parameter and the interval that it is drawn from, in the unit that its name says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -143,7 +159,12 @@ pub struct GsaAnalysis {
 
 impl Default for GsaAnalysis {
     fn default() -> Self {
-        Self { resamples: 1000, confidence: 0.95, seed: 1, exclusion: ExclusionRule::default() }
+        Self {
+            resamples: 1000,
+            confidence: 0.95,
+            seed: 1,
+            exclusion: ExclusionRule::default(),
+        }
     }
 }
 
@@ -162,6 +183,10 @@ pub struct ExclusionRule {
 
 impl Default for ExclusionRule {
     fn default() -> Self {
-        Self { resting_share: 0.1, rise_after_peak_kpa_per_ms: 3e-5, negative_stress_kpa: 1e-4 }
+        Self {
+            resting_share: 0.1,
+            rise_after_peak_kpa_per_ms: 3e-5,
+            negative_stress_kpa: 1e-4,
+        }
     }
 }

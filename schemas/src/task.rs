@@ -12,8 +12,8 @@ use crate::finite_element::{AnatomySpec, EquationSettings, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
-    BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
-    VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
+    BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive,
+    OrganSpec, Step1Parameters, VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
 };
 use crate::posterior::PosteriorSpec;
 use crate::samples::{BeatSamples, MeasuredTraces};
@@ -195,7 +195,11 @@ pub struct PassiveStateSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_mesh: Option<OwnMesh>,
     /// Guccione's C where the patient file gives it: then it is not fitted. Finite-element ventricle only.
-    #[serde(rename = "guccione_C_kPa", default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "guccione_C_kPa",
+        default,
+        skip_serializing_if = "Option::is_none"
+    )]
     pub guccione_c_kpa: Option<f64>,
 }
 
@@ -241,10 +245,16 @@ impl OrganBeatSpec {
     pub fn with_parameters(&self, parameters: &BTreeMap<String, f64>) -> Self {
         let mut beat = self.clone();
         beat.valves = beat.valves.with(parameters);
-        if let ContractionSpec::Land2017Rice { parameters: cell, .. }
-        | ContractionSpec::Land2017Trace { parameters: cell, .. } = &mut beat.contraction
+        if let ContractionSpec::Land2017Rice {
+            parameters: cell, ..
+        }
+        | ContractionSpec::Land2017Trace {
+            parameters: cell, ..
+        } = &mut beat.contraction
         {
-            let of_cell = parameters.iter().filter(|(name, _)| !VALVE_PARAMETERS.contains(&name.as_str()));
+            let of_cell = parameters
+                .iter()
+                .filter(|(name, _)| !VALVE_PARAMETERS.contains(&name.as_str()));
             cell.extend(of_cell.map(|(name, value)| (name.clone(), *value)));
         }
         beat
@@ -445,7 +455,11 @@ mod tests {
 
     fn targets(path: &str, sha256: &str) -> TaskSpec {
         TaskSpec::Targets(TargetsSpec {
-            nodal: InputFile { name: "nodal".into(), path: path.into(), sha256: sha256.into() },
+            nodal: InputFile {
+                name: "nodal".into(),
+                path: path.into(),
+                sha256: sha256.into(),
+            },
         })
     }
 

@@ -31,7 +31,13 @@ pub struct TwinTolerances {
 
 impl Default for TwinTolerances {
     fn default() -> Self {
-        Self { p_max: 5.0, dpdt_max: 15.0, dpdt_min: 15.0, ptd90: 3.0, sv: 5.0 }
+        Self {
+            p_max: 5.0,
+            dpdt_max: 15.0,
+            dpdt_min: 15.0,
+            ptd90: 3.0,
+            sv: 5.0,
+        }
     }
 }
 
@@ -63,17 +69,33 @@ impl Verdict {
     /// Judges a beat; a biomarker that is not measured is not judged, one that the beat lacks is off by all of it.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers, tolerances: &TwinTolerances) -> Self {
-        let values =
-            |b: &Biomarkers| [b.p_max_mmhg, b.dpdt_max_mmhg_per_ms, b.dpdt_min_mmhg_per_ms, b.ptd90_ms, b.sv_ml];
-        let rows = tolerances.named().into_iter().zip(values(measured)).zip(values(simulated));
+        let values = |b: &Biomarkers| {
+            [
+                b.p_max_mmhg,
+                b.dpdt_max_mmhg_per_ms,
+                b.dpdt_min_mmhg_per_ms,
+                b.ptd90_ms,
+                b.sv_ml,
+            ]
+        };
+        let rows = tolerances
+            .named()
+            .into_iter()
+            .zip(values(measured))
+            .zip(values(simulated));
         let off_percent: BTreeMap<String, f64> = rows
             .filter_map(|(((name, tolerance), measured), simulated)| {
                 let measured = measured?;
-                let off = simulated.map_or(-100.0, |simulated| 100.0 * (simulated - measured) / measured);
+                let off = simulated.map_or(-100.0, |simulated| {
+                    100.0 * (simulated - measured) / measured
+                });
                 (off.is_nan() || off.abs() > tolerance).then(|| (name.to_owned(), off))
             })
             .collect();
-        Self { personalised: off_percent.is_empty(), off_percent }
+        Self {
+            personalised: off_percent.is_empty(),
+            off_percent,
+        }
     }
 }
 
@@ -85,7 +107,10 @@ impl fmt::Display for Verdict {
         // The farthest first: that is what a reader needs to know.
         let mut off: Vec<(&String, &f64)> = self.off_percent.iter().collect();
         off.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let off: Vec<String> = off.into_iter().map(|(name, percent)| format!("{name} {percent:+.0} %")).collect();
+        let off: Vec<String> = off
+            .into_iter()
+            .map(|(name, percent)| format!("{name} {percent:+.0} %"))
+            .collect();
         write!(f, "verified, off: {}", off.join(", "))
     }
 }
@@ -96,15 +121,38 @@ mod tests {
 
     #[test]
     fn a_beat_is_judged_by_what_was_measured() {
-        let measured = Biomarkers { p_max_mmhg: Some(100.0), sv_ml: Some(80.0), ..Biomarkers::default() };
-        let near = Biomarkers { p_max_mmhg: Some(104.9), sv_ml: Some(77.0), ptd90_ms: Some(1.0), ..measured };
+        let measured = Biomarkers {
+            p_max_mmhg: Some(100.0),
+            sv_ml: Some(80.0),
+            ..Biomarkers::default()
+        };
+        let near = Biomarkers {
+            p_max_mmhg: Some(104.9),
+            sv_ml: Some(77.0),
+            ptd90_ms: Some(1.0),
+            ..measured
+        };
         let tolerances = TwinTolerances::default();
-        assert_eq!(Verdict::of(&measured, &near, &tolerances).to_string(), "personalised");
-        let far = Biomarkers { p_max_mmhg: Some(94.0), sv_ml: Some(41.6), ..measured };
+        assert_eq!(
+            Verdict::of(&measured, &near, &tolerances).to_string(),
+            "personalised"
+        );
+        let far = Biomarkers {
+            p_max_mmhg: Some(94.0),
+            sv_ml: Some(41.6),
+            ..measured
+        };
         let verdict = Verdict::of(&measured, &far, &tolerances);
         assert!(!verdict.personalised);
         assert_eq!(verdict.to_string(), "verified, off: SV -48 %, P_max -6 %");
-        let none = Verdict::of(&measured, &Biomarkers { sv_ml: None, ..near }, &tolerances);
+        let none = Verdict::of(
+            &measured,
+            &Biomarkers {
+                sv_ml: None,
+                ..near
+            },
+            &tolerances,
+        );
         assert_eq!(none.to_string(), "verified, off: SV -100 %");
     }
 }

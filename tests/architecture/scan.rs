@@ -90,7 +90,10 @@ pub fn tokens(text: &str) -> Vec<(usize, Token)> {
                 i += 1;
             }
         }
-        line += source[start..i.min(source.len())].iter().filter(|c| **c == '\n').count();
+        line += source[start..i.min(source.len())]
+            .iter()
+            .filter(|c| **c == '\n')
+            .count();
     }
     found
 }
@@ -104,10 +107,14 @@ fn after_string(source: &[char], open: usize) -> usize {
 }
 
 fn after_raw_string(source: &[char], first_hash_or_quote: usize) -> usize {
-    let n_hashes = source[first_hash_or_quote..].iter().take_while(|c| **c == '#').count();
+    let n_hashes = source[first_hash_or_quote..]
+        .iter()
+        .take_while(|c| **c == '#')
+        .count();
     let mut i = first_hash_or_quote + n_hashes + 1;
     while i < source.len() {
-        if source[i] == '"' && source[i + 1..].iter().take_while(|c| **c == '#').count() >= n_hashes {
+        if source[i] == '"' && source[i + 1..].iter().take_while(|c| **c == '#').count() >= n_hashes
+        {
             return i + 1 + n_hashes;
         }
         i += 1;
@@ -118,7 +125,11 @@ fn after_raw_string(source: &[char], first_hash_or_quote: usize) -> usize {
 /// Every path of a source text.
 pub fn paths(text: &str) -> Vec<Path> {
     let tokens = tokens(text);
-    let mut reader = Reader { tokens: &tokens, at: 0, found: Vec::new() };
+    let mut reader = Reader {
+        tokens: &tokens,
+        at: 0,
+        found: Vec::new(),
+    };
     // Braces that are open; those of an inline module carry its name and whether it is for tests.
     let mut braces: Vec<Option<(String, bool)>> = Vec::new();
     let mut test_next = false;
@@ -129,14 +140,22 @@ pub fn paths(text: &str) -> Vec<Path> {
                 test_next |= reader.is_cfg_test();
                 reader.at += 1;
             }
-            Token::Name(word) if word == "mod" && matches!(reader.peek(2), Some((_, Token::Sign('{')))) => {
-                let Some((_, Token::Name(name))) = reader.peek(1).cloned() else { unreachable!("a module has a name") };
+            Token::Name(word)
+                if word == "mod" && matches!(reader.peek(2), Some((_, Token::Sign('{')))) =>
+            {
+                let Some((_, Token::Name(name))) = reader.peek(1).cloned() else {
+                    unreachable!("a module has a name")
+                };
                 braces.push(Some((name, test_next)));
                 test_next = false;
                 reader.at += 3;
             }
             Token::Name(_) => {
-                let modules = braces.iter().flatten().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+                let modules = braces
+                    .iter()
+                    .flatten()
+                    .map(|(name, _)| name.clone())
+                    .collect::<Vec<_>>();
                 let in_tests = braces.iter().flatten().any(|(_, test)| *test);
                 let first = reader.found.len();
                 reader.path(Vec::new());
@@ -193,10 +212,15 @@ impl Reader<'_> {
     fn path(&mut self, before: Vec<String>) {
         let mut names = before;
         loop {
-            let Some((_, Token::Name(name))) = self.peek(0).cloned() else { return };
+            let Some((_, Token::Name(name))) = self.peek(0).cloned() else {
+                return;
+            };
             names.push(name);
             self.at += 1;
-            if self.peek(0).is_none_or(|(_, token)| *token != Token::Separator) {
+            if self
+                .peek(0)
+                .is_none_or(|(_, token)| *token != Token::Separator)
+            {
                 break;
             }
             self.at += 1;
@@ -213,7 +237,13 @@ impl Reader<'_> {
             }
         }
         let is_macro = self.sees(0, '!') && !self.sees(1, '=');
-        self.found.push(Path { line: 0, names, modules: Vec::new(), in_tests: false, is_macro });
+        self.found.push(Path {
+            line: 0,
+            names,
+            modules: Vec::new(),
+            in_tests: false,
+            is_macro,
+        });
     }
 }
 
@@ -221,7 +251,11 @@ impl Reader<'_> {
 /// is not relative to our crate.
 pub fn absolute(path: &Path, file_module: &[String]) -> Option<Vec<String>> {
     let first = path.names.first()?.as_str();
-    let n_supers = path.names.iter().take_while(|name| *name == "super").count();
+    let n_supers = path
+        .names
+        .iter()
+        .take_while(|name| *name == "super")
+        .count();
     if first == "crate" {
         return Some(path.names[1..].to_vec());
     }

@@ -23,10 +23,18 @@ fn main() -> ExitCode {
         cohort_name: "crash".into(),
         description: String::new(),
         cohort_dir: PathBuf::from(run_dir),
-        patients: Some((1..=number(patients)).map(|n| noop_patient(&format!("P{n:03}"), sleep_ms)).collect()),
+        patients: Some(
+            (1..=number(patients))
+                .map(|n| noop_patient(&format!("P{n:03}"), sleep_ms))
+                .collect(),
+        ),
         only: Vec::new(),
         executor: ExecutorSettings {
-            kind: if in_process { ExecutorKind::InProcess } else { ExecutorKind::Local },
+            kind: if in_process {
+                ExecutorKind::InProcess
+            } else {
+                ExecutorKind::Local
+            },
             workers: u32::try_from(number(workers)).expect("a number of workers"),
             ..ExecutorSettings::default()
         },
@@ -34,8 +42,11 @@ fn main() -> ExitCode {
         adopt_version: true,
         watch: false,
     };
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime");
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .expect("a runtime");
     let summary = runtime.block_on(async {
         let stop = StopSignal::from_signals().expect("signal handlers");
         let (events, mut told) = tokio::sync::mpsc::unbounded_channel();

@@ -25,16 +25,29 @@ fn die_at_every_point(executor: &str, patients: usize, sleep_ms: u64) {
         }
         let book = Book::read(&scene);
         book.assert_sound();
-        assert_eq!(book.end_state(), expected.end_state(), "after a crash at point {point}: {}", first.last_words);
+        assert_eq!(
+            book.end_state(),
+            expected.end_state(),
+            "after a crash at point {point}: {}",
+            first.last_words
+        );
         if executor != "in-process" {
             // No worker was killed here, so every task was worked on exactly once, whoever saw it end.
-            assert_eq!(scene.claims(), patients * 3, "after a crash at point {point}: {}", first.last_words);
+            assert_eq!(
+                scene.claims(),
+                patients * 3,
+                "after a crash at point {point}: {}",
+                first.last_words
+            );
         }
         if !first.died {
             break;
         }
     }
-    assert!(died > 10, "only {died} crash points were passed: is the hook still there?");
+    assert!(
+        died > 10,
+        "only {died} crash points were passed: is the hook still there?"
+    );
 }
 
 #[test]
@@ -57,7 +70,11 @@ fn a_coordinator_killed_twice_at_any_point_is_continued() {
         }
         scene.finish();
         Book::read(&scene).assert_sound();
-        assert_eq!(scene.claims(), 6, "after three crashes around point {point}");
+        assert_eq!(
+            scene.claims(),
+            6,
+            "after three crashes around point {point}"
+        );
     }
 }
 
@@ -71,7 +88,11 @@ fn a_killed_worker_is_tried_again_in_another_directory() {
     scene.release();
     let said = coordinator.end();
     assert!(said.ok, "{}", said.stderr);
-    assert!(said.stderr.contains("killed by signal 9"), "{}", said.stderr);
+    assert!(
+        said.stderr.contains("killed by signal 9"),
+        "{}",
+        said.stderr
+    );
     let book = Book::read(&scene);
     book.assert_sound();
     assert_eq!(scene.claims(), 4, "three tasks, one of them twice");
@@ -90,7 +111,12 @@ fn a_worker_that_is_killed_each_time_fails_its_patient_for_the_sites_sake() {
         killed.push(claim.pid);
     }
     let said = coordinator.end();
-    assert!(said.stdout.contains(r#""failed":1"#), "{}\n{}", said.stdout, said.stderr);
+    assert!(
+        said.stdout.contains(r#""failed":1"#),
+        "{}\n{}",
+        said.stdout,
+        said.stderr
+    );
     assert_eq!(scene.claims(), 3, "the first try and two more");
 }
 
@@ -101,7 +127,10 @@ fn a_worker_that_outlives_its_coordinator_is_adopted_and_publishes() {
     let coordinator = scene.start();
     let claim = scene.wait_for_claim(&[]);
     coordinator.kill();
-    assert!(scene::lives(claim.pid), "the worker must outlive its coordinator");
+    assert!(
+        scene::lives(claim.pid),
+        "the worker must outlive its coordinator"
+    );
     let mut second = scene.start();
     second.wait_for_words("adopted: 1");
     scene.release();
@@ -146,8 +175,18 @@ fn one_interrupt_finishes_what_is_short_and_two_stop_at_once() {
             _ => coordinator.signal(Signal::INT),
         }
         let said = coordinator.end();
-        assert!(said.ok && said.stdout.contains(r#""unfinished":1"#), "{}\n{}", said.stdout, said.stderr);
-        assert!(said.stdout.contains(&format!(r#""published":{}"#, 2 - interrupts)), "{}", said.stdout);
+        assert!(
+            said.ok && said.stdout.contains(r#""unfinished":1"#),
+            "{}\n{}",
+            said.stdout,
+            said.stderr
+        );
+        assert!(
+            said.stdout
+                .contains(&format!(r#""published":{}"#, 2 - interrupts)),
+            "{}",
+            said.stdout
+        );
         if interrupts == 2 {
             scene.release();
         }
@@ -165,7 +204,14 @@ fn a_second_coordinator_is_told_who_works_there() {
     let coordinator = scene.start();
     scene.wait_for_claim(&[]);
     let second = scene.start().end();
-    assert!(!second.ok && second.stderr.contains(&format!("process {}", coordinator.pid())), "{}", second.stderr);
+    assert!(
+        !second.ok
+            && second
+                .stderr
+                .contains(&format!("process {}", coordinator.pid())),
+        "{}",
+        second.stderr
+    );
     scene.release();
     assert!(coordinator.end().ok);
     Book::read(&scene).assert_sound();
@@ -176,7 +222,11 @@ fn a_finished_run_has_nothing_to_do() {
     let scene = Scene::new(2, 0, &worker());
     scene.finish();
     let again = scene.finish();
-    assert!(again.stdout.contains(r#""submitted":0,"published":0"#), "{}", again.stdout);
+    assert!(
+        again.stdout.contains(r#""submitted":0,"published":0"#),
+        "{}",
+        again.stdout
+    );
     assert_eq!(scene.claims(), 6);
 }
 
@@ -184,9 +234,14 @@ fn a_finished_run_has_nothing_to_do() {
 #[test]
 fn a_full_disk_ends_the_run_and_loses_nothing() {
     let unshare = ["--user", "--map-root-user", "--mount"];
-    let possible = std::process::Command::new("unshare").args(unshare).arg("true").status();
+    let possible = std::process::Command::new("unshare")
+        .args(unshare)
+        .arg("true")
+        .status();
     if !possible.is_ok_and(|status| status.success()) {
-        eprintln!("not tested: this system lets nobody mount a small file system of his own (unshare)");
+        eprintln!(
+            "not tested: this system lets nobody mount a small file system of his own (unshare)"
+        );
         return;
     }
     let scene = Scene::new(400, 0, "in-process");

@@ -24,10 +24,16 @@ pub fn worker() -> String {
         let mut build = Command::new(env!("CARGO"));
         // All binaries at once, as `make` does: the same features, so that nothing is compiled twice.
         build.args(["build", "--locked", "--workspace", "--bins"]);
-        if Path::new(DRIVER).parent().is_some_and(|folder| folder.ends_with("release")) {
+        if Path::new(DRIVER)
+            .parent()
+            .is_some_and(|folder| folder.ends_with("release"))
+        {
             build.arg("--release");
         }
-        assert!(build.status().expect("cargo runs").success(), "cardiotwin-worker cannot be built");
+        assert!(
+            build.status().expect("cargo runs").success(),
+            "cardiotwin-worker cannot be built"
+        );
         path.to_string_lossy().into_owned()
     };
     WORKER.get_or_init(build).clone()
@@ -59,7 +65,12 @@ pub struct Crash {
 impl Scene {
     pub fn new(patients: usize, sleep_ms: u64, executor: &str) -> Self {
         let dir = tempfile::tempdir().expect("a directory");
-        Self { dir, patients, sleep_ms, executor: executor.to_owned() }
+        Self {
+            dir,
+            patients,
+            sleep_ms,
+            executor: executor.to_owned(),
+        }
     }
 
     pub fn run_dir(&self) -> PathBuf {
@@ -84,7 +95,11 @@ impl Scene {
         let mut command = Command::new(DRIVER);
         command
             .arg(self.run_dir())
-            .args([self.patients.to_string(), self.sleep_ms.to_string(), "2".to_owned()])
+            .args([
+                self.patients.to_string(),
+                self.sleep_ms.to_string(),
+                "2".to_owned(),
+            ])
             .arg(&self.executor)
             .env_remove("CARDIOTWIN_CRASH_POINT")
             .env("CARDIOTWIN_NOOP_HOLD", self.hold_file())
@@ -98,8 +113,17 @@ impl Scene {
         let mut child = self.command().spawn().expect("the driver starts");
         let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
         let (tell, lines) = channel();
-        std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
-        Coordinator { child, lines, heard: String::new() }
+        std::thread::spawn(move || {
+            stderr
+                .lines()
+                .map_while(Result::ok)
+                .try_for_each(|line| tell.send(line))
+        });
+        Coordinator {
+            child,
+            lines,
+            heard: String::new(),
+        }
     }
 
     /// A coordinator that must get to the end.
@@ -111,25 +135,50 @@ impl Scene {
     pub fn finish_with(&self, coordinator: Coordinator) -> Said {
         let said = coordinator.end();
         let done = format!(r#"{{"done":{},"failed":0,"unfinished":0"#, self.patients);
-        assert!(said.ok && said.stdout.starts_with(&done), "{}\n{}", said.stdout, said.stderr);
+        assert!(
+            said.ok && said.stdout.starts_with(&done),
+            "{}\n{}",
+            said.stdout,
+            said.stderr
+        );
         said
     }
 
     /// A coordinator that dies at its n-th crash point, if it gets that far.
     pub fn run_until_crash_point(&self, n: usize) -> Crash {
-        let output = self.command().env("CARDIOTWIN_CRASH_POINT", n.to_string()).output().expect("the driver starts");
+        let output = self
+            .command()
+            .env("CARDIOTWIN_CRASH_POINT", n.to_string())
+            .output()
+            .expect("the driver starts");
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         let died = !output.status.success();
-        assert_eq!(died, stderr.contains("crash point"), "it failed of itself: {stderr}");
-        Crash { died, last_words: stderr.lines().last().unwrap_or_default().to_owned() }
+        assert_eq!(
+            died,
+            stderr.contains("crash point"),
+            "it failed of itself: {stderr}"
+        );
+        Crash {
+            died,
+            last_words: stderr.lines().last().unwrap_or_default().to_owned(),
+        }
     }
 
     fn attempt_files(&self, name: &str) -> Vec<PathBuf> {
         let folders = |path: &Path| -> Vec<PathBuf> {
-            fs::read_dir(path).map(|entries| entries.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+            fs::read_dir(path)
+                .map(|entries| entries.flatten().map(|e| e.path()).collect())
+                .unwrap_or_default()
         };
-        let attempts = folders(&self.run_dir().join("attempts")).iter().flat_map(|p| folders(p)).collect::<Vec<_>>();
-        attempts.into_iter().map(|p| p.join(name)).filter(|p| p.exists()).collect()
+        let attempts = folders(&self.run_dir().join("attempts"))
+            .iter()
+            .flat_map(|p| folders(p))
+            .collect::<Vec<_>>();
+        attempts
+            .into_iter()
+            .map(|p| p.join(name))
+            .filter(|p| p.exists())
+            .collect()
     }
 
     /// How many attempts a worker ever claimed.
@@ -142,9 +191,13 @@ impl Scene {
         let began = Instant::now();
         while began.elapsed() < PATIENCE {
             for path in self.attempt_files("started.json") {
-                let claim = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Claim>(&bytes).ok());
+                let claim = fs::read(&path)
+                    .ok()
+                    .and_then(|bytes| serde_json::from_slice::<Claim>(&bytes).ok());
                 let over = path.with_file_name("outcome.json").exists();
-                if let Some(claim) = claim.filter(|c| !over && !but.contains(&c.pid) && lives(c.pid)) {
+                if let Some(claim) =
+                    claim.filter(|c| !over && !but.contains(&c.pid) && lives(c.pid))
+                {
                     return claim;
                 }
             }
@@ -193,20 +246,35 @@ impl Coordinator {
         let mut stdout = String::new();
         // One line, at its end: the pipe cannot fill up.
         let pipe = self.child.stdout.as_mut().expect("a pipe");
-        pipe.read_to_string(&mut stdout).expect("our own child says text");
-        let ok = self.child.wait().expect("our own child can be waited for").success();
+        pipe.read_to_string(&mut stdout)
+            .expect("our own child says text");
+        let ok = self
+            .child
+            .wait()
+            .expect("our own child can be waited for")
+            .success();
         let rest: String = self.lines.iter().map(|line| line + "\n").collect();
-        Said { ok, stdout, stderr: self.heard + &rest }
+        Said {
+            ok,
+            stdout,
+            stderr: self.heard + &rest,
+        }
     }
 }
 
 pub fn kill(pid: u32, signal: Signal) {
-    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw).expect("a process id");
+    let pid = i32::try_from(pid)
+        .ok()
+        .and_then(Pid::from_raw)
+        .expect("a process id");
     rustix::process::kill_process(pid, signal).expect("a process that we started can be signalled");
 }
 
 /// Whether a process runs; one that only waits to be reaped does not.
 pub fn lives(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().next()).is_some_and(|state| state != "Z")
+    stat.rsplit(')')
+        .next()
+        .and_then(|rest| rest.split_whitespace().next())
+        .is_some_and(|state| state != "Z")
 }

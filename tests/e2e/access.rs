@@ -12,7 +12,12 @@ fn all_below(folder: &Path) -> Vec<PathBuf> {
     while next < found.len() {
         let at = found[next].clone();
         if at.is_dir() {
-            found.extend(fs::read_dir(at).unwrap().flatten().map(|entry| entry.path()));
+            found.extend(
+                fs::read_dir(at)
+                    .unwrap()
+                    .flatten()
+                    .map(|entry| entry.path()),
+            );
         }
         next += 1;
     }
@@ -25,7 +30,12 @@ fn a_group_of_mine() -> u32 {
     if rustix::process::geteuid().is_root() {
         return 4242; // a number needs no entry in the directory of groups
     }
-    rustix::process::getgroups().unwrap().last().copied().unwrap_or_else(rustix::process::getegid).as_raw()
+    rustix::process::getgroups()
+        .unwrap()
+        .last()
+        .copied()
+        .unwrap_or_else(rustix::process::getegid)
+        .as_raw()
 }
 
 #[test]
@@ -33,23 +43,43 @@ fn a_run_belongs_to_the_group_that_is_named() {
     let cohort = Cohort::quick_of("01-CoA");
     let group = a_group_of_mine();
     let setting = format!("executor.group=\"{group}\"");
-    cohort.call(&["run", "--set", &setting, "--set", "executor.umask=\"027\""]).expect(0);
+    cohort
+        .call(&["run", "--set", &setting, "--set", "executor.umask=\"027\""])
+        .expect(0);
     let files = all_below(&cohort.run_dir());
-    assert!(files.iter().any(|path| path.ends_with("outcome.json")), "workers' files are among them: {files:?}");
+    assert!(
+        files.iter().any(|path| path.ends_with("outcome.json")),
+        "workers' files are among them: {files:?}"
+    );
     for path in files {
         let found = fs::symlink_metadata(&path).unwrap();
         assert_eq!(found.gid(), group, "{}", path.display());
         let mode = found.permissions().mode();
-        assert_eq!(mode & 0o027, 0, "{} is open to others, or the group may write ({mode:o})", path.display());
+        assert_eq!(
+            mode & 0o027,
+            0,
+            "{} is open to others, or the group may write ({mode:o})",
+            path.display()
+        );
         let wanted = if found.is_dir() { 0o050 } else { 0o040 };
-        assert_eq!(mode & wanted, wanted, "{} is closed to the group ({mode:o})", path.display());
+        assert_eq!(
+            mode & wanted,
+            wanted,
+            "{} is closed to the group ({mode:o})",
+            path.display()
+        );
     }
 }
 
 #[test]
 fn a_group_that_is_not_there_is_refused_before_anything_runs() {
     let cohort = Cohort::quick_of("01-CoA");
-    let said = cohort.call(&["run", "--set", "executor.group=no-such-group"]).expect(2);
+    let said = cohort
+        .call(&["run", "--set", "executor.group=no-such-group"])
+        .expect(2);
     said.complains_of(&["executor.group", "no-such-group", "id -Gn"]);
-    assert!(!cohort.run_dir().join("cardiotwin.db").exists() && !cohort.run_dir().join("attempts").exists());
+    assert!(
+        !cohort.run_dir().join("cardiotwin.db").exists()
+            && !cohort.run_dir().join("attempts").exists()
+    );
 }

@@ -7,20 +7,39 @@ use serde_json::Value;
 use crate::schema::misfits;
 use crate::support::{Cohort, cardiotwin};
 
-const FLOW: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/afterload/human-1999/flow.csv");
-const PRESSURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/afterload/human-1999/pressure.csv");
+const FLOW: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../examples/afterload/human-1999/flow.csv"
+);
+const PRESSURE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../examples/afterload/human-1999/pressure.csv"
+);
 
 fn schema(name: &str) -> Value {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../schemas/json").join(name);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../schemas/json")
+        .join(name);
     serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
 }
 
 #[test]
 fn the_windkessel_of_the_human_record_has_its_reference_values() {
     let folder = tempfile::tempdir().unwrap();
-    let call = ["fit", "afterload", FLOW, PRESSURE, "--json", "--plot", "fit.svg"];
+    let call = [
+        "fit",
+        "afterload",
+        FLOW,
+        PRESSURE,
+        "--json",
+        "--plot",
+        "fit.svg",
+    ];
     let answer = cardiotwin(folder.path(), &call).json();
-    assert_eq!(misfits(&answer, &schema("fit-afterload.schema.json")), Vec::<String>::new());
+    assert_eq!(
+        misfits(&answer, &schema("fit-afterload.schema.json")),
+        Vec::<String>::new()
+    );
     let load = &answer["afterload"];
     for (key, expected) in [
         ("characteristic_resistance_mmHg_s_per_mL", 0.030_04),
@@ -28,47 +47,100 @@ fn the_windkessel_of_the_human_record_has_its_reference_values() {
         ("compliance_mL_per_mmHg", 1.832_96),
     ] {
         let found = load[key].as_f64().unwrap();
-        assert!((found / expected - 1.0).abs() < 1e-3, "{key}: {found} {expected}");
+        assert!(
+            (found / expected - 1.0).abs() < 1e-3,
+            "{key}: {found} {expected}"
+        );
     }
     assert!((answer["root_mean_square_mmHg"].as_f64().unwrap() - 2.8568).abs() < 1e-3);
     let plot = std::fs::read_to_string(folder.path().join("fit.svg")).unwrap();
-    assert!(plot.starts_with("<svg xmlns") && plot.matches("<circle").count() > 160, "{plot}");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing else is written");
+    assert!(
+        plot.starts_with("<svg xmlns") && plot.matches("<circle").count() > 160,
+        "{plot}"
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "nothing else is written"
+    );
 }
 
 /// What three elements miss in the human record is the way of the wave, and the gap shrinks where the fit did not look.
 #[test]
 fn the_human_record_lacks_a_reflection() {
     let folder = tempfile::tempdir().unwrap();
-    let call = ["discover", "--afterload", FLOW, PRESSURE, "--json", "found.json", "--plot", "found.svg"];
+    let call = [
+        "discover",
+        "--afterload",
+        FLOW,
+        PRESSURE,
+        "--json",
+        "found.json",
+        "--plot",
+        "found.svg",
+    ];
     let said = cardiotwin(folder.path(), &call).expect(0);
     assert!(said.out.contains("found: tube_reflection"), "{}", said.out);
-    let answer: Value = serde_json::from_slice(&std::fs::read(folder.path().join("found.json")).unwrap()).unwrap();
-    assert_eq!(misfits(&answer, &schema("afterload-discovery.schema.json")), Vec::<String>::new());
+    let answer: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("found.json")).unwrap()).unwrap();
+    assert_eq!(
+        misfits(&answer, &schema("afterload-discovery.schema.json")),
+        Vec::<String>::new()
+    );
     let gap = |key: &str| answer[key].as_f64().unwrap();
-    assert!(gap("gap_after") < 0.6 * gap("gap_before") && gap("gap_heldout_after") < 0.6 * gap("gap_heldout_before"));
-    assert_eq!((answer["none"].as_bool(), &answer["accepted"][0]), (Some(false), &"tube_reflection".into()));
+    assert!(
+        gap("gap_after") < 0.6 * gap("gap_before")
+            && gap("gap_heldout_after") < 0.6 * gap("gap_heldout_before")
+    );
+    assert_eq!(
+        (answer["none"].as_bool(), &answer["accepted"][0]),
+        (Some(false), &"tube_reflection".into())
+    );
     assert_eq!(answer["organ"]["effects"][0]["name"], "wave_reflection");
-    assert!(std::fs::read_to_string(folder.path().join("found.svg")).unwrap().contains("held out"));
-    cardiotwin(folder.path(), &["discover", "--afterload", FLOW, PRESSURE, "--effects", "atrial_kick"])
-        .expect(2)
-        .complains_of(&["atrial_kick", "tube_reflection"]);
+    assert!(
+        std::fs::read_to_string(folder.path().join("found.svg"))
+            .unwrap()
+            .contains("held out")
+    );
+    cardiotwin(
+        folder.path(),
+        &[
+            "discover",
+            "--afterload",
+            FLOW,
+            PRESSURE,
+            "--effects",
+            "atrial_kick",
+        ],
+    )
+    .expect(2)
+    .complains_of(&["atrial_kick", "tube_reflection"]);
 }
 
 /// The lines for `patient.toml`, put there: `check` takes them and a run uses them.
 #[test]
 fn a_fitted_load_becomes_a_patients_afterload() {
     let cohort = Cohort::quick_of("01-CoA");
-    let lines = cohort.call(&["fit", "afterload", FLOW, PRESSURE, "--toml"]).expect(0).out;
+    let lines = cohort
+        .call(&["fit", "afterload", FLOW, PRESSURE, "--toml"])
+        .expect(0)
+        .out;
     let file = cohort.path().join("patients/01-CoA/patient.toml");
     let patient = std::fs::read_to_string(&file).unwrap();
     let (before, rest) = patient.split_once("[afterload]").unwrap();
     let after = &rest[rest.find("\n[").unwrap()..];
     std::fs::write(&file, format!("{before}{lines}{after}")).unwrap();
     cohort.call(&["check"]).expect(0);
-    std::fs::write(&file, format!("{before}{}{after}", lines.replace("= 0.74", "= -0.74"))).unwrap();
+    std::fs::write(
+        &file,
+        format!("{before}{}{after}", lines.replace("= 0.74", "= -0.74")),
+    )
+    .unwrap();
     let said = cohort.call(&["check"]).expect(1);
-    assert!(said.out.contains("peripheral_resistance_mmHg_s_per_mL"), "{said:?}");
+    assert!(
+        said.out.contains("peripheral_resistance_mmHg_s_per_mL"),
+        "{said:?}"
+    );
 }
 
 #[test]
@@ -78,22 +150,55 @@ fn a_bad_record_is_refused_with_file_line_and_column() {
     let refused = |flow: &str, parts: &[&str]| {
         std::fs::write(folder.path().join("bad.csv"), flow).unwrap();
         let call = ["fit", "afterload", "bad.csv", PRESSURE, "--json"];
-        let said = cardiotwin(folder.path(), &call).expect(3).complains_of(parts);
-        assert!(said.out.is_empty() && said.err.contains("nothing was fitted"), "{said:?}");
+        let said = cardiotwin(folder.path(), &call)
+            .expect(3)
+            .complains_of(parts);
+        assert!(
+            said.out.is_empty() && said.err.contains("nothing was fitted"),
+            "{said:?}"
+        );
     };
-    refused(&sound.replace("flow_mL_per_s", "flow_L_per_min"), &["flow_mL_per_s", "1 L/min = 16.6667 mL/s"]);
-    refused(&sound.replace("flow_mL_per_s", "flow"), &["flow_mL_per_s", "units are never guessed"]);
-    refused(&sound.replace("\n20,", "\n15,"), &["time_ms", "15 ms a second time"]);
-    refused(&sound.replace("\n20,", "\n20,NaN"), &["flow_mL_per_s", "a finite number in mL/s"]);
+    refused(
+        &sound.replace("flow_mL_per_s", "flow_L_per_min"),
+        &["flow_mL_per_s", "1 L/min = 16.6667 mL/s"],
+    );
+    refused(
+        &sound.replace("flow_mL_per_s", "flow"),
+        &["flow_mL_per_s", "units are never guessed"],
+    );
+    refused(
+        &sound.replace("\n20,", "\n15,"),
+        &["time_ms", "15 ms a second time"],
+    );
+    refused(
+        &sound.replace("\n20,", "\n20,NaN"),
+        &["flow_mL_per_s", "a finite number in mL/s"],
+    );
     let still: String = (0..100).map(|i| format!("{},5\n", 5 * i)).collect();
-    refused(&format!("time_ms,flow_mL_per_s\n{still}"), &["nothing is ejected", "turn the sign"]);
-    let later: String = (0..100).map(|i| format!("{},{}\n", 9000 + 5 * i, i % 40)).collect();
+    refused(
+        &format!("time_ms,flow_mL_per_s\n{still}"),
+        &["nothing is ejected", "turn the sign"],
+    );
+    let later: String = (0..100)
+        .map(|i| format!("{},{}\n", 9000 + 5 * i, i % 40))
+        .collect();
     cardiotwin(folder.path(), &["fit", "afterload", FLOW, FLOW])
         .expect(3)
-        .complains_of(&["pressure_mmHg", "are the two files swapped on the command line"]);
-    std::fs::write(folder.path().join("bad.csv"), format!("time_ms,flow_mL_per_s\n{later}")).unwrap();
+        .complains_of(&[
+            "pressure_mmHg",
+            "are the two files swapped on the command line",
+        ]);
+    std::fs::write(
+        folder.path().join("bad.csv"),
+        format!("time_ms,flow_mL_per_s\n{later}"),
+    )
+    .unwrap();
     cardiotwin(folder.path(), &["fit", "afterload", "bad.csv", PRESSURE])
         .expect(3)
         .complains_of(&["0 samples where flow was measured", "the same instant"]);
-    cardiotwin(folder.path(), &["fit", "afterload", FLOW, PRESSURE, "--confidence", "95"]).expect(2);
+    cardiotwin(
+        folder.path(),
+        &["fit", "afterload", FLOW, PRESSURE, "--confidence", "95"],
+    )
+    .expect(2);
 }

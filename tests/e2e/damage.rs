@@ -17,7 +17,10 @@ fn settle(cohort: &Cohort, arguments: &[&str]) {
     cohort.call(&all).expect(0);
     cohort.call(&all).expect(0);
     let log = cohort.run_dir().join("cardiotwin.db-wal");
-    assert!(std::fs::metadata(&log).map_or(0, |m| m.len()) == 0, "a clean end leaves one file");
+    assert!(
+        std::fs::metadata(&log).map_or(0, |m| m.len()) == 0,
+        "a clean end leaves one file"
+    );
 }
 
 /// Puts bytes into the database file as no SQLite would.
@@ -39,14 +42,31 @@ fn a_damaged_database_is_named_and_left_alone() {
     let length = whole.len() - 4096;
     let damaged = overwrite(&cohort, 4096, &vec![0x5a; length]);
     for command in ["run", "status"] {
-        let said = cohort.call(&[command]).expect(5).complains_of(&["cardiotwin.db"]);
+        let said = cohort
+            .call(&[command])
+            .expect(5)
+            .complains_of(&["cardiotwin.db"]);
         assert!(!said.err.contains("panicked"), "{}", said.err);
     }
-    cohort.call(&["run"]).expect(5).complains_of(&["damaged", "restore it from a backup"]);
-    assert_eq!(std::fs::read(database(&cohort)).unwrap(), damaged, "it was not touched");
+    cohort
+        .call(&["run"])
+        .expect(5)
+        .complains_of(&["damaged", "restore it from a backup"]);
+    assert_eq!(
+        std::fs::read(database(&cohort)).unwrap(),
+        damaged,
+        "it was not touched"
+    );
 
-    std::fs::write(database(&cohort), b"this was never a database, only a long enough text to look like one").unwrap();
-    cohort.call(&["run"]).expect(5).complains_of(&["no database of cardiotwin"]);
+    std::fs::write(
+        database(&cohort),
+        b"this was never a database, only a long enough text to look like one",
+    )
+    .unwrap();
+    cohort
+        .call(&["run"])
+        .expect(5)
+        .complains_of(&["no database of cardiotwin"]);
 
     std::fs::write(database(&cohort), &whole).unwrap();
     cohort.call(&["run", "--no-report"]).expect(0);
@@ -60,54 +80,96 @@ fn a_database_of_a_newer_version_is_refused_unchanged() {
     // SQLite keeps `user_version`, our format, at byte 60, big-endian.
     let newer = overwrite(&cohort, 60, &99_u32.to_be_bytes());
     for command in ["run", "status"] {
-        cohort.call(&[command]).expect(5).complains_of(&["format 99", "use the newer program"]);
+        cohort
+            .call(&[command])
+            .expect(5)
+            .complains_of(&["format 99", "use the newer program"]);
     }
     assert_eq!(std::fs::read(database(&cohort)).unwrap(), newer);
 }
 
 #[test]
 fn a_run_that_may_not_be_written_can_still_be_read() {
-    let Some(place) = Tmpfs::mount("32m") else { return };
+    let Some(place) = Tmpfs::mount("32m") else {
+        return;
+    };
     let cohort = Cohort::quick();
     let run = place.path().join("run");
     let run = run.to_str().unwrap();
-    cohort.call(&["run", "--no-report", "--run-dir", run]).expect(0);
+    cohort
+        .call(&["run", "--no-report", "--run-dir", run])
+        .expect(0);
     place.remount("ro");
     let said = cohort.call(&["run", "--run-dir", run]);
     assert!([5, 6].contains(&said.code), "{said:?}");
-    assert!(said.err.contains("writ") || said.err.contains("ead-only"), "{}", said.err);
+    assert!(
+        said.err.contains("writ") || said.err.contains("ead-only"),
+        "{}",
+        said.err
+    );
     let status = cohort.call(&["status", "--run-dir", run, "--json"]).json();
     assert_eq!(status["counts"]["done"], 2);
     cohort.call(&["show", "01-CoA", "--run-dir", run]).expect(0);
-    cohort.call(&["export", "--run-dir", run, "--out", "tables"]).expect(0);
-    cohort.call(&["cancel", "01-CoA", "--run-dir", run]).complains_of(&["error"]);
+    cohort
+        .call(&["export", "--run-dir", run, "--out", "tables"])
+        .expect(0);
+    cohort
+        .call(&["cancel", "01-CoA", "--run-dir", run])
+        .complains_of(&["error"]);
     place.remount("rw");
     cohort.call(&["run", "--run-dir", run]).expect(0);
 }
 
 #[test]
 fn a_full_disk_stops_the_run_and_more_space_lets_it_go_on() {
-    let Some(place) = Tmpfs::mount("200m") else { return };
+    let Some(place) = Tmpfs::mount("200m") else {
+        return;
+    };
     let cohort = Cohort::quick();
     let run = place.path().join("run");
     let run_text = run.to_str().unwrap();
-    cohort.call(&["run", "--no-report", "--run-dir", run_text, "--patient", "01-CoA"]).expect(0);
-    let show = |id: &str| cohort.call(&["show", id, "--json", "--run-dir", run_text]).json();
+    cohort
+        .call(&[
+            "run",
+            "--no-report",
+            "--run-dir",
+            run_text,
+            "--patient",
+            "01-CoA",
+        ])
+        .expect(0);
+    let show = |id: &str| {
+        cohort
+            .call(&["show", id, "--json", "--run-dir", run_text])
+            .json()
+    };
     let before = published(&show("01-CoA"));
     // Something else fills the disk to the last block.
     fill(&place.path().join("ballast"));
     let said = cohort.call(&["run", "--no-report", "--run-dir", run_text]);
     assert!([1, 5, 6].contains(&said.code), "{said:?}");
-    assert!(said.err.contains("free") || said.err.contains("space"), "{}", said.err);
+    assert!(
+        said.err.contains("free") || said.err.contains("space"),
+        "{}",
+        said.err
+    );
     assert!(!said.err.contains("panicked"), "{}", said.err);
     std::fs::remove_file(place.path().join("ballast")).unwrap();
     let said = cohort.call(&["run", "--no-report", "--run-dir", run_text]);
     if said.code == 1 {
         // Attempts that failed for lack of space used up their tries.
-        cohort.call(&["retry", "--failed", "--run-dir", run_text]).expect(0);
-        cohort.call(&["run", "--no-report", "--run-dir", run_text]).expect(0);
+        cohort
+            .call(&["retry", "--failed", "--run-dir", run_text])
+            .expect(0);
+        cohort
+            .call(&["run", "--no-report", "--run-dir", run_text])
+            .expect(0);
     }
-    assert_eq!(published(&show("01-CoA")), before, "what was done before is not done again");
+    assert_eq!(
+        published(&show("01-CoA")),
+        before,
+        "what was done before is not done again"
+    );
     assert_eq!(show("02-CoA")["status"]["state"], "done");
 }
 
@@ -124,9 +186,14 @@ fn fill(path: &Path) {
 #[test]
 fn a_missing_worker_is_named() {
     let cohort = Cohort::quick();
-    cohort.call(&["run", "--worker", "nowhere/worker"]).expect(6).complains_of(&["no worker at", "nowhere/worker"]);
+    cohort
+        .call(&["run", "--worker", "nowhere/worker"])
+        .expect(6)
+        .complains_of(&["no worker at", "nowhere/worker"]);
     let elsewhere = tempfile::tempdir().unwrap();
-    cardiotwin(elsewhere.path(), &["run"]).expect(3).complains_of(&["cohort.toml", "cardiotwin init"]);
+    cardiotwin(elsewhere.path(), &["run"])
+        .expect(3)
+        .complains_of(&["cohort.toml", "cardiotwin init"]);
 }
 
 /// A small file system of its own, for root; others skip the test, and say so.
@@ -138,11 +205,17 @@ impl Tmpfs {
     fn mount(size: &str) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let options = format!("size={size}");
-        let output = Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(folder.path()).output();
+        let output = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &options, "tmpfs"])
+            .arg(folder.path())
+            .output();
         match output {
             Ok(output) if output.status.success() => Some(Self { folder }),
             Ok(output) => {
-                eprintln!("skipped: cannot mount a tmpfs: {}", String::from_utf8_lossy(&output.stderr).trim());
+                eprintln!(
+                    "skipped: cannot mount a tmpfs: {}",
+                    String::from_utf8_lossy(&output.stderr).trim()
+                );
                 None
             }
             Err(error) => {
@@ -158,7 +231,11 @@ impl Tmpfs {
 
     fn remount(&self, option: &str) {
         let option = format!("remount,{option}");
-        let status = Command::new("mount").args(["-o", &option]).arg(self.path()).status().unwrap();
+        let status = Command::new("mount")
+            .args(["-o", &option])
+            .arg(self.path())
+            .status()
+            .unwrap();
         assert!(status.success(), "mount -o {option}");
     }
 }

@@ -14,25 +14,40 @@ use crate::schema::misfits;
 use crate::support::{Cohort, cardiotwin, start};
 
 /// Nothing, a late volume trace, an atrial kick.
-const CASES: [(&str, &[&str]); 3] =
-    [("dev-008", &[]), ("dev-013", &["pv_misalignment"]), ("dev-019", &["atrial_kick"])];
+const CASES: [(&str, &[&str]); 3] = [
+    ("dev-008", &[]),
+    ("dev-013", &["pv_misalignment"]),
+    ("dev-019", &["atrial_kick"]),
+];
 
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap).filter(|entry| entry.path().is_file()) {
+    for entry in fs::read_dir(from)
+        .unwrap()
+        .map(Result::unwrap)
+        .filter(|entry| entry.path().is_file())
+    {
         fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
     }
 }
 
 fn case(id: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../solver/discover/tests/cases/patients").join(id)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../solver/discover/tests/cases/patients")
+        .join(id)
 }
 
 /// A cohort of the cases.
 fn cases() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    CASES.iter().for_each(|(id, _)| copy(&case(id), &folder.path().join("patients").join(id)));
-    fs::write(folder.path().join("cohort.toml"), "name = \"cases\"\nsolver.fidelity = \"reduced\"\n").unwrap();
+    CASES
+        .iter()
+        .for_each(|(id, _)| copy(&case(id), &folder.path().join("patients").join(id)));
+    fs::write(
+        folder.path().join("cohort.toml"),
+        "name = \"cases\"\nsolver.fidelity = \"reduced\"\n",
+    )
+    .unwrap();
     folder
 }
 
@@ -41,19 +56,41 @@ fn json(path: &Path) -> Value {
 }
 
 fn schema(name: &str) -> Value {
-    json(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../schemas/json").join(name))
+    json(
+        &Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../schemas/json")
+            .join(name),
+    )
 }
 
 fn names(case: &Value) -> Vec<&str> {
-    case["accepted"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect()
+    case["accepted"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|name| name.as_str().unwrap())
+        .collect()
 }
 
 /// Every finished attempt with the time at which its outcome was written.
 fn outcomes(run: &Path) -> BTreeMap<PathBuf, std::time::SystemTime> {
-    let folders = |folder: &Path| fs::read_dir(folder).into_iter().flatten().map(|e| e.unwrap().path());
-    let attempts = folders(&run.join("attempts")).flat_map(|shard| folders(&shard).collect::<Vec<_>>());
-    let outcome =
-        |attempt: PathBuf| Some((attempt.clone(), fs::metadata(attempt.join("outcome.json")).ok()?.modified().ok()?));
+    let folders = |folder: &Path| {
+        fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .map(|e| e.unwrap().path())
+    };
+    let attempts =
+        folders(&run.join("attempts")).flat_map(|shard| folders(&shard).collect::<Vec<_>>());
+    let outcome = |attempt: PathBuf| {
+        Some((
+            attempt.clone(),
+            fs::metadata(attempt.join("outcome.json"))
+                .ok()?
+                .modified()
+                .ok()?,
+        ))
+    };
     attempts.filter_map(outcome).collect()
 }
 
@@ -61,7 +98,15 @@ fn outcomes(run: &Path) -> BTreeMap<PathBuf, std::time::SystemTime> {
 fn a_cohort_is_searched_killed_and_gone_on_with_and_the_names_are_right() {
     let folder = cases();
     let run = folder.path().join("discover");
-    let search = ["discover", ".", "--all", "--jobs", "1", "--json", "found.json"];
+    let search = [
+        "discover",
+        ".",
+        "--all",
+        "--jobs",
+        "1",
+        "--json",
+        "found.json",
+    ];
     let mut running = start(folder.path(), &search);
     running.wait_for_words("(1 of 3)");
     running.signal(Signal::KILL);
@@ -71,26 +116,45 @@ fn a_cohort_is_searched_killed_and_gone_on_with_and_the_names_are_right() {
 
     cardiotwin(folder.path(), &search).expect(0);
     let found = json(&folder.path().join("found.json"));
-    assert_eq!(misfits(&found, &schema("discover-cohort.schema.json")), [""; 0]);
+    assert_eq!(
+        misfits(&found, &schema("discover-cohort.schema.json")),
+        [""; 0]
+    );
     for (id, expected) in CASES {
         let case = &found[id];
         assert_eq!(names(case), expected, "{id}: {}", case["summary"]);
-        assert_eq!((case["case"].as_str(), case["none"].as_bool()), (Some(id), Some(expected.is_empty())));
+        assert_eq!(
+            (case["case"].as_str(), case["none"].as_bool()),
+            (Some(id), Some(expected.is_empty()))
+        );
         assert_eq!(case["effects"].as_array().unwrap().len(), 16);
         if !expected.is_empty() {
             let gap = |key: &str| case[key].as_f64().unwrap();
-            assert!(gap("gap_heldout_after") < gap("gap_heldout_before") && gap("gap_after") < gap("gap_before"));
+            assert!(
+                gap("gap_heldout_after") < gap("gap_heldout_before")
+                    && gap("gap_after") < gap("gap_before")
+            );
         }
     }
     let after = outcomes(&run);
-    assert!(after.len() >= 3 && before.iter().all(|(attempt, at)| after[attempt] == *at), "finished searches stay");
-    assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("id=\"missing-dev-019\""));
+    assert!(
+        after.len() >= 3 && before.iter().all(|(attempt, at)| after[attempt] == *at),
+        "finished searches stay"
+    );
+    assert!(
+        fs::read_to_string(run.join("report.html"))
+            .unwrap()
+            .contains("id=\"missing-dev-019\"")
+    );
 
     // One of its patients is known already, and told alone; stdout is the JSON and nothing else.
     let said = cardiotwin(folder.path(), &["discover", "patients/dev-019", "--json"]).expect(0);
     let alone: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!(alone, found["dev-019"]);
-    assert_eq!(misfits(&alone, &schema("discover-case.schema.json")), [""; 0]);
+    assert_eq!(
+        misfits(&alone, &schema("discover-case.schema.json")),
+        [""; 0]
+    );
     assert!(outcomes(&folder.path().join("patients/dev-019/discover")).is_empty());
 }
 
@@ -104,36 +168,74 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     let as_measured = bytes();
     let first = cohort.call(&["run", "--no-report"]).expect(0).out;
     assert!(!first.contains("nothing to do"), "{first}");
-    let gap = |patient: &Value| patient["verification"]["result"]["biomarkers"]["end_of_beat_gap_mL"].as_f64().unwrap();
+    let gap = |patient: &Value| {
+        patient["verification"]["result"]["biomarkers"]["end_of_beat_gap_mL"]
+            .as_f64()
+            .unwrap()
+    };
     let as_it_was = cohort.patient("03-CoA");
     let before = gap(&as_it_was);
 
-    let search = ["discover", "patients/03-CoA", "--effects", "atrial_kick,pressure_offset", "--json", "found.json"];
-    let said = cohort.call(&[&search[..], &["--accept"]].concat()).expect(0);
-    assert!(said.err.contains("accepted: atrial_kick; version 1 of"), "{}", said.err);
-    assert_eq!(names(&json(&cohort.path().join("found.json"))), ["atrial_kick"]);
+    let search = [
+        "discover",
+        "patients/03-CoA",
+        "--effects",
+        "atrial_kick,pressure_offset",
+        "--json",
+        "found.json",
+    ];
+    let said = cohort
+        .call(&[&search[..], &["--accept"]].concat())
+        .expect(0);
+    assert!(
+        said.err.contains("accepted: atrial_kick; version 1 of"),
+        "{}",
+        said.err
+    );
+    assert_eq!(
+        names(&json(&cohort.path().join("found.json"))),
+        ["atrial_kick"]
+    );
     let said = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(!said.out.contains("nothing to do"), "{}", said.out);
     let patient = cohort.patient("03-CoA");
     assert_eq!(patient["plan"]["effects"][0]["name"], "atrial_kick");
     // The atrium fills what the constant filling pressure leaves open.
-    assert!(gap(&patient).abs() < 0.5 * before.abs(), "{before} {}", gap(&patient));
+    assert!(
+        gap(&patient).abs() < 0.5 * before.abs(),
+        "{before} {}",
+        gap(&patient)
+    );
     // What it was before stands beside it: the iterate that step 1 took, and the verification beat.
     let best = as_it_was["step1"]["best_iteration"].as_u64().unwrap() as usize;
-    assert_eq!(patient["before"]["step1"]["key"], as_it_was["iterations"][best - 1]["run"]["key"]);
-    assert_eq!(patient["before"]["verification"]["key"], as_it_was["verification"]["key"]);
+    assert_eq!(
+        patient["before"]["step1"]["key"],
+        as_it_was["iterations"][best - 1]["run"]["key"]
+    );
+    assert_eq!(
+        patient["before"]["verification"]["key"],
+        as_it_was["verification"]["key"]
+    );
     assert_eq!(gap(&patient["before"]), before);
     let learned = fs::read_to_string(cohort.run_dir().join("models/03-CoA/model.toml")).unwrap();
     assert!(learned.contains("atrial_kick"), "{learned}");
 
-    cohort.call(&["discover", "patients/03-CoA", "--revert"]).expect(0);
+    cohort
+        .call(&["discover", "patients/03-CoA", "--revert"])
+        .expect(0);
     assert!(!folder.join("model.toml").exists() && folder.join("model.v1.toml").exists());
     // What was computed before the acceptance is found again.
     let said = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(said.out.contains("nothing to do"), "{}", said.out);
     assert_eq!(gap(&cohort.patient("03-CoA")), before);
-    assert!(cohort.patient("03-CoA").get("before").is_none(), "nothing is accepted any more");
-    cohort.call(&["discover", "patients/03-CoA", "--revert"]).expect(2).complains_of(&["nothing to revert"]);
+    assert!(
+        cohort.patient("03-CoA").get("before").is_none(),
+        "nothing is accepted any more"
+    );
+    cohort
+        .call(&["discover", "patients/03-CoA", "--revert"])
+        .expect(2)
+        .complains_of(&["nothing to revert"]);
     assert!(bytes() == as_measured, "what was measured was changed");
 }
 
@@ -142,19 +244,33 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
 fn an_accepted_artefact_corrects_the_data() {
     let folder = tempfile::tempdir().unwrap();
     copy(&case("dev-013"), &folder.path().join("patients/dev-013"));
-    let settings =
-        "name = \"one\"\nsolver.fidelity = \"reduced\"\n[step2]\npopsize = 3\nmax_generations = 2\npolish = false\n";
+    let settings = "name = \"one\"\nsolver.fidelity = \"reduced\"\n[step2]\npopsize = 3\nmax_generations = 2\npolish = false\n";
     fs::write(folder.path().join("cohort.toml"), settings).unwrap();
-    let accept = ["discover", "patients/dev-013", "--effects", "pv_misalignment,atrial_kick", "--accept"];
+    let accept = [
+        "discover",
+        "patients/dev-013",
+        "--effects",
+        "pv_misalignment,atrial_kick",
+        "--accept",
+    ];
     let said = cardiotwin(folder.path(), &accept).expect(0);
-    assert!(said.out.contains("in the data, not in the heart: pv misalignment"), "{}", said.out);
+    assert!(
+        said.out
+            .contains("in the data, not in the heart: pv misalignment"),
+        "{}",
+        said.out
+    );
     cardiotwin(folder.path(), &["run", "--no-report"]).expect(0);
     let step0 = cardiotwin(folder.path(), &["show", "dev-013", "--json"]).json()["step0"].clone();
     let remarks = step0["result"]["remarks"].to_string();
-    assert!(remarks.contains("corrected for pv_misalignment"), "{remarks}");
+    assert!(
+        remarks.contains("corrected for pv_misalignment"),
+        "{remarks}"
+    );
     let artefact = &step0["artefacts"][0];
     assert_eq!(artefact["name"], "measured");
-    let used = Path::new(step0["directory"].as_str().unwrap()).join(artefact["file"].as_str().unwrap());
+    let used =
+        Path::new(step0["directory"].as_str().unwrap()).join(artefact["file"].as_str().unwrap());
     let late = emptiest_ms(&folder.path().join("patients/dev-013/volume.csv")) - emptiest_ms(&used);
     // 41 ms by the search, to within the distance of two frames.
     assert!((10.0..75.0).contains(&late), "{late}");
@@ -163,21 +279,40 @@ fn an_accepted_artefact_corrects_the_data() {
 /// When the volume, a file's last column, is smallest.
 fn emptiest_ms(file: &Path) -> f64 {
     let text = fs::read_to_string(file).unwrap();
-    let rows = text.lines().skip(1).map(|line| line.split(',').map(|v| v.parse::<f64>().unwrap()).collect::<Vec<_>>());
-    rows.min_by(|a, b| a[a.len() - 1].total_cmp(&b[b.len() - 1])).unwrap()[0]
+    let rows = text.lines().skip(1).map(|line| {
+        line.split(',')
+            .map(|v| v.parse::<f64>().unwrap())
+            .collect::<Vec<_>>()
+    });
+    rows.min_by(|a, b| a[a.len() - 1].total_cmp(&b[b.len() - 1]))
+        .unwrap()[0]
 }
 
 #[test]
 fn what_cannot_be_searched_is_named() {
     let folder = cases();
     let call = |arguments: &[&str]| cardiotwin(folder.path(), arguments);
-    call(&["discover", "patients"]).expect(2).complains_of(&["neither patient.toml nor cohort.toml"]);
-    call(&["discover", ".", "--accept"]).expect(2).complains_of(&["--all", "--patient"]);
-    call(&["discover", "patients/dev-008", "--all"]).expect(2).complains_of(&["for a cohort"]);
+    call(&["discover", "patients"])
+        .expect(2)
+        .complains_of(&["neither patient.toml nor cohort.toml"]);
+    call(&["discover", ".", "--accept"])
+        .expect(2)
+        .complains_of(&["--all", "--patient"]);
+    call(&["discover", "patients/dev-008", "--all"])
+        .expect(2)
+        .complains_of(&["for a cohort"]);
     let said = call(&["discover", "patients/dev-008", "--effects", "kick"]).expect(1);
-    assert!(said.err.contains("no effect kick") && said.err.contains("atrial_kick"), "{}", said.err);
+    assert!(
+        said.err.contains("no effect kick") && said.err.contains("atrial_kick"),
+        "{}",
+        said.err
+    );
     let file = folder.path().join("patients/dev-008/patient.toml");
-    let text = fs::read_to_string(&file).unwrap().replace("volume = \"volume.csv\"", "");
+    let text = fs::read_to_string(&file)
+        .unwrap()
+        .replace("volume = \"volume.csv\"", "");
     fs::write(&file, text).unwrap();
-    call(&["discover", "patients/dev-008"]).expect(3).complains_of(&["measured.volume", "both pressure and volume"]);
+    call(&["discover", "patients/dev-008"])
+        .expect(3)
+        .complains_of(&["measured.volume", "both pressure and volume"]);
 }

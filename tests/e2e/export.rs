@@ -6,19 +6,32 @@ use std::process::Command;
 use super::support::Cohort;
 
 fn lines(file: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let text =
+        std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     text.lines().map(str::to_owned).collect()
 }
 
 #[test]
 fn a_personalised_model_is_handed_to_opencarp() {
     let cohort = Cohort::quick_of("02-CoA");
-    let run = ["run", "--no-report", "--quiet", "--fidelity", "finite-element", "--mesh-nodes", "500"];
+    let run = [
+        "run",
+        "--no-report",
+        "--quiet",
+        "--fidelity",
+        "finite-element",
+        "--mesh-nodes",
+        "500",
+    ];
     cohort.call(&run).expect(0);
     cohort.call(&["export", "--opencarp"]).expect(0);
     let folder = cohort.path().join("run/export/opencarp/02-CoA");
     let of = |name: &str| lines(&folder.join(name));
-    let count = |lines: &[String]| lines[0].parse::<usize>().expect("a file begins with a number");
+    let count = |lines: &[String]| {
+        lines[0]
+            .parse::<usize>()
+            .expect("a file begins with a number")
+    };
     let (points, elements, fibres) = (of("heart.pts"), of("heart.elem"), of("heart.lon"));
     let n_nodes = count(&points);
     assert!((300..1500).contains(&n_nodes) && points.len() == n_nodes + 1);
@@ -26,45 +39,102 @@ fn a_personalised_model_is_handed_to_opencarp() {
     assert_eq!((fibres[0].as_str(), fibres.len()), ("2", elements.len()));
     for element in &elements[1..] {
         let words: Vec<&str> = element.split(' ').collect();
-        assert!(words[0] == "Tt" && words[1..5].iter().all(|node| node.parse::<usize>().is_ok_and(|i| i < n_nodes)));
+        assert!(
+            words[0] == "Tt"
+                && words[1..5]
+                    .iter()
+                    .all(|node| node.parse::<usize>().is_ok_and(|i| i < n_nodes))
+        );
     }
     assert_eq!(of("heart.unloaded.pts").len(), points.len());
-    let activation: Vec<f64> = of("activation.dat").iter().map(|line| line.parse().expect("a number")).collect();
+    let activation: Vec<f64> = of("activation.dat")
+        .iter()
+        .map(|line| line.parse().expect("a number"))
+        .collect();
     assert_eq!(activation.len(), n_nodes);
-    assert!(activation.iter().any(|t| *t > 0.0) && activation.iter().all(|t| *t == -1.0 || (0.0..400.0).contains(t)));
+    assert!(
+        activation.iter().any(|t| *t > 0.0)
+            && activation
+                .iter()
+                .all(|t| *t == -1.0 || (0.0..400.0).contains(t))
+    );
     // The personalised parameters under the plugin's names.
     let patient = cohort.patient("02-CoA");
     let peak = &patient["step1"]["parameters"]["tanh"]["Smax_ref_kPa"];
-    assert!(of("tanh.par").iter().any(|line| line.contains(&format!("Tpeak={peak},"))), "{peak}");
-    let fitted = patient["cell_fit"]["result"]["parameters"].as_array().expect("fitted parameters");
-    let n_tm =
-        fitted.iter().find(|p| p["name"] == "n_Tm").expect("n_Tm is fitted")["value"].as_f64().expect("a number");
-    assert!(of("land17.par").iter().any(|line| line.contains(&format!("nperm={n_tm},"))), "{n_tm}");
+    assert!(
+        of("tanh.par")
+            .iter()
+            .any(|line| line.contains(&format!("Tpeak={peak},"))),
+        "{peak}"
+    );
+    let fitted = patient["cell_fit"]["result"]["parameters"]
+        .as_array()
+        .expect("fitted parameters");
+    let n_tm = fitted
+        .iter()
+        .find(|p| p["name"] == "n_Tm")
+        .expect("n_Tm is fitted")["value"]
+        .as_f64()
+        .expect("a number");
+    assert!(
+        of("land17.par")
+            .iter()
+            .any(|line| line.contains(&format!("nperm={n_tm},"))),
+        "{n_tm}"
+    );
     let calcium: Vec<f64> = of("calcium.csv")[1..]
         .iter()
-        .map(|line| line.split(',').nth(1).and_then(|value| value.parse().ok()).expect("a number"))
+        .map(|line| {
+            line.split(',')
+                .nth(1)
+                .and_then(|value| value.parse().ok())
+                .expect("a number")
+        })
         .collect();
-    let peak = fitted.iter().find(|p| p["name"] == "Ca_max_uM").and_then(|p| p["value"].as_f64()).expect("fitted");
+    let peak = fitted
+        .iter()
+        .find(|p| p["name"] == "Ca_max_uM")
+        .and_then(|p| p["value"].as_f64())
+        .expect("fitted");
     let found = calcium.iter().copied().fold(0.0, f64::max);
-    assert!((found / peak - 1.0).abs() < 1e-3, "{found} uM against {peak}");
+    assert!(
+        (found / peak - 1.0).abs() < 1e-3,
+        "{found} uM against {peak}"
+    );
 }
 
 /// Python with the readers of PyPI, made once for a build folder; nothing where it cannot be had, which is said.
 fn python() -> Option<PathBuf> {
     let test = std::env::current_exe().expect("a test knows its own path");
-    let place = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join("crate-reader");
+    let place = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("tests lie in target/PROFILE/deps")
+        .join("crate-reader");
     let python = place.join("bin/python");
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("e2e");
-    let ready = || Command::new(&python).args(["-c", "import rocrate, rocrate_validator"]).output();
+    let ready = || {
+        Command::new(&python)
+            .args(["-c", "import rocrate, rocrate_validator"])
+            .output()
+    };
     if !ready().is_ok_and(|said| said.status.success()) {
-        let _ = Command::new("python3").args(["-m", "venv"]).arg(&place).output();
+        let _ = Command::new("python3")
+            .args(["-m", "venv"])
+            .arg(&place)
+            .output();
         let list = here.join("requirements.txt");
-        let _ = Command::new(&python).args(["-m", "pip", "install", "--quiet", "--requirement"]).arg(list).output();
+        let _ = Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--requirement"])
+            .arg(list)
+            .output();
     }
     match ready() {
         Ok(said) if said.status.success() => Some(python),
         _ => {
-            eprintln!("not tested: no Python with rocrate and roc-validator can be had here (python3-venv, network)");
+            eprintln!(
+                "not tested: no Python with rocrate and roc-validator can be had here (python3-venv, network)"
+            );
             None
         }
     }
@@ -86,24 +156,42 @@ fn a_run_is_shared_as_a_crate_that_others_can_read() {
     for arguments in [&make[..], &with_inputs[..]] {
         cohort.call(arguments).expect(0);
         let place = cohort.path().join("run/export/ro-crate");
-        let metadata = std::fs::read_to_string(place.join("ro-crate-metadata.json")).expect("it was written");
-        let record = std::fs::read_to_string(place.join("patients/02-CoA/record.json")).expect("it was written");
-        let input = std::fs::read(cohort.path().join("patients/02-CoA/pressure.csv")).expect("the cohort's");
+        let metadata =
+            std::fs::read_to_string(place.join("ro-crate-metadata.json")).expect("it was written");
+        let record = std::fs::read_to_string(place.join("patients/02-CoA/record.json"))
+            .expect("it was written");
+        let input = std::fs::read(cohort.path().join("patients/02-CoA/pressure.csv"))
+            .expect("the cohort's");
         let hash = cardiotwin_schemas::hash::sha256_hex(&input);
-        assert!(metadata.contains(&hash) && record.contains(&hash), "inputs are named by their content");
+        assert!(
+            metadata.contains(&hash) && record.contains(&hash),
+            "inputs are named by their content"
+        );
         assert!(metadata.contains("CreateAction") && metadata.contains("cardiotwin-worker"));
         // Nothing of this machine goes out.
         let here = cohort.path().to_string_lossy().into_owned();
         let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
         for text in [&metadata, &record] {
-            assert!(!text.contains(&here) && !text.contains(&format!("\"{}\"", host.trim())), "{here}, {host}");
+            assert!(
+                !text.contains(&here) && !text.contains(&format!("\"{}\"", host.trim())),
+                "{here}, {host}"
+            );
         }
         let kept = place.join("patients/02-CoA/inputs/pressure.csv");
-        assert_eq!(std::fs::read(&kept).ok(), (arguments.len() > make.len()).then_some(input));
+        assert_eq!(
+            std::fs::read(&kept).ok(),
+            (arguments.len() > make.len()).then_some(input)
+        );
         if let Some(python) = python() {
             let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("e2e/validate_crate.py");
-            let said = Command::new(python).arg("-B").arg(script).arg(&place).output().expect("python starts");
-            let words = String::from_utf8_lossy(&said.stdout).into_owned() + &String::from_utf8_lossy(&said.stderr);
+            let said = Command::new(python)
+                .arg("-B")
+                .arg(script)
+                .arg(&place)
+                .output()
+                .expect("python starts");
+            let words = String::from_utf8_lossy(&said.stdout).into_owned()
+                + &String::from_utf8_lossy(&said.stderr);
             assert!(said.status.success(), "{words}");
         }
     }

@@ -19,54 +19,104 @@ const RUN: [&str; 9] = [
 #[test]
 fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     let cohort = Cohort::quick_of("06-CoA");
-    let said = cohort.call(&[&RUN[..8], &["--vtu-every", "200"]].concat()).expect(0).err;
-    assert!(said.contains("VTU series: 4 frames of about 500 nodes"), "{said}");
+    let said = cohort
+        .call(&[&RUN[..8], &["--vtu-every", "200"]].concat())
+        .expect(0)
+        .err;
+    assert!(
+        said.contains("VTU series: 4 frames of about 500 nodes"),
+        "{said}"
+    );
     let patient = cohort.patient("06-CoA");
-    assert_eq!(patient["step1"]["quality"]["quality"], "converged", "{patient:#}");
+    assert_eq!(
+        patient["step1"]["quality"]["quality"], "converged",
+        "{patient:#}"
+    );
     let iterations = patient["iterations"].as_array().expect("iterations");
     assert!(iterations.len() <= 3, "{iterations:#?}");
     let shown = cohort.call(&["show", "06-CoA"]).expect(0).out;
-    for part in
-        ["passive.exponent_factor", "one-fibre ventricle corrected to 1", "verification", "MOTION", "Hu et al. 2013"]
-    {
+    for part in [
+        "passive.exponent_factor",
+        "one-fibre ventricle corrected to 1",
+        "verification",
+        "MOTION",
+        "Hu et al. 2013",
+    ] {
         assert!(shown.contains(part), "{part:?} is not in\n{shown}");
     }
-    for run in [&iterations[iterations.len() - 1]["run"], &patient["verification"]] {
-        let shortening = run["result"]["motion"]["shortening_percent"].as_f64().expect("a motion");
+    for run in [
+        &iterations[iterations.len() - 1]["run"],
+        &patient["verification"],
+    ] {
+        let shortening = run["result"]["motion"]["shortening_percent"]
+            .as_f64()
+            .expect("a motion");
         assert!((0.0..40.0).contains(&shortening), "{shortening} %");
     }
     // Step 0 meets the measured end-diastole, the fit the measured peak.
     for (row, percent) in [("EDV_mL", 1.0), ("P_max_mmHg", 10.0)] {
         let line = shown.lines().find(|line| line.starts_with(row)).expect(row);
-        let off = line.split_whitespace().nth(3).expect("a difference").parse::<f64>().expect("a number");
+        let off = line
+            .split_whitespace()
+            .nth(3)
+            .expect("a difference")
+            .parse::<f64>()
+            .expect("a number");
         assert!(off.abs() <= percent, "{line}");
     }
     // Pictures, their index written last, and the nodes' spread.
-    let (step1, verification) = (&iterations[iterations.len() - 1]["run"], &patient["verification"]);
+    let (step1, verification) = (
+        &iterations[iterations.len() - 1]["run"],
+        &patient["verification"],
+    );
     for run in [step1, verification] {
-        let names: Vec<&str> =
-            run["artefacts"].as_array().unwrap().iter().map(|a| a["name"].as_str().unwrap()).collect();
-        assert!(["heart", "series"].iter().all(|name| names.contains(name)), "{names:?}");
+        let names: Vec<&str> = run["artefacts"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|a| a["name"].as_str().unwrap())
+            .collect();
+        assert!(
+            ["heart", "series"].iter().all(|name| names.contains(name)),
+            "{names:?}"
+        );
         let vtu = std::path::Path::new(run["directory"].as_str().unwrap()).join("vtu");
         let index = std::fs::read_to_string(vtu.join("beat.pvd")).expect("an index");
-        assert!(index.matches("DataSet").count() == 4 && vtu.join("beat-00003.vtu").is_file(), "{index}");
+        assert!(
+            index.matches("DataSet").count() == 4 && vtu.join("beat-00003.vtu").is_file(),
+            "{index}"
+        );
     }
     cohort.call(&["report"]).expect(0);
     let page = std::fs::read_to_string(cohort.run_dir().join("report.html")).expect("a report");
     assert_eq!(page.matches("<svg class=\"heart\"").count(), 4);
     assert!(page.contains("cavity shortening") && page.contains("against the normal range"));
     let picture = cohort.path().join("spread.svg");
-    cohort.call(&["show", "06-CoA", "--plot", &picture.to_string_lossy()]).expect(0);
-    assert!(std::fs::read_to_string(&picture).expect("a picture").contains("since activation"));
+    cohort
+        .call(&["show", "06-CoA", "--plot", &picture.to_string_lossy()])
+        .expect(0);
+    assert!(
+        std::fs::read_to_string(&picture)
+            .expect("a picture")
+            .contains("since activation")
+    );
 
     // A series changes no task's key.
     let again = cohort.call(&RUN[..8]).expect(0);
-    assert!(again.out.contains("nothing to do") || again.out.contains("0 tasks"), "{}", again.out);
+    assert!(
+        again.out.contains("nothing to do") || again.out.contains("0 tasks"),
+        "{}",
+        again.out
+    );
 }
 
 /// Mean of |simulated - measured| / |measured| over patients, percent; `run` finds a patient's run.
 fn mean_error(patients: &[Value], name: &str, run: impl Fn(&Value) -> &Value) -> f64 {
-    let number = |value: &Value| value[name].as_f64().unwrap_or_else(|| panic!("no {name} in {value}"));
+    let number = |value: &Value| {
+        value[name]
+            .as_f64()
+            .unwrap_or_else(|| panic!("no {name} in {value}"))
+    };
     let error = |patient: &Value| {
         let measured = number(&patient["step0"]["result"]["measured"]);
         100.0 * (number(&run(patient)["result"]["biomarkers"]) / measured - 1.0).abs()
@@ -78,13 +128,20 @@ fn best_of_step1(patient: &Value) -> &Value {
     let iterations = patient["iterations"].as_array().expect("iterations");
     let finite = iterations.iter().filter(|i| i["cost"].is_f64());
     let cost = |i: &Value| i["cost"].as_f64().expect("filtered");
-    &finite.min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("a beat of step 1")["run"]
+    &finite
+        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+        .expect("a beat of step 1")["run"]
 }
 
 fn best_of_step3(patient: &Value) -> &Value {
-    let best = patient["step3"]["best_iteration"].as_u64().expect("a beat of step 3");
+    let best = patient["step3"]["best_iteration"]
+        .as_u64()
+        .expect("a beat of step 3");
     let beats = patient["step3_iterations"].as_array().expect("beats");
-    &beats.iter().find(|beat| beat["number"] == best).expect("the best beat")["run"]
+    &beats
+        .iter()
+        .find(|beat| beat["number"] == best)
+        .expect("the best beat")["run"]
 }
 
 /// The guard of the twin itself: defaults of the program, on a mesh that is coarse enough for every commit.
@@ -92,27 +149,50 @@ fn best_of_step3(patient: &Value) -> &Value {
 fn the_twins_of_two_patients_hold_in_3d() {
     let ids = ["01-CoA", "06-CoA"];
     let cohort = Cohort::by_default(&ids);
-    let said = cohort.call(&["run", "--no-report", "--fidelity", "finite-element", "--mesh-nodes", "500"]).expect(0);
+    let said = cohort
+        .call(&[
+            "run",
+            "--no-report",
+            "--fidelity",
+            "finite-element",
+            "--mesh-nodes",
+            "500",
+        ])
+        .expect(0);
     assert!(said.out.contains("personalised: 2 of 2"), "{}", said.out);
     let patients = ids.map(|id| cohort.patient(id));
     let mut missed = Vec::new();
     let mut hold = |stage: &str, run: fn(&Value) -> &Value, bars: [f64; 5]| {
-        let names = ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "SV_mL"];
+        let names = [
+            "P_max_mmHg",
+            "dPdt_max_mmHg_per_ms",
+            "dPdt_min_mmHg_per_ms",
+            "PTD90_ms",
+            "SV_mL",
+        ];
         for (name, bar) in names.into_iter().zip(bars) {
             let found = mean_error(&patients, name, run);
             if found > bar {
-                missed.push(format!("{stage}: {name} off by {found:.1} %, at most {bar} %"));
+                missed.push(format!(
+                    "{stage}: {name} off by {found:.1} %, at most {bar} %"
+                ));
             }
         }
     };
     // The paper's errors; where these patients do better, that.
     hold("step 1", best_of_step1, [5.4, 6.0, 7.7, 1.4, 10.0]);
-    hold("verification of step 2", |patient| &patient["verification"], [8.0, 55.0, 70.0, 9.0, 20.0]);
+    hold(
+        "verification of step 2",
+        |patient| &patient["verification"],
+        [8.0, 55.0, 70.0, 9.0, 20.0],
+    );
     hold("step 3", best_of_step3, [2.0, 8.0, 12.0, 1.5, 2.0]);
     assert!(missed.is_empty(), "{missed:#?}\n{}", said.out);
     // A program for others gets step 3's cell.
     cohort.call(&["export", "--opencarp"]).expect(0);
-    let cell = &patients[0]["step3"]["parameters"]["n_Tm"].as_f64().expect("n_Tm is moved");
+    let cell = &patients[0]["step3"]["parameters"]["n_Tm"]
+        .as_f64()
+        .expect("n_Tm is moved");
     let file = cohort.path().join("run/export/opencarp/01-CoA/land17.par");
     let text = std::fs::read_to_string(file).expect("the cell");
     assert!(text.contains(&format!("nperm={cell},")), "{cell}\n{text}");

@@ -7,25 +7,49 @@ use serde_json::Value;
 use crate::schema::misfits;
 use crate::support::{Cohort, cardiotwin};
 
-const TRACE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/calcium/transient.csv");
+const TRACE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../examples/calcium/transient.csv"
+);
 
 #[test]
 fn rices_calcium_comes_from_a_measured_transient() {
     let folder = tempfile::tempdir().unwrap();
-    let answer = cardiotwin(folder.path(), &["fit", "calcium", TRACE, "--json", "--plot", "fit.svg"]).json();
-    let schema = concat!(env!("CARGO_MANIFEST_DIR"), "/../schemas/json/fit-calcium.schema.json");
+    let answer = cardiotwin(
+        folder.path(),
+        &["fit", "calcium", TRACE, "--json", "--plot", "fit.svg"],
+    )
+    .json();
+    let schema = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../schemas/json/fit-calcium.schema.json"
+    );
     let schema: Value = serde_json::from_str(&std::fs::read_to_string(schema).unwrap()).unwrap();
     assert_eq!(misfits(&answer, &schema), Vec::<String>::new());
     // The trace's truth stands in its header; intervals of 95 % are about two of these wide.
-    for (key, truth, within) in
-        [("ca_res_uM", 0.12, 0.01), ("ca_max_uM", 0.7, 0.007), ("tau_cr_ms", 170.0, 15.0), ("tau_cd_ms", 60.0, 6.0)]
-    {
-        assert!((answer[key].as_f64().unwrap() - truth).abs() < within, "{key}: {}", answer[key]);
+    for (key, truth, within) in [
+        ("ca_res_uM", 0.12, 0.01),
+        ("ca_max_uM", 0.7, 0.007),
+        ("tau_cr_ms", 170.0, 15.0),
+        ("tau_cd_ms", 60.0, 6.0),
+    ] {
+        assert!(
+            (answer[key].as_f64().unwrap() - truth).abs() < within,
+            "{key}: {}",
+            answer[key]
+        );
     }
     assert_eq!(answer["time_constants"], "distinct");
     let plot = std::fs::read_to_string(folder.path().join("fit.svg")).unwrap();
-    assert!(plot.starts_with("<svg xmlns") && plot.matches("<circle").count() > 160, "{plot}");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing else is written");
+    assert!(
+        plot.starts_with("<svg xmlns") && plot.matches("<circle").count() > 160,
+        "{plot}"
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "nothing else is written"
+    );
 }
 
 /// Both tables, put into a cohort's file: `check` takes them, and a run holds or bounds calcium by them.
@@ -33,7 +57,10 @@ fn rices_calcium_comes_from_a_measured_transient() {
 fn a_fit_becomes_a_cohorts_default() {
     for way in ["frozen", "bounds"] {
         let cohort = Cohort::quick_of("01-CoA");
-        let settings = cohort.call(&["fit", "calcium", TRACE, "--toml", way]).expect(0).out;
+        let settings = cohort
+            .call(&["fit", "calcium", TRACE, "--toml", way])
+            .expect(0)
+            .out;
         // One table of a name: the quick settings follow the fit's own.
         let quick = "popsize = 3\nmax_generations = 4\npolish = false\n";
         let table = if way == "frozen" {
@@ -49,8 +76,12 @@ fn a_fit_becomes_a_cohorts_default() {
         cohort.call(&["check", "--strict"]).expect(0);
         cohort.call(&["run", "--no-report"]).expect(0);
         let patient = cohort.patient("01-CoA");
-        let fitted = patient["cell_fit"]["result"]["parameters"].as_array().unwrap();
-        let peak = fitted.iter().find(|parameter| parameter["name"] == "Ca_max_uM");
+        let fitted = patient["cell_fit"]["result"]["parameters"]
+            .as_array()
+            .unwrap();
+        let peak = fitted
+            .iter()
+            .find(|parameter| parameter["name"] == "Ca_max_uM");
         match (way, peak) {
             ("frozen", None) => assert_eq!(fitted.len(), 6),
             ("bounds", Some(peak)) => {
@@ -67,21 +98,57 @@ fn a_bad_transient_is_refused_with_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     let refused = |text: &str, parts: &[&str]| {
         std::fs::write(folder.path().join("bad.csv"), text).unwrap();
-        let said = cardiotwin(folder.path(), &["fit", "calcium", "bad.csv", "--json"]).expect(3).complains_of(parts);
-        assert!(said.out.is_empty() && said.err.contains("nothing was fitted"), "{said:?}");
+        let said = cardiotwin(folder.path(), &["fit", "calcium", "bad.csv", "--json"])
+            .expect(3)
+            .complains_of(parts);
+        assert!(
+            said.out.is_empty() && said.err.contains("nothing was fitted"),
+            "{said:?}"
+        );
     };
     let rows = |edit: &dyn Fn(usize, &str) -> Option<String>| -> String {
         let sound = std::fs::read_to_string(Path::new(TRACE)).unwrap();
-        sound.lines().enumerate().filter_map(|(i, line)| edit(i + 1, line)).map(|line| line + "\n").collect()
+        sound
+            .lines()
+            .enumerate()
+            .filter_map(|(i, line)| edit(i + 1, line))
+            .map(|line| line + "\n")
+            .collect()
     };
-    let at =
-        |number: usize, new: &str| rows(&|i, line| Some(if i == number { new.to_owned() } else { line.to_owned() }));
-    refused(&at(3, "time_ms,calcium_nM"), &["bad.csv:3: calcium_uM", "`calcium_nM`", "1000 nM = 1 µM"]);
+    let at = |number: usize, new: &str| {
+        rows(&|i, line| {
+            Some(if i == number {
+                new.to_owned()
+            } else {
+                line.to_owned()
+            })
+        })
+    };
+    refused(
+        &at(3, "time_ms,calcium_nM"),
+        &["bad.csv:3: calcium_uM", "`calcium_nM`", "1000 nM = 1 µM"],
+    );
     refused(&at(3, "time_ms"), &["bad.csv:3: calcium_uM"]);
-    refused(&at(20, "80,NaN"), &["bad.csv:20: calcium_uM", "`NaN`", "a finite number in µM"]);
-    refused(&at(20, "80,-0.1"), &["bad.csv:20: calcium_uM", "`-0.1`", "0 or more"]);
-    refused(&at(20, "70,0.6"), &["bad.csv:20: time_ms", "70 ms after 75 ms", "increasing times"]);
-    refused(&rows(&|i, line| (i < 9).then(|| line.to_owned())), &["5 samples", "at least 8"]);
+    refused(
+        &at(20, "80,NaN"),
+        &["bad.csv:20: calcium_uM", "`NaN`", "a finite number in µM"],
+    );
+    refused(
+        &at(20, "80,-0.1"),
+        &["bad.csv:20: calcium_uM", "`-0.1`", "0 or more"],
+    );
+    refused(
+        &at(20, "70,0.6"),
+        &[
+            "bad.csv:20: time_ms",
+            "70 ms after 75 ms",
+            "increasing times",
+        ],
+    );
+    refused(
+        &rows(&|i, line| (i < 9).then(|| line.to_owned())),
+        &["5 samples", "at least 8"],
+    );
     refused(
         &rows(&|i, line| (i < 20).then(|| line.to_owned())),
         &["no peak", "a rise after activation at 0 ms and a fall"],
@@ -90,5 +157,9 @@ fn a_bad_transient_is_refused_with_line_and_column() {
     cardiotwin(folder.path(), &["fit", "calcium", "absent.csv"])
         .expect(3)
         .complains_of(&["absent.csv", "no readable file"]);
-    cardiotwin(folder.path(), &["fit", "calcium", TRACE, "--confidence", "95"]).expect(2);
+    cardiotwin(
+        folder.path(),
+        &["fit", "calcium", TRACE, "--confidence", "95"],
+    )
+    .expect(2);
 }

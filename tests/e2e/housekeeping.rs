@@ -15,7 +15,10 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, u64> {
             if metadata.is_dir() {
                 folders.push(entry.path());
             } else {
-                found.insert(entry.path().strip_prefix(folder).unwrap().to_owned(), metadata.len());
+                found.insert(
+                    entry.path().strip_prefix(folder).unwrap().to_owned(),
+                    metadata.len(),
+                );
             }
         }
     }
@@ -27,8 +30,17 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     let cohort = Cohort::quick();
     cohort.call(&["run"]).expect(0);
     let run = cohort.run_dir();
-    let attempt = fs::read_dir(run.join("attempts")).unwrap().flatten().next().unwrap();
-    let attempt = fs::read_dir(attempt.path()).unwrap().flatten().next().unwrap().path();
+    let attempt = fs::read_dir(run.join("attempts"))
+        .unwrap()
+        .flatten()
+        .next()
+        .unwrap();
+    let attempt = fs::read_dir(attempt.path())
+        .unwrap()
+        .flatten()
+        .next()
+        .unwrap()
+        .path();
     // What a checkpoint leaves, and something of a person's.
     fs::create_dir_all(attempt.join("checkpoint")).unwrap();
     fs::write(attempt.join("checkpoint/state.bin"), vec![0; 5000]).unwrap();
@@ -42,10 +54,16 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     let cleaned = cohort.call(&["clean", "--json"]).json();
     assert_eq!(cleaned, would);
     let after = files(&run);
-    let gone: Vec<&PathBuf> = before.keys().filter(|file| !after.contains_key(*file)).collect();
+    let gone: Vec<&PathBuf> = before
+        .keys()
+        .filter(|file| !after.contains_key(*file))
+        .collect();
     let bytes: u64 = gone.iter().map(|file| before[*file]).sum();
     assert_eq!(bytes, removable);
-    assert!(gone.iter().all(|file| file.starts_with("attempts")), "{gone:?}");
+    assert!(
+        gone.iter().all(|file| file.starts_with("attempts")),
+        "{gone:?}"
+    );
     let said = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(said.out.contains("nothing to do"), "{}", said.out);
     cohort.call(&["report"]).expect(0);
@@ -53,20 +71,41 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     let target = cohort.path().join("archive");
     cohort.call(&["archive", "--to", "archive"]).expect(0);
     let again = cohort.call(&["archive", "--to", "archive"]);
-    assert!(again.code != 0 && again.err.contains("is there already"), "{}", again.err);
+    assert!(
+        again.code != 0 && again.err.contains("is there already"),
+        "{}",
+        again.err
+    );
     let check = ["--check", "--quiet", "SHA256SUMS"];
-    let check = std::process::Command::new("sha256sum").args(check).current_dir(&target).status().unwrap();
+    let check = std::process::Command::new("sha256sum")
+        .args(check)
+        .current_dir(&target)
+        .status()
+        .unwrap();
     assert!(check.success(), "every file of the archive is as listed");
-    assert_eq!(fs::read_to_string(target.join("notes.txt")).unwrap(), "mine");
+    assert_eq!(
+        fs::read_to_string(target.join("notes.txt")).unwrap(),
+        "mine"
+    );
     // The first run goes away: the copy stands by itself.
-    let expected: Vec<_> = ["01-CoA", "02-CoA"].map(|id| published(&cohort.patient(id))).into();
+    let expected: Vec<_> = ["01-CoA", "02-CoA"]
+        .map(|id| published(&cohort.patient(id)))
+        .into();
     fs::rename(&run, cohort.path().join("elsewhere")).unwrap();
     for (id, expected) in ["01-CoA", "02-CoA"].iter().zip(&expected) {
-        let shown = cardiotwin(cohort.path(), &["show", id, "--cohort", "archive", "--json"]).json();
+        let shown = cardiotwin(
+            cohort.path(),
+            &["show", id, "--cohort", "archive", "--json"],
+        )
+        .json();
         assert_eq!(&published(&shown), expected);
     }
     cardiotwin(cohort.path(), &["report", "archive"]).expect(0);
-    let goes_on = cardiotwin(cohort.path(), &["run", ".", "--run-dir", "archive", "--no-report"]).expect(0);
+    let goes_on = cardiotwin(
+        cohort.path(),
+        &["run", ".", "--run-dir", "archive", "--no-report"],
+    )
+    .expect(0);
     assert!(goes_on.out.contains("nothing to do"), "{}", goes_on.out);
 }
 
@@ -78,17 +117,34 @@ fn a_purged_run_is_gone_on_with() {
     let before = published(&cohort.patient("01-CoA"));
     fs::remove_dir_all(cohort.run_dir().join("attempts")).unwrap();
     let said = cohort.call(&["run", "--no-report"]).expect(0);
-    assert!(said.out.contains("nothing to do"), "nobody reads them: {}", said.out);
+    assert!(
+        said.out.contains("nothing to do"),
+        "nobody reads them: {}",
+        said.out
+    );
     // The first iteration becomes the best: the targets read the traces of that beat.
-    let said = cohort.call(&["run", "--no-report", "--set", "step1.max_iterations=1"]).expect(0);
-    assert!(said.err.contains("is gone, and targets reads it: it is made again"), "{}", said.err);
+    let said = cohort
+        .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
+        .expect(0);
+    assert!(
+        said.err
+            .contains("is gone, and targets reads it: it is made again"),
+        "{}",
+        said.err
+    );
     let after = published(&cohort.patient("01-CoA"));
-    let generation = |tasks: &[(String, String, u64)], key: &str| tasks.iter().find(|t| t.1 == key).map(|t| t.2);
+    let generation =
+        |tasks: &[(String, String, u64)], key: &str| tasks.iter().find(|t| t.1 == key).map(|t| t.2);
     for (step, key, now) in &after {
         match generation(&before, key) {
-            Some(then) if step == "step-1 iteration 1" => assert_eq!((then, *now), (1, 2), "{step}"),
+            Some(then) if step == "step-1 iteration 1" => {
+                assert_eq!((then, *now), (1, 2), "{step}")
+            }
             Some(then) => assert_eq!(then, *now, "{step} was made again though nobody reads it"),
-            None => assert!(["targets", "step-2", "verification"].contains(&step.as_str()), "{step}"),
+            None => assert!(
+                ["targets", "step-2", "verification"].contains(&step.as_str()),
+                "{step}"
+            ),
         }
     }
 }
@@ -97,39 +153,81 @@ fn a_purged_run_is_gone_on_with() {
 fn a_plan_tells_what_room_it_takes() {
     let cohort = Cohort::quick();
     let plan = cohort.call(&["plan", "--json"]).json();
-    let (bytes, inodes) = (plan["disk"]["bytes"].as_f64().unwrap(), plan["disk"]["inodes"].as_f64().unwrap());
-    assert!(bytes > 1e5 && inodes > 20.0 && plan["disk"]["measured"] == serde_json::json!([]), "{plan}");
+    let (bytes, inodes) = (
+        plan["disk"]["bytes"].as_f64().unwrap(),
+        plan["disk"]["inodes"].as_f64().unwrap(),
+    );
+    assert!(
+        bytes > 1e5 && inodes > 20.0 && plan["disk"]["measured"] == serde_json::json!([]),
+        "{plan}"
+    );
     let said = cohort.call(&["plan"]).expect(0).out;
-    assert!(said.contains("inodes to come (a guess by the bundled cohort)"), "{said}");
+    assert!(
+        said.contains("inodes to come (a guess by the bundled cohort)"),
+        "{said}"
+    );
 }
 
 /// Database, attempts and archive on three file systems' folders: everything that looks at a run follows.
 #[test]
 fn attempts_lie_on_scratch_and_copies_in_the_archive() {
     let cohort = Cohort::quick_of("01-CoA");
-    let (scratch, archive) = (cohort.path().join("scratch"), cohort.path().join("archives"));
+    let (scratch, archive) = (
+        cohort.path().join("scratch"),
+        cohort.path().join("archives"),
+    );
     let path = cohort.path().join("cohort.toml");
     let text = fs::read_to_string(&path).unwrap();
-    let lines = format!("\n[executor]\nscratch = {:?}\narchive = {:?}\n", scratch.display(), archive.display());
+    let lines = format!(
+        "\n[executor]\nscratch = {:?}\narchive = {:?}\n",
+        scratch.display(),
+        archive.display()
+    );
     fs::write(&path, text + &lines).unwrap();
     cohort.call(&["run"]).expect(0);
     let link = fs::read_link(cohort.run_dir().join("attempts")).unwrap();
-    assert!(link.starts_with(&scratch) && files(&link).len() > 10, "{}", link.display());
+    assert!(
+        link.starts_with(&scratch) && files(&link).len() > 10,
+        "{}",
+        link.display()
+    );
     let usage = cohort.call(&["du", "--json"]).json();
-    assert!(usage["classes"]["results"]["files"].as_u64().unwrap() > 0, "{usage}");
+    assert!(
+        usage["classes"]["results"]["files"].as_u64().unwrap() > 0,
+        "{usage}"
+    );
     cohort.call(&["clean"]).expect(0);
     let findings = cohort.call(&["doctor", "--json"]).out;
     assert!(findings.contains(&*scratch.to_string_lossy()), "{findings}");
     cohort.call(&["archive"]).expect(0);
-    let copy = fs::read_dir(&archive).unwrap().flatten().next().unwrap().path();
-    assert!(fs::symlink_metadata(copy.join("attempts")).unwrap().is_dir(), "the copy stands by itself");
+    let copy = fs::read_dir(&archive)
+        .unwrap()
+        .flatten()
+        .next()
+        .unwrap()
+        .path();
+    assert!(
+        fs::symlink_metadata(copy.join("attempts"))
+            .unwrap()
+            .is_dir(),
+        "the copy stands by itself"
+    );
     // All of scratch is purged, the folder of the run's with it.
     fs::remove_dir_all(&scratch).unwrap();
-    let said = cohort.call(&["run", "--no-report", "--set", "step1.max_iterations=1"]).expect(0);
+    let said = cohort
+        .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
+        .expect(0);
     assert!(said.err.contains("it is made again"), "{}", said.err);
     let name = copy.to_string_lossy().into_owned();
-    let shown = cardiotwin(cohort.path(), &["show", "01-CoA", "--cohort", &name, "--json"]).json();
+    let shown = cardiotwin(
+        cohort.path(),
+        &["show", "01-CoA", "--cohort", &name, "--json"],
+    )
+    .json();
     assert_eq!(shown["status"]["state"], "done");
     let other = format!("executor.scratch={}", cohort.path().join("other").display());
-    cohort.call(&["run", "--no-report", "--set", &other]).expect(2).complains_of(&["executor.scratch", "mv "]);
+    cohort
+        .call(&["run", "--no-report", "--set", &other])
+        .expect(2)
+        .complains_of(&["executor.scratch", "mv "]);
 }

@@ -30,15 +30,21 @@ fn a_launcher_that_is_not_there_is_named_before_anything_runs() {
     let setting = "executor.launcher=[\"no-such-launcher\", \"-x\"]";
     let said = cohort.call(&[&RUN[..], &[setting]].concat());
     assert_ne!(said.code, 0);
-    said.complains_of(&["executor.launcher", "no-such-launcher", "expected the launcher of an MPI"]);
+    said.complains_of(&[
+        "executor.launcher",
+        "no-such-launcher",
+        "expected the launcher of an MPI",
+    ]);
 }
 
 #[test]
 fn a_beat_in_3d_runs_on_the_ranks_of_a_launcher() {
     let worker = binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
     let launcher = std::env::var("CARDIOTWIN_MPIRUN").unwrap_or_else(|_| "mpirun".to_owned());
-    let is_there =
-        Command::new(launcher.split_whitespace().next().unwrap_or_default()).arg("--version").output().is_ok();
+    let is_there = Command::new(launcher.split_whitespace().next().unwrap_or_default())
+        .arg("--version")
+        .output()
+        .is_ok();
     if !worker.is_file() || !is_there {
         eprintln!("skipped: {} or {launcher} is not there", worker.display());
         return;

@@ -8,13 +8,24 @@ use crate::support::{Cohort, PATIENTS, cardiotwin};
 fn two_runs_are_compared_and_exported() {
     let cohort = Cohort::quick();
     cohort.call(&["run", "--no-report"]).expect(0);
-    cohort.call(&["run", "--no-report", "--run-dir", "other", "--set", "step2.seed=11"]).expect(0);
+    cohort
+        .call(&[
+            "run",
+            "--no-report",
+            "--run-dir",
+            "other",
+            "--set",
+            "step2.seed=11",
+        ])
+        .expect(0);
     let same = cohort.call(&["compare", "run", "run"]).expect(0).out;
     assert!(same.starts_with("0 quantities differ"), "{same}");
     let compared = cohort.call(&["compare", ".", "other", "--json"]).json();
     let rows = compared["quantities"].as_array().unwrap();
     let differs = |patient: &str, quantity: &str| {
-        let row = rows.iter().find(|row| row["patient"] == patient && row["quantity"] == quantity);
+        let row = rows
+            .iter()
+            .find(|row| row["patient"] == patient && row["quantity"] == quantity);
         let row = row.unwrap_or_else(|| panic!("{patient} {quantity} is missing"));
         row["before"] != row["after"]
     };
@@ -22,13 +33,29 @@ fn two_runs_are_compared_and_exported() {
         assert!(!differs(id, "step-1 cost") && !differs(id, "organ Smax_ref_kPa"));
         assert!(differs(id, "step-2 cost") && differs(id, "cell a_p_kPa"));
     }
-    let said = cohort.call(&["export", "other", "--out", "tables"]).expect(0);
+    let said = cohort
+        .call(&["export", "other", "--out", "tables"])
+        .expect(0);
     let files: Vec<&str> = said.out.lines().collect();
-    for name in ["table_1.csv", "table_2.json", "table_A6.csv", "table_A7.csv", "traces.csv"] {
-        let path = files.iter().find(|file| file.ends_with(name)).unwrap_or_else(|| panic!("{name} in {files:?}"));
-        assert!(std::fs::metadata(cohort.path().join(path)).unwrap().len() > 50, "{name} is not empty");
+    for name in [
+        "table_1.csv",
+        "table_2.json",
+        "table_A6.csv",
+        "table_A7.csv",
+        "traces.csv",
+    ] {
+        let path = files
+            .iter()
+            .find(|file| file.ends_with(name))
+            .unwrap_or_else(|| panic!("{name} in {files:?}"));
+        assert!(
+            std::fs::metadata(cohort.path().join(path)).unwrap().len() > 50,
+            "{name} is not empty"
+        );
     }
-    let report = cohort.call(&["report", "other", "--out", "r.html"]).expect(0);
+    let report = cohort
+        .call(&["report", "other", "--out", "r.html"])
+        .expect(0);
     assert!(report.out.trim().ends_with("r.html") && cohort.path().join("r.html").exists());
     cohort.call(&["compare", "run", "nothing"]).expect(5);
 }
@@ -37,27 +64,55 @@ fn two_runs_are_compared_and_exported() {
 fn a_simulation_stands_alone_and_follows_the_run() {
     let cohort = Cohort::quick();
     let said = cohort.call(&["simulate", "01-CoA"]).expect(0);
-    assert!(said.out.starts_with("time_ms,pressure_mmHg,volume_mL"), "{}", said.out);
+    assert!(
+        said.out.starts_with("time_ms,pressure_mmHg,volume_mL"),
+        "{}",
+        said.out
+    );
     assert!(said.err.contains("P_max_mmHg"), "{}", said.err);
     assert!(!cohort.run_dir().exists(), "nothing is stored");
     let p_max = |arguments: &[&str]| -> f64 {
         let mut all = vec!["simulate", "01-CoA", "--json"];
         all.extend(arguments);
-        cohort.call(&all).json()["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap()
+        cohort.call(&all).json()["result"]["biomarkers"]["P_max_mmHg"]
+            .as_f64()
+            .unwrap()
     };
-    assert!(p_max(&["--set", "Smax_ref_kPa=150"]) > p_max(&[]), "more stress, more pressure");
-    cohort.call(&["simulate", "01-CoA", "--set", "Smax_ref=150"]).expect(2).complains_of(&["did you mean"]);
+    assert!(
+        p_max(&["--set", "Smax_ref_kPa=150"]) > p_max(&[]),
+        "more stress, more pressure"
+    );
+    cohort
+        .call(&["simulate", "01-CoA", "--set", "Smax_ref=150"])
+        .expect(2)
+        .complains_of(&["did you mean"]);
 
     cohort.call(&["run", "--no-report"]).expect(0);
     let patient = cohort.patient("01-CoA");
     let best = patient["step1"]["best_iteration"].as_u64().unwrap();
-    let iteration = patient["iterations"].as_array().unwrap().iter().find(|i| i["number"] == best).unwrap().clone();
-    let of_run = iteration["run"]["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap();
-    assert_eq!(p_max(&[]), of_run, "the run's best iteration, to the last digit");
-    let of_run = patient["verification"]["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap();
+    let iteration = patient["iterations"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|i| i["number"] == best)
+        .unwrap()
+        .clone();
+    let of_run = iteration["run"]["result"]["biomarkers"]["P_max_mmHg"]
+        .as_f64()
+        .unwrap();
+    assert_eq!(
+        p_max(&[]),
+        of_run,
+        "the run's best iteration, to the last digit"
+    );
+    let of_run = patient["verification"]["result"]["biomarkers"]["P_max_mmHg"]
+        .as_f64()
+        .unwrap();
     assert_eq!(p_max(&["--cell"]), of_run, "the verification beat");
 
-    let said = cohort.call(&["simulate", "01-CoA", "--beats", "periodic", "--out", "beat"]).expect(0);
+    let said = cohort
+        .call(&["simulate", "01-CoA", "--beats", "periodic", "--out", "beat"])
+        .expect(0);
     assert!(said.out.contains("beats, periodic"), "{}", said.out);
     let traces = std::fs::read_to_string(cohort.path().join("beat/traces.csv")).unwrap();
     assert!(traces.lines().count() > 300);
@@ -68,10 +123,16 @@ fn a_treatment_of_a_twin_is_predicted_or_refused() {
     let cohort = Cohort::quick();
     let stent = "peripheral_resistance_mmHg_s_per_mL=-20%";
     let predict = |more: &[&str]| cohort.call(&[&["predict"], more].concat());
-    predict(&["01-CoA", "--set", stent]).expect(5).complains_of(&["cardiotwin run"]);
+    predict(&["01-CoA", "--set", stent])
+        .expect(5)
+        .complains_of(&["cardiotwin run"]);
     cohort.call(&["run", "--no-report"]).expect(0);
-    predict(&["01-CoA", "--set", "P_max_mmHg=100"]).expect(2).complains_of(&["comes out of a beat"]);
-    predict(&["01-CoA", "--set", "wall_volume_mL=-5%"]).expect(2).complains_of(&["how a heart grows"]);
+    predict(&["01-CoA", "--set", "P_max_mmHg=100"])
+        .expect(2)
+        .complains_of(&["comes out of a beat"]);
+    predict(&["01-CoA", "--set", "wall_volume_mL=-5%"])
+        .expect(2)
+        .complains_of(&["how a heart grows"]);
     predict(&["01-CoA"]).expect(2).complains_of(&["--set"]);
 
     let said = predict(&["01-CoA", "--set", stent, "--out", "stent", "--json"]);
@@ -79,27 +140,59 @@ fn a_treatment_of_a_twin_is_predicted_or_refused() {
     let prediction = &json["predictions"][0];
     let index = |name: &str, of: &str| {
         let indices = prediction["indices"].as_array().unwrap();
-        indices.iter().find(|i| i["name"] == name).unwrap()[of].as_f64().unwrap()
+        indices.iter().find(|i| i["name"] == name).unwrap()[of]
+            .as_f64()
+            .unwrap()
     };
-    assert!(index("aortic_mean_mmHg", "relative_change") < -0.05, "less afterload, less pressure: {prediction}");
-    assert!(index("SV_mL", "relative_change") > 0.02, "and more volume: {prediction}");
+    assert!(
+        index("aortic_mean_mmHg", "relative_change") < -0.05,
+        "less afterload, less pressure: {prediction}"
+    );
+    assert!(
+        index("SV_mL", "relative_change") > 0.02,
+        "and more volume: {prediction}"
+    );
     let patient = cohort.patient("01-CoA");
-    let number = patient["step3"]["best_iteration"].as_u64().unwrap_or_default();
-    let of_step3 = patient["step3_iterations"].as_array().into_iter().flatten().find(|i| i["number"] == number);
+    let number = patient["step3"]["best_iteration"]
+        .as_u64()
+        .unwrap_or_default();
+    let of_step3 = patient["step3_iterations"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .find(|i| i["number"] == number);
     let twin = of_step3.map_or(&patient["verification"], |i| &i["run"]);
-    assert_eq!(index("SV_mL", "twin"), twin["result"]["biomarkers"]["SV_mL"].as_f64().unwrap());
+    assert_eq!(
+        index("SV_mL", "twin"),
+        twin["result"]["biomarkers"]["SV_mL"].as_f64().unwrap()
+    );
     assert_eq!(prediction["periodic"], true);
-    for name in ["01-CoA-before.csv", "01-CoA-after.csv", "01-CoA.svg", "01-CoA.json"] {
+    for name in [
+        "01-CoA-before.csv",
+        "01-CoA-after.csv",
+        "01-CoA.svg",
+        "01-CoA.json",
+    ] {
         assert!(cohort.path().join("stent").join(name).exists(), "{name}");
     }
     let file = cohort.path().join("scenarios.toml");
-    std::fs::write(&file, format!("[stent]\nset = [\"{stent}\"]\n[none]\nset = [\"phi=+0%\"]\n")).unwrap();
+    std::fs::write(
+        &file,
+        format!("[stent]\nset = [\"{stent}\"]\n[none]\nset = [\"phi=+0%\"]\n"),
+    )
+    .unwrap();
     let all = predict(&["--scenarios", "scenarios.toml", "--json"]);
     let all: Value = serde_json::from_str(&all.out).unwrap();
     let all = all["predictions"].as_array().unwrap();
     assert_eq!(all.len(), 4, "two scenarios, two patients");
-    let unchanged = all.iter().filter(|p| p["scenario"] == "none").flat_map(|p| p["indices"].as_array().unwrap());
-    assert!(unchanged.clone().count() > 10 && unchanged.into_iter().all(|i| i["relative_change"] == 0.0));
+    let unchanged = all
+        .iter()
+        .filter(|p| p["scenario"] == "none")
+        .flat_map(|p| p["indices"].as_array().unwrap());
+    assert!(
+        unchanged.clone().count() > 10
+            && unchanged.into_iter().all(|i| i["relative_change"] == 0.0)
+    );
 }
 
 #[test]
@@ -108,8 +201,13 @@ fn a_new_cohort_is_made_and_checked() {
     cardiotwin(folder.path(), &["init", "mine", "--name", "my cohort"]).expect(0);
     let checked = cardiotwin(folder.path(), &["check", "mine", "--json"]).expect(1);
     let checked: Value = serde_json::from_str(&checked.out).unwrap();
-    assert_eq!((&checked["cohort"], &checked["errors"]), (&"my cohort".into(), &2.into()));
-    cardiotwin(folder.path(), &["init", "mine"]).expect(2).complains_of(&["nothing was written"]);
+    assert_eq!(
+        (&checked["cohort"], &checked["errors"]),
+        (&"my cohort".into(), &2.into())
+    );
+    cardiotwin(folder.path(), &["init", "mine"])
+        .expect(2)
+        .complains_of(&["nothing was written"]);
     let bundled = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/coa-seven");
     cardiotwin(folder.path(), &["check", bundled, "--strict"]).expect(0);
 }
@@ -133,8 +231,29 @@ fn completions_manual_pages_and_schemas() {
 #[test]
 fn what_the_coordinator_costs_can_be_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let said = cardiotwin(folder.path(), &["bench", "orchestration", "--patients", "50", "--kill", "--json"]).json();
+    let said = cardiotwin(
+        folder.path(),
+        &[
+            "bench",
+            "orchestration",
+            "--patients",
+            "50",
+            "--kill",
+            "--json",
+        ],
+    )
+    .json();
     assert_eq!(said["tasks"], 150);
-    let spawned = ["bench", "orchestration", "--patients", "10", "--spawn", "--json"];
-    assert_eq!(cardiotwin(folder.path(), &spawned).json()["executor"], "local");
+    let spawned = [
+        "bench",
+        "orchestration",
+        "--patients",
+        "10",
+        "--spawn",
+        "--json",
+    ];
+    assert_eq!(
+        cardiotwin(folder.path(), &spawned).json()["executor"],
+        "local"
+    );
 }

@@ -8,10 +8,15 @@ use tempfile::TempDir;
 use crate::schema::misfits;
 use crate::support::cardiotwin;
 
-const RAW: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/recordings/P001-raw");
+const RAW: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../examples/recordings/P001-raw"
+);
 
 fn schema(name: &str) -> Value {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../schemas/json").join(name);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../schemas/json")
+        .join(name);
     serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
 }
 
@@ -30,7 +35,12 @@ fn copy(change: impl Fn(&str, String) -> Option<String>) -> (TempDir, PathBuf) {
 }
 
 fn step<'a>(answer: &'a Value, name: &str) -> &'a Value {
-    answer["steps"].as_array().unwrap().iter().find(|step| step["step"] == name).unwrap()
+    answer["steps"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|step| step["step"] == name)
+        .unwrap()
 }
 
 /// The example's truth stands in its README's command: cycle 962 ms with 4 ectopic beats made, drift 4 mmHg/min, systole times
@@ -40,14 +50,33 @@ fn recordings_become_a_patient_that_check_accepts() {
     let folder = tempfile::tempdir().unwrap();
     let call = ["prepare", RAW, "cohort/patients/P001", "--json"];
     let said = cardiotwin(folder.path(), &call).expect(0);
-    assert!(said.err.contains("nothing to complain about"), "{}", said.err);
+    assert!(
+        said.err.contains("nothing to complain about"),
+        "{}",
+        said.err
+    );
     let answer: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(misfits(&answer, &schema("prepare.schema.json")), Vec::<String>::new());
+    assert_eq!(
+        misfits(&answer, &schema("prepare.schema.json")),
+        Vec::<String>::new()
+    );
     let number = |name: &str, key: &str| step(&answer, name)["numbers"][key].as_f64().unwrap();
     assert!((answer["cycle_length_ms"].as_f64().unwrap() - 962.0).abs() < 20.0);
     let left_out = answer["beats"]["left_out"].as_array().unwrap();
-    assert_eq!(left_out.iter().filter(|beat| beat["kind"] == "ectopic").count(), 3, "{left_out:#?}");
-    assert!(left_out.len() <= 12 && left_out.iter().all(|beat| !beat["reasons"][0].as_str().unwrap().is_empty()));
+    assert_eq!(
+        left_out
+            .iter()
+            .filter(|beat| beat["kind"] == "ectopic")
+            .count(),
+        3,
+        "{left_out:#?}"
+    );
+    assert!(
+        left_out.len() <= 12
+            && left_out
+                .iter()
+                .all(|beat| !beat["reasons"][0].as_str().unwrap().is_empty())
+    );
     assert!((number("drift", "ventricle_mmHg_per_min") - 4.0).abs() < 1.0);
     assert!((number("volume", "factor") - 1.0277).abs() < 0.03);
     let patient = folder.path().join("cohort/patients/P001");
@@ -55,18 +84,43 @@ fn recordings_become_a_patient_that_check_accepts() {
         assert!(patient.join(name.as_str().unwrap()).is_file(), "{name}");
     }
     // What lies in the folder is what was said, and the recordings are as they were.
-    let kept: Value =
-        serde_json::from_str(&std::fs::read_to_string(patient.join("prepared/prepare.json")).unwrap()).unwrap();
+    let kept: Value = serde_json::from_str(
+        &std::fs::read_to_string(patient.join("prepared/prepare.json")).unwrap(),
+    )
+    .unwrap();
     assert_eq!(kept, answer);
-    assert_eq!(std::fs::read_dir(folder.path().join("cohort/patients")).unwrap().count(), 1, "no litter");
-    std::fs::write(folder.path().join("cohort/cohort.toml"), "name = \"made\"\nsolver.fidelity = \"reduced\"\n")
-        .unwrap();
+    assert_eq!(
+        std::fs::read_dir(folder.path().join("cohort/patients"))
+            .unwrap()
+            .count(),
+        1,
+        "no litter"
+    );
+    std::fs::write(
+        folder.path().join("cohort/cohort.toml"),
+        "name = \"made\"\nsolver.fidelity = \"reduced\"\n",
+    )
+    .unwrap();
     cardiotwin(folder.path(), &["check", "cohort", "--strict"]).expect(0);
     // Not over what is there, unless asked to, and never over what another made.
-    cardiotwin(folder.path(), &call).expect(2).complains_of(&["is there already", "--replace"]);
-    cardiotwin(folder.path(), &["prepare", RAW, "cohort/patients/P001", "--replace"]).expect(0);
-    assert_eq!(std::fs::read_dir(folder.path().join("cohort/patients")).unwrap().count(), 1, "no litter");
-    cardiotwin(folder.path(), &["prepare", RAW, "cohort", "--replace"]).expect(2).complains_of(&["P001"]);
+    cardiotwin(folder.path(), &call)
+        .expect(2)
+        .complains_of(&["is there already", "--replace"]);
+    cardiotwin(
+        folder.path(),
+        &["prepare", RAW, "cohort/patients/P001", "--replace"],
+    )
+    .expect(0);
+    assert_eq!(
+        std::fs::read_dir(folder.path().join("cohort/patients"))
+            .unwrap()
+            .count(),
+        1,
+        "no litter"
+    );
+    cardiotwin(folder.path(), &["prepare", RAW, "cohort", "--replace"])
+        .expect(2)
+        .complains_of(&["P001"]);
 }
 
 #[test]
@@ -75,7 +129,11 @@ fn steps_are_switched_off_and_overridden_in_a_file() {
         let steps = "\n[steps.reject]\nleave_out = [1]\nkeep = [2]\n[steps.drift]\nenabled = false\n[steps.average]\nalign = false\n\
                      [steps.volume]\nfactor = 1.5\n[steps.cycle]\nenabled = false\n[steps.synchronise]\nlag_ms = -12.5\n\
                      [steps.afterload]\nenabled = false\n[steps.noise]\npressure_rms_mmHg = 1.25\n";
-        Some(if name == "prepare.toml" { text + steps } else { text })
+        Some(if name == "prepare.toml" {
+            text + steps
+        } else {
+            text
+        })
     });
     let answer = cardiotwin(folder.path(), &["prepare", "raw", "--dry-run", "--json"]).json();
     let state = |name: &str| step(&answer, name)["state"].as_str().unwrap().to_owned();
@@ -91,10 +149,20 @@ fn steps_are_switched_off_and_overridden_in_a_file() {
     }
     assert_eq!(step(&answer, "synchronise")["numbers"]["lag_ms"], -12.5);
     let first = &answer["beats"]["left_out"][0];
-    assert_eq!((first["number"].as_u64(), first["kind"].as_str()), (Some(1), Some("by-hand")));
+    assert_eq!(
+        (first["number"].as_u64(), first["kind"].as_str()),
+        (Some(1), Some("by-hand"))
+    );
     let patient = answer["patient_toml"].as_str().unwrap();
-    assert!(patient.contains("pressure_rms_mmHg = 1.25") && !patient.contains("[afterload]"), "{patient}");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a dry run writes nothing");
+    assert!(
+        patient.contains("pressure_rms_mmHg = 1.25") && !patient.contains("[afterload]"),
+        "{patient}"
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "a dry run writes nothing"
+    );
     drop(raw);
 }
 
@@ -102,35 +170,69 @@ fn steps_are_switched_off_and_overridden_in_a_file() {
 fn bad_recordings_are_refused_with_file_line_and_key() {
     let refused = |change: &dyn Fn(&str, String) -> Option<String>, parts: &[&str]| {
         let (folder, _) = copy(change);
-        cardiotwin(folder.path(), &["prepare", "raw", "P001"]).expect(3).complains_of(parts);
+        cardiotwin(folder.path(), &["prepare", "raw", "P001"])
+            .expect(3)
+            .complains_of(parts);
         assert!(!folder.path().join("P001").exists(), "nothing is written");
     };
     let in_file = |file: &'static str, from: &'static str, to: &'static str| {
-        move |name: &str, text: String| Some(if name == file { text.replacen(from, to, 1) } else { text })
+        move |name: &str, text: String| {
+            Some(if name == file {
+                text.replacen(from, to, 1)
+            } else {
+                text
+            })
+        }
     };
     refused(
-        &in_file("catheter.csv", "time_s,lv_pressure_mmHg", "time_s,lv_pressure"),
+        &in_file(
+            "catheter.csv",
+            "time_s,lv_pressure_mmHg",
+            "time_s,lv_pressure",
+        ),
         &["catheter.csv:1", "`lv_pressure`"],
     );
     refused(
         &in_file("catheter.csv", "\n0.008,", "\n0.001,"),
         &["catheter.csv:4", "1 ms after 4 ms", "increasing times"],
     );
-    refused(&in_file("catheter.csv", "\n0.004,", "\n0.004,x"), &["catheter.csv:3", "found `x"]);
     refused(
-        &in_file("cine.csv", "time_ms,volume_mL\n0.0,", "time_ms,volume_mL\n0.0,-"),
+        &in_file("catheter.csv", "\n0.004,", "\n0.004,x"),
+        &["catheter.csv:3", "found `x"],
+    );
+    refused(
+        &in_file(
+            "cine.csv",
+            "time_ms,volume_mL\n0.0,",
+            "time_ms,volume_mL\n0.0,-",
+        ),
         &["cine.csv:2", "a volume of -"],
     );
     refused(
         &in_file("prepare.toml", "[whole_heart]", "[wholeheart]"),
         &["prepare.toml:7", "did you mean `whole_heart`?"],
     );
-    refused(&in_file("prepare.toml", "time_ms = 829", "time_ms = 0.8e9"), &["whole_heart.time_ms", "0 to 3000 ms"]);
-    refused(&|name: &str, text: String| (name != "catheter.csv").then_some(text), &["no catheter.csv in raw"]);
-    let (folder, _) =
-        copy(|name, text| Some(if name == "prepare.toml" { text + "\n[steps.reject]\nkeep = [900]\n" } else { text }));
-    cardiotwin(folder.path(), &["prepare", "raw", "P001"]).expect(2).complains_of(&["no beat 900"]);
-    cardiotwin(folder.path(), &["prepare", "raw", "P002"]).expect(2).complains_of(&["\"P001\"", "\"P002\""]);
+    refused(
+        &in_file("prepare.toml", "time_ms = 829", "time_ms = 0.8e9"),
+        &["whole_heart.time_ms", "0 to 3000 ms"],
+    );
+    refused(
+        &|name: &str, text: String| (name != "catheter.csv").then_some(text),
+        &["no catheter.csv in raw"],
+    );
+    let (folder, _) = copy(|name, text| {
+        Some(if name == "prepare.toml" {
+            text + "\n[steps.reject]\nkeep = [900]\n"
+        } else {
+            text
+        })
+    });
+    cardiotwin(folder.path(), &["prepare", "raw", "P001"])
+        .expect(2)
+        .complains_of(&["no beat 900"]);
+    cardiotwin(folder.path(), &["prepare", "raw", "P002"])
+        .expect(2)
+        .complains_of(&["\"P001\"", "\"P002\""]);
 }
 
 /// A load from the volume's fall and the aorta's pressure, or the cuff's: near each other, and near what was taken.
@@ -140,38 +242,90 @@ fn a_load_needs_no_measured_flow() {
     cardiotwin(folder.path(), &["prepare", RAW, "P001", "--quiet"]).expect(0);
     let (volume, aorta) = ("P001/volume.csv", "P001/aortic_pressure.csv");
     let fit = |more: &[&str]| {
-        let call: Vec<&str> = ["fit", "afterload", "--volume", volume, "--json"].iter().chain(more).copied().collect();
+        let call: Vec<&str> = ["fit", "afterload", "--volume", volume, "--json"]
+            .iter()
+            .chain(more)
+            .copied()
+            .collect();
         cardiotwin(folder.path(), &call).json()
     };
     let catheter = fit(&[aorta, "--plot", "fit.svg"]);
-    assert_eq!(misfits(&catheter, &schema("fit-afterload.schema.json")), Vec::<String>::new());
-    assert_eq!((catheter["periodic"].as_bool(), catheter["record"]["n_beats"].as_u64()), (Some(true), Some(1)));
+    assert_eq!(
+        misfits(&catheter, &schema("fit-afterload.schema.json")),
+        Vec::<String>::new()
+    );
+    assert_eq!(
+        (
+            catheter["periodic"].as_bool(),
+            catheter["record"]["n_beats"].as_u64()
+        ),
+        (Some(true), Some(1))
+    );
     let text = std::fs::read_to_string(folder.path().join(aorta)).unwrap();
-    let pressures: Vec<f64> =
-        text.lines().skip(1).map(|line| line.split_once(',').unwrap().1.parse().unwrap()).collect();
-    let (low, high) = pressures.iter().fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
+    let pressures: Vec<f64> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split_once(',').unwrap().1.parse().unwrap())
+        .collect();
+    let (low, high) = pressures
+        .iter()
+        .fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
     let mean = pressures.iter().sum::<f64>() / pressures.len() as f64;
-    let cuff = fit(&["--cuff", &format!("{high:.1}/{low:.1}/{mean:.1}"), "--plot", "cuff.svg"]);
-    assert_eq!(misfits(&cuff, &schema("fit-afterload-cuff.schema.json")), Vec::<String>::new());
+    let cuff = fit(&[
+        "--cuff",
+        &format!("{high:.1}/{low:.1}/{mean:.1}"),
+        "--plot",
+        "cuff.svg",
+    ]);
+    assert_eq!(
+        misfits(&cuff, &schema("fit-afterload-cuff.schema.json")),
+        Vec::<String>::new()
+    );
     let total = |answer: &Value| {
         let load = &answer["afterload"];
         let r = |key: &str| load[key].as_f64().unwrap();
         r("characteristic_resistance_mmHg_s_per_mL") + r("peripheral_resistance_mmHg_s_per_mL")
     };
-    assert!((total(&cuff) / total(&catheter) - 1.0).abs() < 0.1, "{} {}", total(&cuff), total(&catheter));
-    let c = |answer: &Value| answer["afterload"]["compliance_mL_per_mmHg"].as_f64().unwrap();
-    assert!((c(&cuff) / c(&catheter) - 1.0).abs() < 0.4, "{} {}", c(&cuff), c(&catheter));
+    assert!(
+        (total(&cuff) / total(&catheter) - 1.0).abs() < 0.1,
+        "{} {}",
+        total(&cuff),
+        total(&catheter)
+    );
+    let c = |answer: &Value| {
+        answer["afterload"]["compliance_mL_per_mmHg"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(
+        (c(&cuff) / c(&catheter) - 1.0).abs() < 0.4,
+        "{} {}",
+        c(&cuff),
+        c(&catheter)
+    );
     let assumed = fit(&["--cuff", &format!("{high:.1}/{low:.1}")]);
     assert_eq!(assumed["assumed_share"], true);
     for plot in ["fit.svg", "cuff.svg"] {
-        assert!(std::fs::read_to_string(folder.path().join(plot)).unwrap().starts_with("<svg xmlns"));
+        assert!(
+            std::fs::read_to_string(folder.path().join(plot))
+                .unwrap()
+                .starts_with("<svg xmlns")
+        );
     }
     let call = |more: &[&str]| {
         let call: Vec<&str> = ["fit", "afterload"].iter().chain(more).copied().collect();
         cardiotwin(folder.path(), &call)
     };
-    call(&[aorta]).expect(2).complains_of(&["FLOW.csv and PRESSURE.csv"]);
-    call(&["--volume", volume, "--cuff", "70/115"]).expect(2).complains_of(&["systolic lies above"]);
-    call(&["--volume", volume, "--cuff", "71/70"]).expect(3).complains_of(&["no three elements have 71/70"]);
-    call(&["--volume", aorta, "--cuff", "115/70"]).expect(3).complains_of(&["volume_mL"]);
+    call(&[aorta])
+        .expect(2)
+        .complains_of(&["FLOW.csv and PRESSURE.csv"]);
+    call(&["--volume", volume, "--cuff", "70/115"])
+        .expect(2)
+        .complains_of(&["systolic lies above"]);
+    call(&["--volume", volume, "--cuff", "71/70"])
+        .expect(3)
+        .complains_of(&["no three elements have 71/70"]);
+    call(&["--volume", aorta, "--cuff", "115/70"])
+        .expect(3)
+        .complains_of(&["volume_mL"]);
 }

@@ -10,7 +10,10 @@ pub fn misfits(value: &Value, schema: &Value) -> Vec<String> {
 }
 
 fn check(value: &Value, schema: &Value, root: &Value, at: &str, out: &mut Vec<String>) {
-    if let Some(name) = schema["$ref"].as_str().and_then(|r| r.strip_prefix("#/$defs/")) {
+    if let Some(name) = schema["$ref"]
+        .as_str()
+        .and_then(|r| r.strip_prefix("#/$defs/"))
+    {
         return check(value, &root["$defs"][name], root, at, out);
     }
     for word in ["anyOf", "oneOf"] {
@@ -25,7 +28,10 @@ fn check(value: &Value, schema: &Value, root: &Value, at: &str, out: &mut Vec<St
             }
         }
     }
-    if schema.get("const").is_some_and(|constant| constant != value) {
+    if schema
+        .get("const")
+        .is_some_and(|constant| constant != value)
+    {
         out.push(format!("{at}: {value} is not {}", schema["const"]));
     }
     let types: Vec<&str> = match &schema["type"] {
@@ -37,13 +43,21 @@ fn check(value: &Value, schema: &Value, root: &Value, at: &str, out: &mut Vec<St
         out.push(format!("{at}: {value} is not {types:?}"));
     }
     if let Value::Object(map) = value {
-        for name in schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+        for name in schema["required"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+        {
             if !map.contains_key(name) {
                 out.push(format!("{at}.{name} is missing"));
             }
         }
         for (name, inner) in map {
-            match (schema["properties"].get(name), schema.get("additionalProperties")) {
+            match (
+                schema["properties"].get(name),
+                schema.get("additionalProperties"),
+            ) {
                 (Some(known), _) => check(inner, known, root, &format!("{at}.{name}"), out),
                 (None, Some(Value::Bool(false))) => out.push(format!("{at}.{name} is not known")),
                 (None, Some(further)) => check(inner, further, root, &format!("{at}.{name}"), out),
@@ -80,5 +94,12 @@ fn the_validator_finds_what_does_not_fit() {
         "properties": {"a": {"$ref": "#/$defs/A"}, "b": {"type": ["number", "null"]}},
         "$defs": {"A": {"oneOf": [{"type": "string", "const": "x"}, {"type": "string", "const": "y"}]}}});
     let fits = |text: &str| misfits(&serde_json::from_str(text).unwrap(), &schema).len();
-    assert_eq!([fits(r#"{"a": "x", "b": null}"#), fits(r#"{"a": "z"}"#), fits(r#"{"b": "1", "c": 2}"#)], [0, 1, 3]);
+    assert_eq!(
+        [
+            fits(r#"{"a": "x", "b": null}"#),
+            fits(r#"{"a": "z"}"#),
+            fits(r#"{"b": "1", "c": 2}"#)
+        ],
+        [0, 1, 3]
+    );
 }

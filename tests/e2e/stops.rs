@@ -6,15 +6,31 @@ use crate::support::{Cohort, PATIENTS, Running, published};
 
 /// What was published before a stop is published still, by the same attempt, and the run goes to its end.
 fn goes_on(cohort: &Cohort) {
-    let before: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
-    assert!(before.iter().any(|tasks| tasks.len() >= 3), "something was done before the stop: {before:?}");
+    let before: Vec<_> = PATIENTS
+        .iter()
+        .map(|id| published(&cohort.patient(id)))
+        .collect();
+    assert!(
+        before.iter().any(|tasks| tasks.len() >= 3),
+        "something was done before the stop: {before:?}"
+    );
     // Step 2 shorter, so that the end comes soon: earlier steps do not depend on it.
-    cohort.edit("cohort.toml", "max_generations = 1000000", "max_generations = 1");
+    cohort.edit(
+        "cohort.toml",
+        "max_generations = 1000000",
+        "max_generations = 1",
+    );
     cohort.call(&["run", "--no-report"]).expect(0);
     for (id, before) in PATIENTS.iter().zip(before) {
         let after = published(&cohort.patient(id));
-        for task in before.iter().filter(|(step, ..)| step != "step-2" && step != "verification") {
-            assert!(after.contains(task), "{id} {task:?} was done again: {after:?}");
+        for task in before
+            .iter()
+            .filter(|(step, ..)| step != "step-2" && step != "verification")
+        {
+            assert!(
+                after.contains(task),
+                "{id} {task:?} was done again: {after:?}"
+            );
         }
     }
 }
@@ -37,7 +53,11 @@ fn two_interrupts_stop_now_and_the_same_command_goes_on() {
     });
     let said = said.expect(130);
     assert!(said.err.contains("Ctrl-C again stops now"), "{}", said.err);
-    assert!(said.err.contains("`cardiotwin run` goes on"), "{}", said.err);
+    assert!(
+        said.err.contains("`cardiotwin run` goes on"),
+        "{}",
+        said.err
+    );
     goes_on(&cohort);
 }
 
@@ -53,7 +73,10 @@ fn one_interrupt_stops_cleanly_and_starts_nothing_new() {
     });
     said.expect(130);
     assert_eq!(done(), before);
-    assert!(cohort.call(&["status", "--json"]).json()["counts"]["done"].is_null(), "it stopped before the end");
+    assert!(
+        cohort.call(&["status", "--json"]).json()["counts"]["done"].is_null(),
+        "it stopped before the end"
+    );
     goes_on(&cohort);
 }
 
@@ -72,7 +95,11 @@ fn the_second_coordinator_is_told_who_the_first_is() {
     let running = cohort.start(&["--no-report", "--workers", "1"]);
     cohort.wait_for_step("step-2");
     let said = cohort.call(&["run"]).expect(4);
-    assert!(said.err.contains(&format!("process {}", running.pid())), "{}", said.err);
+    assert!(
+        said.err.contains(&format!("process {}", running.pid())),
+        "{}",
+        said.err
+    );
     cohort.call(&["status"]).expect(0);
     running.signal(Signal::INT);
     running.signal(Signal::INT);

@@ -13,16 +13,24 @@ use tempfile::TempDir;
 pub const PATIENTS: [&str; 2] = ["01-CoA", "02-CoA"];
 
 /// Settings under which both patients are done within seconds: step 2 need not be good here, and step 3 is left out.
-const QUICK: &str =
-    "\nworkflow.until = \"step2-verification\"\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
+const QUICK: &str = "\nworkflow.until = \"step2-verification\"\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
 /// Settings under which step 2 never ends by itself, however fast the cell is: a population too large to collapse.
-const SLOW: &str = "\n[step2]\nseed = 3\npopsize = 500\nmax_generations = 1000000\ntol = 0.0\npolish = false\n";
+const SLOW: &str =
+    "\n[step2]\nseed = 3\npopsize = 500\nmax_generations = 1000000\ntol = 0.0\npolish = false\n";
 
 /// A built binary, which lies beside the folder of the running test.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
-    let path = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join(name);
-    assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());
+    let path = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("tests lie in target/PROFILE/deps")
+        .join(name);
+    assert!(
+        path.is_file(),
+        "{} is not there: `cargo build --release --workspace --bins` first",
+        path.display()
+    );
     path
 }
 
@@ -41,7 +49,11 @@ impl Said {
     /// The call ended with this code.
     #[track_caller]
     pub fn expect(self, code: i32) -> Self {
-        assert_eq!(self.code, code, "stdout:\n{}\nstderr:\n{}", self.out, self.err);
+        assert_eq!(
+            self.code, code,
+            "stdout:\n{}\nstderr:\n{}",
+            self.out, self.err
+        );
         self
     }
 
@@ -64,7 +76,9 @@ impl Said {
 
 /// Calls `cardiotwin` in a folder.
 pub fn cardiotwin(folder: &Path, arguments: &[&str]) -> Said {
-    let output = command(folder, arguments).output().expect("the program starts");
+    let output = command(folder, arguments)
+        .output()
+        .expect("the program starts");
     Said {
         // A signal has no code.
         code: output.status.code().unwrap_or(-1),
@@ -76,18 +90,34 @@ pub fn cardiotwin(folder: &Path, arguments: &[&str]) -> Said {
 fn command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(binary("cardiotwin"));
     binary("cardiotwin-worker");
-    command.args(arguments).current_dir(folder).stdin(Stdio::null()).env_remove("CARDIOTWIN_LOG");
+    command
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .env_remove("CARDIOTWIN_LOG");
     command
 }
 
 /// Starts `cardiotwin` in a folder and leaves it running.
 pub fn start(folder: &Path, arguments: &[&str]) -> Running {
-    let mut child =
-        command(folder, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+    let mut child = command(folder, arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
     let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
     let (tell, lines) = channel();
-    std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
-    Running { child, lines, heard: String::new() }
+    std::thread::spawn(move || {
+        stderr
+            .lines()
+            .map_while(Result::ok)
+            .try_for_each(|line| tell.send(line))
+    });
+    Running {
+        child,
+        lines,
+        heard: String::new(),
+    }
 }
 
 /// A cohort of two patients.
@@ -133,8 +163,11 @@ impl Cohort {
             }
         }
         let head = "name = \"two\"\nsolver.fidelity = \"reduced\"\n";
-        std::fs::write(folder.path().join("cohort.toml"), format!("{head}{}{FEW_DRAWS}", settings.trim_start()))
-            .unwrap();
+        std::fs::write(
+            folder.path().join("cohort.toml"),
+            format!("{head}{}{FEW_DRAWS}", settings.trim_start()),
+        )
+        .unwrap();
         Self { folder }
     }
 
@@ -188,7 +221,12 @@ impl Cohort {
             {
                 return status;
             }
-            assert!(began.elapsed() < PATIENCE, "never saw {what}; last:\n{}{}", said.out, said.err);
+            assert!(
+                began.elapsed() < PATIENCE,
+                "never saw {what}; last:\n{}{}",
+                said.out,
+                said.err
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -206,7 +244,9 @@ impl Cohort {
         let wanted = |status: &Value| {
             let patients = status["patients"].as_array().cloned().unwrap_or_default();
             status["coordinator_running"] == true
-                && patients.iter().any(|patient| patient["step"] == step && patient["state"] == "running")
+                && patients
+                    .iter()
+                    .any(|patient| patient["step"] == step && patient["state"] == "running")
         };
         self.wait_for_run(run, &format!("a patient running {step}"), wanted)
     }
@@ -223,8 +263,11 @@ pub struct Running {
 impl Running {
     /// Sends a signal.
     pub fn signal(&self, signal: rustix::process::Signal) {
-        let pid = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw);
-        rustix::process::kill_process(pid.expect("a process has an id"), signal).expect("it is running");
+        let pid = i32::try_from(self.child.id())
+            .ok()
+            .and_then(rustix::process::Pid::from_raw);
+        rustix::process::kill_process(pid.expect("a process has an id"), signal)
+            .expect("it is running");
     }
 
     /// Its process id.
@@ -247,10 +290,19 @@ impl Running {
     /// Waits for its end.
     pub fn end(mut self) -> Said {
         let mut out = String::new();
-        self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+        self.child
+            .stdout
+            .take()
+            .unwrap()
+            .read_to_string(&mut out)
+            .unwrap();
         let code = self.child.wait().unwrap().code().unwrap_or(-1);
         let rest: String = self.lines.iter().map(|line| line + "\n").collect();
-        Said { code, out, err: format!("{}{rest}", self.heard) }
+        Said {
+            code,
+            out,
+            err: format!("{}{rest}", self.heard),
+        }
     }
 }
 
@@ -271,7 +323,10 @@ pub fn published(patient: &Value) -> Vec<(String, String, u64)> {
     };
     push("step-0".into(), &patient["step0"]);
     for iteration in patient["iterations"].as_array().unwrap() {
-        push(format!("step-1 iteration {}", iteration["number"]), &iteration["run"]);
+        push(
+            format!("step-1 iteration {}", iteration["number"]),
+            &iteration["run"],
+        );
     }
     push("targets".into(), &patient["targets"]);
     push("step-2".into(), &patient["cell_fit"]);

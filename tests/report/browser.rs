@@ -22,11 +22,21 @@ pub struct Visit {
 impl Browser {
     /// The browser, or `None` where there is none. Where `CI` is `true` there must be one.
     pub fn find() -> Option<Self> {
-        let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
+        let names = [
+            "chromium",
+            "chromium-browser",
+            "google-chrome",
+            "google-chrome-stable",
+        ];
         let path = std::env::var_os("PATH").unwrap_or_default();
-        let found = std::env::split_paths(&path).flat_map(|d| names.map(|n| d.join(n))).find(|p| p.is_file());
+        let found = std::env::split_paths(&path)
+            .flat_map(|d| names.map(|n| d.join(n)))
+            .find(|p| p.is_file());
         if found.is_none() {
-            assert!(std::env::var("CI").as_deref() != Ok("true"), "no Chromium in PATH, but CI=true: run `make deps`");
+            assert!(
+                std::env::var("CI").as_deref() != Ok("true"),
+                "no Chromium in PATH, but CI=true: run `make deps`"
+            );
             eprintln!("skipped: no Chromium in PATH; `make deps` installs it");
         }
         found.map(|program| Self { program })
@@ -35,7 +45,11 @@ impl Browser {
     /// Opens a page (`file`, with a fragment) and returns its DOM and console.
     pub fn visit(&self, file: &Path, fragment: &str, window: (u32, u32)) -> Visit {
         let (out, err) = self.run(file, fragment, window, &["--dump-dom"]);
-        let console = err.lines().filter(|l| l.contains("CONSOLE")).map(str::to_owned).collect();
+        let console = err
+            .lines()
+            .filter(|l| l.contains("CONSOLE"))
+            .map(str::to_owned)
+            .collect();
         Visit { dom: out, console }
     }
 
@@ -47,25 +61,49 @@ impl Browser {
             "<script>(async () => {{ {script} }})().catch((error) => `error: ${{error}}`).then((value) => {{ const e = document.createElement('pre'); e.id = 'measured'; \
              e.textContent = '@@' + encodeURIComponent(JSON.stringify(value)) + '@@'; document.body.append(e); }})</script>"
         );
-        std::fs::write(&copy, page.replacen("</body>", &format!("{script}</body>"), 1))
-            .expect("the folder takes files");
+        std::fs::write(
+            &copy,
+            page.replacen("</body>", &format!("{script}</body>"), 1),
+        )
+        .expect("the folder takes files");
         let visit = self.visit(&copy, fragment, window);
-        let coded = visit.dom.rsplit("@@").nth(1).filter(|_| visit.dom.contains("id=\"measured\""));
-        let coded = coded.unwrap_or_else(|| panic!("the script left no value; console: {:?}", visit.console));
+        let coded = visit
+            .dom
+            .rsplit("@@")
+            .nth(1)
+            .filter(|_| visit.dom.contains("id=\"measured\""));
+        let coded = coded
+            .unwrap_or_else(|| panic!("the script left no value; console: {:?}", visit.console));
         serde_json::from_slice(&percent_decoded(coded)).expect("the script's value is JSON")
     }
 
     /// A screenshot as PNG.
     pub fn screenshot(&self, file: &Path, fragment: &str, window: (u32, u32), png: &Path) {
-        let (_, err) = self.run(file, fragment, window, &[&format!("--screenshot={}", png.display())]);
+        let (_, err) = self.run(
+            file,
+            fragment,
+            window,
+            &[&format!("--screenshot={}", png.display())],
+        );
         assert!(png.exists(), "no screenshot was taken: {err}");
     }
 
-    fn run(&self, file: &Path, fragment: &str, (width, height): (u32, u32), what: &[&str]) -> (String, String) {
+    fn run(
+        &self,
+        file: &Path,
+        fragment: &str,
+        (width, height): (u32, u32),
+        what: &[&str],
+    ) -> (String, String) {
         let profile = tempfile::tempdir().expect("a folder for the browser's profile");
         // To files, not pipes: a browser that fills a pipe while nobody reads would never end.
-        let (out, err) = (profile.path().join("out.txt"), profile.path().join("err.txt"));
-        let create = |path: &Path| Stdio::from(std::fs::File::create(path).expect("a temporary folder takes files"));
+        let (out, err) = (
+            profile.path().join("out.txt"),
+            profile.path().join("err.txt"),
+        );
+        let create = |path: &Path| {
+            Stdio::from(std::fs::File::create(path).expect("a temporary folder takes files"))
+        };
         let mut child = Command::new(&self.program)
             .args([
                 "--headless",
@@ -81,7 +119,10 @@ impl Browser {
                 "--v=0",
                 "--virtual-time-budget=20000",
             ])
-            .arg(format!("--user-data-dir={}", profile.path().join("profile").display()))
+            .arg(format!(
+                "--user-data-dir={}",
+                profile.path().join("profile").display()
+            ))
             .arg(format!("--window-size={width},{height}"))
             .args(what)
             .arg(format!("file://{}{fragment}", file.display()))
@@ -101,9 +142,14 @@ impl Browser {
             let _ = child.kill();
             let _ = child.wait();
         }
-        let read = |path: &Path| String::from_utf8_lossy(&std::fs::read(path).unwrap_or_default()).into_owned();
+        let read = |path: &Path| {
+            String::from_utf8_lossy(&std::fs::read(path).unwrap_or_default()).into_owned()
+        };
         let (out, err) = (read(&out), read(&err));
-        assert!(ended.is_some_and(|s| s.success()), "the browser did not end well ({ended:?}): {err}");
+        assert!(
+            ended.is_some_and(|s| s.success()),
+            "the browser did not end well ({ended:?}): {err}"
+        );
         (out, err)
     }
 }
@@ -113,7 +159,8 @@ fn percent_decoded(text: &str) -> Vec<u8> {
     let mut decoded = Vec::with_capacity(bytes.len());
     let mut i = 0;
     while i < bytes.len() {
-        let code = (bytes[i] == b'%').then(|| u8::from_str_radix(&text[i + 1..i + 3], 16).expect("two hex digits"));
+        let code = (bytes[i] == b'%')
+            .then(|| u8::from_str_radix(&text[i + 1..i + 3], 16).expect("two hex digits"));
         decoded.push(code.unwrap_or(bytes[i]));
         i += if code.is_some() { 3 } else { 1 };
     }
@@ -125,7 +172,10 @@ pub fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len() / 3 * 4 + 4);
     for group in bytes.chunks(3) {
-        let word = group.iter().enumerate().fold(0_u32, |word, (i, b)| word | u32::from(*b) << (16 - 8 * i));
+        let word = group
+            .iter()
+            .enumerate()
+            .fold(0_u32, |word, (i, b)| word | u32::from(*b) << (16 - 8 * i));
         for k in 0..4 {
             let digit = char::from(DIGITS[(word >> (18 - 6 * k)) as usize & 63]);
             text.push(if k <= group.len() { digit } else { '=' });

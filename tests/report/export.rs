@@ -52,7 +52,11 @@ fn tables_as_json_hold_what_the_csv_holds() {
                     Value::String(text) => text == cell,
                     number => number.as_f64() == cell.parse().ok(),
                 };
-                assert!(same, "{name}, {} {column}: {cell} against {}", cells[0], of[*column]);
+                assert!(
+                    same,
+                    "{name}, {} {column}: {cell} against {}",
+                    cells[0], of[*column]
+                );
             }
         }
     }
@@ -63,7 +67,10 @@ fn traces_are_long_and_tidy() {
     let (_folder, out) = exported();
     let csv = text(&out, "traces.csv");
     let mut lines = csv.lines();
-    assert_eq!(lines.next(), Some("patient,source,signal,time_ms,value,unit"));
+    assert_eq!(
+        lines.next(),
+        Some("patient,source,signal,time_ms,value,unit")
+    );
     assert!(csv.lines().all(|l| l.split(',').count() == 6));
     let mut kinds: Vec<String> = Vec::new();
     for line in lines {
@@ -74,10 +81,16 @@ fn traces_are_long_and_tidy() {
                 kinds.push(kind);
             }
         }
-        assert!(c[3].parse::<f64>().is_ok() && c[4].parse::<f64>().is_ok(), "{line}");
+        assert!(
+            c[3].parse::<f64>().is_ok() && c[4].parse::<f64>().is_ok(),
+            "{line}"
+        );
     }
     insta::assert_snapshot!("signals", kinds.join("\n"));
-    assert!(csv.contains("\n01-CoA,measured,pressure,0,7.016,mmHg\n"), "the measured trace as it was measured");
+    assert!(
+        csv.contains("\n01-CoA,measured,pressure,0,7.016,mmHg\n"),
+        "the measured trace as it was measured"
+    );
 }
 
 #[test]

@@ -11,11 +11,12 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::motion::MotionMeasures;
 use cardiotwin_schemas::organ::{
-    ActivationSpec, CirculationSpec, OneFibrePassive, OrganSpec, Step1Parameters, TanhParameters, ValveParameters,
-    WindkesselParameters,
+    ActivationSpec, CirculationSpec, OneFibrePassive, OrganSpec, Step1Parameters, TanhParameters,
+    ValveParameters, WindkesselParameters,
 };
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, Check, Estimate, FittedParameter, OrganBeatResult, PassiveStateResult, TargetsResult,
+    Artefact, CellFitResult, Check, Estimate, FittedParameter, OrganBeatResult, PassiveStateResult,
+    TargetsResult,
 };
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::provenance::Provenance;
@@ -71,8 +72,17 @@ printed! {
         [146.8, 26.1, 64.9, 475.5, 0.0069, 0.0593], [4.98, -1.2, 4.12, 0.5, 0.097, 0.076, 0.899, 139.4, 142.6], 3 20766;
 }
 
-const CELL: [&str; 9] =
-    ["n_TRPN", "beta_1_uM", "n_Tm", "Ca50_ref_uM", "k_UW_per_ms", "Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
+const CELL: [&str; 9] = [
+    "n_TRPN",
+    "beta_1_uM",
+    "n_Tm",
+    "Ca50_ref_uM",
+    "k_UW_per_ms",
+    "Ca_res_uM",
+    "Ca_max_uM",
+    "tau_CR_ms",
+    "tau_CD_ms",
+];
 
 fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -113,14 +123,24 @@ impl Folder<'_> {
         result: T,
     ) -> TaskRecord<T> {
         let key = sha256_hex(format!("{patient} {name}").as_bytes());
-        let directory = self.root.join("attempts").join(&key[..2]).join(format!("{}-g1", &key[..16]));
+        let directory = self
+            .root
+            .join("attempts")
+            .join(&key[..2])
+            .join(format!("{}-g1", &key[..16]));
         std::fs::create_dir_all(&directory).expect("a temporary folder takes folders");
         let artefacts = files
             .iter()
             .map(|(role, text)| {
                 let file = format!("{role}.csv");
-                std::fs::write(directory.join(&file), text).expect("a temporary folder takes files");
-                Artefact { name: (*role).into(), file, sha256: sha256_hex(text.as_bytes()), bytes: text.len() as u64 }
+                std::fs::write(directory.join(&file), text)
+                    .expect("a temporary folder takes files");
+                Artefact {
+                    name: (*role).into(),
+                    file,
+                    sha256: sha256_hex(text.as_bytes()),
+                    bytes: text.len() as u64,
+                }
             })
             .collect();
         let provenance = Provenance {
@@ -137,12 +157,25 @@ impl Folder<'_> {
             cpu_s: 0.97 * wall_s,
             peak_memory_mb: 21.3,
         };
-        TaskRecord { key: TaskKey(key), generation: 1, directory, artefacts, provenance, result }
+        TaskRecord {
+            key: TaskKey(key),
+            generation: 1,
+            directory,
+            artefacts,
+            provenance,
+            result,
+        }
     }
 }
 
 /// A simulated beat from a measured one: the peak and the stroke of `target`, no atrial kick, the rest left open.
-fn simulated(p: &[(f64, f64)], v: &[(f64, f64)], cycle: f64, target: &[f64; 5], lag: f64) -> (String, f64, TimePoints) {
+fn simulated(
+    p: &[(f64, f64)],
+    v: &[(f64, f64)],
+    cycle: f64,
+    target: &[f64; 5],
+    lag: f64,
+) -> (String, f64, TimePoints) {
     let peak = p[extreme(p, 1.0)].1;
     let (edv, esv) = (v[0].1, v[extreme(v, -1.0)].1);
     let scale = target[4] / (edv - esv);
@@ -165,9 +198,16 @@ fn simulated(p: &[(f64, f64)], v: &[(f64, f64)], cycle: f64, target: &[f64; 5], 
         }
         let rate = (volume - before) * 1e3;
         let (out, into) = ((-rate).max(0.0), rate.max(0.0));
-        aortic = if out > 20.0 { pressure.max(aortic - 0.05) } else { (aortic - 0.06).max(60.0) };
+        aortic = if out > 20.0 {
+            pressure.max(aortic - 0.05)
+        } else {
+            (aortic - 0.06).max(60.0)
+        };
         before = volume;
-        let _ = writeln!(text, "{t},{pressure:.4},{volume:.4},{aortic:.4},{out:.3},{into:.3}");
+        let _ = writeln!(
+            text,
+            "{t},{pressure:.4},{volume:.4},{aortic:.4},{out:.3},{into:.3}"
+        );
         ps.push((t, pressure));
         vs.push((t, volume));
     }
@@ -175,17 +215,32 @@ fn simulated(p: &[(f64, f64)], v: &[(f64, f64)], cycle: f64, target: &[f64; 5], 
 }
 
 /// Active stress, calcium and stretch of one beat.
-fn cell(cycle: f64, peak: f64, rise: f64, length: f64, lambda_min: f64, calcium: Option<(f64, f64)>) -> String {
-    let mut text = format!("time_ms,Sa_kPa{},lambda\n", if calcium.is_some() { ",Ca_uM" } else { "" });
+fn cell(
+    cycle: f64,
+    peak: f64,
+    rise: f64,
+    length: f64,
+    lambda_min: f64,
+    calcium: Option<(f64, f64)>,
+) -> String {
+    let mut text = format!(
+        "time_ms,Sa_kPa{},lambda\n",
+        if calcium.is_some() { ",Ca_uM" } else { "" }
+    );
     for ms in 0..cycle as u32 {
         let t = f64::from(ms);
         let shape = (t / rise).tanh().powi(2) * ((length - t).max(0.0) / 45.0).tanh().powi(2);
         let stress = peak * shape;
-        let stretch = 1.0 - (1.0 - lambda_min) * (t / (0.5 * length)).min(1.0).powi(2) * shape.sqrt();
+        let stretch =
+            1.0 - (1.0 - lambda_min) * (t / (0.5 * length)).min(1.0).powi(2) * shape.sqrt();
         let _ = match calcium {
             Some((rest, top)) => {
                 let s = t / 110.0;
-                writeln!(text, "{t},{stress:.5},{:.5},{stretch:.6}", rest + (top - rest) * s * (1.0 - s).exp())
+                writeln!(
+                    text,
+                    "{t},{stress:.5},{:.5},{stretch:.6}",
+                    rest + (top - rest) * s * (1.0 - s).exp()
+                )
             }
             None => writeln!(text, "{t},{stress:.5},{stretch:.6}"),
         };
@@ -227,7 +282,11 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
     let input = |name: &str| {
         let path = examples().join(printed.id).join(format!("{name}.csv"));
         let sha256 = sha256_hex(&std::fs::read(&path).expect("the bundled cohort is complete"));
-        Some(InputFile { name: name.into(), path, sha256 })
+        Some(InputFile {
+            name: name.into(),
+            path,
+            sha256,
+        })
     };
     ResolvedPatient {
         id: PatientId::from(id),
@@ -266,7 +325,11 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
 }
 
 fn parameters(v: [f64; 6]) -> Step1Parameters {
-    Step1Parameters { tanh: TanhParameters::default(), valves: ValveParameters::default() }.with_updated(v)
+    Step1Parameters {
+        tanh: TanhParameters::default(),
+        valves: ValveParameters::default(),
+    }
+    .with_updated(v)
 }
 
 fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
@@ -303,15 +366,26 @@ fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
 }
 
 fn cost(simulated: &[f64; 5], clinical: &[f64; 5]) -> f64 {
-    (0..4).map(|i| ((simulated[i] - clinical[i]) / clinical[i]).powi(2)).sum()
+    (0..4)
+        .map(|i| ((simulated[i] - clinical[i]) / clinical[i]).powi(2))
+        .sum()
 }
 
 /// A patient who went through all steps.
 fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     let plan = plan(printed, id);
     let cycle = printed.cycle_length_ms;
-    let path = |input: &Option<InputFile>| input.as_ref().expect("planned with both traces").path.clone();
-    let (p, v) = (measured(&path(&plan.step0.pressure)), measured(&path(&plan.step0.volume)));
+    let path = |input: &Option<InputFile>| {
+        input
+            .as_ref()
+            .expect("planned with both traces")
+            .path
+            .clone()
+    };
+    let (p, v) = (
+        measured(&path(&plan.step0.pressure)),
+        measured(&path(&plan.step0.volume)),
+    );
     let edv = v[0].1;
     let stalled = printed.id == "04-CoA";
 
@@ -325,7 +399,11 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
                 stiffness_kpa: 0.71,
                 exponent: 9.24,
             },
-            activation: ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 28.0 },
+            activation: ActivationSpec {
+                spread_ms: 40.0,
+                groups: 16,
+                onset_ms: 28.0,
+            },
         },
         circulation: CirculationSpec {
             afterload: WindkesselParameters {
@@ -356,7 +434,11 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     let mut iterations = Vec::new();
     for k in 1..=printed.iterations {
         // Half of what is left, in logarithms, at each iteration; the last one is the paper's.
-        let left = if k == printed.iterations { 0.0 } else { 0.5_f64.powi(k as i32 - 1) };
+        let left = if k == printed.iterations {
+            0.0
+        } else {
+            0.5_f64.powi(k as i32 - 1)
+        };
         let mut values = first.updated();
         for (value, last) in values.iter_mut().zip(printed.organ) {
             *value = last * (*value / last).powf(left);
@@ -371,7 +453,14 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             number: k,
             parameters: parameters(values),
             proposal: None,
-            run: Some(folder.record(&format!("iteration {k}"), id, &[("traces", traces)], 0.0031, None, result)),
+            run: Some(folder.record(
+                &format!("iteration {k}"),
+                id,
+                &[("traces", traces)],
+                0.0031,
+                None,
+                result,
+            )),
             failure: None,
             cost: Some(cost(&found, &printed.clinical) + if stalled { 0.09 } else { 0.0 }),
             relative_differences: BTreeMap::new(),
@@ -385,18 +474,28 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             parameters: parameters(values),
             proposal: None,
             run: None,
-            failure: Some(Failure::new(FailureClass::Numerics, "the beat diverged at t = 43 ms: volume below zero")),
+            failure: Some(Failure::new(
+                FailureClass::Numerics,
+                "the beat diverged at t = 43 ms: volume below zero",
+            )),
             cost: None,
             relative_differences: BTreeMap::new(),
         });
     }
-    let quality =
-        if stalled { Step1Quality::Stalled { reason: StallReason::SimulationFailed } } else { Step1Quality::Converged };
+    let quality = if stalled {
+        Step1Quality::Stalled {
+            reason: StallReason::SimulationFailed,
+        }
+    } else {
+        Step1Quality::Converged
+    };
     let taken = printed.iterations;
     let step1 = Step1Summary {
         quality,
         best_iteration: taken,
-        cost: iterations[taken as usize - 1].cost.expect("a simulation that succeeded has a cost"),
+        cost: iterations[taken as usize - 1]
+            .cost
+            .expect("a simulation that succeeded has a cost"),
         first_converged: (!stalled).then_some(taken),
         parameters: parameters(printed.organ),
     };
@@ -409,8 +508,19 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         std90_ms: 1.02 * printed.clinical[3],
         lambda_min: 0.828,
     };
-    let reached = CellBiomarkers { dsadt_max_kpa_per_ms: 2.2, std50_ms: 0.86 * printed.clinical[3], ..targets };
-    let median = cell(cycle, targets.sa_max_kpa, 45.0, printed.clinical[3] + 20.0, 0.828, None);
+    let reached = CellBiomarkers {
+        dsadt_max_kpa_per_ms: 2.2,
+        std50_ms: 0.86 * printed.clinical[3],
+        ..targets
+    };
+    let median = cell(
+        cycle,
+        targets.sa_max_kpa,
+        45.0,
+        printed.clinical[3] + 20.0,
+        0.828,
+        None,
+    );
     let fitted = cell(
         cycle,
         0.99 * targets.sa_max_kpa,
@@ -420,8 +530,9 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         Some((printed.cell[5], printed.cell[6])),
     );
     let bounds = &plan.settings.step2.bounds;
-    let fitted_parameters =
-        std::iter::zip(CELL, printed.cell).chain([("a_p_kPa", 47.3 + 3.0 * f64::from(taken))]).map(|(name, value)| {
+    let fitted_parameters = std::iter::zip(CELL, printed.cell)
+        .chain([("a_p_kPa", 47.3 + 3.0 * f64::from(taken))])
+        .map(|(name, value)| {
             let [lower, upper] = bounds[name];
             let near = |bound: f64| (value - bound).abs() < 2e-3 * (upper - lower);
             FittedParameter {
@@ -459,7 +570,11 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     let (traces, gap, times) = simulated(&p, &v, cycle, &printed.step2, 11.0);
     let verification = beat(biomarkers(printed.step2, edv, Some(gap)), times);
     let clinical = biomarkers(printed.clinical, edv, None);
-    let verdict = Verdict::of(&clinical, &verification.biomarkers, &TwinTolerances::default());
+    let verdict = Verdict::of(
+        &clinical,
+        &verification.biomarkers,
+        &TwinTolerances::default(),
+    );
     let seed = plan.settings.step2.seed;
     PatientRecord {
         status: status(id, "done", "done"),
@@ -472,17 +587,33 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             &[("median", median)],
             0.004,
             None,
-            TargetsResult { lambda_0: 1.0, lambda_max: 1.0, targets, n_nodes: 16, has_calcium: false },
+            TargetsResult {
+                lambda_0: 1.0,
+                lambda_max: 1.0,
+                targets,
+                n_nodes: 16,
+                has_calcium: false,
+            },
         )),
         cell_fit: Some(folder.record(
             "cell-fit",
             id,
-            &[("cell", fitted), ("convergence", convergence(printed.evaluations, fit_cost))],
+            &[
+                ("cell", fitted),
+                ("convergence", convergence(printed.evaluations, fit_cost)),
+            ],
             14.2,
             Some(seed),
             fit,
         )),
-        verification: Some(folder.record("verification", id, &[("traces", traces)], 0.021, None, verification)),
+        verification: Some(folder.record(
+            "verification",
+            id,
+            &[("traces", traces)],
+            0.021,
+            None,
+            verification,
+        )),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
         step3_iterations: vec![],
         step3: None,
@@ -498,7 +629,8 @@ fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
     RunRecord {
         schema_version: cardiotwin_schemas::SCHEMA_VERSION,
         cohort: name.into(),
-        description: "Measured traces of the bundled cohort with the numbers of Jung et al. 2022".into(),
+        description: "Measured traces of the bundled cohort with the numbers of Jung et al. 2022"
+            .into(),
         run_directory: root.to_owned(),
         as_of: "2026-03-04T05:07:08.901Z".into(),
         version: "0.1.0".into(),
@@ -509,7 +641,11 @@ fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
 /// The paper's seven, all finished, 04-CoA stalled.
 pub fn cohort(root: &Path) -> RunRecord {
     let folder = Folder { root };
-    run(root, "coa-seven", PRINTED.iter().map(|p| finished(&folder, p, p.id)).collect())
+    run(
+        root,
+        "coa-seven",
+        PRINTED.iter().map(|p| finished(&folder, p, p.id)).collect(),
+    )
 }
 
 /// One patient as often as asked, under numbered names.
@@ -531,10 +667,20 @@ pub fn troubled(root: &Path) -> RunRecord {
     let mut pressure_only = finished(&folder, a, "pressure-only");
     pressure_only.plan.step0.volume = None;
     if let Some(step0) = &mut pressure_only.step0 {
-        step0.result.measured =
-            Biomarkers { sv_ml: None, tau_vd_ms: None, tau_vr_ms: None, esv_ml: None, ..step0.result.measured };
-        step0.result.time_points =
-            TimePoints { t4_ms: None, t5_ms: None, t6_ms: None, t7_ms: None, ..step0.result.time_points };
+        step0.result.measured = Biomarkers {
+            sv_ml: None,
+            tau_vd_ms: None,
+            tau_vr_ms: None,
+            esv_ml: None,
+            ..step0.result.measured
+        };
+        step0.result.time_points = TimePoints {
+            t4_ms: None,
+            t5_ms: None,
+            t6_ms: None,
+            t7_ms: None,
+            ..step0.result.time_points
+        };
     }
 
     let mut no_passive_state = finished(&folder, b, "no-passive-state");
@@ -549,7 +695,10 @@ pub fn troubled(root: &Path) -> RunRecord {
     no_passive_state.step0 = None;
 
     let mut first_beat_failed = finished(&folder, c, "first-beat-failed");
-    let failure = Failure::new(FailureClass::Numerics, "the beat diverged at t = 81 ms: Newton did not converge");
+    let failure = Failure::new(
+        FailureClass::Numerics,
+        "the beat diverged at t = 81 ms: Newton did not converge",
+    );
     first_beat_failed.status = status("first-beat-failed", "step-1", "failed");
     clear_after(&mut first_beat_failed, 1);
     first_beat_failed.iterations[0].run = None;
@@ -562,9 +711,17 @@ pub fn troubled(root: &Path) -> RunRecord {
     clear_after(&mut running, 2);
 
     let mut files_lost = finished(&folder, a, "files-lost");
-    files_lost.verification.as_mut().expect("finished").directory = root.join("gone");
+    files_lost
+        .verification
+        .as_mut()
+        .expect("finished")
+        .directory = root.join("gone");
     std::fs::write(
-        files_lost.cell_fit.as_ref().and_then(|r| r.artefact("convergence")).expect("finished"),
+        files_lost
+            .cell_fit
+            .as_ref()
+            .and_then(|r| r.artefact("convergence"))
+            .expect("finished"),
         "generation\n1\n",
     )
     .expect("a temporary folder takes files");
@@ -574,7 +731,14 @@ pub fn troubled(root: &Path) -> RunRecord {
     clear_after(&mut waiting, 0);
     waiting.step0 = None;
 
-    let patients = vec![pressure_only, no_passive_state, first_beat_failed, running, files_lost, waiting];
+    let patients = vec![
+        pressure_only,
+        no_passive_state,
+        first_beat_failed,
+        running,
+        files_lost,
+        waiting,
+    ];
     run(root, "troubled <&> \"quoted\"", patients)
 }
 

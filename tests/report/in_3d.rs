@@ -23,18 +23,27 @@ const HEART: &str = include_str!("heart.json");
 fn keep<T>(record: &mut TaskRecord<T>, name: &str, file: &str, text: &str) {
     std::fs::write(record.directory.join(file), text).unwrap();
     let (sha256, bytes) = (sha256_hex(text.as_bytes()), text.len() as u64);
-    record.artefacts.push(Artefact { name: name.into(), file: file.into(), sha256, bytes });
+    record.artefacts.push(Artefact {
+        name: name.into(),
+        file: file.into(),
+        sha256,
+        bytes,
+    });
 }
 
 fn spread() -> String {
     let mut text = "time_ms".to_owned();
     for name in ["Sa_kPa", "lambda"] {
-        [5, 25, 50, 75, 95].iter().for_each(|level| text.push_str(&format!(",{name}_p{level}")));
+        [5, 25, 50, 75, 95]
+            .iter()
+            .for_each(|level| text.push_str(&format!(",{name}_p{level}")));
     }
     for t in 0..400 {
         let rise = (f64::from(t) / 400.0 * std::f64::consts::PI).sin();
         text.push_str(&format!("\n{t}"));
-        [30.0, 40.0, 50.0, 60.0, 70.0].iter().for_each(|peak| text.push_str(&format!(",{:.3}", peak * rise)));
+        [30.0, 40.0, 50.0, 60.0, 70.0]
+            .iter()
+            .for_each(|peak| text.push_str(&format!(",{:.3}", peak * rise)));
         [0.76, 0.78, 0.8, 0.83, 0.9]
             .iter()
             .for_each(|least| text.push_str(&format!(",{:.4}", 1.0 - (1.0 - least) * rise)));
@@ -43,7 +52,10 @@ fn spread() -> String {
 }
 
 fn counters(values: &[(&str, f64)]) -> BTreeMap<String, f64> {
-    values.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect()
+    values
+        .iter()
+        .map(|(name, value)| ((*name).to_owned(), *value))
+        .collect()
 }
 
 fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
@@ -64,8 +76,13 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
         onset_ms: 30.0,
         spread_ms: 50.0,
     };
-    let ventricle = InputFile { name: "ventricle".into(), path: PathBuf::from("ventricle.bin"), sha256: "0".into() };
-    step0.result.organ = OrganSpec::FiniteElement(Box::new(FiniteElementOrgan { ventricle, figures }));
+    let ventricle = InputFile {
+        name: "ventricle".into(),
+        path: PathBuf::from("ventricle.bin"),
+        sha256: "0".into(),
+    };
+    step0.result.organ =
+        OrganSpec::FiniteElement(Box::new(FiniteElementOrgan { ventricle, figures }));
     step0.result.counters = counters(&[
         ("seconds_mesh", 0.02),
         ("seconds_fibres", 0.003),
@@ -87,7 +104,12 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
         }
     }
     if with_pictures {
-        keep(patient.targets.as_mut().unwrap(), "spread", "spread.csv", &spread());
+        keep(
+            patient.targets.as_mut().unwrap(),
+            "spread",
+            "spread.csv",
+            &spread(),
+        );
     }
 }
 
@@ -95,13 +117,21 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
 fn run(root: &Path) -> RunRecord {
     let mut run = fixture::cohort(root);
     run.patients.truncate(2);
-    let [shown, old] = run.patients.as_mut_slice() else { unreachable!("two are left") };
+    let [shown, old] = run.patients.as_mut_slice() else {
+        unreachable!("two are left")
+    };
     make_3d(shown, true);
     make_3d(old, false);
-    shown.plan.effects = vec![EffectSpec { name: "atrial_kick".into(), parameters: BTreeMap::new() }];
+    shown.plan.effects = vec![EffectSpec {
+        name: "atrial_kick".into(),
+        parameters: BTreeMap::new(),
+    }];
     let mut step1 = shown.iterations[0].run.clone().unwrap();
     step1.result.biomarkers.end_of_beat_gap_ml = Some(10.04);
-    shown.before = Some(Box::new(BeforeEffects { step1: Some(step1), verification: None }));
+    shown.before = Some(Box::new(BeforeEffects {
+        step1: Some(step1),
+        verification: None,
+    }));
     old.plan.effects = shown.plan.effects.clone();
     run
 }
@@ -119,8 +149,15 @@ fn a_3d_patient_has_pictures_spread_cost_and_what_an_effect_changed() {
     let page = html(&out);
     assert_self_contained(&page);
     assert_eq!(page.matches("<svg class=\"heart\"").count(), 4);
-    let pictures: usize = page.split("<svg class=\"heart\"").skip(1).map(|p| p.find("</svg>").unwrap()).sum();
-    eprintln!("pictures of a 3D patient: {pictures} bytes; the page with one more patient: {}", page.len());
+    let pictures: usize = page
+        .split("<svg class=\"heart\"")
+        .skip(1)
+        .map(|p| p.find("</svg>").unwrap())
+        .sum();
+    eprintln!(
+        "pictures of a 3D patient: {pictures} bytes; the page with one more patient: {}",
+        page.len()
+    );
     assert!(pictures < BYTES, "{pictures} bytes");
     let text = words(&page);
     for expected in [
@@ -154,7 +191,11 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
     write_report(&run, None, &out).unwrap();
     let page = html(&out);
     assert!(!page.contains("<svg class=\"heart\""));
-    assert!(words(&page).contains("heart.json is no surface of a heart: unknown field `part`"), "{}", words(&page));
+    assert!(
+        words(&page).contains("heart.json is no surface of a heart: unknown field `part`"),
+        "{}",
+        words(&page)
+    );
 
     run = fixture::cohort(folder.path());
     write_report(&run, None, &out).unwrap();
@@ -163,7 +204,9 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
 
 #[test]
 fn the_pictures_are_seen_in_both_themes_and_on_a_narrow_screen() {
-    let Some(browser) = Browser::find() else { return };
+    let Some(browser) = Browser::find() else {
+        return;
+    };
     let (_folder, out) = written();
     let script = r#"return [...document.querySelectorAll("svg.heart")].map((svg) => {
       const box = svg.getBoundingClientRect();
@@ -173,7 +216,11 @@ fn the_pictures_are_seen_in_both_themes_and_on_a_narrow_screen() {
       return { w: box.width, h: box.height, n: paths.length, outside: outside.length,
         colours: new Set(paths.map((p) => getComputedStyle(p).fill)).size, unpainted: paths.filter((p) => getComputedStyle(p).fill === "none").length };
     });"#;
-    for (fragment, window) in [("#light", (1400, 3000)), ("#dark", (1400, 3000)), ("", (500, 3000))] {
+    for (fragment, window) in [
+        ("#light", (1400, 3000)),
+        ("#dark", (1400, 3000)),
+        ("", (500, 3000)),
+    ] {
         let visit = browser.visit(&out, fragment, window);
         assert!(visit.console.is_empty(), "{:?}", visit.console);
         let found = browser.measure(&out, fragment, window, script);
@@ -181,13 +228,25 @@ fn the_pictures_are_seen_in_both_themes_and_on_a_narrow_screen() {
         assert_eq!(pictures.len(), 4);
         for (k, picture) in pictures.iter().enumerate() {
             let number = |name: &str| picture[name].as_f64().unwrap();
-            assert!(number("w") > 120.0 && number("h") > 120.0 && number("outside") == 0.0, "{picture}");
-            assert!(number("unpainted") == 0.0 && number("n") > 100.0, "{picture}");
+            assert!(
+                number("w") > 120.0 && number("h") > 120.0 && number("outside") == 0.0,
+                "{picture}"
+            );
+            assert!(
+                number("unpainted") == 0.0 && number("n") > 100.0,
+                "{picture}"
+            );
             // Even at end-diastole: shades of one colour and of the grey root.
-            assert!(number("colours") >= if k % 2 == 0 { 4.0 } else { 20.0 }, "{k}: {picture}");
+            assert!(
+                number("colours") >= if k % 2 == 0 { 4.0 } else { 20.0 },
+                "{k}: {picture}"
+            );
         }
         // The same view and scale at both instants.
         let height = |k: usize| pictures[k]["h"].as_f64().unwrap();
-        assert!((1..4).all(|k| (height(k) - height(0)).abs() < 0.5), "{pictures:?}");
+        assert!(
+            (1..4).all(|k| (height(k) - height(0)).abs() < 0.5),
+            "{pictures:?}"
+        );
     }
 }

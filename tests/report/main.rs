@@ -60,8 +60,15 @@ fn seven() -> (tempfile::TempDir, PathBuf) {
 
 fn assert_self_contained(html: &str) {
     let outward = Regex::new(r#"(?i)(src|href|action|data|poster|srcset)\s*=\s*["']?\s*(https?:)?//|url\(\s*["']?\s*(https?:)?//|@import|\bfetch\(|XMLHttpRequest"#).unwrap();
-    assert!(outward.find(html).is_none(), "the page reaches outward: {:?}", outward.find(html));
-    assert!(!html.contains("NaN") && !html.contains(">inf<"), "a number that is none");
+    assert!(
+        outward.find(html).is_none(),
+        "the page reaches outward: {:?}",
+        outward.find(html)
+    );
+    assert!(
+        !html.contains("NaN") && !html.contains(">inf<"),
+        "a number that is none"
+    );
 }
 
 #[test]
@@ -71,9 +78,16 @@ fn seven_patients_are_one_self_contained_file_of_bounded_size() {
     assert_self_contained(&page);
     let per_patient = page.len() / 7;
     eprintln!("report: {} bytes, {per_patient} a patient", page.len());
-    assert!(per_patient < BYTES_PER_PATIENT, "{per_patient} bytes a patient");
+    assert!(
+        per_patient < BYTES_PER_PATIENT,
+        "{per_patient} bytes a patient"
+    );
     for k in 1..=7 {
-        assert!(page.contains(&format!("id=\"p-0{k}-CoA\"")) && page.contains(&format!("href=\"#p-0{k}-CoA\"")), "{k}");
+        assert!(
+            page.contains(&format!("id=\"p-0{k}-CoA\""))
+                && page.contains(&format!("href=\"#p-0{k}-CoA\"")),
+            "{k}"
+        );
     }
 }
 
@@ -97,10 +111,20 @@ fn the_report_says_what_happened() {
 
 /// Numbers of a row of the table of mean errors.
 fn means(text: &str, row: &str) -> Vec<f64> {
-    let rest = text.split("Mean ± SD of the errors, %").nth(1).expect("the table is there");
-    let rest = rest.split(row).nth(1).unwrap_or_else(|| panic!("no row {row}"));
+    let rest = text
+        .split("Mean ± SD of the errors, %")
+        .nth(1)
+        .expect("the table is there");
+    let rest = rest
+        .split(row)
+        .nth(1)
+        .unwrap_or_else(|| panic!("no row {row}"));
     let number = Regex::new(r"(\d+\.\d)( ± \d+\.\d)?").unwrap();
-    number.captures_iter(rest).take(6).map(|c| c[1].parse().unwrap()).collect()
+    number
+        .captures_iter(rest)
+        .take(6)
+        .map(|c| c[1].parse().unwrap())
+        .collect()
 }
 
 #[test]
@@ -108,11 +132,23 @@ fn the_papers_patients_have_the_papers_mean_errors() {
     let (_folder, out) = seven();
     let text = words(&html(&out)).replace('\u{2212}', "-");
     // Table 2 prints rounded biomarkers; a rate of 1.2 mmHg/ms alone is uncertain by 4 %.
-    let rows = [("P max", 0.4), ("dP/dt max", 1.5), ("dP/dt min", 1.5), ("PTD 90", 0.2), ("SV", 0.6)];
+    let rows = [
+        ("P max", 0.4),
+        ("dP/dt max", 1.5),
+        ("dP/dt min", 1.5),
+        ("PTD 90", 0.2),
+        ("SV", 0.6),
+    ];
     for (row, rounding) in rows {
         let found = means(&text, row);
-        assert!((found[0] - found[3]).abs() <= rounding, "step 1, {row}: {found:?}");
-        assert!((found[4] - found[5]).abs() <= rounding, "step 2, {row}: {found:?}");
+        assert!(
+            (found[0] - found[3]).abs() <= rounding,
+            "step 1, {row}: {found:?}"
+        );
+        assert!(
+            (found[4] - found[5]).abs() <= rounding,
+            "step 2, {row}: {found:?}"
+        );
     }
 }
 
@@ -159,31 +195,35 @@ fn beyond_fifty_patients_each_has_a_page_and_the_index_leads_there() {
     let out = folder.path().join("report.html");
     let run = fixture::many(folder.path(), ONE_FILE + 1);
     let paths = write_report(&run, None, &out).unwrap();
-    assert_eq!((paths.main.as_path(), paths.patients.len()), (out.as_path(), ONE_FILE + 1));
+    assert_eq!(
+        (paths.main.as_path(), paths.patients.len()),
+        (out.as_path(), ONE_FILE + 1)
+    );
     let link = Regex::new(r##"href="([^"#]+\.html)""##).unwrap();
     for page in std::iter::once(&out).chain(&paths.patients) {
         let text = html(page);
         assert_self_contained(&text);
         let folder = page.parent().unwrap();
         assert!(
-            link.captures_iter(&text).all(|c| folder.join(&c[1]).is_file()),
+            link.captures_iter(&text)
+                .all(|c| folder.join(&c[1]).is_file()),
             "a link of {} leads nowhere",
             page.display()
         );
     }
     let index = html(&out);
-    assert!(
-        paths
-            .patients
-            .iter()
-            .all(|p| index.contains(&format!("href=\"report-patients/{}\"", p.file_name().unwrap().to_string_lossy())))
-    );
+    assert!(paths.patients.iter().all(|p| index.contains(&format!(
+        "href=\"report-patients/{}\"",
+        p.file_name().unwrap().to_string_lossy()
+    ))));
     assert!(!index.contains("<section class=\"patient\""));
 }
 
 #[test]
 fn every_plot_is_drawn_inside_its_area_and_nothing_complains() {
-    let Some(browser) = Browser::find() else { return };
+    let Some(browser) = Browser::find() else {
+        return;
+    };
     let (_folder, out) = seven();
     for fragment in ["", "#dark"] {
         let visit = browser.visit(&out, fragment, WIDE);
@@ -197,41 +237,75 @@ fn every_plot_is_drawn_inside_its_area_and_nothing_complains() {
         for plot in plots {
             let drawn = plot["drawn"].as_array().unwrap();
             assert!(!drawn.is_empty(), "nothing drawn: {}", plot["alt"]);
-            let fine = |d: &Value| d["inside"] == true && d["visible"] == true && d["length"].as_f64().unwrap() > 5.0;
+            let fine = |d: &Value| {
+                d["inside"] == true && d["visible"] == true && d["length"].as_f64().unwrap() > 5.0
+            };
             assert!(drawn.iter().all(fine), "{plot}");
-            assert!(plot["w"].as_f64().unwrap() > 150.0 && plot["h"].as_f64().unwrap() > 90.0, "{plot}");
-            assert_eq!(plot["cut"].as_array().unwrap().len(), 0, "text leaves its plot: {plot}");
-            assert!(plot["titles"].as_u64() >= plot["lines"].as_u64(), "a line without a name: {plot}");
+            assert!(
+                plot["w"].as_f64().unwrap() > 150.0 && plot["h"].as_f64().unwrap() > 90.0,
+                "{plot}"
+            );
+            assert_eq!(
+                plot["cut"].as_array().unwrap().len(),
+                0,
+                "text leaves its plot: {plot}"
+            );
+            assert!(
+                plot["titles"].as_u64() >= plot["lines"].as_u64(),
+                "a line without a name: {plot}"
+            );
         }
     }
 }
 
 #[test]
 fn a_screenshot_shows_every_line_in_both_themes() {
-    let Some(browser) = Browser::find() else { return };
+    let Some(browser) = Browser::find() else {
+        return;
+    };
     let (folder, out) = seven();
     // Colours of the style sheet: measured, step 1, step 2.
     let light = [[0x1c, 0x21, 0x27], [0x00, 0x72, 0xb2], [0xd5, 0x5e, 0x00]];
     let dark = [[0xf2, 0xf4, 0xf6], [0x56, 0xb4, 0xe9], [0xff, 0x9d, 0x4d]];
-    for (theme, background, colours) in [("#light", [255, 255, 255], light), ("#dark", [0x15, 0x18, 0x1c], dark)] {
+    for (theme, background, colours) in [
+        ("#light", [255, 255, 255], light),
+        ("#dark", [0x15, 0x18, 0x1c], dark),
+    ] {
         let png = folder.path().join("screen.png");
         let _ = std::fs::remove_file(&png);
         browser.screenshot(&out, theme, WIDE, &png);
         let plots = browser.measure(&out, theme, WIDE, PLOTS);
         let seen = colours_in(&browser, folder.path(), &png, &plots, background, &colours);
-        let traces: Vec<&Value> = seen.iter().filter(|p| p["alt"].as_str().unwrap().contains("01-CoA")).collect();
+        let traces: Vec<&Value> = seen
+            .iter()
+            .filter(|p| p["alt"].as_str().unwrap().contains("01-CoA"))
+            .collect();
         // The last of a name is the patient's own plot, the first the small one of the overview.
         for part in ["pressure of", "volume of", "pressure-volume loop of"] {
             let plot = traces
                 .iter()
                 .rfind(|p| p["alt"].as_str().unwrap().starts_with(part))
                 .unwrap_or_else(|| panic!("{part}: {seen:?}"));
-            let found: Vec<u64> = plot["found"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).collect();
-            assert!(found.iter().all(|n| *n > 60), "{theme} {part}: pixels of measured, step 1, step 2: {found:?}");
+            let found: Vec<u64> = plot["found"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|n| n.as_u64().unwrap())
+                .collect();
+            assert!(
+                found.iter().all(|n| *n > 60),
+                "{theme} {part}: pixels of measured, step 1, step 2: {found:?}"
+            );
         }
         for plot in &seen {
-            assert!(plot["distinct"].as_u64().unwrap() > 20, "{theme}: an empty plot: {plot}");
-            assert!(plot["background"].as_f64().unwrap() > 0.4, "{theme}: the page's background is missing: {plot}");
+            assert!(
+                plot["distinct"].as_u64().unwrap() > 20,
+                "{theme}: an empty plot: {plot}"
+            );
+            assert!(
+                plot["background"].as_f64().unwrap() > 0.4,
+                "{theme}: the page's background is missing: {plot}"
+            );
         }
         assert!(seen.len() > 12, "{}", seen.len());
     }
@@ -276,23 +350,36 @@ fn colours_in(
         }});"#
     );
     let found = browser.measure(&page, "", (400, 300), &script);
-    found.as_array().unwrap_or_else(|| panic!("the screenshot cannot be read: {found}")).clone()
+    found
+        .as_array()
+        .unwrap_or_else(|| panic!("the screenshot cannot be read: {found}"))
+        .clone()
 }
 
 #[test]
 fn nothing_but_tables_is_wider_than_a_narrow_screen() {
-    let Some(browser) = Browser::find() else { return };
+    let Some(browser) = Browser::find() else {
+        return;
+    };
     let (_folder, out) = seven();
     let script = r#"return { inner: innerWidth, page: document.documentElement.scrollWidth,
       scrolling: [...document.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth).length };"#;
     let found = browser.measure(&out, "", NARROW, script);
-    assert!(found["page"].as_u64().unwrap() <= found["inner"].as_u64().unwrap(), "{found}");
-    assert!(found["scrolling"].as_u64().unwrap() > 0, "the cohort table does not fit, so it has to scroll: {found}");
+    assert!(
+        found["page"].as_u64().unwrap() <= found["inner"].as_u64().unwrap(),
+        "{found}"
+    );
+    assert!(
+        found["scrolling"].as_u64().unwrap() > 0,
+        "the cohort table does not fit, so it has to scroll: {found}"
+    );
 }
 
 #[test]
 fn values_are_read_off_under_the_pointer_and_the_theme_switches() {
-    let Some(browser) = Browser::find() else { return };
+    let Some(browser) = Browser::find() else {
+        return;
+    };
     let (_folder, out) = seven();
     let script = r#"
       const svg = [...document.querySelectorAll("svg.plot")].find((s) => s.getAttribute("aria-label") === "pressure of 01-CoA over time");
@@ -316,6 +403,9 @@ fn values_are_read_off_under_the_pointer_and_the_theme_switches() {
     );
     assert_eq!(
         (&found["before"], &found["after"]),
-        (&Value::from("rgb(255, 255, 255)"), &Value::from("rgb(21, 24, 28)"))
+        (
+            &Value::from("rgb(255, 255, 255)"),
+            &Value::from("rgb(21, 24, 28)")
+        )
     );
 }

@@ -39,13 +39,22 @@ pub fn several_whole_nodes_in_one_job(cluster: &Cluster) {
     fs::write(cohort.site(), WHOLE_NODES).expect("a profile");
     assert_eq!(cohort.advance().code, 8);
     let script = cohort.script(0);
-    assert!(cohort.jobs().len() == 1 && script.contains("--nodes=2") && script.contains("--exclusive"), "{script}");
+    assert!(
+        cohort.jobs().len() == 1 && script.contains("--nodes=2") && script.contains("--exclusive"),
+        "{script}"
+    );
     let job = cohort.jobs()[0].clone();
-    cluster.wait("a driver on each node", || (0..2).all(|node| job.join(format!("started-0-{node}.json")).exists()));
+    cluster.wait("a driver on each node", || {
+        (0..2).all(|node| job.join(format!("started-0-{node}.json")).exists())
+    });
     cluster.wait("two workers at once", || cohort.workers().len() == 2);
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
-    assert_eq!(cohort.jobs().len(), 1, "one wait in the queue for all of them");
+    assert_eq!(
+        cohort.jobs().len(),
+        1,
+        "one wait in the queue for all of them"
+    );
     let tally = cohort.tally();
     assert_eq!(tally.repeated, 0, "{tally:?}");
     println!("three patients in 3D in one job of two whole nodes: {tally:?}");

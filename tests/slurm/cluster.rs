@@ -28,20 +28,36 @@ impl Cluster {
     /// A Slurm that is there and does not start: its tests were not run, and that is no success.
     pub fn get() -> Result<Self, String> {
         if let Some(conf) = std::env::var_os("SLURM_CONF").map(PathBuf::from) {
-            let folder = conf.parent().and_then(Path::parent).unwrap_or(&conf).to_owned();
+            let folder = conf
+                .parent()
+                .and_then(Path::parent)
+                .unwrap_or(&conf)
+                .to_owned();
             if folder.join(".one-machine-slurm").exists() {
-                return Ok(Self { folder, conf, ours: false });
+                return Ok(Self {
+                    folder,
+                    conf,
+                    ours: false,
+                });
             }
         }
         // Paths of sockets are short.
         let folder = PathBuf::from(format!("/tmp/ct-slurm.{}", std::process::id()));
-        let output = Command::new(script()).arg("start").arg(&folder).output().map_err(|e| e.to_string())?;
+        let output = Command::new(script())
+            .arg("start")
+            .arg(&folder)
+            .output()
+            .map_err(|e| e.to_string())?;
         let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
         if output.status.code() == Some(MISSING) {
             return Err(said);
         }
         assert!(output.status.success(), "Slurm does not start: {said}");
-        Ok(Self { conf: folder.join("etc/slurm.conf"), folder, ours: true })
+        Ok(Self {
+            conf: folder.join("etc/slurm.conf"),
+            folder,
+            ours: true,
+        })
     }
 
     fn deploy(&self, what: &str, name: Option<&str>) -> Output {
@@ -60,16 +76,26 @@ impl Cluster {
         }
         let _ = self.slurm("scontrol", &["update", "partitionname=main", "state=up"]);
         for node in ["n1", "n2", "n3", "n4"] {
-            let _ = self.slurm("scontrol", &["update", &format!("nodename={node}"), "state=resume"]);
+            let _ = self.slurm(
+                "scontrol",
+                &["update", &format!("nodename={node}"), "state=resume"],
+            );
         }
         self.wait("idle nodes and an empty queue", || {
-            let idle = self.slurm("sinfo", &["-h", "-N", "-p", "main", "-t", "idle", "-o", "%N"]);
+            let idle = self.slurm(
+                "sinfo",
+                &["-h", "-N", "-p", "main", "-t", "idle", "-o", "%N"],
+            );
             idle.lines().count() == 4 && self.slurm("squeue", &["--me", "-h"]).is_empty()
         });
     }
 
     fn pid(&self, daemon: &str) -> Option<u32> {
-        std::fs::read_to_string(self.folder.join(format!("run/{daemon}.pid"))).ok()?.trim().parse().ok()
+        std::fs::read_to_string(self.folder.join(format!("run/{daemon}.pid")))
+            .ok()?
+            .trim()
+            .parse()
+            .ok()
     }
 
     fn lives(&self, daemon: &str) -> bool {
@@ -88,21 +114,36 @@ impl Cluster {
 
     /// Sends a daemon a signal, by its pid.
     pub fn signal(&self, daemon: &str, signal: rustix::process::Signal) {
-        let pid = self.pid(daemon).and_then(|pid| rustix::process::Pid::from_raw(i32::try_from(pid).ok()?));
+        let pid = self
+            .pid(daemon)
+            .and_then(|pid| rustix::process::Pid::from_raw(i32::try_from(pid).ok()?));
         rustix::process::kill_process(pid.expect("the daemon runs"), signal).expect("it is ours");
     }
 
     /// Runs one of Slurm's commands; what it prints.
     pub fn slurm(&self, program: &str, arguments: &[&str]) -> String {
-        let output = Command::new(program).args(arguments).env("SLURM_CONF", &self.conf).output();
-        output.map(|o| String::from_utf8_lossy(&o.stdout).into_owned()).unwrap_or_default()
+        let output = Command::new(program)
+            .args(arguments)
+            .env("SLURM_CONF", &self.conf)
+            .output();
+        output
+            .map(|o| String::from_utf8_lossy(&o.stdout).into_owned())
+            .unwrap_or_default()
     }
 
     /// Runs one of Slurm's commands that is refused; what it says of it.
     #[track_caller]
     pub fn refused(&self, program: &str, arguments: &[&str]) -> String {
-        let output = Command::new(program).args(arguments).env("SLURM_CONF", &self.conf).output().expect("it is there");
-        assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+        let output = Command::new(program)
+            .args(arguments)
+            .env("SLURM_CONF", &self.conf)
+            .output()
+            .expect("it is there");
+        assert!(
+            !output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stdout)
+        );
         String::from_utf8_lossy(&output.stderr).into_owned()
     }
 
@@ -117,7 +158,11 @@ impl Cluster {
     pub fn wait_for(&self, patience: Duration, what: &str, mut holds: impl FnMut() -> bool) {
         let began = Instant::now();
         while !holds() {
-            assert!(began.elapsed() < patience, "{what} did not come; the queue:\n{}", self.slurm("squeue", &[]));
+            assert!(
+                began.elapsed() < patience,
+                "{what} did not come; the queue:\n{}",
+                self.slurm("squeue", &[])
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }

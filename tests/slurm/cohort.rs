@@ -73,8 +73,16 @@ pub struct Cohort<'a> {
 /// A built program.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
-    let path = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join(name);
-    assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());
+    let path = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("tests lie in target/PROFILE/deps")
+        .join(name);
+    assert!(
+        path.is_file(),
+        "{} is not there: `cargo build --release --workspace --bins` first",
+        path.display()
+    );
     path
 }
 
@@ -87,7 +95,9 @@ pub fn pid_of(claim: &Path) -> Option<u32> {
 
 /// Sends the process that made a claim a signal, where it lives.
 pub fn signal(claim: &Path, signal: Signal) {
-    let pid = pid_of(claim).and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?)).expect("a pid");
+    let pid = pid_of(claim)
+        .and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))
+        .expect("a pid");
     // It may have ended a moment ago.
     let _ = rustix::process::kill_process(pid, signal);
 }
@@ -120,7 +130,10 @@ impl std::ops::AddAssign for Tally {
 /// Whether a process lives.
 pub fn lives(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().next()).is_some_and(|state| state != "Z")
+    stat.rsplit(')')
+        .next()
+        .and_then(|rest| rest.split_whitespace().next())
+        .is_some_and(|state| state != "Z")
 }
 
 impl<'a> Cohort<'a> {
@@ -142,7 +155,11 @@ impl<'a> Cohort<'a> {
             profile.display()
         );
         fs::write(folder.path().join("cohort.toml"), text).expect("a cohort");
-        Self { cluster, folder, settings: Vec::new() }
+        Self {
+            cluster,
+            folder,
+            settings: Vec::new(),
+        }
     }
 
     /// With a setting on top.
@@ -182,14 +199,23 @@ impl<'a> Cohort<'a> {
 
     fn with_settings<'b>(&'b self, first: &[&'b str]) -> Vec<&'b str> {
         let mut arguments = first.to_vec();
-        self.settings.iter().for_each(|setting| arguments.extend(["--set", setting]));
+        self.settings
+            .iter()
+            .for_each(|setting| arguments.extend(["--set", setting]));
         arguments
     }
 
     pub fn call(&self, arguments: &[&str]) -> Said {
-        let output = self.command(arguments).output().expect("the program starts");
+        let output = self
+            .command(arguments)
+            .output()
+            .expect("the program starts");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        Said { code: output.status.code().unwrap_or(-1), out: text(&output.stdout), err: text(&output.stderr) }
+        Said {
+            code: output.status.code().unwrap_or(-1),
+            out: text(&output.stdout),
+            err: text(&output.stderr),
+        }
     }
 
     /// One tick.
@@ -200,7 +226,11 @@ impl<'a> Cohort<'a> {
     /// Ticks until it is over.
     pub fn watch(&self) -> Child {
         let arguments = self.with_settings(&["run", "--watch", "--no-report"]);
-        self.command(&arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
+        self.command(&arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts")
     }
 
     /// Advances until a tick says that nothing is left to do; its exit code.
@@ -214,7 +244,11 @@ impl<'a> Cohort<'a> {
                 0 | 1 => return said.code,
                 _ => panic!("{said:?}"),
             }
-            assert!(began.elapsed() < crate::cluster::PATIENCE, "it does not end: {said:?}\n{:#}", self.status());
+            assert!(
+                began.elapsed() < crate::cluster::PATIENCE,
+                "it does not end: {said:?}\n{:#}",
+                self.status()
+            );
             std::thread::sleep(std::time::Duration::from_millis(300));
         }
     }
@@ -231,18 +265,27 @@ impl<'a> Cohort<'a> {
         loop {
             self.advance();
             let status = self.status();
-            let jobs = status["cluster"]["jobs"].as_array().cloned().unwrap_or_default();
+            let jobs = status["cluster"]["jobs"]
+                .as_array()
+                .cloned()
+                .unwrap_or_default();
             if let Some(job) = jobs.iter().find(|job| job["state"] == "running") {
                 return job["id"].as_str().unwrap_or_default().to_owned();
             }
-            assert!(began.elapsed() < crate::cluster::PATIENCE, "no job runs: {status:#}");
+            assert!(
+                began.elapsed() < crate::cluster::PATIENCE,
+                "no job runs: {status:#}"
+            );
             std::thread::sleep(std::time::Duration::from_millis(200));
         }
     }
 
     /// Folders of jobs, oldest first.
     pub fn jobs(&self) -> Vec<PathBuf> {
-        let entries = fs::read_dir(self.folder.path().join("run/slurm")).into_iter().flatten().flatten();
+        let entries = fs::read_dir(self.folder.path().join("run/slurm"))
+            .into_iter()
+            .flatten()
+            .flatten();
         let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
         folders.sort_by_key(|path| path.metadata().and_then(|m| m.created()).ok());
         folders
@@ -256,28 +299,49 @@ impl<'a> Cohort<'a> {
     /// Attempt directories that hold this file.
     pub fn attempts_with(&self, name: &str) -> Vec<PathBuf> {
         let folders = |path: &Path| -> Vec<PathBuf> {
-            fs::read_dir(path).map(|entries| entries.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+            fs::read_dir(path)
+                .map(|entries| entries.flatten().map(|e| e.path()).collect())
+                .unwrap_or_default()
         };
-        let all = folders(&self.folder.path().join("run/attempts")).iter().flat_map(|p| folders(p)).collect::<Vec<_>>();
-        all.into_iter().filter(|path| path.join(name).exists()).collect()
+        let all = folders(&self.folder.path().join("run/attempts"))
+            .iter()
+            .flat_map(|p| folders(p))
+            .collect::<Vec<_>>();
+        all.into_iter()
+            .filter(|path| path.join(name).exists())
+            .collect()
     }
 
     /// Workers at work: their claims.
     pub fn workers(&self) -> Vec<PathBuf> {
-        let begun = self.attempts_with("started.json").into_iter().filter(|path| !path.join("outcome.json").exists());
-        begun.map(|path| path.join("started.json")).filter(|claim| pid_of(claim).is_some_and(lives)).collect()
+        let begun = self
+            .attempts_with("started.json")
+            .into_iter()
+            .filter(|path| !path.join("outcome.json").exists());
+        begun
+            .map(|path| path.join("started.json"))
+            .filter(|claim| pid_of(claim).is_some_and(lives))
+            .collect()
     }
 
     /// Waits until a worker is at step 2 and has left a checkpoint; its process.
     #[track_caller]
     pub fn wait_for_checkpoint(&self) -> u32 {
         let found = || {
-            self.attempts_with("checkpoint").into_iter().find_map(|path| {
-                let journal = fs::read_dir(path.join("checkpoint")).ok()?.flatten().next()?.path();
-                (journal.metadata().ok()?.len() > 2000 && !path.join("outcome.json").exists()).then_some(path)
-            })
+            self.attempts_with("checkpoint")
+                .into_iter()
+                .find_map(|path| {
+                    let journal = fs::read_dir(path.join("checkpoint"))
+                        .ok()?
+                        .flatten()
+                        .next()?
+                        .path();
+                    (journal.metadata().ok()?.len() > 2000 && !path.join("outcome.json").exists())
+                        .then_some(path)
+                })
         };
-        self.cluster.wait("a checkpoint of step 2", || found().is_some());
+        self.cluster
+            .wait("a checkpoint of step 2", || found().is_some());
         pid_of(&found().expect("it was there").join("started.json")).expect("a pid")
     }
 
@@ -289,25 +353,43 @@ impl<'a> Cohort<'a> {
             assert_eq!(patient["state"], "done", "{patient:#}");
         }
         let tally = self.tally();
-        assert!(tally.published > 0 && tally.twice + tally.again == 0, "{tally:?}");
+        assert!(
+            tally.published > 0 && tally.twice + tally.again == 0,
+            "{tally:?}"
+        );
     }
 
     /// What became of the attempts.
     pub fn tally(&self) -> Tally {
         let mut tasks: BTreeMap<String, Vec<(u32, bool)>> = BTreeMap::new();
         for folder in self.attempts_with("spec.json") {
-            let name = folder.file_name().expect("a name").to_string_lossy().into_owned();
+            let name = folder
+                .file_name()
+                .expect("a name")
+                .to_string_lossy()
+                .into_owned();
             let (task, generation) = name.rsplit_once("-g").expect("task and generation");
             let outcome = fs::read_to_string(folder.join("outcome.json")).unwrap_or_default();
-            let attempt = (generation.parse().expect("a number"), outcome.contains("\"succeeded\""));
+            let attempt = (
+                generation.parse().expect("a number"),
+                outcome.contains("\"succeeded\""),
+            );
             tasks.entry(task.to_owned()).or_default().push(attempt);
         }
         let mut tally = Tally::default();
         for attempts in tasks.values() {
-            let published: Vec<u32> = attempts.iter().filter(|(_, done)| *done).map(|(n, _)| *n).collect();
+            let published: Vec<u32> = attempts
+                .iter()
+                .filter(|(_, done)| *done)
+                .map(|(n, _)| *n)
+                .collect();
             tally.published += usize::from(!published.is_empty());
             tally.twice += usize::from(published.len() > 1);
-            tally.again += usize::from(published.iter().any(|done| attempts.iter().any(|(n, _)| n > done)));
+            tally.again += usize::from(
+                published
+                    .iter()
+                    .any(|done| attempts.iter().any(|(n, _)| n > done)),
+            );
             tally.attempts += attempts.len();
             tally.repeated += attempts.iter().filter(|(n, _)| *n > 1).count();
         }

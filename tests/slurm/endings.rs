@@ -12,18 +12,26 @@ use crate::cohort::{Cohort, SLOW, lives, pid_of, signal};
 /// How far an attempt has reported to be.
 fn reports(attempt: &Path) -> Vec<f64> {
     let text = fs::read_to_string(attempt.join("progress.jsonl")).unwrap_or_default();
-    let reports = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
-    reports.filter(|report| report["phase"] == "simulating").filter_map(|report| report["done"].as_f64()).collect()
+    let reports = text
+        .lines()
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    reports
+        .filter(|report| report["phase"] == "simulating")
+        .filter_map(|report| report["done"].as_f64())
+        .collect()
 }
 
 /// The beat that a second job goes on with: its attempt in the first job and that in the second, once the latter has reported.
 fn goes_on(cohort: &Cohort) -> Option<(PathBuf, PathBuf)> {
-    cohort.attempts_with("progress.jsonl").into_iter().find_map(|second| {
-        let name = second.file_name()?.to_string_lossy().into_owned();
-        let first = second.with_file_name(name.replace("-g2", "-g1"));
-        let begun = name.ends_with("-g2") && first.is_dir() && !reports(&second).is_empty();
-        begun.then_some((first, second))
-    })
+    cohort
+        .attempts_with("progress.jsonl")
+        .into_iter()
+        .find_map(|second| {
+            let name = second.file_name()?.to_string_lossy().into_owned();
+            let first = second.with_file_name(name.replace("-g2", "-g1"));
+            let begun = name.ends_with("-g2") && first.is_dir() && !reports(&second).is_empty();
+            begun.then_some((first, second))
+        })
 }
 
 /// Of the present attempt at a beat in 3D that is under way.
@@ -51,31 +59,46 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
     let late_job = late.running_job();
 
     let worker = orphan.wait_for_checkpoint();
-    let node = cluster.slurm("squeue", &["-h", "-j", &lost, "-o", "%N"]).trim().to_owned();
+    let node = cluster
+        .slurm("squeue", &["-h", "-j", &lost, "-o", "%N"])
+        .trim()
+        .to_owned();
     cluster.kill(&node);
 
     late.wait_for_checkpoint();
     // Neither script nor driver hear the warning.
     signal(&late.jobs()[0].join("started-0-0.json"), Signal::STOP);
-    cluster.slurm("scontrol", &["update", &format!("jobid={late_job}"), "endtime=now+1"]);
+    cluster.slurm(
+        "scontrol",
+        &["update", &format!("jobid={late_job}"), "endtime=now+1"],
+    );
     cluster.wait("a beat under way", || beat(&warned).is_some());
     // Later than Slurm looks next, sooner than what the warning and that take together.
-    cluster.slurm("scontrol", &["update", &format!("jobid={warned_job}"), "endtime=now+80"]);
+    cluster.slurm(
+        "scontrol",
+        &["update", &format!("jobid={warned_job}"), "endtime=now+80"],
+    );
 
     let all = [&orphan, &warned, &late];
     cluster.wait("another job of each", || {
-        all.iter().filter(|cohort| cohort.jobs().len() < 2).for_each(|cohort| drop(cohort.advance()));
+        all.iter()
+            .filter(|cohort| cohort.jobs().len() < 2)
+            .for_each(|cohort| drop(cohort.advance()));
         all.iter().all(|cohort| cohort.jobs().len() == 2)
     });
 
-    let word = fs::read_to_string(warned.jobs()[0].join("ended-0-0.json")).expect("the driver's last word");
+    let word = fs::read_to_string(warned.jobs()[0].join("ended-0-0.json"))
+        .expect("the driver's last word");
     assert!(word.contains("out-of-time"), "{word}");
     // On a fast machine it is a later beat than the one that was seen above.
     cluster.wait("the beat that goes on", || goes_on(&warned).is_some());
     let (first, second) = goes_on(&warned).expect("it was there");
     let left_at_ms = *reports(&first).last().expect("it reported");
     let goes_on_at_ms = reports(&second)[0];
-    assert!(goes_on_at_ms + 1.0 >= left_at_ms, "it left at {left_at_ms} ms and went on at {goes_on_at_ms} ms");
+    assert!(
+        goes_on_at_ms + 1.0 >= left_at_ms,
+        "it left at {left_at_ms} ms and went on at {goes_on_at_ms} ms"
+    );
 
     let told = late.call(&["explain", "03-CoA"]).out;
     assert!(told.contains("walltime"), "{told}");
@@ -84,16 +107,29 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
 
     let told = orphan.call(&["explain", "01-CoA"]).out;
     assert!(told.contains("node failure"), "{told}");
-    assert!(orphan.script(1).contains(&format!("--exclude={node}")), "{}", orphan.script(1));
+    assert!(
+        orphan.script(1).contains(&format!("--exclude={node}")),
+        "{}",
+        orphan.script(1)
+    );
     // It was revoked: it leaves by itself and has published nothing.
     cluster.wait("the end of the orphan", || !lives(worker));
     let claimed = |path: &PathBuf| pid_of(&path.join("started.json")) == Some(worker);
-    let attempt = orphan.attempts_with("started.json").into_iter().find(claimed).expect("its attempt");
+    let attempt = orphan
+        .attempts_with("started.json")
+        .into_iter()
+        .find(claimed)
+        .expect("its attempt");
     assert!(!attempt.join("outcome.json").exists() && attempt.join("fence").exists());
     for cohort in [&late, &orphan] {
-        let twice =
-            || cohort.attempts_with("started.json").into_iter().filter(|p| p.to_string_lossy().ends_with("-g2"));
+        let twice = || {
+            cohort
+                .attempts_with("started.json")
+                .into_iter()
+                .filter(|p| p.to_string_lossy().ends_with("-g2"))
+        };
         cluster.wait("the attempt that goes on", || twice().count() == 1);
     }
-    all.iter().for_each(|cohort| drop(cohort.call(&["cancel", "--all"])));
+    all.iter()
+        .for_each(|cohort| drop(cohort.call(&["cancel", "--all"])));
 }

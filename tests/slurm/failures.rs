@@ -35,7 +35,10 @@ pub fn cancel_ends_the_job_and_waits_for_it(cluster: &Cluster) {
     let said = cohort.call(&["cancel", "--all"]);
     assert_eq!(said.code, 0, "{said:?}");
     // The driver's own word that it has left may come before Slurm has put its node in order (COMPLETING).
-    let left = cluster.slurm("squeue", &["--me", "-h", "-j", &job, "-t", "pending,running,suspended"]);
+    let left = cluster.slurm(
+        "squeue",
+        &["--me", "-h", "-j", &job, "-t", "pending,running,suspended"],
+    );
     assert!(left.is_empty(), "the job is still there: {left}");
     assert_eq!(cohort.status()["patients"][0]["state"], "cancelled");
 }
@@ -44,22 +47,46 @@ pub fn a_lost_node_is_avoided(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let job = cohort.running_job();
     cohort.wait_for_checkpoint();
-    let node = cluster.slurm("squeue", &["-h", "-j", &job, "-o", "%N"]).trim().to_owned();
-    cluster.slurm("scontrol", &["update", &format!("nodename={node}"), "state=down", "reason=test"]);
+    let node = cluster
+        .slurm("squeue", &["-h", "-j", &job, "-o", "%N"])
+        .trim()
+        .to_owned();
+    cluster.slurm(
+        "scontrol",
+        &[
+            "update",
+            &format!("nodename={node}"),
+            "state=down",
+            "reason=test",
+        ],
+    );
     cluster.wait("a job elsewhere", || {
         cohort.advance();
         cohort.jobs().len() == 2
     });
-    assert!(cohort.script(1).contains(&format!("--exclude={node}")), "{}", cohort.script(1));
+    assert!(
+        cohort.script(1).contains(&format!("--exclude={node}")),
+        "{}",
+        cohort.script(1)
+    );
     // What it had done is not done again, and its last step goes on from the checkpoint.
     let begun = cohort.attempts_with("started.json");
-    let again = begun.iter().filter(|path| path.to_string_lossy().ends_with("-g2")).count();
+    let again = begun
+        .iter()
+        .filter(|path| path.to_string_lossy().ends_with("-g2"))
+        .count();
     cluster.wait("the second attempt", || {
-        cohort.attempts_with("started.json").iter().any(|path| path.to_string_lossy().ends_with("-g2"))
+        cohort
+            .attempts_with("started.json")
+            .iter()
+            .any(|path| path.to_string_lossy().ends_with("-g2"))
     });
     assert!(again <= 1);
     assert!(
-        cohort.call(&["explain", "01-CoA"]).out.contains("node failure"),
+        cohort
+            .call(&["explain", "01-CoA"])
+            .out
+            .contains("node failure"),
         "{:?}",
         cohort.call(&["explain", "01-CoA"])
     );
@@ -72,16 +99,21 @@ pub fn a_warning_leaves_a_checkpoint_and_another_job_goes_on(cluster: &Cluster) 
     cohort.wait_for_checkpoint();
     // As Slurm does before the walltime: the warning goes to the script, which hands it on.
     cluster.slurm("scancel", &["--signal=USR1", "--batch", &job]);
-    cluster.wait("the job's last word", || cohort.jobs()[0].join("ended-0-0.json").exists());
-    let said = std::fs::read_to_string(cohort.jobs()[0].join("ended-0-0.json")).expect("it is there");
+    cluster.wait("the job's last word", || {
+        cohort.jobs()[0].join("ended-0-0.json").exists()
+    });
+    let said =
+        std::fs::read_to_string(cohort.jobs()[0].join("ended-0-0.json")).expect("it is there");
     assert!(said.contains("out-of-time"), "{said}");
     cluster.wait("a job that goes on", || {
         cohort.advance();
         cohort.jobs().len() == 2
     });
     cluster.wait("the attempt that goes on", || {
-        let second =
-            cohort.attempts_with("checkpoint").into_iter().find(|path| path.to_string_lossy().ends_with("-g2"));
+        let second = cohort
+            .attempts_with("checkpoint")
+            .into_iter()
+            .find(|path| path.to_string_lossy().ends_with("-g2"));
         second.is_some_and(|path| {
             let log = std::fs::read_to_string(path.join("stderr.log")).unwrap_or_default();
             let journal = path.join("checkpoint/told-costs");
@@ -89,7 +121,14 @@ pub fn a_warning_leaves_a_checkpoint_and_another_job_goes_on(cluster: &Cluster) 
         })
     });
     let begun = cohort.attempts_with("started.json");
-    assert_eq!(begun.iter().filter(|path| path.to_string_lossy().ends_with("-g2")).count(), 1, "one step goes on");
+    assert_eq!(
+        begun
+            .iter()
+            .filter(|path| path.to_string_lossy().ends_with("-g2"))
+            .count(),
+        1,
+        "one step goes on"
+    );
     cohort.call(&["cancel", "--all"]);
 }
 
@@ -101,7 +140,11 @@ pub fn out_of_memory_asks_for_more(cluster: &Cluster) {
     });
     let memory = |n: usize| {
         let script = cohort.script(n);
-        let line = script.lines().find_map(|line| line.strip_prefix("#SBATCH --mem=")).expect("a demand").to_owned();
+        let line = script
+            .lines()
+            .find_map(|line| line.strip_prefix("#SBATCH --mem="))
+            .expect("a demand")
+            .to_owned();
         line.trim_end_matches('M').parse::<u64>().expect("MiB")
     };
     assert_eq!((memory(0), memory(1)), (3, 6));
@@ -127,13 +170,26 @@ pub fn a_killed_worker_is_tried_again(cluster: &Cluster) {
 
 pub fn a_full_queue_is_waited_for(cluster: &Cluster) {
     // ARCHER2's `serial` takes 32 jobs of a user; held ones count.
-    let filler = ["--hold", "--partition=serial", "--qos=serial", "--array=0-31", "--time=1", "--wrap=true"];
+    let filler = [
+        "--hold",
+        "--partition=serial",
+        "--qos=serial",
+        "--array=0-31",
+        "--time=1",
+        "--wrap=true",
+    ];
     cluster.slurm("sbatch", &filler);
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK).set("executor.slurm.queue=serial");
     assert_eq!(cohort.advance().code, 8);
     let status = cohort.status();
-    let note = status["patients"][0]["note"].as_str().unwrap_or_default().to_owned();
-    let holds = status["cluster"]["holds"].as_str().unwrap_or_default().to_owned();
+    let note = status["patients"][0]["note"]
+        .as_str()
+        .unwrap_or_default()
+        .to_owned();
+    let holds = status["cluster"]["holds"]
+        .as_str()
+        .unwrap_or_default()
+        .to_owned();
     assert!(holds.contains("the queue takes no more"), "{status:#}");
     assert!(!note.is_empty(), "{status:#}");
     assert!(cohort.attempts_with("started.json").is_empty());
@@ -148,9 +204,19 @@ pub fn what_slurm_never_takes_is_told(cluster: &Cluster) {
     let status = cohort.status();
     let patient = &status["patients"][0];
     assert_eq!(patient["state"], "failed", "{status:#}");
-    assert!(patient["note"].as_str().is_some_and(|note| note.contains("Invalid account")), "{status:#}");
+    assert!(
+        patient["note"]
+            .as_str()
+            .is_some_and(|note| note.contains("Invalid account")),
+        "{status:#}"
+    );
     assert_eq!(cohort.jobs().len(), 1, "never tried again as it is");
-    assert_eq!(cohort.call(&["retry", "--failed", "--class", "refused"]).code, 0);
+    assert_eq!(
+        cohort
+            .call(&["retry", "--failed", "--class", "refused"])
+            .code,
+        0
+    );
     let repaired = cohort.set("executor.slurm.account=t01");
     assert_eq!(repaired.finish(), 0);
     repaired.assert_done();
@@ -177,23 +243,41 @@ pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
     });
     let told = cohort.call(&["explain", "01-CoA"]).out;
     assert!(told.contains("preempted"), "{told}");
-    assert!(!cohort.script(1).contains("--exclude"), "nothing is wrong with the node");
+    assert!(
+        !cohort.script(1).contains("--exclude"),
+        "nothing is wrong with the node"
+    );
     cluster.slurm("scancel", &[&urgent]);
-    let again = || cohort.attempts_with("started.json").into_iter().filter(|p| p.to_string_lossy().ends_with("-g2"));
+    let again = || {
+        cohort
+            .attempts_with("started.json")
+            .into_iter()
+            .filter(|p| p.to_string_lossy().ends_with("-g2"))
+    };
     cluster.wait("the attempt that goes on", || again().count() == 1);
     cohort.call(&["cancel", "--all"]);
 }
 
 pub fn a_divergence_is_the_sciences_and_no_job_is_repeated(cluster: &Cluster) {
     // One iteration of Newton's method and no shorter step: no beat can be simulated.
-    let cohort =
-        Cohort::of(cluster, &["01-CoA"], QUICK).set("solver.newton_iterations=1").set("solver.shortest_step_ms=1");
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK)
+        .set("solver.newton_iterations=1")
+        .set("solver.shortest_step_ms=1");
     assert_eq!(cohort.finish(), 1);
     let patient = patient(&cohort);
-    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"numerics".into()), "{patient:#}");
+    assert_eq!(
+        (&patient["state"], &patient["failure_class"]),
+        (&"failed".into(), &"numerics".into()),
+        "{patient:#}"
+    );
     assert_eq!(cohort.advance().code, 1, "it stays so");
     assert_eq!(cohort.jobs().len(), 1);
-    assert!(cohort.attempts_with("started.json").iter().all(|p| p.to_string_lossy().ends_with("-g1")));
+    assert!(
+        cohort
+            .attempts_with("started.json")
+            .iter()
+            .all(|p| p.to_string_lossy().ends_with("-g1"))
+    );
 }
 
 pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
@@ -201,18 +285,36 @@ pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
     // After it was planned, and before anything reads it.
     let trace = cohort.folder.path().join("patients/01-CoA/pressure.csv");
     let sound = std::fs::read(&trace).expect("a trace");
-    let damage = format!("setup = [\"echo damaged >> {}\"]\n[node]\n", trace.display());
+    let damage = format!(
+        "setup = [\"echo damaged >> {}\"]\n[node]\n",
+        trace.display()
+    );
     cohort.change_profile("[node]\n", &damage);
     assert_eq!(cohort.advance().code, 8);
-    cluster.wait("the job's last word", || cohort.jobs()[0].join("ended-0-0.json").exists());
+    cluster.wait("the job's last word", || {
+        cohort.jobs()[0].join("ended-0-0.json").exists()
+    });
     // Repaired: what was found all the same stays found until it is asked for again.
     std::fs::write(&trace, &sound).expect("a trace");
     cohort.change_profile(&damage, "[node]\n");
     assert_eq!(cohort.finish(), 1);
     let patient = patient(&cohort);
-    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"input".into()), "{patient:#}");
-    assert_eq!((cohort.jobs().len(), cohort.attempts_with("started.json").len()), (1, 1));
-    assert_eq!(cohort.call(&["retry", "--failed", "--class", "input"]).code, 0);
+    assert_eq!(
+        (&patient["state"], &patient["failure_class"]),
+        (&"failed".into(), &"input".into()),
+        "{patient:#}"
+    );
+    assert_eq!(
+        (
+            cohort.jobs().len(),
+            cohort.attempts_with("started.json").len()
+        ),
+        (1, 1)
+    );
+    assert_eq!(
+        cohort.call(&["retry", "--failed", "--class", "input"]).code,
+        0
+    );
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
 }
@@ -225,8 +327,17 @@ pub fn a_worker_that_aborts_is_a_defect_and_stops(cluster: &Cluster) {
     rustix::process::kill_process(pid, Signal::ABORT).expect("the worker is ours");
     assert_eq!(cohort.finish(), 1);
     let patient = patient(&cohort);
-    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"bug".into()), "{patient:#}");
-    assert!(patient["note"].as_str().is_some_and(|note| note.contains("aborted")), "{patient:#}");
+    assert_eq!(
+        (&patient["state"], &patient["failure_class"]),
+        (&"failed".into(), &"bug".into()),
+        "{patient:#}"
+    );
+    assert!(
+        patient["note"]
+            .as_str()
+            .is_some_and(|note| note.contains("aborted")),
+        "{patient:#}"
+    );
     assert_eq!(cohort.jobs().len(), 1, "never tried again");
     let logs = cohort.call(&["logs", "01-CoA"]);
     assert_eq!(logs.code, 0, "{logs:?}");
@@ -239,9 +350,21 @@ pub fn a_whole_node_is_filled(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &patients, QUICK).set("executor.slurm.queue=standard");
     assert_eq!(cohort.advance().code, 8);
     assert_eq!(cohort.jobs().len(), 1);
-    assert!(!cohort.script(0).contains("--array"), "{}", cohort.script(0));
-    let id = cohort.status()["cluster"]["jobs"][0]["id"].as_str().expect("a number").to_owned();
-    assert_eq!(cluster.slurm("squeue", &["-h", "-j", &id, "-o", "%C %D"]).trim(), "128 1");
+    assert!(
+        !cohort.script(0).contains("--array"),
+        "{}",
+        cohort.script(0)
+    );
+    let id = cohort.status()["cluster"]["jobs"][0]["id"]
+        .as_str()
+        .expect("a number")
+        .to_owned();
+    assert_eq!(
+        cluster
+            .slurm("squeue", &["-h", "-j", &id, "-o", "%C %D"])
+            .trim(),
+        "128 1"
+    );
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
     // One after the other they would not have overlapped.

@@ -19,11 +19,24 @@ pub fn a_frozen_controller_has_the_job_all_the_same(cluster: &Cluster) {
     // A program before sbatch that freezes the controller first: squeue has been answered by then.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sbatch");
-    let pid_file = cluster.conf.parent().and_then(|p| p.parent()).expect("its folder").join("run/slurmctld.pid");
-    let script = format!("#!/bin/sh\nkill -STOP $(cat {})\nexec /usr/bin/sbatch \"$@\"\n", pid_file.display());
+    let pid_file = cluster
+        .conf
+        .parent()
+        .and_then(|p| p.parent())
+        .expect("its folder")
+        .join("run/slurmctld.pid");
+    let script = format!(
+        "#!/bin/sh\nkill -STOP $(cat {})\nexec /usr/bin/sbatch \"$@\"\n",
+        pid_file.display()
+    );
     std::fs::write(&path, script).expect("a program");
-    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("it is ours");
-    let search = format!("{}:{}", folder.path().display(), std::env::var("PATH").expect("a PATH"));
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755))
+        .expect("it is ours");
+    let search = format!(
+        "{}:{}",
+        folder.path().display(),
+        std::env::var("PATH").expect("a PATH")
+    );
     let tick = cohort.command(&["advance"]).env("PATH", search).output();
     cluster.signal("slurmctld", Signal::CONT);
     assert_eq!(tick.expect("it starts").status.code(), Some(8));
@@ -32,7 +45,10 @@ pub fn a_frozen_controller_has_the_job_all_the_same(cluster: &Cluster) {
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
     assert_eq!(cohort.jobs().len(), 1, "adopted, not submitted again");
-    assert_eq!(cohort.attempts_with("started.json").len(), cohort.attempts_with("outcome.json").len());
+    assert_eq!(
+        cohort.attempts_with("started.json").len(),
+        cohort.attempts_with("outcome.json").len()
+    );
 }
 
 /// Of two ticks at once one works; one that is killed does not hold up the next.
@@ -42,16 +58,33 @@ pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
     // A program before squeue that never ends: a tick that asks it holds the lease.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("squeue");
-    std::fs::write(&path, "#!/bin/sh\ntouch \"$(dirname \"$0\")/asked\"\nexec sleep 300\n").expect("a program");
-    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("it is ours");
-    let search = format!("{}:{}", folder.path().display(), std::env::var("PATH").expect("a PATH"));
+    std::fs::write(
+        &path,
+        "#!/bin/sh\ntouch \"$(dirname \"$0\")/asked\"\nexec sleep 300\n",
+    )
+    .expect("a program");
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755))
+        .expect("it is ours");
+    let search = format!(
+        "{}:{}",
+        folder.path().display(),
+        std::env::var("PATH").expect("a PATH")
+    );
     let quiet = std::process::Stdio::null;
     let mut first = cohort.command(&["advance"]);
-    let mut first = first.env("PATH", search).stdout(quiet()).stderr(quiet()).spawn().expect("it starts");
+    let mut first = first
+        .env("PATH", search)
+        .stdout(quiet())
+        .stderr(quiet())
+        .spawn()
+        .expect("it starts");
     cluster.wait("a tick that asks", || folder.path().join("asked").exists());
     let second = cohort.advance();
     assert_eq!(second.code, 4, "{second:?}");
-    assert!(second.err.contains(&first.id().to_string()), "it says who holds the run: {second:?}");
+    assert!(
+        second.err.contains(&first.id().to_string()),
+        "it says who holds the run: {second:?}"
+    );
     first.kill().expect("it is ours");
     first.wait().expect("it is ours");
     assert_eq!(cohort.finish(), 0);
@@ -62,16 +95,26 @@ pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
 pub fn a_killed_coordinator_is_continued(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);
     for point in 1..=8 {
-        let tick = cohort.command(&["advance"]).env("CARDIOTWIN_CRASH_POINT", point.to_string()).output();
+        let tick = cohort
+            .command(&["advance"])
+            .env("CARDIOTWIN_CRASH_POINT", point.to_string())
+            .output();
         assert!(tick.is_ok());
     }
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
-    assert_eq!(cohort.attempts_with("started.json").len(), cohort.attempts_with("outcome.json").len());
+    assert_eq!(
+        cohort.attempts_with("started.json").len(),
+        cohort.attempts_with("outcome.json").len()
+    );
     // A coordinator that stays is killed as well, and costs nothing.
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let mut watching = cohort.watch();
-    cluster.wait("its job", || !cluster.slurm("squeue", &["--me", "-h", "-t", "R"]).is_empty());
+    cluster.wait("its job", || {
+        !cluster
+            .slurm("squeue", &["--me", "-h", "-t", "R"])
+            .is_empty()
+    });
     watching.kill().expect("it is ours");
     watching.wait().expect("it is ours");
     cohort.wait_for_checkpoint();

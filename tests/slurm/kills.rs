@@ -10,7 +10,9 @@ use rustix::process::Signal;
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, Tally, lives, pid_of, signal};
 
-const SEVEN: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+const SEVEN: [&str; 7] = [
+    "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
+];
 /// The paper's search, shorter.
 const STEP2: &str = "popsize = 5\nmax_generations = 60\n";
 const NODES: [&str; 4] = ["n1", "n2", "n3", "n4"];
@@ -27,11 +29,17 @@ fn in_3d<'a>(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Cohort<'a>
 
 /// Drivers at work: their claims.
 fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
-    let files = cohort.jobs().into_iter().flat_map(|job| std::fs::read_dir(job).into_iter().flatten().flatten());
-    let claims = files
-        .map(|entry| entry.path())
-        .filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("started-")));
-    claims.filter(|claim| pid_of(claim).is_some_and(lives)).collect()
+    let files = cohort
+        .jobs()
+        .into_iter()
+        .flat_map(|job| std::fs::read_dir(job).into_iter().flatten().flatten());
+    let claims = files.map(|entry| entry.path()).filter(|path| {
+        path.file_name()
+            .is_some_and(|name| name.to_string_lossy().starts_with("started-"))
+    });
+    claims
+        .filter(|claim| pid_of(claim).is_some_and(lives))
+        .collect()
 }
 
 /// The coordinator, begun again where it is dead.
@@ -42,7 +50,10 @@ struct Coordinator<'a> {
 
 impl<'a> Coordinator<'a> {
     fn start(cohort: &'a Cohort<'a>) -> Self {
-        Self { cohort, process: cohort.watch() }
+        Self {
+            cohort,
+            process: cohort.watch(),
+        }
     }
 
     fn kill(&mut self) {
@@ -53,15 +64,26 @@ impl<'a> Coordinator<'a> {
     /// Whether it ended by itself: everything is over. Where it left for another reason it is begun again.
     #[track_caller]
     fn is_over(&mut self) -> bool {
-        match self.process.try_wait().expect("it is ours").map(|status| status.code()) {
+        match self
+            .process
+            .try_wait()
+            .expect("it is ours")
+            .map(|status| status.code())
+        {
             None => false,
             Some(Some(0)) => true,
             Some(Some(1)) => panic!(
                 "a patient failed: {:#}\n{}\n{}",
                 self.cohort.status(),
-                self.cohort
-                    .cluster
-                    .slurm("sacct", &["-P", "-X", "-o", "jobid,jobname,state,exitcode,reason,start,end"]),
+                self.cohort.cluster.slurm(
+                    "sacct",
+                    &[
+                        "-P",
+                        "-X",
+                        "-o",
+                        "jobid,jobname,state,exitcode,reason,start,end"
+                    ]
+                ),
                 self.cohort.cluster.slurm("scontrol", &["show", "job"]),
             ),
             Some(_) => {
@@ -89,7 +111,11 @@ fn every_kind_of_kill(cluster: &Cluster, cohort: &Cohort, by_slurms_clock: bool)
     cluster.kill("slurmctld");
     coordinator = Coordinator::start(cohort); // it meets neither
     cluster.wait("a worker", || !cohort.workers().is_empty());
-    cohort.workers().first().into_iter().for_each(|claim| signal(claim, Signal::KILL));
+    cohort
+        .workers()
+        .first()
+        .into_iter()
+        .for_each(|claim| signal(claim, Signal::KILL));
     cluster.revive("slurmdbd"); // without it a controller that has just been killed does not start
     cluster.revive("slurmctld");
     let mut down = None;
@@ -98,16 +124,24 @@ fn every_kind_of_kill(cluster: &Cluster, cohort: &Cohort, by_slurms_clock: bool)
         let find = |other: &str| {
             let rows = jobs();
             let mut rows = rows.lines().filter_map(|row| row.split_once(' '));
-            rows.find(|(_, node)| *node != other).map(|(id, node)| (id.to_owned(), node.to_owned()))
+            rows.find(|(_, node)| *node != other)
+                .map(|(id, node)| (id.to_owned(), node.to_owned()))
         };
-        cluster.wait("two jobs on two nodes", || find("").is_some_and(|(_, node)| find(&node).is_some()));
+        cluster.wait("two jobs on two nodes", || {
+            find("").is_some_and(|(_, node)| find(&node).is_some())
+        });
         let (late, node) = find("").expect("it was there");
-        cluster.slurm("scontrol", &["update", &format!("jobid={late}"), "endtime=now+1"]);
+        cluster.slurm(
+            "scontrol",
+            &["update", &format!("jobid={late}"), "endtime=now+1"],
+        );
         let (_, node) = find(&node).expect("it was there");
         cluster.kill(&node);
         down = Some(node);
     }
-    cluster.wait_for(Duration::from_secs(1800), "the end of the cohort", || coordinator.is_over());
+    cluster.wait_for(Duration::from_secs(1800), "the end of the cohort", || {
+        coordinator.is_over()
+    });
     if let Some(node) = down {
         cluster.revive(&node);
     }
@@ -126,7 +160,11 @@ pub fn seven_patients_in_3d_survive_kills(cluster: &Cluster) {
     let cohort = in_3d(cluster, &SEVEN, STEP2);
     let began = Instant::now();
     let tally = every_kind_of_kill(cluster, &cohort, true);
-    println!("seven patients in 3D, {} jobs, {:.0} s: {tally:?}", cohort.jobs().len(), began.elapsed().as_secs_f64());
+    println!(
+        "seven patients in 3D, {} jobs, {:.0} s: {tally:?}",
+        cohort.jobs().len(),
+        began.elapsed().as_secs_f64()
+    );
 }
 
 /// How long three kills of four wait for a worker to be at work.
@@ -137,7 +175,10 @@ struct Series(u64);
 
 impl Series {
     fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         usize::try_from((self.0 >> 33) % n.max(1) as u64).expect("small")
     }
 }
@@ -145,8 +186,16 @@ impl Series {
 /// `CARDIOTWIN_KILLS` kills (100) over as many cohorts as that takes, three of four waiting for a worker at work; its table
 /// is in docs/slurm.md.
 pub fn a_hundred_random_kills(cluster: &Cluster) {
-    let number = |name: &str, else_: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(else_);
-    let (wanted, mut series) = (number("CARDIOTWIN_KILLS", 100), Series(number("CARDIOTWIN_SEED", 1)));
+    let number = |name: &str, else_: u64| {
+        std::env::var(name)
+            .ok()
+            .and_then(|n| n.parse().ok())
+            .unwrap_or(else_)
+    };
+    let (wanted, mut series) = (
+        number("CARDIOTWIN_KILLS", 100),
+        Series(number("CARDIOTWIN_SEED", 1)),
+    );
     let mut kills: BTreeMap<&str, u64> = BTreeMap::new();
     let (mut total, mut n_cohorts, mut n_jobs, mut at_work) = (Tally::default(), 0, 0, 0);
     let began = Instant::now();
@@ -164,7 +213,11 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
         // How long the next kill waits for work that it can hurt: with a kill a second, nothing would ever run.
         let mut waits_until = Instant::now() + WAIT;
         while !coordinator.is_over() {
-            assert!(since.elapsed() < Duration::from_secs(3600), "it does not end: {:#}", cohort.status());
+            assert!(
+                since.elapsed() < Duration::from_secs(3600),
+                "it does not end: {:#}",
+                cohort.status()
+            );
             // Daemons come back after a while: a slurmd sooner or later than its jobs are given up.
             down.retain(|(daemon, at)| {
                 let is_due = at <= &Instant::now();
@@ -185,17 +238,25 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
             if !is_working && Instant::now() < waits_until {
                 continue;
             }
-            waits_until = Instant::now() + if series.below(4) == 0 { Duration::ZERO } else { WAIT };
-            let pick =
-                |series: &mut Series, of: Vec<PathBuf>| (!of.is_empty()).then(|| of[series.below(of.len())].clone());
+            waits_until = Instant::now()
+                + if series.below(4) == 0 {
+                    Duration::ZERO
+                } else {
+                    WAIT
+                };
+            let pick = |series: &mut Series, of: Vec<PathBuf>| {
+                (!of.is_empty()).then(|| of[series.below(of.len())].clone())
+            };
             let killed = match series.below(6) {
                 0 => {
                     coordinator.kill();
                     coordinator = Coordinator::start(&cohort);
                     Some("coordinator")
                 }
-                1 => pick(&mut series, drivers(&cohort)).map(|claim| (signal(&claim, Signal::KILL), "driver").1),
-                2 => pick(&mut series, cohort.workers()).map(|claim| (signal(&claim, Signal::KILL), "worker").1),
+                1 => pick(&mut series, drivers(&cohort))
+                    .map(|claim| (signal(&claim, Signal::KILL), "driver").1),
+                2 => pick(&mut series, cohort.workers())
+                    .map(|claim| (signal(&claim, Signal::KILL), "worker").1),
                 daemon => {
                     let (name, kind) = match daemon {
                         3 => (NODES[series.below(4)], "slurmd"),
@@ -205,7 +266,10 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
                     (down.iter().all(|(other, _)| *other != name)).then(|| {
                         cluster.kill(name);
                         let longest = if kind == "slurmd" { 40 } else { 4 };
-                        down.push((name, Instant::now() + Duration::from_secs(series.below(longest) as u64)));
+                        down.push((
+                            name,
+                            Instant::now() + Duration::from_secs(series.below(longest) as u64),
+                        ));
                         kind
                     })
                 }

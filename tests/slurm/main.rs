@@ -25,12 +25,30 @@ use cluster::Cluster;
 type Test = (&'static str, fn(&Cluster));
 
 const TESTS: &[Test] = &[
-    ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
-    ("nothing but the pseudonym is seen", privacy::nothing_but_the_pseudonym_is_seen),
-    ("a tick takes two commands", whole::a_tick_takes_two_commands),
-    ("a cohort on another solver survives a killed worker", whole::a_cohort_on_another_solver_survives_a_killed_worker),
-    ("a beat in 3D runs on MPI ranks of its job", whole::a_beat_in_3d_runs_on_mpi_ranks_of_its_job),
-    ("a plan is what is submitted", whole::a_plan_is_what_is_submitted),
+    (
+        "a cohort is done after one wait in the queue",
+        whole::a_cohort_is_done_after_one_wait_in_the_queue,
+    ),
+    (
+        "nothing but the pseudonym is seen",
+        privacy::nothing_but_the_pseudonym_is_seen,
+    ),
+    (
+        "a tick takes two commands",
+        whole::a_tick_takes_two_commands,
+    ),
+    (
+        "a cohort on another solver survives a killed worker",
+        whole::a_cohort_on_another_solver_survives_a_killed_worker,
+    ),
+    (
+        "a beat in 3D runs on MPI ranks of its job",
+        whole::a_beat_in_3d_runs_on_mpi_ranks_of_its_job,
+    ),
+    (
+        "a plan is what is submitted",
+        whole::a_plan_is_what_is_submitted,
+    ),
     (
         "a job that submits itself brings a cohort to its end",
         whole::a_job_that_submits_itself_brings_a_cohort_to_its_end,
@@ -40,46 +58,113 @@ const TESTS: &[Test] = &[
         whole::a_run_on_a_shared_file_system_is_read_from_a_snapshot,
     ),
     ("no accounting is needed", faults::no_accounting_is_needed),
-    ("a frozen controller has the job all the same", faults::a_frozen_controller_has_the_job_all_the_same),
-    ("of two ticks at once one works", faults::of_two_ticks_at_once_one_works),
-    ("a killed coordinator is continued", faults::a_killed_coordinator_is_continued),
-    ("a job that a person cancels stays cancelled", failures::a_job_that_a_person_cancels_stays_cancelled),
-    ("cancel ends the job and waits for it", failures::cancel_ends_the_job_and_waits_for_it),
+    (
+        "a frozen controller has the job all the same",
+        faults::a_frozen_controller_has_the_job_all_the_same,
+    ),
+    (
+        "of two ticks at once one works",
+        faults::of_two_ticks_at_once_one_works,
+    ),
+    (
+        "a killed coordinator is continued",
+        faults::a_killed_coordinator_is_continued,
+    ),
+    (
+        "a job that a person cancels stays cancelled",
+        failures::a_job_that_a_person_cancels_stays_cancelled,
+    ),
+    (
+        "cancel ends the job and waits for it",
+        failures::cancel_ends_the_job_and_waits_for_it,
+    ),
     ("a lost node is avoided", failures::a_lost_node_is_avoided),
     (
         "a warning leaves a checkpoint and another job goes on",
         failures::a_warning_leaves_a_checkpoint_and_another_job_goes_on,
     ),
-    ("out of memory asks for more", failures::out_of_memory_asks_for_more),
-    ("a killed worker is tried again", failures::a_killed_worker_is_tried_again),
-    ("a full queue is waited for", failures::a_full_queue_is_waited_for),
-    ("what Slurm never takes is told", failures::what_slurm_never_takes_is_told),
-    ("a preempted job is submitted again", failures::a_preempted_job_is_submitted_again),
+    (
+        "out of memory asks for more",
+        failures::out_of_memory_asks_for_more,
+    ),
+    (
+        "a killed worker is tried again",
+        failures::a_killed_worker_is_tried_again,
+    ),
+    (
+        "a full queue is waited for",
+        failures::a_full_queue_is_waited_for,
+    ),
+    (
+        "what Slurm never takes is told",
+        failures::what_slurm_never_takes_is_told,
+    ),
+    (
+        "a preempted job is submitted again",
+        failures::a_preempted_job_is_submitted_again,
+    ),
     (
         "a divergence is the science's and no job is repeated",
         failures::a_divergence_is_the_sciences_and_no_job_is_repeated,
     ),
-    ("bad input is never tried again", failures::bad_input_is_never_tried_again),
-    ("a worker that aborts is a defect and stops", failures::a_worker_that_aborts_is_a_defect_and_stops),
+    (
+        "bad input is never tried again",
+        failures::bad_input_is_never_tried_again,
+    ),
+    (
+        "a worker that aborts is a defect and stops",
+        failures::a_worker_that_aborts_is_a_defect_and_stops,
+    ),
     ("a whole node is filled", failures::a_whole_node_is_filled),
-    ("walltimes and a killed slurmd", endings::walltimes_and_a_killed_slurmd),
-    ("a killed chunk goes on at its first missing sample", sweeps::a_killed_chunk_goes_on_at_its_first_missing_sample),
-    ("a robustness sweep in 3D is packed into an array", sweeps::a_robustness_sweep_in_3d_is_packed_into_an_array),
-    ("arrays are split where Slurm says", sweeps::arrays_are_split_where_slurm_says),
+    (
+        "walltimes and a killed slurmd",
+        endings::walltimes_and_a_killed_slurmd,
+    ),
+    (
+        "a killed chunk goes on at its first missing sample",
+        sweeps::a_killed_chunk_goes_on_at_its_first_missing_sample,
+    ),
+    (
+        "a robustness sweep in 3D is packed into an array",
+        sweeps::a_robustness_sweep_in_3d_is_packed_into_an_array,
+    ),
+    (
+        "arrays are split where Slurm says",
+        sweeps::arrays_are_split_where_slurm_says,
+    ),
 ];
 
 /// Run where they are asked for with `--ignored` (`make slurm-kills`): they take minutes, and print figures for the docs.
 const LONG: &[Test] = &[
-    ("several whole nodes in one job", bundles::several_whole_nodes_in_one_job),
-    ("a cohort in 3D survives kills", kills::a_cohort_in_3d_survives_kills),
-    ("seven patients in 3D survive kills", kills::seven_patients_in_3d_survive_kills),
+    (
+        "several whole nodes in one job",
+        bundles::several_whole_nodes_in_one_job,
+    ),
+    (
+        "a cohort in 3D survives kills",
+        kills::a_cohort_in_3d_survives_kills,
+    ),
+    (
+        "seven patients in 3D survive kills",
+        kills::seven_patients_in_3d_survive_kills,
+    ),
     ("a hundred random kills", kills::a_hundred_random_kills),
-    ("a sensitivity analysis on four nodes", figures::a_sensitivity_analysis_on_four_nodes),
+    (
+        "a sensitivity analysis on four nodes",
+        figures::a_sensitivity_analysis_on_four_nodes,
+    ),
 ];
 
 fn main() -> ExitCode {
-    let tests = if std::env::args().any(|a| a == "--ignored") { LONG } else { TESTS };
-    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let tests = if std::env::args().any(|a| a == "--ignored") {
+        LONG
+    } else {
+        TESTS
+    };
+    let wanted: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with('-'))
+        .collect();
     if std::env::args().any(|a| a == "--list") {
         tests.iter().for_each(|(name, _)| println!("{name}: test"));
         return ExitCode::SUCCESS;
@@ -93,13 +178,18 @@ fn main() -> ExitCode {
         }
     };
     let (mut passed, mut failed) = (0, Vec::new());
-    for (name, test) in
-        tests.iter().filter(|(name, _)| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str())))
+    for (name, test) in tests
+        .iter()
+        .filter(|(name, _)| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str())))
     {
         let began = Instant::now();
         cluster.recover();
         let ok = catch_unwind(AssertUnwindSafe(|| test(&cluster))).is_ok();
-        println!("test {name} ... {} ({:.1} s)", if ok { "ok" } else { "FAILED" }, began.elapsed().as_secs_f64());
+        println!(
+            "test {name} ... {} ({:.1} s)",
+            if ok { "ok" } else { "FAILED" },
+            began.elapsed().as_secs_f64()
+        );
         if ok { passed += 1 } else { failed.push(*name) }
     }
     drop(cluster);
@@ -109,5 +199,9 @@ fn main() -> ExitCode {
         failed.len()
     );
     failed.iter().for_each(|name| println!("failed: {name}"));
-    if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    if failed.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
 }

@@ -11,7 +11,9 @@ use crate::cohort::{Cohort, SLOW};
 const IDENTIFIERS: [&str; 3] = ["Lovelace", "MRN-0042-17", "1815-12-10"];
 
 fn finds(text: &str) -> Option<&'static str> {
-    IDENTIFIERS.into_iter().find(|identifier| text.contains(identifier))
+    IDENTIFIERS
+        .into_iter()
+        .find(|identifier| text.contains(identifier))
 }
 
 fn below(folder: &Path) -> Vec<PathBuf> {
@@ -30,7 +32,13 @@ fn below(folder: &Path) -> Vec<PathBuf> {
 fn command_lines() -> Vec<String> {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     processes
-        .filter(|entry| entry.file_name().to_string_lossy().chars().all(|c| c.is_ascii_digit()))
+        .filter(|entry| {
+            entry
+                .file_name()
+                .to_string_lossy()
+                .chars()
+                .all(|c| c.is_ascii_digit())
+        })
         .filter_map(|entry| fs::read(entry.path().join("cmdline")).ok())
         .map(|bytes| String::from_utf8_lossy(&bytes).replace('\0', " "))
         .collect()
@@ -41,7 +49,10 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
     let patient = cohort.folder.path().join("patients/01-CoA");
     let [name, number, born] = IDENTIFIERS;
     // The recordings' names, and a remark in the patient's file.
-    let renamed = [("pressure", format!("{name}_{number}.csv")), ("volume", format!("volume {born}.csv"))];
+    let renamed = [
+        ("pressure", format!("{name}_{number}.csv")),
+        ("volume", format!("volume {born}.csv")),
+    ];
     let file = patient.join("patient.toml");
     let mut text = fs::read_to_string(&file).expect("a patient");
     for (role, new) in &renamed {
@@ -51,21 +62,35 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
     fs::write(&file, format!("# {name}, born {born}\n{text}")).expect("a patient");
     let run = cohort.folder.path().join("run");
     assert_eq!(cohort.advance().code, 8);
-    cluster
-        .wait("a worker at step 2", || !cohort.workers().is_empty() && cohort.attempts_with("outcome.json").len() > 3);
+    cluster.wait("a worker at step 2", || {
+        !cohort.workers().is_empty() && cohort.attempts_with("outcome.json").len() > 3
+    });
 
     // The files of other users' business: what the job is told hold the recordings' paths, and must be its owner's alone.
     let holds = below(&run)
         .into_iter()
         .filter(|path| fs::read(path).is_ok_and(|b| finds(&String::from_utf8_lossy(&b)).is_some()));
-    assert!(holds.count() > 0, "specifications name the recordings, or this test looks for nothing");
+    assert!(
+        holds.count() > 0,
+        "specifications name the recordings, or this test looks for nothing"
+    );
     for path in below(&run) {
-        let shown = path.strip_prefix(cohort.folder.path()).unwrap_or(&path).display().to_string();
+        let shown = path
+            .strip_prefix(cohort.folder.path())
+            .unwrap_or(&path)
+            .display()
+            .to_string();
         assert_eq!(finds(&shown), None, "a name of a file: {shown}");
-        let mode = fs::symlink_metadata(&path).expect("a file").permissions().mode();
+        let mode = fs::symlink_metadata(&path)
+            .expect("a file")
+            .permissions()
+            .mode();
         assert_eq!(mode & 0o007, 0, "{shown} is open to other users ({mode:o})");
-        let is_told =
-            path.extension().is_some_and(|e| ["sh", "sbatch", "log", "out", "err"].iter().any(|known| e == *known));
+        let is_told = path.extension().is_some_and(|e| {
+            ["sh", "sbatch", "log", "out", "err"]
+                .iter()
+                .any(|known| e == *known)
+        });
         if is_told {
             let text = fs::read_to_string(&path).unwrap_or_default();
             assert_eq!(finds(&text), None, "{shown}: {text}");
@@ -77,19 +102,33 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
         cluster.slurm("squeue", &["--format=%all"]),
         cluster.slurm("squeue", &["--json"]),
         cluster.slurm("scontrol", &["--oneliner", "show", "jobs"]),
-        cluster.slurm("sacct", &["--allusers", "--parsable2", "--format=ALL", "--duplicates"]),
         cluster.slurm(
             "sacct",
-            &["--parsable2", &format!("--uid={me}"), "--format=JobName%80,Comment%80,WorkDir%200,SubmitLine%300"],
+            &["--allusers", "--parsable2", "--format=ALL", "--duplicates"],
+        ),
+        cluster.slurm(
+            "sacct",
+            &[
+                "--parsable2",
+                &format!("--uid={me}"),
+                "--format=JobName%80,Comment%80,WorkDir%200,SubmitLine%300",
+            ],
         ),
         cohort.script(0),
     ];
-    assert!(everything[2].contains("JobName=ct-"), "the job is there: {}", everything[2]);
+    assert!(
+        everything[2].contains("JobName=ct-"),
+        "the job is there: {}",
+        everything[2]
+    );
     for text in &everything {
         assert_eq!(finds(text), None, "{text}");
     }
     let lines = command_lines();
-    assert!(lines.iter().any(|line| line.contains("cardiotwin-worker")), "a worker is at work");
+    assert!(
+        lines.iter().any(|line| line.contains("cardiotwin-worker")),
+        "a worker is at work"
+    );
     for line in &lines {
         assert_eq!(finds(line), None, "a command line");
     }

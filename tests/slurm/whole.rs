@@ -15,7 +15,10 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
         .set("executor.notices.command=[\"./hook\"]")
         .set("workflow.until=step3")
         .set("step3.max_iterations=1");
-    let (hook, heard) = (cohort.folder.path().join("hook"), cohort.folder.path().join("heard"));
+    let (hook, heard) = (
+        cohort.folder.path().join("hook"),
+        cohort.folder.path().join("heard"),
+    );
     fs::write(&hook, format!("#!/bin/sh\ncat >> '{}'\n", heard.display())).expect("a hook");
     fs::set_permissions(&hook, fs::Permissions::from_mode(0o755)).expect("it is ours");
     let first = cohort.advance();
@@ -23,20 +26,44 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     assert!(first.err.contains("cardiotwin advance"), "{first:?}");
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
-    assert_eq!(cohort.jobs().len(), 1, "one array, whatever the number of iterations");
+    assert_eq!(
+        cohort.jobs().len(),
+        1,
+        "one array, whatever the number of iterations"
+    );
     // Ticks come and go; the one that ends it tells so, and no later one.
     cohort.advance();
     let told = fs::read_to_string(&heard).expect("the hook was called");
     assert_eq!(told.matches("\"event\": \"done\"").count(), 1, "{told}");
     let outcomes = cohort.attempts_with("outcome.json").len();
-    assert!(outcomes > 5 * patients.len(), "{outcomes} simulations in one job");
-    assert_eq!(outcomes, cohort.attempts_with("started.json").len(), "nothing was begun twice");
+    assert!(
+        outcomes > 5 * patients.len(),
+        "{outcomes} simulations in one job"
+    );
+    assert_eq!(
+        outcomes,
+        cohort.attempts_with("started.json").len(),
+        "nothing was begun twice"
+    );
     let script = cohort.script(0);
-    for part in ["--no-requeue", "--open-mode=append", "--export=NONE", "--array=0-3", "--signal=B:USR1@60"] {
+    for part in [
+        "--no-requeue",
+        "--open-mode=append",
+        "--export=NONE",
+        "--array=0-3",
+        "--signal=B:USR1@60",
+    ] {
         assert!(script.contains(part), "{part} is not in\n{script}");
     }
     // The same on this machine gives the same numbers.
-    let there = cohort.call(&["run", "--executor", "local", "--run-dir", "here", "--no-report"]);
+    let there = cohort.call(&[
+        "run",
+        "--executor",
+        "local",
+        "--run-dir",
+        "here",
+        "--no-report",
+    ]);
     assert_eq!(there.code, 0, "{there:?}");
     let compared = cohort.call(&["compare", "run", "here"]);
     assert_eq!(compared.code, 0, "{compared:?}");
@@ -48,15 +75,29 @@ pub fn a_tick_takes_two_commands(cluster: &Cluster) {
     cohort.running_job();
     // A folder of programs before Slurm's own, which count and call them.
     let counting = tempfile::tempdir().expect("a folder");
-    for program in ["squeue", "sacct", "sbatch", "scancel", "scontrol", "sacctmgr"] {
+    for program in [
+        "squeue", "sacct", "sbatch", "scancel", "scontrol", "sacctmgr",
+    ] {
         let path = counting.path().join(program);
         let log = counting.path().join("log");
-        let real = format!("#!/bin/sh\necho {program} >> {}\nexec /usr/bin/{program} \"$@\"\n", log.display());
+        let real = format!(
+            "#!/bin/sh\necho {program} >> {}\nexec /usr/bin/{program} \"$@\"\n",
+            log.display()
+        );
         std::fs::write(&path, real).expect("a program");
-        std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("it is ours");
+        std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755))
+            .expect("it is ours");
     }
-    let path = format!("{}:{}", counting.path().display(), std::env::var("PATH").expect("a PATH"));
-    let output = cohort.command(&["advance"]).env("PATH", path).output().expect("the program starts");
+    let path = format!(
+        "{}:{}",
+        counting.path().display(),
+        std::env::var("PATH").expect("a PATH")
+    );
+    let output = cohort
+        .command(&["advance"])
+        .env("PATH", path)
+        .output()
+        .expect("the program starts");
     assert_eq!(output.status.code(), Some(8));
     let asked = std::fs::read_to_string(counting.path().join("log")).expect("a log");
     assert_eq!(asked, "squeue\n");
@@ -64,24 +105,42 @@ pub fn a_tick_takes_two_commands(cluster: &Cluster) {
 
 pub fn a_plan_is_what_is_submitted(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA"], QUICK);
-    let plan: serde_json::Value = serde_json::from_str(&cohort.call(&["plan", "--json"]).out).expect("JSON");
+    let plan: serde_json::Value =
+        serde_json::from_str(&cohort.call(&["plan", "--json"]).out).expect("JSON");
     assert_eq!(
-        (plan["jobs"][0]["elements"].as_u64(), plan["jobs"][0]["patients"].as_u64()),
+        (
+            plan["jobs"][0]["elements"].as_u64(),
+            plan["jobs"][0]["patients"].as_u64()
+        ),
         (Some(3), Some(3)),
         "{plan:#}"
     );
-    assert!(plan["node_hours"].as_f64().is_some_and(|hours| hours > 0.0), "{plan:#}");
+    assert!(
+        plan["node_hours"].as_f64().is_some_and(|hours| hours > 0.0),
+        "{plan:#}"
+    );
     let script = cohort.call(&["plan", "--script"]).out;
-    assert!(cohort.jobs().is_empty() && !cohort.folder.path().join("run").exists(), "a plan changes nothing");
+    assert!(
+        cohort.jobs().is_empty() && !cohort.folder.path().join("run").exists(),
+        "a plan changes nothing"
+    );
     cohort.advance();
-    let name = cohort.jobs()[0].file_name().expect("a name").to_string_lossy().into_owned();
-    assert_eq!(script.trim_end().replace("ct-plan-1", &name), cohort.script(0).trim_end());
+    let name = cohort.jobs()[0]
+        .file_name()
+        .expect("a name")
+        .to_string_lossy()
+        .into_owned();
+    assert_eq!(
+        script.trim_end().replace("ct-plan-1", &name),
+        cohort.script(0).trim_end()
+    );
     assert_eq!(cohort.finish(), 0);
 }
 
 pub fn a_job_that_submits_itself_brings_a_cohort_to_its_end(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
-    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/submit-cohort.sbatch");
+    let script =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/submit-cohort.sbatch");
     let program = cohort.command(&[]).get_program().to_owned();
     let sbatch = std::process::Command::new("sbatch")
         .args(["--parsable", "--partition=main"])
@@ -93,42 +152,73 @@ pub fn a_job_that_submits_itself_brings_a_cohort_to_its_end(cluster: &Cluster) {
         .envs([("CARDIOTWIN_PAUSE", "1"), ("CARDIOTWIN_TICKS", "1")])
         .output()
         .expect("sbatch is there");
-    assert!(sbatch.status.success(), "{}", String::from_utf8_lossy(&sbatch.stderr));
+    assert!(
+        sbatch.status.success(),
+        "{}",
+        String::from_utf8_lossy(&sbatch.stderr)
+    );
     let log = cohort.folder.path().join("cardiotwin-advance.log");
     let said = || std::fs::read_to_string(&log).unwrap_or_default();
-    cluster.wait("the end of the cohort", || said().contains("over: exit code"));
+    cluster.wait("the end of the cohort", || {
+        said().contains("over: exit code")
+    });
     assert!(said().contains("over: exit code 0"), "{}", said());
     cohort.assert_done();
-    assert_eq!(cohort.attempts_with("started.json").len(), cohort.attempts_with("outcome.json").len());
+    assert_eq!(
+        cohort.attempts_with("started.json").len(),
+        cohort.attempts_with("outcome.json").len()
+    );
 }
 
 /// Where hosts share the files: no write-ahead log, readers read what was published, a copy can be taken and read.
 pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
     let shared = |arguments: &[&str]| {
-        let output = cohort.command(arguments).env("CARDIOTWIN_FILE_SYSTEM", "network").output().expect("it starts");
-        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+        let output = cohort
+            .command(arguments)
+            .env("CARDIOTWIN_FILE_SYSTEM", "network")
+            .output()
+            .expect("it starts");
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stdout).into_owned(),
+        )
     };
     assert_eq!(shared(&["advance"]).0, Some(8));
     let run = cohort.folder.path().join("run");
     assert!(run.join("cardiotwin.snapshot.db").exists() && !run.join("cardiotwin.db-wal").exists());
     let at = std::time::Instant::now();
     while shared(&["advance"]).0 == Some(8) {
-        assert!(at.elapsed() < crate::cluster::PATIENCE, "{}", shared(&["status"]).1);
+        assert!(
+            at.elapsed() < crate::cluster::PATIENCE,
+            "{}",
+            shared(&["status"]).1
+        );
         std::thread::sleep(std::time::Duration::from_millis(200));
     }
     // The database itself is locked by somebody: readers do not notice.
     std::fs::write(run.join("cardiotwin.db-journal"), "x").expect("a journal");
-    assert!(shared(&["status"]).1.contains("1 done"), "{}", shared(&["status"]).1);
+    assert!(
+        shared(&["status"]).1.contains("1 done"),
+        "{}",
+        shared(&["status"]).1
+    );
     let copy = cohort.folder.path().join("copies");
     std::fs::create_dir(&copy).expect("a folder");
-    assert_eq!(shared(&["backup", "--to", "copies/cardiotwin.db"]).0, Some(0));
+    assert_eq!(
+        shared(&["backup", "--to", "copies/cardiotwin.db"]).0,
+        Some(0)
+    );
     assert!(cohort.call(&["status", "copies"]).out.contains("1 done"));
 }
 
 /// The bundled solver in Python takes our own's place, and a worker is killed amid one of its simulations.
 pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
-    if !std::process::Command::new("python3").arg("--version").output().is_ok_and(|said| said.status.success()) {
+    if !std::process::Command::new("python3")
+        .arg("--version")
+        .output()
+        .is_ok_and(|said| said.status.success())
+    {
         eprintln!("not tested: no python3 here to run an external solver");
         return;
     }
@@ -136,23 +226,37 @@ pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/external-solver/lv.py");
     let solver = fs::read_to_string(source).expect("the example");
     // Longer than a moment, so that the kill comes in between.
-    let slow = solver.replacen("def main():", "def main():\n    import time\n    time.sleep(0.5)", 1);
+    let slow = solver.replacen(
+        "def main():",
+        "def main():\n    import time\n    time.sleep(0.5)",
+        1,
+    );
     assert_ne!(slow, solver);
     fs::write(cohort.folder.path().join("lv.py"), slow).expect("a file");
     let settings = cohort.folder.path().join("cohort.toml");
-    let text = fs::read_to_string(&settings).expect("the cohort").replace("\"reduced\"", "\"external\"");
+    let text = fs::read_to_string(&settings)
+        .expect("the cohort")
+        .replace("\"reduced\"", "\"external\"");
     let external = "[solver.external]\nfiles = { model = \"lv.py\" }\nparameters = \"json\"\n\
                     command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\"]\n";
     fs::write(&settings, format!("{text}{external}")).expect("the cohort");
     cohort.running_job();
-    let at_work = || cohort.workers().into_iter().find(|claim| claim.with_file_name("external").is_dir());
+    let at_work = || {
+        cohort
+            .workers()
+            .into_iter()
+            .find(|claim| claim.with_file_name("external").is_dir())
+    };
     cluster.wait("a simulation of the other solver", || at_work().is_some());
     let claim = at_work().or_else(at_work).expect("one is at work");
     signal(&claim, Signal::KILL);
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
     let tally = cohort.tally();
-    assert!(tally.published >= 10 && tally.twice == 0 && tally.again == 0 && tally.repeated <= 2, "{tally:?}");
+    assert!(
+        tally.published >= 10 && tally.twice == 0 && tally.again == 0 && tally.repeated <= 2,
+        "{tally:?}"
+    );
 }
 
 /// With a launcher each 3D simulation of a job is a step of its own, on ranks.
@@ -160,7 +264,10 @@ pub fn a_beat_in_3d_runs_on_mpi_ranks_of_its_job(cluster: &Cluster) {
     let worker = crate::cohort::binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
     let plugins = cluster.slurm("srun", &["--mpi=list"]);
     if !worker.is_file() || !plugins.contains("pmix") {
-        eprintln!("not tested: {} or srun's pmix is not there: {plugins}", worker.display());
+        eprintln!(
+            "not tested: {} or srun's pmix is not there: {plugins}",
+            worker.display()
+        );
         return;
     }
     let words = ["srun", "--mpi=pmix", "--overcommit"];
@@ -176,10 +283,19 @@ pub fn a_beat_in_3d_runs_on_mpi_ranks_of_its_job(cluster: &Cluster) {
     cohort.assert_done();
     let outcomes = cohort.attempts_with("outcome.json");
     let ranks = |path: &std::path::PathBuf| {
-        let outcome: serde_json::Value =
-            serde_json::from_str(&fs::read_to_string(path.join("outcome.json")).expect("an outcome")).expect("JSON");
+        let outcome: serde_json::Value = serde_json::from_str(
+            &fs::read_to_string(path.join("outcome.json")).expect("an outcome"),
+        )
+        .expect("JSON");
         outcome["provenance"]["ranks"].as_u64()
     };
-    let on_two = outcomes.iter().filter(|path| ranks(path) == Some(2)).count();
-    assert!(on_two >= 2 && on_two < outcomes.len(), "step 0 and a beat: {on_two} of {}", outcomes.len());
+    let on_two = outcomes
+        .iter()
+        .filter(|path| ranks(path) == Some(2))
+        .count();
+    assert!(
+        on_two >= 2 && on_two < outcomes.len(),
+        "step 0 and a beat: {on_two} of {}",
+        outcomes.len()
+    );
 }

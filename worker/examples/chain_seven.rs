@@ -14,28 +14,47 @@ use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::context::Context;
 
 fn main() {
-    let threads = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(1);
+    let threads = std::env::args()
+        .nth(1)
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(1);
     let scratch = tempfile::tempdir().expect("a temporary directory");
     for id in support::PATIENTS {
         let step0 = support::step0(id);
         let mut context = Context::plain(scratch.path(), threads);
         let state = support::passive_state(&step0, &mut context);
-        let (iterations, best, how) =
-            support::step1(step0.cycle_length_ms, &state, &Step1Settings::default(), &mut context);
+        let (iterations, best, how) = support::step1(
+            step0.cycle_length_ms,
+            &state,
+            &Step1Settings::default(),
+            &mut context,
+        );
         let best = &iterations[best.expect("an iteration succeeded")];
-        let tanh = ContractionSpec::Tanh { parameters: best.parameters.tanh };
+        let tanh = ContractionSpec::Tanh {
+            parameters: best.parameters.tanh,
+        };
         let spec = support::beat_spec(step0.cycle_length_ms, &state, &best.parameters, tanh);
         let _ = support::succeed(&TaskSpec::OrganBeat(Box::new(spec)), &mut context);
         let targets = support::targets(scratch.path(), &mut context);
 
-        let fit_spec = support::cell_fit_spec(step0.cycle_length_ms, &targets, CellFitSettings::default());
+        let fit_spec =
+            support::cell_fit_spec(step0.cycle_length_ms, &targets, CellFitSettings::default());
         let begin = Instant::now();
-        let TaskResult::CellFit(fit) = support::succeed(&TaskSpec::CellFit(Box::new(fit_spec)), &mut context) else {
+        let TaskResult::CellFit(fit) =
+            support::succeed(&TaskSpec::CellFit(Box::new(fit_spec)), &mut context)
+        else {
             unreachable!("a cell fit gives the result of one")
         };
         let seconds = begin.elapsed().as_secs_f64();
-        println!("{id}: step 1 {how} after {} simulations, cost {:.3}", iterations.len(), best.cost);
-        println!("    targets {:.3?} lambda_0 {:.4}", targets.targets, targets.lambda_0);
+        println!(
+            "{id}: step 1 {how} after {} simulations, cost {:.3}",
+            iterations.len(),
+            best.cost
+        );
+        println!(
+            "    targets {:.3?} lambda_0 {:.4}",
+            targets.targets, targets.lambda_0
+        );
         println!("    reached {:.3?}", fit.reached);
         println!(
             "    cost {:.4}, {} generations, {} evaluations, {seconds:.1} s, {:.3} ms each, converged {}",
@@ -55,21 +74,35 @@ fn main() {
         let values: Vec<String> = fit
             .parameters
             .iter()
-            .map(|p| format!("{} {:.3}{}", p.name, p.value, if p.at_bound { "*" } else { "" }))
+            .map(|p| {
+                format!(
+                    "{} {:.3}{}",
+                    p.name,
+                    p.value,
+                    if p.at_bound { "*" } else { "" }
+                )
+            })
             .collect();
         println!("    {}", values.join(", "));
         for text in &fit.unreachable_targets {
             println!("    {text}");
         }
-        let spec =
-            support::beat_spec(step0.cycle_length_ms, &state, &best.parameters, support::fitted_contraction(&fit));
-        let TaskResult::OrganBeat(verified) = support::succeed(&TaskSpec::OrganBeat(Box::new(spec)), &mut context)
+        let spec = support::beat_spec(
+            step0.cycle_length_ms,
+            &state,
+            &best.parameters,
+            support::fitted_contraction(&fit),
+        );
+        let TaskResult::OrganBeat(verified) =
+            support::succeed(&TaskSpec::OrganBeat(Box::new(spec)), &mut context)
         else {
             unreachable!("a beat gives the result of one")
         };
         let error = |of: fn(&Biomarkers) -> Option<f64>| {
             let (measured, simulated) = (of(&state.measured), of(&verified.biomarkers));
-            measured.zip(simulated).map_or(f64::NAN, |(m, s)| 100.0 * (s - m) / m)
+            measured
+                .zip(simulated)
+                .map_or(f64::NAN, |(m, s)| 100.0 * (s - m) / m)
         };
         println!(
             "    verification: P_max {:+.1} PTD90 {:+.1} dPdt_max {:+.1} dPdt_min {:+.1} SV {:+.1} %; lambda_min {:.3}; failed {:?}; {:?}",

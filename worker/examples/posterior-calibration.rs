@@ -29,22 +29,37 @@ const PRESSURE: [f64; 2] = [70.0, 220.0];
 const EJECTION: [f64; 2] = [0.3, 0.8];
 /// Other loads: name, factor of the filling pressure, factor of the peripheral resistance.
 const LOADS: [(&str, f64, f64); 2] = [("preload +20 %", 1.2, 1.0), ("afterload +20 %", 1.0, 1.2)];
-const PERIODIC: BeatCount = BeatCount::Periodic { max: 30, tolerance: 0.1 };
+const PERIODIC: BeatCount = BeatCount::Periodic {
+    max: 30,
+    tolerance: 0.1,
+};
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let mut number = |what| -> anyhow::Result<usize> { Ok(arguments.next().context(what)?.parse()?) };
-    let (first, n) = (number("the first patient's number?")?, number("how many patients?")?);
+    let mut number =
+        |what| -> anyhow::Result<usize> { Ok(arguments.next().context(what)?.parse()?) };
+    let (first, n) = (
+        number("the first patient's number?")?,
+        number("how many patients?")?,
+    );
     let factors = arguments.next().context("which error factors?")?;
-    let factors: Vec<f64> = factors.split(',').map(str::parse).collect::<Result<_, _>>()?;
-    let hearts: Vec<PosteriorSpec> = arguments.map(|path| heart(&path)).collect::<anyhow::Result<_>>()?;
+    let factors: Vec<f64> = factors
+        .split(',')
+        .map(str::parse)
+        .collect::<Result<_, _>>()?;
+    let hearts: Vec<PosteriorSpec> = arguments
+        .map(|path| heart(&path))
+        .collect::<anyhow::Result<_>>()?;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
     let mut counts = Counts::default();
     for patient in first..first + n {
-        let heart = hearts.get(patient % hearts.len().max(1)).context("no specification was named")?;
+        let heart = hearts
+            .get(patient % hearts.len().max(1))
+            .context("no specification was named")?;
         let mut generator = Pcg64::seed_from_u64(20_261_125 + patient as u64);
         let simulated = simulated(heart, &mut generator)?;
-        let scratch = std::env::temp_dir().join(format!("posterior-calibration-{}", std::process::id()));
+        let scratch =
+            std::env::temp_dir().join(format!("posterior-calibration-{}", std::process::id()));
         std::fs::create_dir_all(&scratch)?;
         let mut context = Context::plain(&scratch, threads);
         let spec = with_twin(simulated.spec.clone(), &mut context);
@@ -83,7 +98,11 @@ impl Counts {
         let holds = |spread: &Spread, value: f64| (spread.p5..=spread.p95).contains(&value);
         for (name, spread) in &found.parameters {
             let held = holds(&spread.posterior, simulated.parameters[name]);
-            self.add(factor, &format!("parameters that are {}", spread.mark.as_str()), held);
+            self.add(
+                factor,
+                &format!("parameters that are {}", spread.mark.as_str()),
+                held,
+            );
             if spread.mark == Determination::Determined {
                 self.add(factor, &format!("  determined: {name}"), held);
             }
@@ -94,17 +113,32 @@ impl Counts {
             }
         }
         for (load, preload, afterload) in LOADS {
-            let mut beat = OrganBeatSpec { beats: PERIODIC, ..simulated.spec.beat.clone() };
+            let mut beat = OrganBeatSpec {
+                beats: PERIODIC,
+                ..simulated.spec.beat.clone()
+            };
             beat.circulation.left_atrial_pressure_mmhg *= preload;
-            beat.circulation.afterload.peripheral_resistance_mmhg_s_per_ml *= afterload;
+            beat.circulation
+                .afterload
+                .peripheral_resistance_mmhg_s_per_ml *= afterload;
             let of = |parameters: &BTreeMap<String, f64>| one(&beat.with_parameters(parameters));
-            let Some(true_beat) = of(&simulated.parameters) else { continue };
-            let draws: Vec<OrganBeatResult> = (0..found.draws.len()).filter_map(|d| of(&found.draw(d))).collect();
+            let Some(true_beat) = of(&simulated.parameters) else {
+                continue;
+            };
+            let draws: Vec<OrganBeatResult> = (0..found.draws.len())
+                .filter_map(|d| of(&found.draw(d)))
+                .collect();
             for (k, (name, value)) in true_beat.biomarkers.of_organ().into_iter().enumerate() {
-                let mut values: Vec<f64> = draws.iter().filter_map(|d| d.biomarkers.of_organ()[k].1).collect();
+                let mut values: Vec<f64> = draws
+                    .iter()
+                    .filter_map(|d| d.biomarkers.of_organ()[k].1)
+                    .collect();
                 values.sort_by(f64::total_cmp);
-                let Some(value) = value.filter(|_| values.len() > draws.len() / 2) else { continue };
-                let held = (quantile_of(&values, 0.05)..=quantile_of(&values, 0.95)).contains(&value);
+                let Some(value) = value.filter(|_| values.len() > draws.len() / 2) else {
+                    continue;
+                };
+                let held =
+                    (quantile_of(&values, 0.05)..=quantile_of(&values, 0.95)).contains(&value);
                 self.add(factor, &format!("biomarkers under {load}"), held);
                 self.add(factor, &format!("  {load}: {name}"), held);
             }
@@ -112,14 +146,23 @@ impl Counts {
     }
 
     fn summary(&self) -> String {
-        let share =
-            |(what, [held, all]): (&String, &[usize; 2])| format!("{what} {:.3} of {all}", *held as f64 / *all as f64);
-        self.0.iter().filter(|(what, _)| !what.contains(": ")).map(share).collect::<Vec<_>>().join("; ")
+        let share = |(what, [held, all]): (&String, &[usize; 2])| {
+            format!("{what} {:.3} of {all}", *held as f64 / *all as f64)
+        };
+        self.0
+            .iter()
+            .filter(|(what, _)| !what.contains(": "))
+            .map(share)
+            .collect::<Vec<_>>()
+            .join("; ")
     }
 
     fn table(&self) -> String {
         let line = |(what, [held, all]): (&String, &[usize; 2])| {
-            format!("{what:<50} {held:>5} of {all:>5}  {:>5.1} %\n", 100.0 * *held as f64 / *all as f64)
+            format!(
+                "{what:<50} {held:>5} of {all:>5}  {:>5.1} %\n",
+                100.0 * *held as f64 / *all as f64
+            )
         };
         self.0.iter().map(line).collect()
     }
@@ -131,15 +174,30 @@ fn heart(path: &str) -> anyhow::Result<PosteriorSpec> {
     let task = value.get("task").cloned().unwrap_or(value);
     match serde_json::from_value(task).with_context(|| path.to_owned())? {
         TaskSpec::Posterior(spec) => Ok(*spec),
-        other => Err(anyhow!("{path}: a task of kind {}, expected posterior", other.kind())),
+        other => Err(anyhow!(
+            "{path}: a task of kind {}, expected posterior",
+            other.kind()
+        )),
     }
 }
 
 /// A beat of the one-fibre ventricle in steps of 2 ms, as the task's; none where it is not whole.
 fn one(beat: &OrganBeatSpec) -> Option<OrganBeatResult> {
-    let OrganSpec::Reduced { passive, activation } = &beat.organ else { return None };
-    let beat = OrganBeatSpec { time_step_ms: beat.time_step_ms.max(2.0), ..beat.clone() };
-    reduced_beat(&beat, passive, activation).ok().flatten().filter(|beat| beat.failed_check().is_none())
+    let OrganSpec::Reduced {
+        passive,
+        activation,
+    } = &beat.organ
+    else {
+        return None;
+    };
+    let beat = OrganBeatSpec {
+        time_step_ms: beat.time_step_ms.max(2.0),
+        ..beat.clone()
+    };
+    reduced_beat(&beat, passive, activation)
+        .ok()
+        .flatten()
+        .filter(|beat| beat.failed_check().is_none())
 }
 
 fn normal(generator: &mut Pcg64) -> f64 {
@@ -158,18 +216,37 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
     let axes = axes(&heart.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     for _ in 0..100_000 {
-        let drawn: Vec<f64> = prior.iter().map(|prior| prior.from_standard(normal(generator))).collect();
+        let drawn: Vec<f64> = prior
+            .iter()
+            .map(|prior| prior.from_standard(normal(generator)))
+            .collect();
         let parameters = named(&axes, &drawn);
         let beat = heart.beat.with_parameters(&parameters);
-        let Some(truth) = one(&beat).filter(|_| is_sensitive(&beat)) else { continue };
-        let (b, whole) = (&truth.biomarkers, truth.biomarkers.of_organ().iter().all(|(_, value)| value.is_some()));
-        let (Some(pressure), Some(sv), Some(edv)) = (b.p_max_mmhg, b.sv_ml, b.edv_ml) else { continue };
+        let Some(truth) = one(&beat).filter(|_| is_sensitive(&beat)) else {
+            continue;
+        };
+        let (b, whole) = (
+            &truth.biomarkers,
+            truth
+                .biomarkers
+                .of_organ()
+                .iter()
+                .all(|(_, value)| value.is_some()),
+        );
+        let (Some(pressure), Some(sv), Some(edv)) = (b.p_max_mmhg, b.sv_ml, b.edv_ml) else {
+            continue;
+        };
         let within = |value: f64, range: [f64; 2]| (range[0]..=range[1]).contains(&value);
         if !whole || !within(pressure, PRESSURE) || !within(sv / edv, EJECTION) {
             continue;
         }
         let noise = TraceNoise::of(&heart.noise);
-        let samples = noisy(&truth.samples, &noise, heart.beat.cycle_length_ms, generator);
+        let samples = noisy(
+            &truth.samples,
+            &noise,
+            heart.beat.cycle_length_ms,
+            generator,
+        );
         let mut measured = truth.biomarkers;
         for (name, place) in [
             ("P_max_mmHg", &mut measured.p_max_mmhg),
@@ -180,18 +257,34 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
             ("tau_VD_ms", &mut measured.tau_vd_ms),
             ("tau_VR_ms", &mut measured.tau_vr_ms),
         ] {
-            let percent = heart.uncertainty_percent.get(name).copied().unwrap_or_default();
+            let percent = heart
+                .uncertainty_percent
+                .get(name)
+                .copied()
+                .unwrap_or_default();
             *place = place.map(|value| value * (1.0 + 0.01 * percent * normal(generator)));
         }
-        let spec = PosteriorSpec { samples, measured, ..heart.clone() };
-        return Ok(Simulated { spec, parameters, beat: truth });
+        let spec = PosteriorSpec {
+            samples,
+            measured,
+            ..heart.clone()
+        };
+        return Ok(Simulated {
+            spec,
+            parameters,
+            beat: truth,
+        });
     }
     Err(anyhow!("no draw of the prior is a heart's"))
 }
 
 /// The same task with the twin that step 3 proposes for its measurements.
 fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<PosteriorSpec> {
-    let centre: BTreeMap<String, f64> = spec.parameters.iter().map(|(name, p)| (name.clone(), p.centre)).collect();
+    let centre: BTreeMap<String, f64> = spec
+        .parameters
+        .iter()
+        .map(|(name, p)| (name.clone(), p.centre))
+        .collect();
     let first = one(&spec.beat.with_parameters(&centre));
     let run = ProposalRun {
         parameters: centre,
@@ -203,7 +296,10 @@ fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<Poste
         &Step3ProposalSpec {
             beat: spec.beat.clone(),
             measured: spec.measured,
-            runs: vec![Step3Run { run, samples: first.map(|beat| beat.samples) }],
+            runs: vec![Step3Run {
+                run,
+                samples: first.map(|beat| beat.samples),
+            }],
             parameters: spec.parameters.clone(),
             uncertainty_percent: spec.uncertainty_percent.clone(),
             step1: None,
@@ -216,28 +312,48 @@ fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<Poste
         },
         context,
     )?;
-    let TaskResult::Step3Proposal(proposal) = proposal else { return Err(anyhow!("not a proposal")) };
+    let TaskResult::Step3Proposal(proposal) = proposal else {
+        return Err(anyhow!("not a proposal"));
+    };
     let parameters = proposal.parameters;
     let beat = one(&spec.beat.with_parameters(&parameters)).context("the twin has no beat")?;
-    Ok(PosteriorSpec { twin: TwinBeat { parameters, biomarkers: beat.biomarkers, samples: beat.samples }, ..spec })
+    Ok(PosteriorSpec {
+        twin: TwinBeat {
+            parameters,
+            biomarkers: beat.biomarkers,
+            samples: beat.samples,
+        },
+        ..spec
+    })
 }
 
 /// An Ornstein-Uhlenbeck process on the pressure; on the volume independent noise of each frame, linear in between.
-fn noisy(samples: &BeatSamples, noise: &TraceNoise, cycle_ms: f64, generator: &mut Pcg64) -> BeatSamples {
+fn noisy(
+    samples: &BeatSamples,
+    noise: &TraceNoise,
+    cycle_ms: f64,
+    generator: &mut Pcg64,
+) -> BeatSamples {
     let kept = (-cycle_ms / N_SAMPLES as f64 / noise.pressure_correlation_ms).exp();
     let mut error = noise.pressure_rms_mmhg * normal(generator);
     let mut pressure = |p: &f64| {
         let value = p + error;
-        error = kept * error + (1.0 - kept * kept).sqrt() * noise.pressure_rms_mmhg * normal(generator);
+        error =
+            kept * error + (1.0 - kept * kept).sqrt() * noise.pressure_rms_mmhg * normal(generator);
         value
     };
     let pressure_mmhg = samples.pressure_mmhg.iter().map(&mut pressure).collect();
     let n_frames = noise.volume_frames as usize;
-    let frames: Vec<f64> = (0..n_frames).map(|_| noise.volume_rms_ml * normal(generator)).collect();
+    let frames: Vec<f64> = (0..n_frames)
+        .map(|_| noise.volume_rms_ml * normal(generator))
+        .collect();
     let volume = |(k, v): (usize, &f64)| {
         let at = k as f64 * n_frames as f64 / N_SAMPLES as f64;
         let (i, rest) = (at.floor() as usize, at.fract());
         v + (1.0 - rest) * frames[i % n_frames] + rest * frames[(i + 1) % n_frames]
     };
-    BeatSamples { pressure_mmhg, volume_ml: samples.volume_ml.iter().enumerate().map(volume).collect() }
+    BeatSamples {
+        pressure_mmhg,
+        volume_ml: samples.volume_ml.iter().enumerate().map(volume).collect(),
+    }
 }

@@ -46,7 +46,9 @@ pub enum AttemptError {
         found: u32,
     },
     /// Another process has the attempt.
-    #[error("{directory} was claimed before, by {holder}; a further try needs a directory of its own")]
+    #[error(
+        "{directory} was claimed before, by {holder}; a further try needs a directory of its own"
+    )]
     Claimed {
         /// The attempt's directory.
         directory: PathBuf,
@@ -84,7 +86,10 @@ impl Attempt {
     /// [`AttemptError::Claimed`] when any process claimed it before, living or dead; [`AttemptError::Fenced`] when
     /// it was revoked already; otherwise when files cannot be read or written.
     pub fn claim(directory: &Path) -> Result<Self, AttemptError> {
-        let attempt = Self { directory: directory.to_owned(), spec: read_spec(&directory.join("spec.json"))? };
+        let attempt = Self {
+            directory: directory.to_owned(),
+            spec: read_spec(&directory.join("spec.json"))?,
+        };
         attempt.check_fence()?;
         let file = directory.join("started.json");
         let claim = Claim {
@@ -97,7 +102,10 @@ impl Attempt {
         match files::create_exclusive(&file, json(&claim).as_bytes()) {
             Ok(()) => Ok(attempt),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                Err(AttemptError::Claimed { directory: directory.to_owned(), holder: holder(&file) })
+                Err(AttemptError::Claimed {
+                    directory: directory.to_owned(),
+                    holder: holder(&file),
+                })
             }
             Err(source) => Err(AttemptError::Write { file, source }),
         }
@@ -117,7 +125,9 @@ impl Attempt {
 
     fn check_fence(&self) -> Result<(), AttemptError> {
         if self.is_fenced() {
-            return Err(AttemptError::Fenced { directory: self.directory.clone() });
+            return Err(AttemptError::Fenced {
+                directory: self.directory.clone(),
+            });
         }
         Ok(())
     }
@@ -129,25 +139,38 @@ impl Attempt {
     pub fn publish(self, outcome: &TaskOutcome) -> Result<(), AttemptError> {
         self.check_fence()?;
         let file = self.directory.join("outcome.json");
-        files::write_atomic(&file, json(outcome).as_bytes()).map_err(|source| AttemptError::Write { file, source })
+        files::write_atomic(&file, json(outcome).as_bytes())
+            .map_err(|source| AttemptError::Write { file, source })
     }
 }
 
 /// Reads an attempt's specification.
 fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
-    let text = fs::read_to_string(file).map_err(|source| AttemptError::Read { file: file.to_owned(), source })?;
-    let spec: AttemptSpec =
-        serde_json::from_str(&text).map_err(|source| AttemptError::Spec { file: file.to_owned(), source })?;
+    let text = fs::read_to_string(file).map_err(|source| AttemptError::Read {
+        file: file.to_owned(),
+        source,
+    })?;
+    let spec: AttemptSpec = serde_json::from_str(&text).map_err(|source| AttemptError::Spec {
+        file: file.to_owned(),
+        source,
+    })?;
     if spec.schema_version != SCHEMA_VERSION {
-        return Err(AttemptError::Version { file: file.to_owned(), found: spec.schema_version });
+        return Err(AttemptError::Version {
+            file: file.to_owned(),
+            found: spec.schema_version,
+        });
     }
     Ok(spec)
 }
 
 /// Who holds a claim, in words.
 fn holder(file: &Path) -> String {
-    let claim: Option<Claim> = fs::read(file).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
-    let Some(claim) = claim else { return "somebody whose claim cannot be read".to_owned() };
+    let claim: Option<Claim> = fs::read(file)
+        .ok()
+        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let Some(claim) = claim else {
+        return "somebody whose claim cannot be read".to_owned();
+    };
     let state = if claim.boot_id != process::boot_id() {
         "on another host or before a reboot"
     } else if process::start_ticks(claim.pid) == Some(claim.pid_start_ticks) {
@@ -155,7 +178,10 @@ fn holder(file: &Path) -> String {
     } else {
         "which is gone"
     };
-    format!("process {} on {} since {}, {state}", claim.pid, claim.host, claim.at)
+    format!(
+        "process {} on {} since {}, {state}",
+        claim.pid, claim.host, claim.at
+    )
 }
 
 fn json<T: serde::Serialize>(value: &T) -> String {
@@ -171,10 +197,23 @@ mod tests {
 
     fn directory_with_spec(schema_version: u32) -> tempfile::TempDir {
         let directory = tempfile::tempdir().unwrap();
-        let task = TaskSpec::Noop(NoopSpec { label: "a".into(), sleep_ms: 0 });
-        let attempt = AttemptId { task: task.key(), generation: 1 };
+        let task = TaskSpec::Noop(NoopSpec {
+            label: "a".into(),
+            sleep_ms: 0,
+        });
+        let attempt = AttemptId {
+            task: task.key(),
+            generation: 1,
+        };
         let (threads, instruction_set, vtu_every_ms) = (1, Default::default(), 0.0);
-        let spec = AttemptSpec { schema_version, attempt, threads, instruction_set, vtu_every_ms, task };
+        let spec = AttemptSpec {
+            schema_version,
+            attempt,
+            threads,
+            instruction_set,
+            vtu_every_ms,
+            task,
+        };
         fs::write(directory.path().join("spec.json"), json(&spec)).unwrap();
         directory
     }
@@ -184,7 +223,9 @@ mod tests {
         let directory = directory_with_spec(SCHEMA_VERSION);
         let attempt = Attempt::claim(directory.path()).unwrap();
         assert_eq!(attempt.spec.task.kind(), "noop");
-        let claim: Claim = serde_json::from_slice(&fs::read(directory.path().join("started.json")).unwrap()).unwrap();
+        let claim: Claim =
+            serde_json::from_slice(&fs::read(directory.path().join("started.json")).unwrap())
+                .unwrap();
         assert_eq!(process::start_ticks(claim.pid), Some(claim.pid_start_ticks));
         let error = Attempt::claim(directory.path()).unwrap_err();
         assert!(
@@ -196,17 +237,29 @@ mod tests {
     #[test]
     fn a_dead_claim_is_still_a_claim() {
         let directory = directory_with_spec(SCHEMA_VERSION);
-        let claim = Claim { host: "h".into(), boot_id: process::boot_id(), pid: 1, pid_start_ticks: 1, at: "t".into() };
+        let claim = Claim {
+            host: "h".into(),
+            boot_id: process::boot_id(),
+            pid: 1,
+            pid_start_ticks: 1,
+            at: "t".into(),
+        };
         fs::write(directory.path().join("started.json"), json(&claim)).unwrap();
         let error = Attempt::claim(directory.path()).unwrap_err().to_string();
-        assert!(error.contains("process 1 on h since t, which is gone"), "{error}");
+        assert!(
+            error.contains("process 1 on h since t, which is gone"),
+            "{error}"
+        );
     }
 
     #[test]
     fn a_spec_of_another_format_is_refused_with_both_versions() {
         let directory = directory_with_spec(SCHEMA_VERSION + 1);
         let error = Attempt::claim(directory.path()).unwrap_err().to_string();
-        assert!(error.contains("format 2") && error.contains("format 1"), "{error}");
+        assert!(
+            error.contains("format 2") && error.contains("format 1"),
+            "{error}"
+        );
         assert!(!directory.path().join("started.json").exists());
     }
 }

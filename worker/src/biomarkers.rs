@@ -40,13 +40,19 @@ pub fn to_schema(set: &BiomarkerSet) -> (Biomarkers, TimePoints) {
 #[must_use]
 pub fn windows_to_schema(windows: NoiseWindows) -> biomarkers::NoiseWindows {
     let ms = |window: Option<Ms>| window.map(|window| window.0);
-    biomarkers::NoiseWindows { pressure_ms: ms(windows.pressure), volume_ms: ms(windows.volume) }
+    biomarkers::NoiseWindows {
+        pressure_ms: ms(windows.pressure),
+        volume_ms: ms(windows.volume),
+    }
 }
 
 /// Windows of noisy traces from the form of files.
 #[must_use]
 pub fn windows_to_solver(windows: biomarkers::NoiseWindows) -> NoiseWindows {
-    NoiseWindows { pressure: windows.pressure_ms.map(Ms), volume: windows.volume_ms.map(Ms) }
+    NoiseWindows {
+        pressure: windows.pressure_ms.map(Ms),
+        volume: windows.volume_ms.map(Ms),
+    }
 }
 
 /// What `given` states wins over what `found` holds.
@@ -70,7 +76,10 @@ pub fn overridden(found: &Biomarkers, given: &Biomarkers) -> Biomarkers {
 /// What a reader must know of a set, in words.
 #[must_use]
 pub fn remarks(set: &BiomarkerSet) -> Vec<String> {
-    set.flags.iter().map(|flag| words(*flag).to_owned()).collect()
+    set.flags
+        .iter()
+        .map(|flag| words(*flag).to_owned())
+        .collect()
 }
 
 fn words(flag: Flag) -> &'static str {
@@ -78,8 +87,12 @@ fn words(flag: Flag) -> &'static str {
         Flag::PressureRiseNotReached => {
             "pressure is above its 10 % level when its upstroke begins: t1 is the upstroke's foot, extended downwards"
         }
-        Flag::PressureRiseBeforeBeat => "the 10 % level lies below the pressure at time zero: t1 lies before the beat",
-        Flag::PressureFallNotReached => "pressure does not fall to its 10 % level: t3 is the end of the beat",
+        Flag::PressureRiseBeforeBeat => {
+            "the 10 % level lies below the pressure at time zero: t1 lies before the beat"
+        }
+        Flag::PressureFallNotReached => {
+            "pressure does not fall to its 10 % level: t3 is the end of the beat"
+        }
         Flag::NoPressurePulse => "pressure has no pulse: no rates before and after a peak",
         Flag::NoEjection => "volume does not vary",
         Flag::EjectionTooShort => "ejection has too few samples for tau_VD",
@@ -96,10 +109,21 @@ mod tests {
 
     #[test]
     fn given_values_win_and_fill() {
-        let found = Biomarkers { p_max_mmhg: Some(120.0), sv_ml: Some(70.0), ..Biomarkers::default() };
-        let given = Biomarkers { p_max_mmhg: Some(125.0), ptd90_ms: Some(400.0), ..Biomarkers::default() };
+        let found = Biomarkers {
+            p_max_mmhg: Some(120.0),
+            sv_ml: Some(70.0),
+            ..Biomarkers::default()
+        };
+        let given = Biomarkers {
+            p_max_mmhg: Some(125.0),
+            ptd90_ms: Some(400.0),
+            ..Biomarkers::default()
+        };
         let merged = overridden(&found, &given);
-        assert_eq!((merged.p_max_mmhg, merged.sv_ml, merged.ptd90_ms), (Some(125.0), Some(70.0), Some(400.0)));
+        assert_eq!(
+            (merged.p_max_mmhg, merged.sv_ml, merged.ptd90_ms),
+            (Some(125.0), Some(70.0), Some(400.0))
+        );
         assert_eq!(merged.edv_ml, None);
     }
 }

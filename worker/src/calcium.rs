@@ -21,23 +21,39 @@ const COVERED: f64 = 0.8;
 /// positive.
 pub fn samples(file: &InputFile, cycle_length_ms: f64) -> Result<Vec<f64>, TaskError> {
     let trace = read_trace(file, Quantity::Calcium)?;
-    let refused = |message: String| TaskError::Measured { role: file.name.clone(), message };
+    let refused = |message: String| TaskError::Measured {
+        role: file.name.clone(),
+        message,
+    };
     let (name, begin) = (file.path.display(), trace.time_ms()[0]);
     if !(0.0..=LATEST_START_MS).contains(&begin) {
-        let message = format!("{name}: begins at {begin} ms, expected 0 ms, which is the activation: shift its times");
+        let message = format!(
+            "{name}: begins at {begin} ms, expected 0 ms, which is the activation: shift its times"
+        );
         return Err(refused(message));
     }
     let end = trace.end_ms();
     if end < COVERED * cycle_length_ms {
         let expected = COVERED * cycle_length_ms;
-        let message = format!("{name}: ends at {end} ms, expected at least {expected:.0} ms, 80 % of the cycle");
+        let message = format!(
+            "{name}: ends at {end} ms, expected at least {expected:.0} ms, 80 % of the cycle"
+        );
         return Err(refused(message));
     }
-    if let Some((time, value)) = trace.time_ms().iter().zip(trace.values()).find(|(_, value)| **value <= 0.0) {
-        return Err(refused(format!("{name}: {value} uM at {time} ms, expected a positive concentration")));
+    if let Some((time, value)) = trace
+        .time_ms()
+        .iter()
+        .zip(trace.values())
+        .find(|(_, value)| **value <= 0.0)
+    {
+        return Err(refused(format!(
+            "{name}: {value} uM at {time} ms, expected a positive concentration"
+        )));
     }
     let n = (cycle_length_ms / INTERVAL_MS).ceil() as usize + 1;
-    Ok((0..n).map(|k| trace.at((k as f64 * INTERVAL_MS).clamp(begin, end))).collect())
+    Ok((0..n)
+        .map(|k| trace.at((k as f64 * INTERVAL_MS).clamp(begin, end)))
+        .collect())
 }
 
 #[cfg(test)]
@@ -49,12 +65,18 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("calcium.csv");
         std::fs::write(&path, text).unwrap();
-        let file = InputFile { name: "calcium".into(), path, sha256: sha256_hex(text.as_bytes()) };
+        let file = InputFile {
+            name: "calcium".into(),
+            path,
+            sha256: sha256_hex(text.as_bytes()),
+        };
         samples(&file, cycle_length_ms).map_err(|error| error.to_string())
     }
 
     fn rows(times: impl Iterator<Item = f64>) -> String {
-        times.fold("time_ms,Ca_uM\n".to_owned(), |text, t| text + &format!("{t},{}\n", 0.1 + 0.001 * t))
+        times.fold("time_ms,Ca_uM\n".to_owned(), |text, t| {
+            text + &format!("{t},{}\n", 0.1 + 0.001 * t)
+        })
     }
 
     #[test]
@@ -70,9 +92,15 @@ mod tests {
         let late = read(&rows((20..=100).map(f64::from)), 100.0).unwrap_err();
         assert!(late.contains("begins at 20 ms"), "{late}");
         let short = read(&rows((0..=50).map(f64::from)), 100.0).unwrap_err();
-        assert!(short.contains("ends at 50 ms, expected at least 80 ms"), "{short}");
+        assert!(
+            short.contains("ends at 50 ms, expected at least 80 ms"),
+            "{short}"
+        );
         let negative = read("time_ms,Ca_uM\n0,0.1\n1,-0.2\n2,0.1\n", 2.0).unwrap_err();
-        assert!(negative.contains("calcium.csv:3: Ca_uM: found `-0.2`"), "{negative}");
+        assert!(
+            negative.contains("calcium.csv:3: Ca_uM: found `-0.2`"),
+            "{negative}"
+        );
         let zero = read("time_ms,Ca_uM\n0,0.1\n1,0\n2,0.1\n", 2.0).unwrap_err();
         assert!(zero.contains("0 uM at 1 ms"), "{zero}");
     }

@@ -28,7 +28,9 @@ pub struct NamedCell {
 /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
 pub fn position(name: &str) -> Result<usize, TaskError> {
     let position = CELL_PARAMETERS.iter().position(|known| *known == name);
-    position.ok_or_else(|| TaskError::UnknownParameter { name: name.to_owned() })
+    position.ok_or_else(|| TaskError::UnknownParameter {
+        name: name.to_owned(),
+    })
 }
 
 impl NamedCell {
@@ -38,7 +40,11 @@ impl NamedCell {
         let mut values = DEFAULT_PARAMETERS;
         // Table A3's 2.1 kPa is that of isolated tissue: a cell in the organ's place would collapse with it.
         values[PASSIVE_SCALE] = LandPassiveParameters::default().a_p_kpa;
-        Self { values, cycle_length_ms, lambda_0 }
+        Self {
+            values,
+            cycle_length_ms,
+            lambda_0,
+        }
     }
 
     /// Sets every parameter of a map.
@@ -115,8 +121,17 @@ impl NamedCell {
             ..cell.land
         };
         cell.passive.a_p_kpa = a_p_kpa;
-        cell.calcium = CalciumInput::Rice(Rice2008Parameters { ca_res_um, ca_max_um, tau_cr_ms, tau_cd_ms });
-        CellParameters { cycle_length_ms: self.cycle_length_ms, lambda0: self.lambda_0, ..cell }
+        cell.calcium = CalciumInput::Rice(Rice2008Parameters {
+            ca_res_um,
+            ca_max_um,
+            tau_cr_ms,
+            tau_cd_ms,
+        });
+        CellParameters {
+            cycle_length_ms: self.cycle_length_ms,
+            lambda0: self.lambda_0,
+            ..cell
+        }
     }
 }
 
@@ -129,7 +144,11 @@ mod tests {
     fn files_say_the_same_defaults() {
         let cell = NamedCell::new(1000.0, 1.0);
         for name in CELL_PARAMETERS {
-            assert_eq!(cell.value(name).ok(), cardiotwin_schemas::organ::cell_default(name), "{name}");
+            assert_eq!(
+                cell.value(name).ok(),
+                cardiotwin_schemas::organ::cell_default(name),
+                "{name}"
+            );
         }
     }
 
@@ -142,13 +161,19 @@ mod tests {
     fn defaults_are_the_scalar_cells() {
         let cell = NamedCell::new(1000.0, 1.0).parameters();
         let models = CellParameters::default();
-        assert_eq!((cell.land, cell.passive, cell.calcium), (models.land, models.passive, models.calcium));
+        assert_eq!(
+            (cell.land, cell.passive, cell.calcium),
+            (models.land, models.passive, models.calcium)
+        );
     }
 
     #[test]
     fn every_name_has_a_place_of_its_own() {
-        let values: BTreeMap<String, f64> =
-            CELL_PARAMETERS.iter().enumerate().map(|(idx, name)| ((*name).to_owned(), 100.0 + idx as f64)).collect();
+        let values: BTreeMap<String, f64> = CELL_PARAMETERS
+            .iter()
+            .enumerate()
+            .map(|(idx, name)| ((*name).to_owned(), 100.0 + idx as f64))
+            .collect();
         let cell = NamedCell::new(800.0, 0.99).with(&values).unwrap();
         let input = cell.input();
         for (name, value) in &values {
@@ -157,17 +182,28 @@ mod tests {
         }
         assert_eq!((input.cycle_length_ms, input.lambda_0), (800.0, 0.99));
         let parameters = cell.parameters();
-        assert_eq!((parameters.cycle_length_ms, parameters.lambda0), (800.0, 0.99));
+        assert_eq!(
+            (parameters.cycle_length_ms, parameters.lambda0),
+            (800.0, 0.99)
+        );
         assert_eq!(parameters.land.beta1_um, values["beta_1_uM"]);
         assert_eq!(parameters.passive.a_p_kpa, values["a_p_kPa"]);
-        let CalciumInput::Rice(rice) = parameters.calcium else { panic!("Rice's calcium is what was set") };
+        let CalciumInput::Rice(rice) = parameters.calcium else {
+            panic!("Rice's calcium is what was set")
+        };
         assert_eq!(rice.tau_cd_ms, values["tau_CD_ms"]);
     }
 
     #[test]
     fn an_unknown_name_is_refused() {
         let unknown = BTreeMap::from([("Ca50".to_owned(), 0.8)]);
-        let error = NamedCell::new(800.0, 1.0).with(&unknown).unwrap_err().to_string();
-        assert!(error.contains("`Ca50`") && error.contains("Ca50_ref_uM"), "{error}");
+        let error = NamedCell::new(800.0, 1.0)
+            .with(&unknown)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("`Ca50`") && error.contains("Ca50_ref_uM"),
+            "{error}"
+        );
     }
 }

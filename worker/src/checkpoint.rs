@@ -42,20 +42,33 @@ impl Checkpoints {
     /// In an attempt's directory; earlier generations of the same task are looked for beside it, newest first.
     #[must_use]
     pub fn of_attempt(directory: &Path, attempt: &AttemptId) -> Self {
-        let earlier = (1..attempt.generation).rev().filter_map(|generation| sibling(directory, generation));
-        Self { own: Some(directory.to_owned()), earlier: earlier.collect(), last_generation: None }
+        let earlier = (1..attempt.generation)
+            .rev()
+            .filter_map(|generation| sibling(directory, generation));
+        Self {
+            own: Some(directory.to_owned()),
+            earlier: earlier.collect(),
+            last_generation: None,
+        }
     }
 
     /// In `directory`, going on from what lies in `other`, up to and with a generation if one is given.
     #[must_use]
     pub fn restarting(directory: &Path, other: &Path, last_generation: Option<u64>) -> Self {
-        Self { own: Some(directory.to_owned()), earlier: vec![other.to_owned()], last_generation }
+        Self {
+            own: Some(directory.to_owned()),
+            earlier: vec![other.to_owned()],
+            last_generation,
+        }
     }
 
     /// In `directory`, from the beginning.
     #[must_use]
     pub fn writing(directory: &Path) -> Self {
-        Self { own: Some(directory.to_owned()), ..Self::default() }
+        Self {
+            own: Some(directory.to_owned()),
+            ..Self::default()
+        }
     }
 
     /// Nowhere: every task begins anew and leaves nothing.
@@ -73,13 +86,18 @@ impl Checkpoints {
     /// Where this attempt writes the checkpoint `name`, if it writes any.
     #[must_use]
     pub fn own_file(&self, name: &str) -> Option<PathBuf> {
-        self.own.as_ref().map(|directory| directory.join("checkpoint").join(name))
+        self.own
+            .as_ref()
+            .map(|directory| directory.join("checkpoint").join(name))
     }
 
     /// Where earlier attempts may have left the checkpoint `name`, first choice first.
     #[must_use]
     pub fn earlier_files(&self, name: &str) -> Vec<PathBuf> {
-        self.earlier.iter().map(|directory| directory.join("checkpoint").join(name)).collect()
+        self.earlier
+            .iter()
+            .map(|directory| directory.join("checkpoint").join(name))
+            .collect()
     }
 
     /// Opens the journal of a search, with what the first earlier one of the same search holds.
@@ -91,10 +109,18 @@ impl Checkpoints {
             let records = read(&directory.join("checkpoint").join(name), search)?;
             Some((directory.clone(), records))
         });
-        let file =
-            self.own.as_ref().map(|directory| create(&directory.join("checkpoint"), name, search)).transpose()?;
+        let file = self
+            .own
+            .as_ref()
+            .map(|directory| create(&directory.join("checkpoint"), name, search))
+            .transpose()?;
         let (from, records) = earlier.unzip();
-        Ok(Journal { file, from, records: records.unwrap_or_default().into_iter(), chain: Chain::default() })
+        Ok(Journal {
+            file,
+            from,
+            records: records.unwrap_or_default().into_iter(),
+            chain: Chain::default(),
+        })
     }
 }
 
@@ -126,7 +152,9 @@ impl Journal {
         if record.asked == hash_of(points) && record.costs.len() == points.len() {
             return Some(record.costs);
         }
-        tracing::warn!("the optimiser asks for other points than the earlier attempt's: the rest of it is left aside");
+        tracing::warn!(
+            "the optimiser asks for other points than the earlier attempt's: the rest of it is left aside"
+        );
         self.forget();
         None
     }
@@ -141,7 +169,9 @@ impl Journal {
     /// # Errors
     /// Any error of the file system.
     pub fn record(&mut self, points: &[Vec<f64>], costs: &[f64]) -> io::Result<()> {
-        let Some(file) = &mut self.file else { return Ok(()) };
+        let Some(file) = &mut self.file else {
+            return Ok(());
+        };
         let mut words = vec![costs.len() as u64, hash_of(points)];
         words.extend(costs.iter().map(|cost| cost.to_bits()));
         words.push(self.chain.next(&words));
@@ -152,11 +182,16 @@ impl Journal {
 
 /// FNV-1a over 64-bit words: tells damage, not malice.
 fn fnv(start: u64, words: impl Iterator<Item = u64>) -> u64 {
-    words.fold(start, |hash, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(23))
+    words.fold(start, |hash, word| {
+        (hash ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(23)
+    })
 }
 
 fn hash_of(points: &[Vec<f64>]) -> u64 {
-    fnv(0xcbf2_9ce4_8422_2325, points.iter().flatten().map(|value| value.to_bits()))
+    fnv(
+        0xcbf2_9ce4_8422_2325,
+        points.iter().flatten().map(|value| value.to_bits()),
+    )
 }
 
 /// Hash of the records so far.
@@ -178,9 +213,18 @@ impl Chain {
 
 fn create(folder: &Path, name: &str, search: &str) -> io::Result<File> {
     fs::create_dir_all(folder)?;
-    let header = Header { format: FORMAT, search: search.to_owned() };
+    let header = Header {
+        format: FORMAT,
+        search: search.to_owned(),
+    };
     let mut file = File::create(folder.join(name))?;
-    file.write_all(format!("{}\n", serde_json::to_string(&header).map_err(io::Error::other)?).as_bytes())?;
+    file.write_all(
+        format!(
+            "{}\n",
+            serde_json::to_string(&header).map_err(io::Error::other)?
+        )
+        .as_bytes(),
+    )?;
     Ok(file)
 }
 
@@ -196,15 +240,28 @@ fn read(path: &Path, search: &str) -> Option<Vec<Record>> {
     let bytes = fs::read(path).ok()?;
     let end = bytes.iter().position(|byte| *byte == b'\n')?;
     let header: Header = serde_json::from_slice(&bytes[..end]).ok()?;
-    if header != (Header { format: FORMAT, search: search.to_owned() }) {
+    if header
+        != (Header {
+            format: FORMAT,
+            search: search.to_owned(),
+        })
+    {
         tracing::warn!(file = %path.display(), "checkpoint is of another search, and left aside");
         return None;
     }
-    let words: Vec<u64> = bytes[end + 1..].as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    let words: Vec<u64> = bytes[end + 1..]
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .map(|word| u64::from_le_bytes(*word))
+        .collect();
     let mut records = Vec::new();
     let (mut rest, mut chain) = (words.as_slice(), Chain::default());
     while let Some(&n) = rest.first() {
-        let whole = usize::try_from(n).ok().and_then(|n| n.checked_add(3)).and_then(|len| rest.split_at_checked(len));
+        let whole = usize::try_from(n)
+            .ok()
+            .and_then(|n| n.checked_add(3))
+            .and_then(|len| rest.split_at_checked(len));
         let sound = whole.and_then(|(record, after)| {
             let (sum, content) = record.split_last()?;
             (chain.next(content) == *sum).then_some((content, after))
@@ -213,7 +270,10 @@ fn read(path: &Path, search: &str) -> Option<Vec<Record>> {
             tracing::warn!(file = %path.display(), batches = records.len(), "checkpoint is damaged beyond its first batches");
             break;
         };
-        records.push(Record { asked: content[1], costs: content[2..].iter().map(|w| f64::from_bits(*w)).collect() });
+        records.push(Record {
+            asked: content[1],
+            costs: content[2..].iter().map(|w| f64::from_bits(*w)).collect(),
+        });
         rest = after;
     }
     Some(records).filter(|records| !records.is_empty())
@@ -229,7 +289,13 @@ mod tests {
     fn checkpoints(root: &Path, generation: u32) -> Checkpoints {
         let directory = root.join(format!("abcd-g{generation}"));
         fs::create_dir_all(&directory).unwrap();
-        Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation })
+        Checkpoints::of_attempt(
+            &directory,
+            &AttemptId {
+                task: TaskKey("abcd".into()),
+                generation,
+            },
+        )
     }
 
     fn points(k: usize) -> Vec<Vec<f64>> {
@@ -248,7 +314,9 @@ mod tests {
 
     fn recalled(root: &Path, generation: u32, search: &str) -> usize {
         let mut journal = checkpoints(root, generation).journal(NAME, search).unwrap();
-        (0..).take_while(|k| journal.recall(&points(*k)) == Some(costs(*k))).count()
+        (0..)
+            .take_while(|k| journal.recall(&points(*k)) == Some(costs(*k)))
+            .count()
     }
 
     #[test]
@@ -273,7 +341,11 @@ mod tests {
         let second = sound.len() - 2 * 5 * 8 - 9;
         flipped[second] ^= 1;
         fs::write(&path, &flipped).unwrap();
-        assert_eq!(recalled(root.path(), 3, "a"), 1, "a bit of the second record flipped");
+        assert_eq!(
+            recalled(root.path(), 3, "a"),
+            1,
+            "a bit of the second record flipped"
+        );
         fs::write(&path, [sound.as_slice(), &u64::MAX.to_le_bytes()].concat()).unwrap();
         assert_eq!(recalled(root.path(), 4, "a"), 4, "a length that cannot be");
     }

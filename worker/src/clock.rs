@@ -7,6 +7,8 @@ use cardiotwin_schemas::time::utc_text;
 /// The present time as text.
 #[must_use]
 pub fn now() -> String {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
     utc_text(i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
 }

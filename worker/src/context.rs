@@ -90,7 +90,10 @@ impl Artefacts {
     /// Files go to `directory`, which exists.
     #[must_use]
     pub fn in_directory(directory: &Path) -> Self {
-        Self { directory: directory.to_owned(), written: Vec::new() }
+        Self {
+            directory: directory.to_owned(),
+            written: Vec::new(),
+        }
     }
 
     /// Where files go.
@@ -105,7 +108,8 @@ impl Artefacts {
     /// [`TaskError::Write`] when the file system refuses.
     pub fn write(&mut self, name: &str, file: &str, content: &str) -> Result<(), TaskError> {
         let path = self.directory.join(file);
-        files::write_synced(&path, content.as_bytes()).map_err(|source| TaskError::Write { file: path, source })?;
+        files::write_synced(&path, content.as_bytes())
+            .map_err(|source| TaskError::Write { file: path, source })?;
         self.written.push(Artefact {
             name: name.to_owned(),
             file: file.to_owned(),
@@ -131,7 +135,12 @@ impl Artefacts {
             out.finish()
         });
         let (sha256, bytes) = written.map_err(|source| TaskError::Write { file: path, source })?;
-        self.written.push(Artefact { name: name.to_owned(), file: file.to_owned(), sha256, bytes });
+        self.written.push(Artefact {
+            name: name.to_owned(),
+            file: file.to_owned(),
+            sha256,
+            bytes,
+        });
         Ok(())
     }
 
@@ -139,12 +148,25 @@ impl Artefacts {
     ///
     /// # Errors
     /// [`TaskError::Write`] when the file system refuses.
-    pub fn write_bytes(&mut self, name: &str, file: &str, content: &[u8]) -> Result<InputFile, TaskError> {
+    pub fn write_bytes(
+        &mut self,
+        name: &str,
+        file: &str,
+        content: &[u8],
+    ) -> Result<InputFile, TaskError> {
         let path = self.directory.join(file);
-        files::write_atomic(&path, content).map_err(|source| TaskError::Write { file: path.clone(), source })?;
+        files::write_atomic(&path, content).map_err(|source| TaskError::Write {
+            file: path.clone(),
+            source,
+        })?;
         let sha256 = sha256_hex(content);
         let (name, file, bytes) = (name.to_owned(), file.to_owned(), content.len() as u64);
-        self.written.push(Artefact { name: name.clone(), file, sha256: sha256.clone(), bytes });
+        self.written.push(Artefact {
+            name: name.clone(),
+            file,
+            sha256: sha256.clone(),
+            bytes,
+        });
         let path = std::path::absolute(&path).unwrap_or(path);
         Ok(InputFile { name, path, sha256 })
     }

@@ -12,13 +12,19 @@ pub fn settings_for(instruction_set: InstructionSet) -> EngineSettings {
         InstructionSet::Avx2 => Some(SimdPath::Avx2),
         InstructionSet::Avx512 => Some(SimdPath::Avx512),
     };
-    EngineSettings { path, ..EngineSettings::default() }
+    EngineSettings {
+        path,
+        ..EngineSettings::default()
+    }
 }
 
 /// The instructions that are used, in the words of provenance.
 #[must_use]
 pub fn path_in_use(instruction_set: InstructionSet) -> &'static str {
-    match settings_for(instruction_set).path.unwrap_or_else(SimdPath::best) {
+    match settings_for(instruction_set)
+        .path
+        .unwrap_or_else(SimdPath::best)
+    {
         SimdPath::Portable => "portable lanes",
         SimdPath::Avx2 => "avx2 lanes",
         SimdPath::Avx512 => "avx512 lanes",

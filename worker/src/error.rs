@@ -189,7 +189,9 @@ pub enum TaskError {
     #[error("nothing to simulate next: {0}")]
     NoProposal(&'static str),
     /// The one-fibre ventricle has no beat with the twin's parameters, or none near them.
-    #[error("the one-fibre ventricle makes no beat near the twin's parameters: its posterior cannot be sampled")]
+    #[error(
+        "the one-fibre ventricle makes no beat near the twin's parameters: its posterior cannot be sampled"
+    )]
     NoPosterior,
     /// The settings of an external solver make no sense.
     #[error("solver.external: {0}")]
@@ -250,12 +252,17 @@ impl TaskError {
             | Self::CalciumSamples(_)
             | Self::Engine(_) => FailureClass::Input,
             // A fitted cell that the organ stretches too far says nothing of the patient's data.
-            Self::Organ(VentricleError::Contraction { source: ContractionError::Sensitivity { .. }, .. }) => {
-                FailureClass::Numerics
+            Self::Organ(VentricleError::Contraction {
+                source: ContractionError::Sensitivity { .. },
+                ..
+            }) => FailureClass::Numerics,
+            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => {
+                FailureClass::Input
             }
-            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
-                CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,
+                CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => {
+                    FailureClass::Input
+                }
                 _ => FailureClass::Numerics,
             },
             Self::FiniteElement(error) => error.class(),
@@ -268,20 +275,28 @@ impl TaskError {
             Self::Discover(DiscoverError::NoBaseFit) => FailureClass::Numerics,
             Self::Discover(_) => FailureClass::Input,
             Self::Nodal { .. } | Self::Identifiability(_) | Self::SearchEnded => FailureClass::Bug,
-            Self::Write { .. } | Self::Checkpoint(_) | Self::Threads(_) | Self::Cancelled => FailureClass::Site,
+            Self::Write { .. } | Self::Checkpoint(_) | Self::Threads(_) | Self::Cancelled => {
+                FailureClass::Site
+            }
         }
     }
 
     fn remedy(&self) -> Option<&'static str> {
         match self {
-            Self::InputMissing { .. } => Some("put the file back, or run again so that the task is planned anew"),
-            Self::InputChanged { .. } => {
-                Some("the file was edited after planning: run again, so that the task is planned with the new content")
+            Self::InputMissing { .. } => {
+                Some("put the file back, or run again so that the task is planned anew")
             }
+            Self::InputChanged { .. } => Some(
+                "the file was edited after planning: run again, so that the task is planned with the new content",
+            ),
             Self::NotMeasured { remedy, .. } => Some(remedy),
             Self::Factor { .. } => Some("correct the sample's factors"),
-            Self::Load(_) => Some("correct the arterial pressures, or give [afterload] and [preload]"),
-            Self::PassiveState(_) => Some("correct end-diastolic pressure and volume, wall volume or diastasis"),
+            Self::Load(_) => {
+                Some("correct the arterial pressures, or give [afterload] and [preload]")
+            }
+            Self::PassiveState(_) => {
+                Some("correct end-diastolic pressure and volume, wall volume or diastasis")
+            }
             Self::Measured { .. } | Self::Resample(_) | Self::Biomarkers(_) => {
                 Some("`cardiotwin check` tells all that is wrong with the data")
             }
@@ -290,15 +305,17 @@ impl TaskError {
                 Some("use a version that has it, or remove it from the patient's model")
             }
             Self::Effect(_) => Some("correct the effect in the patient's model"),
-            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => {
-                Some("set bounds or start values so that the parameter stays inside the model's range")
-            }
+            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => Some(
+                "set bounds or start values so that the parameter stays inside the model's range",
+            ),
             Self::FiniteElement(error) => error.remedy(),
             Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
-            Self::NoProposal(_) => {
-                Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\"")
+            Self::NoProposal(_) => Some(
+                "rerun from step1 with other initial values, bounds or update = \"fixed-point\"",
+            ),
+            Self::NoPosterior => {
+                Some("set posterior.enabled = false, or rerun from step3 with other bounds")
             }
-            Self::NoPosterior => Some("set posterior.enabled = false, or rerun from step3 with other bounds"),
             Self::External(_) => Some("correct [solver.external] or the template"),
             Self::ExternalStart { .. } => {
                 Some("correct solver.external.command, or PATH where workers run, then run again")
@@ -307,15 +324,21 @@ impl TaskError {
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),
             Self::Population(_) => Some("correct [step2]"),
-            Self::Engine(_) => Some("set executor.instruction_set to \"auto\", or correct the sweep's settings"),
+            Self::Engine(_) => {
+                Some("set executor.instruction_set to \"auto\", or correct the sweep's settings")
+            }
             Self::Design(_) => Some("sweep again with bounds and settings that make sense"),
             Self::CalciumSamples(_) => Some("correct measured.calcium"),
             Self::Discover(DiscoverError::UnknownEffect { .. }) => Some("correct --effects"),
-            Self::Discover(_) => Some("`cardiotwin check` tells what is wrong with a cohort's data"),
+            Self::Discover(_) => {
+                Some("`cardiotwin check` tells what is wrong with a cohort's data")
+            }
             Self::NoBeat { .. } | Self::Identifiability(_) | Self::SearchEnded => None,
             Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
             Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,
-            Self::Write { .. } | Self::Checkpoint(_) => Some("free space or restore write access, then retry"),
+            Self::Write { .. } | Self::Checkpoint(_) => {
+                Some("free space or restore write access, then retry")
+            }
             Self::Cancelled => None,
         }
     }

@@ -14,9 +14,11 @@ use sha2::{Digest as _, Sha256};
 /// Any error of the file system; `path` then holds what it held before.
 pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
     let temporary = beside(path);
-    write_synced(&temporary, content).and_then(|()| fs::rename(&temporary, path)).inspect_err(|_| {
-        let _ = fs::remove_file(&temporary);
-    })?;
+    write_synced(&temporary, content)
+        .and_then(|()| fs::rename(&temporary, path))
+        .inspect_err(|_| {
+            let _ = fs::remove_file(&temporary);
+        })?;
     sync_directory(parent(path))
 }
 
@@ -39,7 +41,11 @@ pub fn create_exclusive(path: &Path, content: &[u8]) -> io::Result<()> {
 /// # Errors
 /// Any error of the file system.
 pub fn write_synced(path: &Path, content: &[u8]) -> io::Result<()> {
-    let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(path)?;
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .open(path)?;
     file.write_all(content)?;
     file.sync_all()
 }
@@ -58,7 +64,11 @@ impl Hashed {
     /// # Errors
     /// Any error of the file system.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: io::BufWriter::new(File::create(path)?), hash: Sha256::new(), bytes: 0 })
+        Ok(Self {
+            file: io::BufWriter::new(File::create(path)?),
+            hash: Sha256::new(),
+            bytes: 0,
+        })
     }
 
     /// Brings it to disk; returns its SHA-256 in hexadecimal and its length.
@@ -66,7 +76,10 @@ impl Hashed {
     /// # Errors
     /// Any error of the file system.
     pub fn finish(self) -> io::Result<(String, u64)> {
-        self.file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        self.file
+            .into_inner()
+            .map_err(io::IntoInnerError::into_error)?
+            .sync_all()?;
         Ok((hex(&self.hash.finalize()), self.bytes))
     }
 }
@@ -89,7 +102,9 @@ fn sync_directory(path: &Path) -> io::Result<()> {
 }
 
 fn parent(path: &Path) -> &Path {
-    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    path.parent()
+        .filter(|parent| !parent.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
 }
 
 /// A name beside `path` that no other process uses.
@@ -123,7 +138,13 @@ mod tests {
         (0..5000).for_each(|k| write!(file, "{k},").unwrap());
         let (hash, bytes) = file.finish().unwrap();
         let content = fs::read(&path).unwrap();
-        assert_eq!((hash, bytes), (cardiotwin_schemas::hash::sha256_hex(&content), content.len() as u64));
+        assert_eq!(
+            (hash, bytes),
+            (
+                cardiotwin_schemas::hash::sha256_hex(&content),
+                content.len() as u64
+            )
+        );
         assert!(content.ends_with(b"4998,4999,"));
     }
 

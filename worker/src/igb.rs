@@ -79,9 +79,19 @@ pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
         .filter(|word| !word.starts_with('#'))
         .filter_map(|word| word.split_once(':'))
         .collect();
-    let number = |key: &'static str| pairs.get(key).and_then(|text| text.parse::<f64>().ok()).filter(|x| x.is_finite());
-    let count = |key| number(key).filter(|n| *n >= 1.0 && n.fract() == 0.0).map(|n| n as usize);
-    let n_nodes = count("x").ok_or(IgbError::Key("x"))? * count("y").unwrap_or(1) * count("z").unwrap_or(1);
+    let number = |key: &'static str| {
+        pairs
+            .get(key)
+            .and_then(|text| text.parse::<f64>().ok())
+            .filter(|x| x.is_finite())
+    };
+    let count = |key| {
+        number(key)
+            .filter(|n| *n >= 1.0 && n.fract() == 0.0)
+            .map(|n| n as usize)
+    };
+    let n_nodes =
+        count("x").ok_or(IgbError::Key("x"))? * count("y").unwrap_or(1) * count("z").unwrap_or(1);
     let n_frames = count("t").ok_or(IgbError::Key("t"))?;
     let kind = pairs.get("type").copied().unwrap_or("float");
     let size = match kind {
@@ -96,11 +106,23 @@ pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
     };
     let expected = n_nodes.saturating_mul(n_frames).saturating_mul(size);
     // The manual has data end with a form feed; openCARP's own files end without.
-    let data = if data.len() == expected + 1 { data.strip_suffix(b"\x0c").unwrap_or(data) } else { data };
+    let data = if data.len() == expected + 1 {
+        data.strip_suffix(b"\x0c").unwrap_or(data)
+    } else {
+        data
+    };
     if data.len() != expected {
-        return Err(IgbError::Length { found: data.len(), expected, n_nodes, n_frames });
+        return Err(IgbError::Length {
+            found: data.len(),
+            expected,
+            n_nodes,
+            n_frames,
+        });
     }
-    let (factor, zero) = (number("facteur").unwrap_or(1.0), number("zero").unwrap_or(0.0));
+    let (factor, zero) = (
+        number("facteur").unwrap_or(1.0),
+        number("zero").unwrap_or(0.0),
+    );
     let value = |raw: &[u8]| {
         let mut raw = raw.to_vec();
         if is_big {
@@ -113,7 +135,9 @@ pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
         raw * factor + zero
     };
     let first = number("org_t").unwrap_or(0.0);
-    let span = number("dim_t").filter(|_| n_frames > 1).map(|span| span / (n_frames - 1) as f64);
+    let span = number("dim_t")
+        .filter(|_| n_frames > 1)
+        .map(|span| span / (n_frames - 1) as f64);
     let step = number("inc_t").or(span).ok_or(IgbError::Key("dim_t"))?;
     Ok(Igb {
         time_ms: (0..n_frames).map(|k| first + k as f64 * step).collect(),
@@ -143,12 +167,22 @@ mod tests {
         let little: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
         let big: Vec<u8> = numbers.iter().flat_map(|x| x.to_be_bytes()).collect();
         let found = read(&file(HEAD, &little)).unwrap();
-        assert_eq!((found.n_nodes, &found.time_ms[..]), (2, &[0.0, 10.0, 20.0][..]));
+        assert_eq!(
+            (found.n_nodes, &found.time_ms[..]),
+            (2, &[0.0, 10.0, 20.0][..])
+        );
         assert_eq!(found.values, numbers.map(f64::from));
-        assert_eq!(read(&file(&HEAD.replace("little", "big"), &big)).unwrap(), found);
+        assert_eq!(
+            read(&file(&HEAD.replace("little", "big"), &big)).unwrap(),
+            found
+        );
         let ended = [&little[..], b"\x0c"].concat();
         assert_eq!(read(&file(HEAD, &ended)).unwrap(), found);
-        let scaled = read(&file(&HEAD.replace("facteur:1 zero:0", "facteur:2 zero:1"), &little)).unwrap();
+        let scaled = read(&file(
+            &HEAD.replace("facteur:1 zero:0", "facteur:2 zero:1"),
+            &little,
+        ))
+        .unwrap();
         assert_eq!(scaled.values[5], -169.0);
     }
 
@@ -158,7 +192,10 @@ mod tests {
         let numbers = [-85.0_f32, f32::NAN, 0.0, 1.0, 2.0, 20.5];
         bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
         let found = read(&bytes).unwrap();
-        assert_eq!((found.n_nodes, &found.time_ms[..]), (2, &[0.0, 1.0, 2.0][..]));
+        assert_eq!(
+            (found.n_nodes, &found.time_ms[..]),
+            (2, &[0.0, 1.0, 2.0][..])
+        );
         assert!(found.values[1].is_nan());
         assert_eq!((found.values[0], found.values[5]), (-85.0, 20.5));
     }
@@ -167,8 +204,22 @@ mod tests {
     fn what_does_not_fit_its_header_is_refused() {
         assert_eq!(read(b"x:2"), Err(IgbError::Short(3)));
         let short = read(&file(HEAD, &[0; 20]));
-        assert_eq!(short, Err(IgbError::Length { found: 20, expected: 24, n_nodes: 2, n_frames: 3 }));
-        assert_eq!(read(&file(&HEAD.replace("type:float", "type:byte"), &[0; 24])), Err(IgbError::Type("byte".into())));
-        assert_eq!(read(&file(&HEAD.replace("x:2 ", ""), &[0; 24])), Err(IgbError::Key("x")));
+        assert_eq!(
+            short,
+            Err(IgbError::Length {
+                found: 20,
+                expected: 24,
+                n_nodes: 2,
+                n_frames: 3
+            })
+        );
+        assert_eq!(
+            read(&file(&HEAD.replace("type:float", "type:byte"), &[0; 24])),
+            Err(IgbError::Type("byte".into()))
+        );
+        assert_eq!(
+            read(&file(&HEAD.replace("x:2 ", ""), &[0; 24])),
+            Err(IgbError::Key("x"))
+        );
     }
 }

@@ -36,7 +36,14 @@ impl<'a> Verifying<'a> {
     pub fn open(input: &'a InputFile) -> Result<BufReader<Self>, TaskError> {
         let missing = |source| missing(input, source);
         let file = File::open(&input.path).map_err(missing)?;
-        Ok(BufReader::with_capacity(1 << 20, Self { input, file, hash: Sha256::new() }))
+        Ok(BufReader::with_capacity(
+            1 << 20,
+            Self {
+                input,
+                file,
+                hash: Sha256::new(),
+            },
+        ))
     }
 
     /// Reads on to the end, and compares.
@@ -46,7 +53,14 @@ impl<'a> Verifying<'a> {
     pub fn verify(mut self) -> Result<(), TaskError> {
         let input = self.input;
         io::copy(&mut self, &mut io::sink()).map_err(|source| missing(input, source))?;
-        compare(input, self.hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+        compare(
+            input,
+            self.hash
+                .finalize()
+                .iter()
+                .map(|byte| format!("{byte:02x}"))
+                .collect(),
+        )
     }
 }
 
@@ -60,7 +74,11 @@ impl Read for Verifying<'_> {
 
 /// The error of a file that cannot be read.
 pub fn missing(input: &InputFile, source: io::Error) -> TaskError {
-    TaskError::InputMissing { role: input.name.clone(), file: input.path.clone(), source }
+    TaskError::InputMissing {
+        role: input.name.clone(),
+        file: input.path.clone(),
+        source,
+    }
 }
 
 fn compare(input: &InputFile, found: String) -> Result<(), TaskError> {
@@ -68,7 +86,12 @@ fn compare(input: &InputFile, found: String) -> Result<(), TaskError> {
         return Ok(());
     }
     let (role, file, expected) = (input.name.clone(), input.path.clone(), input.sha256.clone());
-    Err(TaskError::InputChanged { role, file, found, expected })
+    Err(TaskError::InputChanged {
+        role,
+        file,
+        found,
+        expected,
+    })
 }
 
 /// A measured trace, if its file is sound.
@@ -78,7 +101,14 @@ fn compare(input: &InputFile, found: String) -> Result<(), TaskError> {
 pub fn read_trace(input: &InputFile, quantity: Quantity) -> Result<Trace, TaskError> {
     let bytes = read_verified(input)?;
     let reading = parse_trace(&bytes, &input.path, quantity);
-    let problem = reading.problems.iter().find(|problem| problem.is_error()).or(reading.problems.first());
+    let problem = reading
+        .problems
+        .iter()
+        .find(|problem| problem.is_error())
+        .or(reading.problems.first());
     let message = problem.map_or_else(|| "no trace".to_owned(), ToString::to_string);
-    reading.trace.ok_or(TaskError::Measured { role: input.name.clone(), message })
+    reading.trace.ok_or(TaskError::Measured {
+        role: input.name.clone(),
+        message,
+    })
 }

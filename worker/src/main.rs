@@ -157,7 +157,16 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             log(if quiet { Level::WARN } else { Level::INFO });
             run_attempt(&directory, None, &stop, !quiet)?;
         }
-        Command::Simulate { spec, out, threads, instruction_set, vtu_every, one_fibre, restart, generation } => {
+        Command::Simulate {
+            spec,
+            out,
+            threads,
+            instruction_set,
+            vtu_every,
+            one_fibre,
+            restart,
+            generation,
+        } => {
             log(Level::INFO);
             let task = read_task(&spec)?;
             let task = if one_fibre { in_one_fibre(task)? } else { task };
@@ -171,11 +180,22 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             };
             let stop = stop.clone();
             let plain = Context::plain(&out, threads);
-            let context = Context { instruction_set, checkpoints, vtu_every_ms: vtu_every, stop, ..plain };
+            let context = Context {
+                instruction_set,
+                checkpoints,
+                vtu_every_ms: vtu_every,
+                stop,
+                ..plain
+            };
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }
-        Command::Benchmark { file, as_cohort, out, quiet } => {
+        Command::Benchmark {
+            file,
+            as_cohort,
+            out,
+            quiet,
+        } => {
             let mut progress = |line: &str| {
                 if !quiet {
                     eprintln!("{line}");
@@ -195,10 +215,27 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 println!("{}", file.display());
             }
         }
-        Command::Bench { kernel, json, nodes: Some(nodes), threads, element, cycle, step, tolerance, .. } => {
-            let positive = [("--cycle", cycle), ("--step", step), ("--tolerance", tolerance)];
+        Command::Bench {
+            kernel,
+            json,
+            nodes: Some(nodes),
+            threads,
+            element,
+            cycle,
+            step,
+            tolerance,
+            ..
+        } => {
+            let positive = [
+                ("--cycle", cycle),
+                ("--step", step),
+                ("--tolerance", tolerance),
+            ];
             for (name, value) in positive {
-                anyhow::ensure!(value > 0.0 && value.is_finite(), "{name} {value}: expected a positive number");
+                anyhow::ensure!(
+                    value > 0.0 && value.is_finite(),
+                    "{name} {value}: expected a positive number"
+                );
             }
             let element = match element {
                 Elements::Linear => bench::Element::Linear,
@@ -215,11 +252,16 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let report = |word: &str| eprintln!("{word}");
             match kernel {
                 Kernel::Beat => {
-                    let counts: Vec<bench::Ranks<'_>> =
-                        threads.iter().map(|n| bench::Ranks::Threads(*n as usize)).collect();
+                    let counts: Vec<bench::Ranks<'_>> = threads
+                        .iter()
+                        .map(|n| bench::Ranks::Threads(*n as usize))
+                        .collect();
                     let timings = bench::ventricle(&what, &counts, &stop, report)?;
                     print!("{}", bench::told(&timings, json)?);
-                    anyhow::ensure!(timings.iter().all(|t| t.diverged.is_none()), "the beat did not reach its end");
+                    anyhow::ensure!(
+                        timings.iter().all(|t| t.diverged.is_none()),
+                        "the beat did not reach its end"
+                    );
                 }
                 Kernel::Shortcuts => {
                     let most = threads.iter().copied().max().unwrap_or(1) as usize;
@@ -233,17 +275,25 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 _ => anyhow::bail!("--nodes: only `beat` and `shortcuts` have a 3D ventricle"),
             }
         }
-        Command::Bench { kernel, json, seeds, .. } => {
+        Command::Bench {
+            kernel,
+            json,
+            seeds,
+            ..
+        } => {
             let timing = match kernel {
                 Kernel::Beat => serde_json::to_value(bench::beat()?)?,
                 Kernel::Periodic => serde_json::to_value(bench::periodic()?)?,
                 Kernel::Cell => serde_json::to_value(bench::cell()?)?,
                 Kernel::Shortcuts => {
-                    anyhow::bail!("shortcuts are those of a 3D beat: say --nodes, such as --nodes 2000")
+                    anyhow::bail!(
+                        "shortcuts are those of a 3D beat: say --nodes, such as --nodes 2000"
+                    )
                 }
                 Kernel::Strategies => {
-                    let comparison =
-                        bench::strategies(seeds, |row| eprintln!("{}: {:?} done", row.case, row.strategy))?;
+                    let comparison = bench::strategies(seeds, |row| {
+                        eprintln!("{}: {:?} done", row.case, row.strategy)
+                    })?;
                     if !json {
                         print!("{}", comparison.table());
                         return Ok(ExitCode::SUCCESS);

@@ -63,12 +63,23 @@ pub fn to_csv(time_ms: &[f64], nodes: &NodalTraces, with_calcium: bool) -> Strin
     let n = nodes.n_nodes;
     let row = |k: usize| {
         let of = |values: &[f64]| values[k * n..(k + 1) * n].to_vec();
-        let calcium = if with_calcium { of(&nodes.ca_um) } else { vec![] };
+        let calcium = if with_calcium {
+            of(&nodes.ca_um)
+        } else {
+            vec![]
+        };
         Ok([of(&nodes.sa_kpa), calcium, of(&nodes.lambda)].concat())
     };
-    let mut text = Vec::with_capacity((time_ms.len() + 2) * (n * columns(with_calcium).len() + 1) * 12);
-    write_csv(&mut text, time_ms, [&nodes.activation_ms, &nodes.weights], with_calcium, row)
-        .expect("memory takes what is written");
+    let mut text =
+        Vec::with_capacity((time_ms.len() + 2) * (n * columns(with_calcium).len() + 1) * 12);
+    write_csv(
+        &mut text,
+        time_ms,
+        [&nodes.activation_ms, &nodes.weights],
+        with_calcium,
+        row,
+    )
+    .expect("memory takes what is written");
     String::from_utf8(text).expect("numbers are UTF-8")
 }
 
@@ -86,11 +97,18 @@ pub fn write_csv(
     with_calcium: bool,
     mut row: impl FnMut(usize) -> io::Result<Vec<f64>>,
 ) -> io::Result<()> {
-    for (name, values) in ["activation_ms", "weight"].into_iter().zip(activation_and_weight) {
+    for (name, values) in ["activation_ms", "weight"]
+        .into_iter()
+        .zip(activation_and_weight)
+    {
         let values: Vec<String> = values.iter().map(|value| number(*value)).collect();
         writeln!(out, "# {name}: {}", values.join(","))?;
     }
-    writeln!(out, "{}", header(activation_and_weight[0].len(), with_calcium))?;
+    writeln!(
+        out,
+        "{}",
+        header(activation_and_weight[0].len(), with_calcium)
+    )?;
     for (k, time) in time_ms.iter().enumerate() {
         out.write_all(number(*time).as_bytes())?;
         for value in row(k)? {
@@ -103,7 +121,11 @@ pub fn write_csv(
 }
 
 fn columns(with_calcium: bool) -> &'static [&'static str] {
-    if with_calcium { &["Sa_kPa", "Ca_uM", "lambda"] } else { &["Sa_kPa", "lambda"] }
+    if with_calcium {
+        &["Sa_kPa", "Ca_uM", "lambda"]
+    } else {
+        &["Sa_kPa", "lambda"]
+    }
 }
 
 fn header(n_nodes: usize, with_calcium: bool) -> String {
@@ -150,17 +172,39 @@ impl<R: io::BufRead> NodalRows<R> {
     /// [`NodalReadError`] with the line that is not as it must be.
     pub fn begin(from: R) -> Result<Self, NodalReadError> {
         let (text, activation_ms, weights) = (vec![], vec![], vec![]);
-        let mut rows = Self { from, text, line: 0, last_ms: None, activation_ms, weights, has_calcium: false };
+        let mut rows = Self {
+            from,
+            text,
+            line: 0,
+            last_ms: None,
+            activation_ms,
+            weights,
+            has_calcium: false,
+        };
         let first = rows.next_line()?.unwrap_or_default();
-        let activation: Option<Vec<f64>> = first.strip_prefix("# activation_ms: ").and_then(numbers);
-        rows.activation_ms = activation.ok_or_else(|| NodalError::Activation { found: beginning(&first) })?;
+        let activation: Option<Vec<f64>> =
+            first.strip_prefix("# activation_ms: ").and_then(numbers);
+        rows.activation_ms = activation.ok_or_else(|| NodalError::Activation {
+            found: beginning(&first),
+        })?;
         let n_nodes = rows.activation_ms.len();
         let second = rows.next_line()?.unwrap_or_default();
-        let weights = second.strip_prefix("# weight: ").and_then(numbers).filter(|weights| weights.len() == n_nodes);
-        rows.weights = weights.ok_or_else(|| NodalError::Weight { n_nodes, found: beginning(&second) })?;
+        let weights = second
+            .strip_prefix("# weight: ")
+            .and_then(numbers)
+            .filter(|weights| weights.len() == n_nodes);
+        rows.weights = weights.ok_or_else(|| NodalError::Weight {
+            n_nodes,
+            found: beginning(&second),
+        })?;
         let third = rows.next_line()?.unwrap_or_default();
-        let with_calcium = [false, true].into_iter().find(|with_calcium| third == header(n_nodes, *with_calcium));
-        rows.has_calcium = with_calcium.ok_or_else(|| NodalError::Header { n_nodes, found: beginning(&third) })?;
+        let with_calcium = [false, true]
+            .into_iter()
+            .find(|with_calcium| third == header(n_nodes, *with_calcium));
+        rows.has_calcium = with_calcium.ok_or_else(|| NodalError::Header {
+            n_nodes,
+            found: beginning(&third),
+        })?;
         Ok(rows)
     }
 
@@ -174,7 +218,11 @@ impl<R: io::BufRead> NodalRows<R> {
         let line = self.line;
         let Some(text) = text else {
             // Three lines precede the rows.
-            return if line < 3 + 3 { Err(NodalError::Time { line: line + 1 }.into()) } else { Ok(None) };
+            return if line < 3 + 3 {
+                Err(NodalError::Time { line: line + 1 }.into())
+            } else {
+                Ok(None)
+            };
         };
         let values = numbers(&text).filter(|values| values.len() == n_columns);
         let mut values = values.ok_or(NodalError::Row { line, n_columns })?;
@@ -197,7 +245,11 @@ impl<R: io::BufRead> NodalRows<R> {
             return Ok(None);
         }
         self.line += 1;
-        Ok(Some(String::from_utf8_lossy(&self.text).trim_end_matches(['\n', '\r']).to_owned()))
+        Ok(Some(
+            String::from_utf8_lossy(&self.text)
+                .trim_end_matches(['\n', '\r'])
+                .to_owned(),
+        ))
     }
 }
 
@@ -205,7 +257,11 @@ impl<R: io::BufRead> NodalRows<R> {
 #[must_use]
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
-        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+        return if value == 0.0 {
+            "0".to_owned()
+        } else {
+            value.to_string()
+        };
     }
     let digits = (8 - value.abs().log10().floor() as i64).clamp(0, 17) as usize;
     let text = format!("{value:.digits$}");
@@ -216,7 +272,9 @@ pub fn number(value: f64) -> String {
 }
 
 fn numbers(line: &str) -> Option<Vec<f64>> {
-    line.split(',').map(|text| text.parse().ok().filter(|value: &f64| value.is_finite())).collect()
+    line.split(',')
+        .map(|text| text.parse().ok().filter(|value: &f64| value.is_finite()))
+        .collect()
 }
 
 fn beginning(line: &str) -> String {
@@ -247,14 +305,21 @@ mod tests {
         };
         let mut rows = NodalRows::begin(text.as_bytes()).map_err(content)?;
         let n_nodes = rows.activation_ms.len();
-        let mut nodes = NodalTraces { n_nodes, ..NodalTraces::default() };
+        let mut nodes = NodalTraces {
+            n_nodes,
+            ..NodalTraces::default()
+        };
         let mut times = vec![];
         while let Some((time, values)) = rows.next_row().map_err(content)? {
             times.push(time);
             nodes.sa_kpa.extend(&values[..n_nodes]);
             nodes.lambda.extend(&values[values.len() - n_nodes..]);
             let calcium = &values[n_nodes..values.len() - n_nodes];
-            if rows.has_calcium { nodes.ca_um.extend(calcium) } else { nodes.ca_um.extend(vec![0.0; n_nodes]) }
+            if rows.has_calcium {
+                nodes.ca_um.extend(calcium)
+            } else {
+                nodes.ca_um.extend(vec![0.0; n_nodes])
+            }
         }
         (nodes.activation_ms, nodes.weights) = (rows.activation_ms, rows.weights);
         Ok((times, nodes, rows.has_calcium))
@@ -263,19 +328,27 @@ mod tests {
     #[test]
     fn traces_survive_the_file_with_and_without_calcium() {
         let mut nodes = nodes();
-        assert_eq!(read(&to_csv(&TIME_MS, &nodes, false)), Ok((TIME_MS.to_vec(), nodes.clone(), false)));
+        assert_eq!(
+            read(&to_csv(&TIME_MS, &nodes, false)),
+            Ok((TIME_MS.to_vec(), nodes.clone(), false))
+        );
         nodes.ca_um = vec![0.15, 0.15, 0.6, 0.5, 0.2, 0.3];
         let text = to_csv(&TIME_MS, &nodes, true);
-        assert!(
-            text.starts_with("# activation_ms: 12.5,15.25\n# weight: 0.25,0.75\ntime_ms,Sa_kPa[1],Sa_kPa[2],Ca_uM[1]")
-        );
+        assert!(text.starts_with(
+            "# activation_ms: 12.5,15.25\n# weight: 0.25,0.75\ntime_ms,Sa_kPa[1],Sa_kPa[2],Ca_uM[1]"
+        ));
         assert_eq!(read(&text), Ok((TIME_MS.to_vec(), nodes, true)));
     }
 
     #[test]
     fn numbers_keep_nine_digits() {
-        let cases =
-            [(0.0, "0"), (1.0, "1"), (-0.15, "-0.15"), (123_456.789_012_3, "123456.789"), (1e10, "10000000000")];
+        let cases = [
+            (0.0, "0"),
+            (1.0, "1"),
+            (-0.15, "-0.15"),
+            (123_456.789_012_3, "123456.789"),
+            (1e10, "10000000000"),
+        ];
         for (value, text) in cases {
             assert_eq!(number(value), text);
         }
@@ -286,13 +359,28 @@ mod tests {
     #[test]
     fn a_damaged_file_is_refused_with_its_line() {
         let text = to_csv(&TIME_MS, &nodes(), false);
-        assert!(matches!(read("time_ms\n"), Err(NodalError::Activation { .. })));
+        assert!(matches!(
+            read("time_ms\n"),
+            Err(NodalError::Activation { .. })
+        ));
         let header = text.replace("lambda[2]", "lambda[3]");
-        assert!(matches!(read(&header), Err(NodalError::Header { n_nodes: 2, .. })));
+        assert!(matches!(
+            read(&header),
+            Err(NodalError::Header { n_nodes: 2, .. })
+        ));
         let weight = text.replace(",0.75", "");
-        assert!(matches!(read(&weight), Err(NodalError::Weight { n_nodes: 2, .. })));
+        assert!(matches!(
+            read(&weight),
+            Err(NodalError::Weight { n_nodes: 2, .. })
+        ));
         let row = text.replace("\n1,", "\n1,x");
-        assert_eq!(read(&row), Err(NodalError::Row { line: 5, n_columns: 5 }));
+        assert_eq!(
+            read(&row),
+            Err(NodalError::Row {
+                line: 5,
+                n_columns: 5
+            })
+        );
         let time = text.replace("\n2.5,", "\n0.5,");
         assert_eq!(read(&time), Err(NodalError::Time { line: 6 }));
         let short = text.replace("\n2.5,100,3,1,1", "");

@@ -45,7 +45,11 @@ pub struct Plugin {
 /// [`TaskError::UnknownParameter`].
 pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
     let listed = |pairs: &[(&str, f64)]| {
-        pairs.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",")
+        pairs
+            .iter()
+            .map(|(name, value)| format!("{name}={value}"))
+            .collect::<Vec<_>>()
+            .join(",")
     };
     match contraction {
         ContractionSpec::Tanh { parameters: p } => Ok(Plugin {
@@ -62,7 +66,8 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                 ("ldOn", 1.0),
             ]),
         }),
-        ContractionSpec::Land2017Rice { parameters, .. } | ContractionSpec::Land2017Trace { parameters, .. } => {
+        ContractionSpec::Land2017Rice { parameters, .. }
+        | ContractionSpec::Land2017Trace { parameters, .. } => {
             // Cycle length and stretch at the start are no parameters of the model.
             let cell = NamedCell::new(1000.0, 1.0).with(parameters)?;
             let [k_uw, k_ws] = [cell.value("k_UW_per_ms")?, cell.value("k_WS_per_ms")?];
@@ -127,15 +132,26 @@ pub fn write(specs: &[OrganBeatSpec], out: &Path) -> anyhow::Result<Vec<PathBuf>
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), TaskError> {
-    write_atomic(path, text.as_bytes()).map_err(|source| TaskError::Write { file: path.to_owned(), source })
+    write_atomic(path, text.as_bytes()).map_err(|source| TaskError::Write {
+        file: path.to_owned(),
+        source,
+    })
 }
 
 /// Mesh and activation times.
 fn mesh(stored: &StoredVentricle, out: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let stem = out.join(MESH);
     carp::write(&stored.mesh, &stem)?;
-    let mut files: Vec<PathBuf> = ["pts", "elem", "lon"].map(|end| stem.with_extension(end)).into();
-    files.extend(stored.mesh.surfaces.iter().map(|surface| stem.with_extension(format!("{}.surf", surface.name))));
+    let mut files: Vec<PathBuf> = ["pts", "elem", "lon"]
+        .map(|end| stem.with_extension(end))
+        .into();
+    files.extend(
+        stored
+            .mesh
+            .surfaces
+            .iter()
+            .map(|surface| stem.with_extension(format!("{}.surf", surface.name))),
+    );
     // The same nodes in another place.
     let unloaded = out.join(format!("{MESH}.unloaded.pts"));
     carp::write_pts(&stored.unloaded[..stored.mesh.n_nodes()], &unloaded)?;
@@ -185,7 +201,11 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
     }
     text.push_str("num_imp_regions = 1\nimp_region[0].name = muscle\n");
     if meshed {
-        let _ = write!(text, "imp_region[0].num_IDs = 1\nimp_region[0].ID[0] = {}\n", tags::LEFT_VENTRICLE);
+        let _ = write!(
+            text,
+            "imp_region[0].num_IDs = 1\nimp_region[0].ID[0] = {}\n",
+            tags::LEFT_VENTRICLE
+        );
     }
     let _ = write!(
         text,
@@ -199,14 +219,25 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
 fn transient(spec: &OrganBeatSpec) -> Result<Option<String>, TaskError> {
     let samples: Vec<f64> = match &spec.contraction {
         ContractionSpec::Tanh { .. } => return Ok(None),
-        ContractionSpec::Land2017Rice { parameters, lambda_0 } => {
-            let cell = NamedCell::new(spec.cycle_length_ms, *lambda_0).with(parameters)?.parameters();
-            let CalciumInput::Rice(rice) = cell.calcium else { return Ok(None) };
+        ContractionSpec::Land2017Rice {
+            parameters,
+            lambda_0,
+        } => {
+            let cell = NamedCell::new(spec.cycle_length_ms, *lambda_0)
+                .with(parameters)?
+                .parameters();
+            let CalciumInput::Rice(rice) = cell.calcium else {
+                return Ok(None);
+            };
             let rice = Rice2008::new(rice).map_err(CellError::Calcium)?;
             let n = spec.cycle_length_ms.floor() as usize + 1;
-            (0..n).map(|k| rice.concentration_um(k as f64 * calcium::INTERVAL_MS)).collect()
+            (0..n)
+                .map(|k| rice.concentration_um(k as f64 * calcium::INTERVAL_MS))
+                .collect()
         }
-        ContractionSpec::Land2017Trace { calcium: file, .. } => calcium::samples(file, spec.cycle_length_ms)?,
+        ContractionSpec::Land2017Trace { calcium: file, .. } => {
+            calcium::samples(file, spec.cycle_length_ms)?
+        }
     };
     let mut text = "time_ms,Ca_uM\n".to_owned();
     for (k, value) in samples.iter().enumerate() {
@@ -223,16 +254,30 @@ mod tests {
 
     #[test]
     fn parameters_carry_the_names_of_the_plugins() {
-        let tanh = TanhParameters { smax_ref_kpa: 91.5, ..TanhParameters::default() };
+        let tanh = TanhParameters {
+            smax_ref_kpa: 91.5,
+            ..TanhParameters::default()
+        };
         let found = plugin(&ContractionSpec::Tanh { parameters: tanh }).unwrap();
         assert_eq!(found.name, "TanhStress");
-        let expected = "t_emd=15,Tpeak=91.5,tau_c0=40,tau_r=110,t_dur=550,lambda_0=0.7,ld=5,ld_up=500,ldOn=1";
+        let expected =
+            "t_emd=15,Tpeak=91.5,tau_c0=40,tau_r=110,t_dur=550,lambda_0=0.7,ld=5,ld_up=500,ldOn=1";
         assert_eq!(found.parameters, expected);
         let fitted = BTreeMap::from([("n_Tm".to_owned(), 4.5), ("k_UW_per_ms".to_owned(), 0.052)]);
-        let found = plugin(&ContractionSpec::Land2017Rice { parameters: fitted, lambda_0: 1.0 }).unwrap();
+        let found = plugin(&ContractionSpec::Land2017Rice {
+            parameters: fitted,
+            lambda_0: 1.0,
+        })
+        .unwrap();
         assert_eq!(found.name, "Stress_Land17");
         // Land's whole-organ defaults are 7 and 3 times those of skinned muscle.
-        assert!(found.parameters.contains("nperm=4.5,ktm_unblock=1,nu=2,mu=3,"), "{}", found.parameters);
+        assert!(
+            found
+                .parameters
+                .contains("nperm=4.5,ktm_unblock=1,nu=2,mu=3,"),
+            "{}",
+            found.parameters
+        );
         assert!(
             plugin(&ContractionSpec::Land2017Rice {
                 parameters: BTreeMap::from([("x".to_owned(), 1.0)]),

@@ -19,12 +19,17 @@ pub fn boot_id() -> String {
 }
 
 fn line(path: &str) -> String {
-    fs::read_to_string(path).unwrap_or_default().trim().to_owned()
+    fs::read_to_string(path)
+        .unwrap_or_default()
+        .trim()
+        .to_owned()
 }
 
 /// Fields of `/proc/PID/stat` after the command's name, which may itself hold spaces and brackets; state comes first.
 fn stat_fields(stat: &str) -> Vec<&str> {
-    stat.rsplit_once(')').map(|(_, rest)| rest.split_ascii_whitespace().collect()).unwrap_or_default()
+    stat.rsplit_once(')')
+        .map(|(_, rest)| rest.split_ascii_whitespace().collect())
+        .unwrap_or_default()
 }
 
 /// Start time of a process in clock ticks since boot (field 22 of its stat file), if it exists and is not a zombie.
@@ -43,7 +48,12 @@ pub fn start_ticks(pid: u32) -> Option<u64> {
 pub fn cpu_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields = stat_fields(&stat);
-    let ticks = |idx: usize| fields.get(idx).and_then(|text| text.parse::<f64>().ok()).unwrap_or(0.0);
+    let ticks = |idx: usize| {
+        fields
+            .get(idx)
+            .and_then(|text| text.parse::<f64>().ok())
+            .unwrap_or(0.0)
+    };
     (ticks(11) + ticks(12)) / TICKS_PER_SECOND
 }
 

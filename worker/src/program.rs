@@ -29,7 +29,11 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
 
 /// Log lines to stderr, which the coordinator keeps beside the outcome.
 pub fn log(level: Level) {
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_max_level(level).init();
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .with_max_level(level)
+        .init();
 }
 
 /// A file's text.
@@ -52,7 +56,8 @@ pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
         }
         serde_json::from_value(value)
     };
-    read(self::read(file)?).with_context(|| format!("{}: not the specification of a task", file.display()))
+    read(self::read(file)?)
+        .with_context(|| format!("{}: not the specification of a task", file.display()))
 }
 
 /// Makes a folder for results.
@@ -67,7 +72,15 @@ pub fn make_folder(out: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When `other` is no folder.
-pub fn restarting(out: &Path, other: &Path, generation: Option<u64>) -> anyhow::Result<Checkpoints> {
-    anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
+pub fn restarting(
+    out: &Path,
+    other: &Path,
+    generation: Option<u64>,
+) -> anyhow::Result<Checkpoints> {
+    anyhow::ensure!(
+        other.is_dir(),
+        "--restart {}: no such directory",
+        other.display()
+    );
     Ok(Checkpoints::restarting(out, other, generation))
 }

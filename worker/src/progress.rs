@@ -25,28 +25,52 @@ impl ProgressLog {
     /// Reports to `progress.jsonl` in `directory`, which is made at the first one, and to stderr where `echo` is set.
     #[must_use]
     pub fn in_directory(directory: &Path, echo: bool) -> Self {
-        Self { path: Some(directory.join("progress.jsonl")), file: None, echo, last: None }
+        Self {
+            path: Some(directory.join("progress.jsonl")),
+            file: None,
+            echo,
+            last: None,
+        }
     }
 
     /// Reports to nobody.
     #[must_use]
     pub fn silent() -> Self {
-        Self { path: None, file: None, echo: false, last: None }
+        Self {
+            path: None,
+            file: None,
+            echo: false,
+            last: None,
+        }
     }
 
     /// Whether a report of `phase` would be written now: a new phase at once, the same one after a while.
     #[must_use]
     pub fn is_due(&self, phase: &str) -> bool {
-        self.last.as_ref().is_none_or(|(last, at)| last != phase || at.elapsed() >= INTERVAL)
+        self.last
+            .as_ref()
+            .is_none_or(|(last, at)| last != phase || at.elapsed() >= INTERVAL)
     }
 
     /// Writes a report if one is due; `note` is made only then.
-    pub fn report(&mut self, phase: &str, done: f64, total: Option<f64>, note: impl FnOnce() -> String) {
+    pub fn report(
+        &mut self,
+        phase: &str,
+        done: f64,
+        total: Option<f64>,
+        note: impl FnOnce() -> String,
+    ) {
         if !self.is_due(phase) {
             return;
         }
         self.last = Some((phase.to_owned(), Instant::now()));
-        let progress = Progress { at: clock::now(), phase: phase.to_owned(), done, total, note: note() };
+        let progress = Progress {
+            at: clock::now(),
+            phase: phase.to_owned(),
+            done,
+            total,
+            note: note(),
+        };
         if self.echo {
             eprintln!("{}: {}", progress.phase, progress.note);
         }
@@ -72,13 +96,21 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut log = ProgressLog::in_directory(dir.path(), false);
         for generation in 0..1000 {
-            log.report("fit", f64::from(generation), Some(1000.0), || format!("generation {generation}"));
+            log.report("fit", f64::from(generation), Some(1000.0), || {
+                format!("generation {generation}")
+            });
         }
         log.report("polish", 0.0, None, || "started".to_owned());
         let text = std::fs::read_to_string(dir.path().join("progress.jsonl")).unwrap();
-        let lines: Vec<Progress> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let lines: Vec<Progress> = text
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
         assert!(lines.len() < 100, "{} lines", lines.len());
-        assert_eq!((lines[0].note.as_str(), lines[0].total), ("generation 0", Some(1000.0)));
+        assert_eq!(
+            (lines[0].note.as_str(), lines[0].total),
+            ("generation 0", Some(1000.0))
+        );
         assert_eq!(lines.last().unwrap().phase, "polish");
     }
 }

@@ -34,16 +34,27 @@ impl Beginning {
     /// Begins now.
     #[must_use]
     pub fn now() -> Self {
-        Self { started: clock::now(), instant: Instant::now() }
+        Self {
+            started: clock::now(),
+            instant: Instant::now(),
+        }
     }
 
     /// What is known at the end of `task`.
     #[must_use]
-    pub fn provenance(&self, task: &TaskSpec, threads: u32, instruction_set: InstructionSet) -> Provenance {
+    pub fn provenance(
+        &self,
+        task: &TaskSpec,
+        threads: u32,
+        instruction_set: InstructionSet,
+    ) -> Provenance {
         Provenance {
             version: VERSION.to_owned(),
             commit: commit().map(ToOwned::to_owned),
-            inputs: inputs(task).into_iter().map(|file| (file.name.clone(), file.sha256.clone())).collect(),
+            inputs: inputs(task)
+                .into_iter()
+                .map(|file| (file.name.clone(), file.sha256.clone()))
+                .collect(),
             seed: match task {
                 TaskSpec::CellFit(spec) => Some(spec.seed),
                 TaskSpec::Discover(spec) => Some(spec.seed),
@@ -57,7 +68,9 @@ impl Beginning {
             ranks: 1,
             host: process::host(),
             arithmetic: match task {
-                TaskSpec::CellFit(_) => format!("{}, {}", arithmetic(), path_in_use(instruction_set)),
+                TaskSpec::CellFit(_) => {
+                    format!("{}, {}", arithmetic(), path_in_use(instruction_set))
+                }
                 _ => arithmetic(),
             },
             started: self.started.clone(),
@@ -94,9 +107,15 @@ fn calcium(beat: &OrganBeatSpec) -> Vec<&InputFile> {
 
 /// Instruction set that the kernels were compiled for: results are bit for bit the same only within one.
 fn arithmetic() -> String {
-    let set: BTreeMap<&str, bool> =
-        [("avx2", cfg!(target_feature = "avx2")), ("fma", cfg!(target_feature = "fma"))].into();
-    let extensions: Vec<&str> = set.into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
+    let set: BTreeMap<&str, bool> = [
+        ("avx2", cfg!(target_feature = "avx2")),
+        ("fma", cfg!(target_feature = "fma")),
+    ]
+    .into();
+    let extensions: Vec<&str> = set
+        .into_iter()
+        .filter_map(|(name, on)| on.then_some(name))
+        .collect();
     match extensions.as_slice() {
         [] => format!("{} scalar", std::env::consts::ARCH),
         list => format!("{} {}", std::env::consts::ARCH, list.join(" ")),

@@ -25,12 +25,21 @@ use crate::team::Team;
 ///
 /// # Errors
 /// [`AttemptError`] when nothing was published; a task that fails is no error but an outcome.
-pub fn run_attempt(directory: &Path, team: Option<Team>, stop: &StopFlag, echo: bool) -> Result<Ending, AttemptError> {
+pub fn run_attempt(
+    directory: &Path,
+    team: Option<Team>,
+    stop: &StopFlag,
+    echo: bool,
+) -> Result<Ending, AttemptError> {
     let beginning = Beginning::now();
     let attempt = Attempt::claim(directory)?;
     let mut context = Context {
         artefacts: Artefacts::in_directory(directory),
-        threads: if team.is_some() { 1 } else { attempt.spec.threads.max(1) },
+        threads: if team.is_some() {
+            1
+        } else {
+            attempt.spec.threads.max(1)
+        },
         team,
         instruction_set: attempt.spec.instruction_set,
         progress: ProgressLog::in_directory(directory, echo),
@@ -43,7 +52,13 @@ pub fn run_attempt(directory: &Path, team: Option<Team>, stop: &StopFlag, echo: 
     };
     let task = &attempt.spec.task;
     let ending = guarded(task.kind(), || run_task(task, &mut context));
-    let outcome = outcome(attempt.spec.attempt.clone(), ending, &attempt.spec.task, &mut context, &beginning);
+    let outcome = outcome(
+        attempt.spec.attempt.clone(),
+        ending,
+        &attempt.spec.task,
+        &mut context,
+        &beginning,
+    );
     attempt.publish(&outcome)?;
     Ok(outcome.ending)
 }
@@ -53,7 +68,16 @@ pub fn run_attempt(directory: &Path, team: Option<Team>, stop: &StopFlag, echo: 
 pub fn simulate(task: &TaskSpec, mut context: Context) -> TaskOutcome {
     let beginning = Beginning::now();
     let ending = guarded(task.kind(), || run_task(task, &mut context));
-    outcome(AttemptId { task: task.key(), generation: 0 }, ending, task, &mut context, &beginning)
+    outcome(
+        AttemptId {
+            task: task.key(),
+            generation: 0,
+        },
+        ending,
+        task,
+        &mut context,
+        &beginning,
+    )
 }
 
 fn outcome(
@@ -63,9 +87,21 @@ fn outcome(
     context: &mut Context,
     beginning: &Beginning,
 ) -> TaskOutcome {
-    let ranks = context.team.as_ref().map_or(1, |team| team.n_ranks() as u32);
-    let provenance = Provenance { ranks, ..beginning.provenance(task, context.threads, context.instruction_set) };
-    TaskOutcome { schema_version: SCHEMA_VERSION, attempt, ending, artefacts: context.artefacts.take(), provenance }
+    let ranks = context
+        .team
+        .as_ref()
+        .map_or(1, |team| team.n_ranks() as u32);
+    let provenance = Provenance {
+        ranks,
+        ..beginning.provenance(task, context.threads, context.instruction_set)
+    };
+    TaskOutcome {
+        schema_version: SCHEMA_VERSION,
+        attempt,
+        ending,
+        artefacts: context.artefacts.take(),
+        provenance,
+    }
 }
 
 /// Runs the task; a panic becomes a failure of class `bug` that names its message and place.
@@ -74,7 +110,9 @@ fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
     let seen = Arc::clone(&place);
     let earlier = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
-        let location = info.location().map(|location| format!("{}:{}", location.file(), location.line()));
+        let location = info
+            .location()
+            .map(|location| format!("{}:{}", location.file(), location.line()));
         eprintln!("defect in the worker: {info}");
         if let Ok(mut place) = seen.lock() {
             // The first panic is the cause; others follow from it in other threads.
@@ -84,10 +122,24 @@ fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
     let caught = panic::catch_unwind(AssertUnwindSafe(work));
     panic::set_hook(earlier);
     caught.unwrap_or_else(|payload| {
-        let place = place.lock().ok().and_then(|mut place| place.take()).unwrap_or_default();
-        let message = format!("{kind} task panicked at {place}: {}", panic_message(payload.as_ref()));
+        let place = place
+            .lock()
+            .ok()
+            .and_then(|mut place| place.take())
+            .unwrap_or_default();
+        let message = format!(
+            "{kind} task panicked at {place}: {}",
+            panic_message(payload.as_ref())
+        );
         let remedy = "please report this with the attempt's spec.json".to_owned();
-        Ending::Failed { failure: Failure { class: FailureClass::Bug, message, remedy: Some(remedy), cause: None } }
+        Ending::Failed {
+            failure: Failure {
+                class: FailureClass::Bug,
+                message,
+                remedy: Some(remedy),
+                cause: None,
+            },
+        }
     })
 }
 
@@ -107,20 +159,39 @@ mod tests {
     #[test]
     fn a_panic_is_a_failure_of_class_bug_with_message_and_place() {
         for text in ["a text", "a made text"] {
-            let ending =
-                guarded("noop", || if text == "a text" { panic!("a text") } else { panic!("a {} text", "made") });
-            let Ending::Failed { failure } = ending else { panic!("{ending:?}") };
+            let ending = guarded("noop", || {
+                if text == "a text" {
+                    panic!("a text")
+                } else {
+                    panic!("a {} text", "made")
+                }
+            });
+            let Ending::Failed { failure } = ending else {
+                panic!("{ending:?}")
+            };
             assert_eq!(failure.class, FailureClass::Bug);
-            assert!(failure.message.starts_with("noop task panicked at worker/src/run.rs:"), "{}", failure.message);
+            assert!(
+                failure
+                    .message
+                    .starts_with("noop task panicked at worker/src/run.rs:"),
+                "{}",
+                failure.message
+            );
             assert!(failure.message.ends_with(text), "{}", failure.message);
         }
         assert_eq!(guarded("noop", || Ending::Cancelled), Ending::Cancelled);
 
         let ending = guarded("cell-fit", || {
-            rayon::ThreadPoolBuilder::new().num_threads(2).build().map(|pool| pool.install(|| panic!("far away"))).ok();
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(2)
+                .build()
+                .map(|pool| pool.install(|| panic!("far away")))
+                .ok();
             Ending::Cancelled
         });
-        let Ending::Failed { failure } = ending else { panic!("{ending:?}") };
+        let Ending::Failed { failure } = ending else {
+            panic!("{ending:?}")
+        };
         assert!(failure.message.ends_with("far away"), "{}", failure.message);
     }
 }

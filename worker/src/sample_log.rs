@@ -38,16 +38,29 @@ impl SampleLog {
     /// # Errors
     /// Any error of the file system in making the new file.
     pub fn open(checkpoints: &Checkpoints, about: &str) -> io::Result<(Self, Vec<String>)> {
-        let header = Header { format: FORMAT, samples: about.to_owned() };
+        let header = Header {
+            format: FORMAT,
+            samples: about.to_owned(),
+        };
         let earlier = checkpoints.earlier_files(FILE);
-        let lines = earlier.iter().filter_map(|path| read(path, &header)).max_by_key(Vec::len).unwrap_or_default();
+        let lines = earlier
+            .iter()
+            .filter_map(|path| read(path, &header))
+            .max_by_key(Vec::len)
+            .unwrap_or_default();
         let mut log = Self { file: None };
         if let Some(path) = checkpoints.own_file(FILE) {
             if let Some(folder) = path.parent() {
                 fs::create_dir_all(folder)?;
             }
             let mut file = File::create(path)?;
-            file.write_all(format!("{}\n", serde_json::to_string(&header).map_err(io::Error::other)?).as_bytes())?;
+            file.write_all(
+                format!(
+                    "{}\n",
+                    serde_json::to_string(&header).map_err(io::Error::other)?
+                )
+                .as_bytes(),
+            )?;
             log.file = Some(file);
         }
         log.append(lines.iter().map(String::as_str))?;
@@ -59,7 +72,9 @@ impl SampleLog {
     /// # Errors
     /// Any error of the file system.
     pub fn append<'a>(&mut self, lines: impl Iterator<Item = &'a str>) -> io::Result<()> {
-        let Some(file) = &mut self.file else { return Ok(()) };
+        let Some(file) = &mut self.file else {
+            return Ok(());
+        };
         let mut text = String::new();
         for line in lines {
             // Writing to a text cannot fail.
@@ -71,7 +86,9 @@ impl SampleLog {
 
 /// FNV-1a: tells damage, not malice.
 fn checksum(line: &str) -> u64 {
-    line.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    line.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
 /// The lines of a file up to the first that is not sound; nothing where it is no such file, or of something else.
@@ -100,7 +117,13 @@ mod tests {
     fn checkpoints(root: &Path, generation: u32) -> Checkpoints {
         let directory = root.join(format!("abcd-g{generation}"));
         fs::create_dir_all(&directory).unwrap();
-        Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation })
+        Checkpoints::of_attempt(
+            &directory,
+            &AttemptId {
+                task: TaskKey("abcd".into()),
+                generation,
+            },
+        )
     }
 
     fn leave(root: &Path, generation: u32, lines: &[&str]) -> PathBuf {
@@ -110,7 +133,9 @@ mod tests {
     }
 
     fn recalled(root: &Path, generation: u32, about: &str) -> Vec<String> {
-        SampleLog::open(&checkpoints(root, generation), about).unwrap().1
+        SampleLog::open(&checkpoints(root, generation), about)
+            .unwrap()
+            .1
     }
 
     #[test]
@@ -122,7 +147,11 @@ mod tests {
         fs::remove_dir_all(root.path().join("abcd-g1")).unwrap();
         assert_eq!(recalled(root.path(), 3, "a").len(), 3);
         assert!(recalled(root.path(), 4, "b").is_empty(), "of other samples");
-        assert_eq!(recalled(root.path(), 5, "a").len(), 3, "the fourth has none, the third has");
+        assert_eq!(
+            recalled(root.path(), 5, "a").len(),
+            3,
+            "the fourth has none, the third has"
+        );
     }
 
     #[test]
@@ -133,7 +162,10 @@ mod tests {
         for cut in 1..sound.len() {
             fs::write(&path, &sound[..sound.len() - cut]).unwrap();
             let left = recalled(root.path(), 2, "a");
-            assert!(left.len() < 3 && left.iter().zip(["0,0,1.5", "0,1,2.5"]).all(|(a, b)| a == b), "{left:?}");
+            assert!(
+                left.len() < 3 && left.iter().zip(["0,0,1.5", "0,1,2.5"]).all(|(a, b)| a == b),
+                "{left:?}"
+            );
             fs::remove_dir_all(root.path().join("abcd-g2")).unwrap();
         }
         let mut flipped = sound.clone();

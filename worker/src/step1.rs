@@ -43,7 +43,12 @@ pub fn told(b: &Biomarkers, whole_beat: bool) -> Outcome {
     if whole_beat {
         Outcome::Simulated(found)
     } else {
-        Outcome::NoWholeBeat(Calibrated { tau_vd_ms: None, tau_vr_ms: None, sv_ml: None, ..found })
+        Outcome::NoWholeBeat(Calibrated {
+            tau_vd_ms: None,
+            tau_vr_ms: None,
+            sv_ml: None,
+            ..found
+        })
     }
 }
 
@@ -59,14 +64,21 @@ pub fn outcome(beat: &OrganBeatResult) -> Outcome {
 /// Factors of the cheap model's biomarkers at a proposal's base, by name.
 #[must_use]
 pub fn factors(proposal: &Proposal) -> BTreeMap<String, f64> {
-    proposal.correction.iter().map(|(biomarker, factor)| (biomarker.key().to_owned(), *factor)).collect()
+    proposal
+        .correction
+        .iter()
+        .map(|(biomarker, factor)| (biomarker.key().to_owned(), *factor))
+        .collect()
 }
 
 /// The six updated parameters.
 #[must_use]
 pub fn parameters(p: &Step1Parameters) -> Parameters {
     let mut parameters = Parameters::default();
-    PARAMETERS.into_iter().zip(p.updated()).for_each(|(parameter, value)| parameters.set(parameter, value));
+    PARAMETERS
+        .into_iter()
+        .zip(p.updated())
+        .for_each(|(parameter, value)| parameters.set(parameter, value));
     parameters
 }
 
@@ -78,18 +90,34 @@ pub fn with(start: &Step1Parameters, p: &Parameters) -> Step1Parameters {
 
 /// Bounds, frozen parameters and weights by name; names that are none are left out, as the coordinator has refused them.
 #[must_use]
-pub fn settings(bounds: &BTreeMap<String, [f64; 2]>, frozen: &[String], weights: &BTreeMap<String, f64>) -> Settings {
-    let named = |name: &String| PARAMETERS.into_iter().find(|parameter: &Parameter| parameter.key() == name);
+pub fn settings(
+    bounds: &BTreeMap<String, [f64; 2]>,
+    frozen: &[String],
+    weights: &BTreeMap<String, f64>,
+) -> Settings {
+    let named = |name: &String| {
+        PARAMETERS
+            .into_iter()
+            .find(|parameter: &Parameter| parameter.key() == name)
+    };
     let bound = |(name, [lower, upper]): (&String, &[f64; 2])| {
         // A proposal takes logarithms.
-        Some((named(name)?, Bounds { lower: lower.max(1e-9), upper: *upper }))
+        Some((
+            named(name)?,
+            Bounds {
+                lower: lower.max(1e-9),
+                upper: *upper,
+            },
+        ))
     };
     Settings {
         bounds: bounds.iter().filter_map(bound).collect(),
         frozen: frozen.iter().filter_map(named).collect(),
-        weights: weights.iter().fold(Weights::default(), |all, (name, weight)| {
-            Biomarker::named(name).map_or(all, |biomarker| all.with(biomarker, *weight))
-        }),
+        weights: weights
+            .iter()
+            .fold(Weights::default(), |all, (name, weight)| {
+                Biomarker::named(name).map_or(all, |biomarker| all.with(biomarker, *weight))
+            }),
         ..Settings::default()
     }
 }

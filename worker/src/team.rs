@@ -54,7 +54,10 @@ impl Team {
     /// The ranks that `comm` joins.
     #[must_use]
     pub fn new(comm: Arc<dyn Communicator>) -> Self {
-        Self { comm, amid: Arc::default() }
+        Self {
+            comm,
+            amid: Arc::default(),
+        }
     }
 
     /// Ranks.

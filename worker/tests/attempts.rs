@@ -23,23 +23,37 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32) -> PathBuf {
     fs::create_dir_all(&directory).unwrap();
     let spec = AttemptSpec {
         schema_version: SCHEMA_VERSION,
-        attempt: AttemptId { task: key, generation },
+        attempt: AttemptId {
+            task: key,
+            generation,
+        },
         threads: 1,
         instruction_set: InstructionSet::Auto,
         vtu_every_ms: 0.0,
         task: task.clone(),
     };
-    fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();
+    fs::write(
+        directory.join("spec.json"),
+        serde_json::to_string(&spec).unwrap(),
+    )
+    .unwrap();
     directory
 }
 
 fn noop(sleep_ms: u64) -> TaskSpec {
-    TaskSpec::Noop(NoopSpec { label: "test".into(), sleep_ms })
+    TaskSpec::Noop(NoopSpec {
+        label: "test".into(),
+        sleep_ms,
+    })
 }
 
 fn worker(directory: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"));
-    command.arg("run").arg(directory).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+        .arg("run")
+        .arg(directory)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     command
 }
 
@@ -56,7 +70,10 @@ fn spawn_and_wait_for_claim(directory: &Path) -> Child {
     let child = worker(directory).spawn().unwrap();
     let begin = Instant::now();
     while !directory.join("started.json").exists() {
-        assert!(begin.elapsed() < Duration::from_secs(300), "the worker does not claim its directory");
+        assert!(
+            begin.elapsed() < Duration::from_secs(300),
+            "the worker does not claim its directory"
+        );
         std::thread::sleep(Duration::from_millis(5));
     }
     child
@@ -69,7 +86,13 @@ fn a_noop_ends_with_an_outcome_and_a_second_start_is_refused() {
     assert_eq!(run(&directory).status.code(), Some(0));
     let first = outcome(&directory);
     assert!(matches!(&first.ending, Ending::Succeeded { result } if **result == TaskResult::Noop));
-    assert_eq!(first.attempt, AttemptId { task: noop(0).key(), generation: 1 });
+    assert_eq!(
+        first.attempt,
+        AttemptId {
+            task: noop(0).key(),
+            generation: 1
+        }
+    );
     assert!(first.provenance.peak_memory_mb > 0.5 && first.provenance.wall_s > 0.0);
 
     let again = run(&directory);
@@ -82,9 +105,13 @@ fn a_noop_ends_with_an_outcome_and_a_second_start_is_refused() {
 fn of_many_starts_at_once_one_does_the_work() {
     let root = tempfile::tempdir().unwrap();
     let directory = attempt_directory(root.path(), &noop(50), 1);
-    let children: Vec<Child> = (0..8).map(|_| worker(&directory).spawn().unwrap()).collect();
-    let mut codes: Vec<Option<i32>> =
-        children.into_iter().map(|child| child.wait_with_output().unwrap().status.code()).collect();
+    let children: Vec<Child> = (0..8)
+        .map(|_| worker(&directory).spawn().unwrap())
+        .collect();
+    let mut codes: Vec<Option<i32>> = children
+        .into_iter()
+        .map(|child| child.wait_with_output().unwrap().status.code())
+        .collect();
     codes.sort_unstable();
     let mut expected = vec![Some(3); 8];
     expected[0] = Some(0);
@@ -122,12 +149,18 @@ fn a_missing_or_edited_input_is_a_failure_of_the_input() {
     let root = tempfile::tempdir().unwrap();
     let file = root.path().join("nodal.csv");
     let task = TaskSpec::Targets(TargetsSpec {
-        nodal: InputFile { name: "nodal".into(), path: file.clone(), sha256: "0".repeat(64) },
+        nodal: InputFile {
+            name: "nodal".into(),
+            path: file.clone(),
+            sha256: "0".repeat(64),
+        },
     });
     for (generation, expected) in [(1, "cannot read nodal input"), (2, "has SHA-256")] {
         let directory = attempt_directory(root.path(), &task, generation);
         assert_eq!(run(&directory).status.code(), Some(0));
-        let Ending::Failed { failure } = outcome(&directory).ending else { panic!("{:?}", outcome(&directory)) };
+        let Ending::Failed { failure } = outcome(&directory).ending else {
+            panic!("{:?}", outcome(&directory))
+        };
         assert_eq!(failure.class, FailureClass::Input);
         assert!(failure.message.contains(expected), "{}", failure.message);
         assert!(failure.remedy.is_some());
@@ -141,16 +174,25 @@ fn a_trace_that_is_no_trace_is_a_failure_of_the_input_with_its_line() {
     let mut spec = support::step0("02-CoA");
     let text = fs::read_to_string(&spec.pressure.as_ref().unwrap().path).unwrap();
     let file = root.path().join("pressure.csv");
-    let damaged: Vec<&str> =
-        text.lines().enumerate().map(|(idx, line)| if idx == 41 { "40,NaN" } else { line }).collect();
+    let damaged: Vec<&str> = text
+        .lines()
+        .enumerate()
+        .map(|(idx, line)| if idx == 41 { "40,NaN" } else { line })
+        .collect();
     fs::write(&file, damaged.join("\n")).unwrap();
     spec.pressure = Some(support::input("pressure", &file));
     let task = TaskSpec::PassiveState(Box::new(spec));
     let directory = attempt_directory(root.path(), &task, 1);
     assert_eq!(run(&directory).status.code(), Some(0));
-    let Ending::Failed { failure } = outcome(&directory).ending else { panic!("{:?}", outcome(&directory)) };
+    let Ending::Failed { failure } = outcome(&directory).ending else {
+        panic!("{:?}", outcome(&directory))
+    };
     assert_eq!(failure.class, FailureClass::Input);
-    assert!(failure.message.contains("pressure.csv:42"), "{}", failure.message);
+    assert!(
+        failure.message.contains("pressure.csv:42"),
+        "{}",
+        failure.message
+    );
 }
 
 #[test]
@@ -161,23 +203,52 @@ fn simulate_prints_an_outcome_and_leaves_traces_without_a_claim() {
     let task = TaskSpec::PassiveState(Box::new(support::step0("02-CoA")));
     fs::write(&spec, serde_json::to_string(&task).unwrap()).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"));
-    let output = command.arg("simulate").arg(&spec).arg("--out").arg(&out).output().unwrap();
+    let output = command
+        .arg("simulate")
+        .arg(&spec)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
     let outcome: TaskOutcome = serde_json::from_slice(&output.stdout).unwrap();
-    let Ending::Succeeded { result } = outcome.ending else { panic!("{:?}", outcome.ending) };
-    let TaskResult::PassiveState(state) = *result else { panic!("{result:?}") };
+    let Ending::Succeeded { result } = outcome.ending else {
+        panic!("{:?}", outcome.ending)
+    };
+    let TaskResult::PassiveState(state) = *result else {
+        panic!("{result:?}")
+    };
     assert_eq!(outcome.provenance.inputs.len(), 2);
 
-    let tanh = ContractionSpec::Tanh { parameters: Default::default() };
+    let tanh = ContractionSpec::Tanh {
+        parameters: Default::default(),
+    };
     let beat = support::beat_spec(1231.0, &state, &Default::default(), tanh);
-    fs::write(&spec, serde_json::to_string(&TaskSpec::OrganBeat(Box::new(beat))).unwrap()).unwrap();
+    fs::write(
+        &spec,
+        serde_json::to_string(&TaskSpec::OrganBeat(Box::new(beat))).unwrap(),
+    )
+    .unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"));
-    let output = command.arg("simulate").arg(&spec).arg("--out").arg(&out).output().unwrap();
+    let output = command
+        .arg("simulate")
+        .arg(&spec)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
     let outcome: TaskOutcome = serde_json::from_slice(&output.stdout).unwrap();
     for artefact in &outcome.artefacts {
         let bytes = fs::read(out.join(&artefact.file)).unwrap();
-        assert_eq!((sha256_hex(&bytes), bytes.len() as u64), (artefact.sha256.clone(), artefact.bytes));
+        assert_eq!(
+            (sha256_hex(&bytes), bytes.len() as u64),
+            (artefact.sha256.clone(), artefact.bytes)
+        );
     }
-    let files: Vec<&str> = outcome.artefacts.iter().map(|artefact| artefact.file.as_str()).collect();
+    let files: Vec<&str> = outcome
+        .artefacts
+        .iter()
+        .map(|artefact| artefact.file.as_str())
+        .collect();
     assert_eq!(files, ["traces.csv", "nodal.csv"]);
     assert!(!out.join("started.json").exists());
 }

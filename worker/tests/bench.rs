@@ -6,13 +6,24 @@ use std::process::Command;
 fn a_beat_on_two_threads_is_measured_with_all_that_it_is_made_of() {
     let run = |more: &[&str]| {
         let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
-        Command::new(program).args(["bench", "beat", "--nodes", "500", "--cycle", "60"]).args(more).output().unwrap()
+        Command::new(program)
+            .args(["bench", "beat", "--nodes", "500", "--cycle", "60"])
+            .args(more)
+            .output()
+            .unwrap()
     };
     let out = run(&["--threads", "2", "--step", "5", "--json"]);
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
     let found: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     let number = |path: &str| path.split('/').fold(&found, |at, key| &at[key]).as_f64();
-    assert_eq!((number("steps"), number("threads"), &found["element"]), (Some(12.0), Some(2.0), &"linear".into()));
+    assert_eq!(
+        (number("steps"), number("threads"), &found["element"]),
+        (Some(12.0), Some(2.0), &"linear".into())
+    );
     for path in [
         "nodes",
         "elements",
@@ -32,36 +43,84 @@ fn a_beat_on_two_threads_is_measured_with_all_that_it_is_made_of() {
         "krylov_per_newton",
         "biomarkers/P_max_mmHg",
     ] {
-        assert!(number(path).is_some_and(|value| value > 0.0 && value.is_finite()), "{path} in {found}");
+        assert!(
+            number(path).is_some_and(|value| value > 0.0 && value.is_finite()),
+            "{path} in {found}"
+        );
     }
     let both = run(&["--threads", "1,2", "--step", "5", "--json"]);
     let both: serde_json::Value = serde_json::from_slice(&both.stdout).unwrap();
-    assert_eq!((both["beats"].as_array().map(Vec::len), both["speedup"][0].as_f64()), (Some(2), Some(1.0)));
+    assert_eq!(
+        (
+            both["beats"].as_array().map(Vec::len),
+            both["speedup"][0].as_f64()
+        ),
+        (Some(2), Some(1.0))
+    );
     assert!(both["speedup"][1].as_f64() > Some(0.0));
     let ranks = |beat: usize| both["beats"][beat]["ranks"].as_array().unwrap().clone();
-    assert_eq!((ranks(0).len(), ranks(0)[0]["halo_messages"].as_u64()), (1, Some(0)));
-    assert!(ranks(1).iter().all(|rank| rank["halo_MB"].as_f64() > Some(0.0)));
+    assert_eq!(
+        (ranks(0).len(), ranks(0)[0]["halo_messages"].as_u64()),
+        (1, Some(0))
+    );
+    assert!(
+        ranks(1)
+            .iter()
+            .all(|rank| rank["halo_MB"].as_f64() > Some(0.0))
+    );
     let refused = run(&["--threads", "0"]);
-    assert_eq!(refused.status.code(), Some(2), "{}", String::from_utf8_lossy(&refused.stderr));
+    assert_eq!(
+        refused.status.code(),
+        Some(2),
+        "{}",
+        String::from_utf8_lossy(&refused.stderr)
+    );
 }
 
 #[test]
 fn shortcuts_stand_beside_a_tight_run() {
     let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
-    let bench = ["bench", "shortcuts", "--nodes", "500", "--cycle", "60", "--step", "5", "--json"];
+    let bench = [
+        "bench",
+        "shortcuts",
+        "--nodes",
+        "500",
+        "--cycle",
+        "60",
+        "--step",
+        "5",
+        "--json",
+    ];
     let out = Command::new(program).args(bench).output().unwrap();
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
     let found: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     let rows = found["rows"].as_array().unwrap();
     let p_max = |row: &serde_json::Value| row["biomarkers"]["P_max_mmHg"].as_f64().unwrap();
     assert_eq!(rows[0]["off_percent"][0].as_f64(), Some(0.0));
-    for row in rows.iter().filter(|row| row["name"] != "steps twice as long") {
+    for row in rows
+        .iter()
+        .filter(|row| row["name"] != "steps twice as long")
+    {
         let off = 100.0 * (p_max(row) / p_max(&rows[0]) - 1.0);
-        assert!((row["off_percent"][0].as_f64().unwrap() - off).abs() < 1e-9 && off.abs() < 0.5, "{row}");
+        assert!(
+            (row["off_percent"][0].as_f64().unwrap() - off).abs() < 1e-9 && off.abs() < 0.5,
+            "{row}"
+        );
     }
-    let off =
-        |name: &str| rows.iter().find(|row| row["name"] == name).unwrap()["off_percent"][0].as_f64().unwrap().abs();
-    assert!(off("Newton's tolerance 1e-6") < off("Newton's tolerance 1e-3"), "{found}");
+    let off = |name: &str| {
+        rows.iter().find(|row| row["name"] == name).unwrap()["off_percent"][0]
+            .as_f64()
+            .unwrap()
+            .abs()
+    };
+    assert!(
+        off("Newton's tolerance 1e-6") < off("Newton's tolerance 1e-3"),
+        "{found}"
+    );
 }
 
 /// METIS holds the signal while it cuts: afterwards it is the bench's again.
@@ -70,12 +129,41 @@ fn sigterm_ends_a_beat_on_two_threads() {
     use std::io::{BufRead as _, BufReader};
     let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
     // Steps so short that nobody waits for the end.
-    let bench = ["bench", "beat", "--nodes", "500", "--threads", "2", "--cycle", "10000", "--step", "0.05"];
-    let mut child = Command::new(program).args(bench).stderr(std::process::Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-    assert!(lines.any(|line| line.contains(" of 10000 ms")), "the beat has begun");
-    assert!(Command::new("kill").arg(child.id().to_string()).status().unwrap().success());
+    let bench = [
+        "bench",
+        "beat",
+        "--nodes",
+        "500",
+        "--threads",
+        "2",
+        "--cycle",
+        "10000",
+        "--step",
+        "0.05",
+    ];
+    let mut child = Command::new(program)
+        .args(bench)
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap())
+        .lines()
+        .map(Result::unwrap);
+    assert!(
+        lines.any(|line| line.contains(" of 10000 ms")),
+        "the beat has begun"
+    );
+    assert!(
+        Command::new("kill")
+            .arg(child.id().to_string())
+            .status()
+            .unwrap()
+            .success()
+    );
     let rest: Vec<String> = lines.collect();
     assert_eq!(child.wait().unwrap().code(), Some(1));
-    assert!(rest.iter().any(|line| line.contains("stopped on request")), "{rest:?}");
+    assert!(
+        rest.iter().any(|line| line.contains("stopped on request")),
+        "{rest:?}"
+    );
 }

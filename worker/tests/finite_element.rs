@@ -26,11 +26,18 @@ use support::{beat_spec, passive_state, step0, vtk_reader};
 
 /// 01-CoA on the coarsest mesh, to a tolerance that is enough for what is looked at here.
 fn coarse() -> FiniteElementSettings {
-    FiniteElementSettings { mesh_nodes: 500, tolerance: 1e-3, ..FiniteElementSettings::default() }
+    FiniteElementSettings {
+        mesh_nodes: 500,
+        tolerance: 1e-3,
+        ..FiniteElementSettings::default()
+    }
 }
 
 fn step0_spec() -> PassiveStateSpec {
-    PassiveStateSpec { finite_element: Some(coarse().anatomy(&[])), ..step0("01-CoA") }
+    PassiveStateSpec {
+        finite_element: Some(coarse().anatomy(&[])),
+        ..step0("01-CoA")
+    }
 }
 
 fn figures(state: &PassiveStateResult) -> VentricleFigures {
@@ -42,7 +49,9 @@ fn figures(state: &PassiveStateResult) -> VentricleFigures {
 
 fn beat(state: &PassiveStateResult, cycle_length_ms: f64) -> OrganBeatSpec {
     let parameters = Step1Parameters::default();
-    let contraction = ContractionSpec::Tanh { parameters: parameters.tanh };
+    let contraction = ContractionSpec::Tanh {
+        parameters: parameters.tanh,
+    };
     OrganBeatSpec {
         cycle_length_ms,
         time_step_ms: 2.0,
@@ -75,33 +84,65 @@ fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
     let text = read(folder, "heart.json");
     assert!(text.len() < 150_000, "{} bytes", text.len());
     let heart: HeartSurface = serde_json::from_slice(&text).unwrap();
-    let [begin, end] = heart.states.as_slice() else { panic!("{:?}", heart.states.len()) };
-    assert_eq!((begin.name.as_str(), begin.time_ms, end.name.as_str()), ("end-diastole", 0.0, "end-systole"));
-    assert!((begin.volume_ml - figures.end_diastolic_volume_ml).abs() < 0.01 && end.volume_ml < begin.volume_ml);
+    let [begin, end] = heart.states.as_slice() else {
+        panic!("{:?}", heart.states.len())
+    };
+    assert_eq!(
+        (begin.name.as_str(), begin.time_ms, end.name.as_str()),
+        ("end-diastole", 0.0, "end-systole")
+    );
+    assert!(
+        (begin.volume_ml - figures.end_diastolic_volume_ml).abs() < 0.01
+            && end.volume_ml < begin.volume_ml
+    );
     let n = begin.points_mm.len();
     let mut seen = vec![false; n];
     let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
     for [a, b, c] in heart.parts.iter().flat_map(|part| &part.triangles) {
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            *edges.entry((*from.min(to), *from.max(to))).or_default() += if from < to { 1 } else { -1 };
+            *edges.entry((*from.min(to), *from.max(to))).or_default() +=
+                if from < to { 1 } else { -1 };
             seen[*from as usize] = true;
         }
     }
-    assert!(edges.values().all(|n| *n == 0) && seen.iter().all(|seen| *seen), "closed, and no corner to spare");
+    assert!(
+        edges.values().all(|n| *n == 0) && seen.iter().all(|seen| *seen),
+        "closed, and no corner to spare"
+    );
     for state in [begin, end] {
-        assert_eq!((state.points_mm.len(), state.sa_kpa.len(), state.lambda.len()), (n, n, n));
+        assert_eq!(
+            (
+                state.points_mm.len(),
+                state.sa_kpa.len(),
+                state.lambda.len()
+            ),
+            (n, n, n)
+        );
     }
-    let muscle = heart.parts.iter().filter(|part| part.contracts).flat_map(|part| part.triangles.as_flattened());
+    let muscle = heart
+        .parts
+        .iter()
+        .filter(|part| part.contracts)
+        .flat_map(|part| part.triangles.as_flattened());
     let mut relaxed = 0;
     for corner in muscle.map(|corner| *corner as usize) {
-        assert_eq!((begin.lambda[corner], begin.sa_kpa[corner]), (Some(1.0), Some(0.0)));
+        assert_eq!(
+            (begin.lambda[corner], begin.sa_kpa[corner]),
+            (Some(1.0), Some(0.0))
+        );
         let (stress_kpa, stretch) = (end.sa_kpa[corner].unwrap(), end.lambda[corner].unwrap());
-        assert!(stress_kpa >= 0.0 && (0.7..1.2).contains(&stretch), "{stress_kpa} kPa at {stretch}");
+        assert!(
+            stress_kpa >= 0.0 && (0.7..1.2).contains(&stretch),
+            "{stress_kpa} kPa at {stretch}"
+        );
         // What was activated first may have relaxed already.
         relaxed += usize::from(stress_kpa == 0.0);
     }
     assert!(relaxed * 10 < n, "{relaxed} of {n} corners without stress");
-    assert!(heart.parts.iter().any(|part| !part.contracts) && heart.parts.iter().any(|part| part.surface == "cut"));
+    assert!(
+        heart.parts.iter().any(|part| !part.contracts)
+            && heart.parts.iter().any(|part| part.surface == "cut")
+    );
 }
 
 /// Frames each 20 ms, the index, and all of it again where a beat was resumed; read by a VTK reader that is not ours, where
@@ -110,16 +151,34 @@ fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
     let index = String::from_utf8(read(whole, "vtu/beat.pvd")).unwrap();
     let names: Vec<String> = (0..=9).map(|k| format!("vtu/beat-{k:05}.vtu")).collect();
     for (k, name) in names.iter().enumerate() {
-        let line = format!("timestep=\"{}\" part=\"0\" file=\"{}\"", 20 * k, name.trim_start_matches("vtu/"));
+        let line = format!(
+            "timestep=\"{}\" part=\"0\" file=\"{}\"",
+            20 * k,
+            name.trim_start_matches("vtu/")
+        );
         assert!(index.contains(&line), "{line} is not in {index}");
-        assert!(read(whole, name) == read(resumed, name), "{name} of the resumed beat differs");
+        assert!(
+            read(whole, name) == read(resumed, name),
+            "{name} of the resumed beat differs"
+        );
     }
     assert_eq!(index.matches("DataSet").count(), names.len());
     assert_eq!(read(resumed, "vtu/beat.pvd"), index.as_bytes());
 
     let last = vtu::read(&whole.join(&names[9]), LengthUnit::Millimetre).unwrap();
-    assert_eq!((last.mesh.n_nodes() as u64, last.mesh.n_tets() as u64), (figures.nodes, figures.elements));
-    let sum = |name: &str| -> f64 { last.point_fields.iter().find(|f| f.name == name).unwrap().values.iter().sum() };
+    assert_eq!(
+        (last.mesh.n_nodes() as u64, last.mesh.n_tets() as u64),
+        (figures.nodes, figures.elements)
+    );
+    let sum = |name: &str| -> f64 {
+        last.point_fields
+            .iter()
+            .find(|f| f.name == name)
+            .unwrap()
+            .values
+            .iter()
+            .sum()
+    };
     assert!(sum("Sa_kPa") > 0.0 && sum("displacement_mm").abs() > 0.0);
     let python = match vtk_reader::python() {
         Ok(python) => python,
@@ -130,13 +189,32 @@ fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
     };
     let script = "import sys, meshio\nm = meshio.read(sys.argv[1])\n\
                   print(len(m.points), len(m.cells_dict['tetra']), m.point_data['lambda'].sum(), m.point_data['Sa_kPa'].sum())";
-    let out = Command::new(python).args(["-c", script]).arg(whole.join(&names[9])).output().unwrap();
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let out = Command::new(python)
+        .args(["-c", script])
+        .arg(whole.join(&names[9]))
+        .output()
+        .unwrap();
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
     let text = String::from_utf8(out.stdout).unwrap();
-    let found: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
-    let expected = [figures.nodes as f64, figures.elements as f64, sum("lambda"), sum("Sa_kPa")];
+    let found: Vec<f64> = text
+        .split_whitespace()
+        .map(|word| word.parse().unwrap())
+        .collect();
+    let expected = [
+        figures.nodes as f64,
+        figures.elements as f64,
+        sum("lambda"),
+        sum("Sa_kPa"),
+    ];
     for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() < 1e-4 * expected, "{text} {expected:?}");
+        assert!(
+            (found - expected).abs() < 1e-4 * expected,
+            "{text} {expected:?}"
+        );
     }
     assert_eq!(found.len(), 4);
 }
@@ -150,18 +228,45 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     let state = passive_state(&spec, &mut context);
     let found = figures(&state);
     let edv = state.measured.edv_ml.unwrap();
-    assert!((found.end_diastolic_volume_ml - edv).abs() < 2e-3 * edv, "{found:?} against {edv}");
-    assert!(found.unloaded_volume_ml < found.image_volume_ml && found.image_volume_ml == 138.5, "{found:?}");
+    assert!(
+        (found.end_diastolic_volume_ml - edv).abs() < 2e-3 * edv,
+        "{found:?} against {edv}"
+    );
+    assert!(
+        found.unloaded_volume_ml < found.image_volume_ml && found.image_volume_ml == 138.5,
+        "{found:?}"
+    );
     assert!((40.0..60.0).contains(&found.spread_ms), "{found:?}");
-    let ventricle = context.artefacts.take().into_iter().find(|a| a.name == "ventricle").unwrap();
-    assert_eq!(ventricle.bytes as usize, read(folder.path(), &ventricle.file).len());
+    let ventricle = context
+        .artefacts
+        .take()
+        .into_iter()
+        .find(|a| a.name == "ventricle")
+        .unwrap();
+    assert_eq!(
+        ventricle.bytes as usize,
+        read(folder.path(), &ventricle.file).len()
+    );
 
     // Uninterrupted.
     let short = beat(&state, 190.0);
     let whole = tempfile::tempdir().unwrap();
-    let result = finished(run(&short, &mut Context { vtu_every_ms: 20.0, ..Context::plain(whole.path(), 1) }));
-    assert!(result.counters["krylov_iterations"] > 0.0 && result.counters["nodes"] == found.nodes as f64);
-    assert!(result.biomarkers.p_max_mmhg.unwrap() > 20.0, "it contracts: {:?}", result.biomarkers);
+    let result = finished(run(
+        &short,
+        &mut Context {
+            vtu_every_ms: 20.0,
+            ..Context::plain(whole.path(), 1)
+        },
+    ));
+    assert!(
+        result.counters["krylov_iterations"] > 0.0
+            && result.counters["nodes"] == found.nodes as f64
+    );
+    assert!(
+        result.biomarkers.p_max_mmhg.unwrap() > 20.0,
+        "it contracts: {:?}",
+        result.biomarkers
+    );
 
     // A checkpoint on the way, then from there.
     let kept = tempfile::tempdir().unwrap();
@@ -182,10 +287,20 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     let resumed = finished(run(&short, &mut resuming));
     assert_eq!(resumed.counters["resumed_at_ms"], 150.0);
     let moved = result.motion.expect("a beat that ejects has its motion");
-    assert_eq!(resumed.motion, Some(moved), "the resumed beat's motion differs");
-    assert!(moved.twist_epi_deg.abs() > 0.1 && (0.5..1.0).contains(&moved.least_volume_ratio), "{moved:?}");
+    assert_eq!(
+        resumed.motion,
+        Some(moved),
+        "the resumed beat's motion differs"
+    );
+    assert!(
+        moved.twist_epi_deg.abs() > 0.1 && (0.5..1.0).contains(&moved.least_volume_ratio),
+        "{moved:?}"
+    );
     for name in ["traces.csv", "nodal.csv", "heart.json"] {
-        assert!(read(again.path(), name) == read(whole.path(), name), "{name} of the resumed beat differs");
+        assert!(
+            read(again.path(), name) == read(whole.path(), name),
+            "{name} of the resumed beat differs"
+        );
     }
 
     // The same on other numbers of threads: written on two, gone on from on three and on one.
@@ -200,16 +315,34 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     for threads in [1, 3] {
         let again = tempfile::tempdir().unwrap();
         let checkpoints = Checkpoints::restarting(again.path(), kept_by_two.path(), None);
-        let resumed = run(&short, &mut Context { checkpoints, ..Context::plain(again.path(), threads) });
+        let resumed = run(
+            &short,
+            &mut Context {
+                checkpoints,
+                ..Context::plain(again.path(), threads)
+            },
+        );
         others.push((f64::from(threads), finished(resumed)));
     }
     for (threads, other) in others {
         assert_eq!(other.counters["threads"], threads);
-        assert_eq!(other.counters.get("resumed_at_ms"), if threads == 2.0 { None } else { Some(&150.0) });
-        let (want, got) = (result.biomarkers.p_max_mmhg.unwrap(), other.biomarkers.p_max_mmhg.unwrap());
-        assert!((got / want - 1.0).abs() < 1e-4, "{threads} threads: {got} for {want} mmHg");
+        assert_eq!(
+            other.counters.get("resumed_at_ms"),
+            if threads == 2.0 { None } else { Some(&150.0) }
+        );
+        let (want, got) = (
+            result.biomarkers.p_max_mmhg.unwrap(),
+            other.biomarkers.p_max_mmhg.unwrap(),
+        );
+        assert!(
+            (got / want - 1.0).abs() < 1e-4,
+            "{threads} threads: {got} for {want} mmHg"
+        );
         let twist = other.motion.map(|m| m.twist_epi_deg);
-        assert!((twist.unwrap() - moved.twist_epi_deg).abs() < 0.01, "{threads} threads: {twist:?} for {moved:?}");
+        assert!(
+            (twist.unwrap() - moved.twist_epi_deg).abs() < 0.01,
+            "{threads} threads: {twist:?} for {moved:?}"
+        );
     }
 
     the_heart_is_drawn(whole.path(), &found);
@@ -218,11 +351,19 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     // A checkpoint that is truncated, or of another task, is refused.
     let file = kept.path().join("checkpoint").join(FILE);
     let bytes = std::fs::read(&file).unwrap();
-    let key = TaskSpec::OrganBeat(Box::new(short.clone())).key().to_string();
+    let key = TaskSpec::OrganBeat(Box::new(short.clone()))
+        .key()
+        .to_string();
     assert!(BeatCheckpoint::from_bytes(&bytes, &key).is_ok());
     let foreign = BeatCheckpoint::from_bytes(&bytes, "another").unwrap_err();
-    assert!(matches!(&foreign, CheckpointError::Foreign { .. }) && foreign.to_string().contains("another"));
-    assert!(matches!(BeatCheckpoint::from_bytes(&bytes[..bytes.len() / 2], &key), Err(CheckpointError::File(_))));
+    assert!(
+        matches!(&foreign, CheckpointError::Foreign { .. })
+            && foreign.to_string().contains("another")
+    );
+    assert!(matches!(
+        BeatCheckpoint::from_bytes(&bytes[..bytes.len() / 2], &key),
+        Err(CheckpointError::File(_))
+    ));
 
     // A request to stop leaves a checkpoint, too.
     let stopped = tempfile::tempdir().unwrap();
@@ -237,12 +378,22 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     assert_eq!(run_task(&organ_beat, &mut stopping), Ending::Cancelled);
 
     // A beat that cannot be saved: no Newton iteration is enough.
-    let mut hopeless = OrganBeatSpec { newton_iterations: 1, shortest_step_ms: 1.0, ..short.clone() };
+    let mut hopeless = OrganBeatSpec {
+        newton_iterations: 1,
+        shortest_step_ms: 1.0,
+        ..short.clone()
+    };
     hopeless.finite_element.as_mut().unwrap().tolerance = 1e-9;
     let diverged = tempfile::tempdir().unwrap();
     match run(&hopeless, &mut Context::plain(diverged.path(), 1)) {
-        Ending::Diverged { last_good_ms, reason } => {
-            assert!(last_good_ms < 190.0 && reason.contains("Newton did not converge"), "{reason}");
+        Ending::Diverged {
+            last_good_ms,
+            reason,
+        } => {
+            assert!(
+                last_good_ms < 190.0 && reason.contains("Newton did not converge"),
+                "{reason}"
+            );
         }
         other => panic!("{other:?}"),
     }
@@ -251,14 +402,23 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     // An effect of the circulation acts; one of the passive law has to be there since step 0.
     let with = |name: &str, parameter: &str, value: f64| {
         let mut spec = short.clone();
-        let effect = EffectSpec { name: name.into(), parameters: [(parameter.to_owned(), value)].into() };
+        let effect = EffectSpec {
+            name: name.into(),
+            parameters: [(parameter.to_owned(), value)].into(),
+        };
         spec.circulation.effects = vec![effect];
         run(&spec, &mut Context::plain(diverged.path(), 1))
     };
     let leaking = finished(with("mitral_regurgitation", "orifice_cm2", 0.3));
     assert!(leaking.biomarkers.p_max_mmhg < result.biomarkers.p_max_mmhg);
-    let Ending::Failed { failure } = with("passive_stiffening", "exponent_factor", 2.0) else { panic!("not refused") };
-    assert!(failure.message.contains("exponents times 1"), "{}", failure.message);
+    let Ending::Failed { failure } = with("passive_stiffening", "exponent_factor", 2.0) else {
+        panic!("not refused")
+    };
+    assert!(
+        failure.message.contains("exponents times 1"),
+        "{}",
+        failure.message
+    );
 }
 
 #[test]
@@ -274,9 +434,21 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
     let nodes = figures(&state).nodes as usize;
     let igb = read(folder.path(), "vm.igb");
     assert_eq!(igb.len(), 1024 + 4 * 121 * nodes);
-    assert!(String::from_utf8_lossy(&igb[..1024]).starts_with(&format!("x:{nodes} y:1 z:1 t:121 type:float")));
+    assert!(
+        String::from_utf8_lossy(&igb[..1024])
+            .starts_with(&format!("x:{nodes} y:1 z:1 t:121 type:float"))
+    );
     let csv = String::from_utf8(read(folder.path(), "vm.csv")).unwrap();
-    let median = |line: usize| csv.lines().nth(line).unwrap().split(',').nth(1).unwrap().parse::<f64>().unwrap();
+    let median = |line: usize| {
+        csv.lines()
+            .nth(line)
+            .unwrap()
+            .split(',')
+            .nth(1)
+            .unwrap()
+            .parse::<f64>()
+            .unwrap()
+    };
     assert_eq!(csv.lines().count(), 122);
     // At rest, and on the plateau a tenth of a second after activation.
     assert!(
@@ -291,7 +463,10 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
 fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStateResult) {
     let usual = beat(state, 800.0);
     let mut long = usual.clone();
-    long.finite_element.as_mut().expect("in 3D").diastolic_step_ms = 8.0;
+    long.finite_element
+        .as_mut()
+        .expect("in 3D")
+        .diastolic_step_ms = 8.0;
     let nodal = |name: &str, spec: &OrganBeatSpec| {
         let own = folder.join(name);
         std::fs::create_dir(&own).unwrap();
@@ -305,13 +480,20 @@ fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStat
         (result, all)
     };
     let ((want, rows_of_usual), (got, rows)) = (nodal("usual", &usual), nodal("long", &long));
-    assert!(got.counters["steps_tried"] < want.counters["steps_tried"] - 20.0, "{:?}", got.counters);
+    assert!(
+        got.counters["steps_tried"] < want.counters["steps_tried"] - 20.0,
+        "{:?}",
+        got.counters
+    );
     assert_eq!(rows.len(), 401);
     for ((time, values), (want_time, want_values)) in rows.iter().zip(&rows_of_usual) {
         assert_eq!(time, want_time);
         // Stretch is the second half.
         let n = values.len() / 2;
-        let apart = values[n..].iter().zip(&want_values[n..]).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        let apart = values[n..]
+            .iter()
+            .zip(&want_values[n..])
+            .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
         assert!(apart < 0.02, "stretches {apart} apart at {time} ms");
     }
     let off = got.biomarkers.sv_ml.expect("SV") / want.biomarkers.sv_ml.expect("SV") - 1.0;
@@ -321,23 +503,38 @@ fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStat
 #[test]
 fn diastasis_starts_from_the_image_at_end_diastolic_pressure() {
     let folder = tempfile::tempdir().unwrap();
-    let spec = PassiveStateSpec { start: StartMode::Diastasis, guccione_c_kpa: Some(2.0), ..step0_spec() };
+    let spec = PassiveStateSpec {
+        start: StartMode::Diastasis,
+        guccione_c_kpa: Some(2.0),
+        ..step0_spec()
+    };
     let state = passive_state(&spec, &mut Context::plain(folder.path(), 1));
     let found = figures(&state);
     assert_eq!((found.image_volume_ml, found.stiffness_kpa), (138.5, 2.0));
-    assert!((found.end_diastolic_volume_ml - 138.5).abs() < 0.3, "{found:?}");
+    assert!(
+        (found.end_diastolic_volume_ml - 138.5).abs() < 0.3,
+        "{found:?}"
+    );
     assert_eq!(found.end_diastolic_pressure_mmhg, found.image_pressure_mmhg);
 }
 
 /// Step 0 and a beat of 01-CoA with these settings of the wall.
-fn beat_with(change: impl FnOnce(&mut FiniteElementSettings)) -> (VentricleFigures, OrganBeatResult) {
+fn beat_with(
+    change: impl FnOnce(&mut FiniteElementSettings),
+) -> (VentricleFigures, OrganBeatResult) {
     let folder = tempfile::tempdir().unwrap();
     let mut context = Context::plain(folder.path(), 1);
     let mut settings = coarse();
     change(&mut settings);
-    let spec = PassiveStateSpec { finite_element: Some(settings.anatomy(&[])), ..step0("01-CoA") };
+    let spec = PassiveStateSpec {
+        finite_element: Some(settings.anatomy(&[])),
+        ..step0("01-CoA")
+    };
     let state = passive_state(&spec, &mut context);
-    let beat = OrganBeatSpec { finite_element: Some(settings.equations()), ..beat(&state, spec.cycle_length_ms) };
+    let beat = OrganBeatSpec {
+        finite_element: Some(settings.equations()),
+        ..beat(&state, spec.cycle_length_ms)
+    };
     let result = finished(run(&beat, &mut context));
     assert_eq!(result.failed_check(), None);
     (figures(&state), result)
@@ -349,20 +546,49 @@ fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
     let stroke = |result: &OrganBeatResult| result.biomarkers.sv_ml.unwrap();
 
     let (figures, ogden) = beat_with(|s| s.wall.muscle_law = MuscleLaw::HolzapfelOgden);
-    assert!((figures.end_diastolic_volume_ml / plain.end_diastolic_volume_ml - 1.0).abs() < 2e-3, "{figures:?}");
-    assert!((figures.unloaded_volume_ml / plain.unloaded_volume_ml - 1.0).abs() < 0.02, "{figures:?}");
+    assert!(
+        (figures.end_diastolic_volume_ml / plain.end_diastolic_volume_ml - 1.0).abs() < 2e-3,
+        "{figures:?}"
+    );
+    assert!(
+        (figures.unloaded_volume_ml / plain.unloaded_volume_ml - 1.0).abs() < 0.02,
+        "{figures:?}"
+    );
     // Its modulus is told, a fraction of Guccione's C.
-    assert!(figures.stiffness_kpa < 0.3 * plain.stiffness_kpa, "{} {}", figures.stiffness_kpa, plain.stiffness_kpa);
-    assert!((stroke(&ogden) / stroke(&usual) - 1.0).abs() < 0.3, "{} {}", stroke(&ogden), stroke(&usual));
+    assert!(
+        figures.stiffness_kpa < 0.3 * plain.stiffness_kpa,
+        "{} {}",
+        figures.stiffness_kpa,
+        plain.stiffness_kpa
+    );
+    assert!(
+        (stroke(&ogden) / stroke(&usual) - 1.0).abs() < 0.3,
+        "{} {}",
+        stroke(&ogden),
+        stroke(&usual)
+    );
 
     // The same tension per reference area pulls less where fibres are short than that over λ.
     let (same, first) = beat_with(|s| s.wall.active_convention = ActiveConvention::FirstPiola);
-    assert_eq!(same.stiffness_kpa, plain.stiffness_kpa, "the passive law is none of its business");
-    assert!(stroke(&first) < 0.97 * stroke(&usual), "{} {}", stroke(&first), stroke(&usual));
+    assert_eq!(
+        same.stiffness_kpa, plain.stiffness_kpa,
+        "the passive law is none of its business"
+    );
+    assert!(
+        stroke(&first) < 0.97 * stroke(&usual),
+        "{} {}",
+        stroke(&first),
+        stroke(&usual)
+    );
 
     // The settings of Newton's method reach the beat: short steps take more iterations.
     let (_, careful) = beat_with(|s| s.newton.farthest_mm = 0.2);
-    assert!((stroke(&careful) / stroke(&usual) - 1.0).abs() < 2e-3, "{} {}", stroke(&careful), stroke(&usual));
+    assert!(
+        (stroke(&careful) / stroke(&usual) - 1.0).abs() < 2e-3,
+        "{} {}",
+        stroke(&careful),
+        stroke(&usual)
+    );
 }
 
 #[test]
@@ -370,21 +596,39 @@ fn a_law_or_tag_that_cannot_be_is_refused_with_its_key() {
     let folder = tempfile::tempdir().unwrap();
     let mut context = Context::plain(folder.path(), 1);
     let mut refused = |settings: FiniteElementSettings, guccione_c_kpa| {
-        let spec = PassiveStateSpec { finite_element: Some(settings.anatomy(&[])), guccione_c_kpa, ..step0("01-CoA") };
+        let spec = PassiveStateSpec {
+            finite_element: Some(settings.anatomy(&[])),
+            guccione_c_kpa,
+            ..step0("01-CoA")
+        };
         match run_task(&TaskSpec::PassiveState(Box::new(spec)), &mut context) {
             Ending::Failed { failure } => failure,
             other => panic!("{other:?}"),
         }
     };
     let mut tagged = coarse();
-    tagged.wall.passive.insert(7, PassiveTissueSettings { mu_kpa: 10.0, kappa_kpa: 100.0 });
+    tagged.wall.passive.insert(
+        7,
+        PassiveTissueSettings {
+            mu_kpa: 10.0,
+            kappa_kpa: 100.0,
+        },
+    );
     let failure = refused(tagged, None);
     assert_eq!(failure.class, FailureClass::Input);
-    assert!(failure.message.contains("solver.finite_element.wall.passive.7"), "{failure:?}");
+    assert!(
+        failure
+            .message
+            .contains("solver.finite_element.wall.passive.7"),
+        "{failure:?}"
+    );
     assert!(failure.message.contains("expected one of 2"), "{failure:?}");
     let mut ogden = coarse();
     ogden.wall.muscle_law = MuscleLaw::HolzapfelOgden;
     let failure = refused(ogden, Some(0.5));
     assert_eq!(failure.class, FailureClass::Input);
-    assert!(failure.message.contains("passive.guccione_C_kPa"), "{failure:?}");
+    assert!(
+        failure.message.contains("passive.guccione_C_kPa"),
+        "{failure:?}"
+    );
 }

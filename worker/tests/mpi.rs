@@ -28,9 +28,20 @@ fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
     let launcher = std::env::var("CARDIOTWIN_MPIRUN").unwrap_or_else(|_| "mpirun".to_owned());
     let mut words = launcher.split_whitespace();
     let mut command = Command::new(words.next().expect("a launcher"));
-    command.args(words).args(["-n", &n_ranks.to_string(), env!("CARGO_BIN_EXE_cardiotwin-worker-mpi")]).args(arguments);
+    command
+        .args(words)
+        .args([
+            "-n",
+            &n_ranks.to_string(),
+            env!("CARGO_BIN_EXE_cardiotwin-worker-mpi"),
+        ])
+        .args(arguments);
     // Open MPI's; MPICH knows none of them and needs none.
-    for name in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"] {
+    for name in [
+        "OMPI_ALLOW_RUN_AS_ROOT",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM",
+        "OMPI_MCA_rmaps_base_oversubscribe",
+    ] {
         command.env(name, "1");
     }
     // The same from Open MPI 5 on.
@@ -51,11 +62,20 @@ fn said(out: &Output) -> String {
 
 /// Step 0 of a patient on the coarsest mesh, and a beat from it.
 fn beat(folder: &Path, cycle_length_ms: f64) -> OrganBeatSpec {
-    let coarse = FiniteElementSettings { mesh_nodes: 500, tolerance: 1e-3, ..FiniteElementSettings::default() };
-    let spec = PassiveStateSpec { finite_element: Some(coarse.anatomy(&[])), ..step0("01-CoA") };
+    let coarse = FiniteElementSettings {
+        mesh_nodes: 500,
+        tolerance: 1e-3,
+        ..FiniteElementSettings::default()
+    };
+    let spec = PassiveStateSpec {
+        finite_element: Some(coarse.anatomy(&[])),
+        ..step0("01-CoA")
+    };
     let state = passive_state(&spec, &mut Context::plain(folder, 1));
     let parameters = Step1Parameters::default();
-    let contraction = ContractionSpec::Tanh { parameters: parameters.tanh };
+    let contraction = ContractionSpec::Tanh {
+        parameters: parameters.tanh,
+    };
     OrganBeatSpec {
         time_step_ms: 2.0,
         finite_element: Some(coarse.equations()),
@@ -87,7 +107,10 @@ fn written(folder: &Path, task: &TaskSpec) -> PathBuf {
 fn until(child: &mut Child, what: &str, done: impl Fn() -> bool) {
     while !done() {
         let ended = child.try_wait().expect("a child");
-        assert!(ended.is_none() || done(), "ended before it had {what}: {ended:?}");
+        assert!(
+            ended.is_none() || done(),
+            "ended before it had {what}: {ended:?}"
+        );
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -95,9 +118,18 @@ fn until(child: &mut Child, what: &str, done: impl Fn() -> bool) {
 /// Processes below `pid` that run the worker.
 fn ranks_of(pid: u32) -> Vec<u32> {
     let children = |pid: u32| -> Vec<u32> {
-        let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+        let tasks = fs::read_dir(format!("/proc/{pid}/task"))
+            .into_iter()
+            .flatten()
+            .flatten();
         let texts = tasks.filter_map(|task| fs::read_to_string(task.path().join("children")).ok());
-        texts.flat_map(|t| t.split_whitespace().filter_map(|p| p.parse().ok()).collect::<Vec<u32>>()).collect()
+        texts
+            .flat_map(|t| {
+                t.split_whitespace()
+                    .filter_map(|p| p.parse().ok())
+                    .collect::<Vec<u32>>()
+            })
+            .collect()
     };
     let (mut found, mut open) = (vec![], vec![pid]);
     while let Some(pid) = open.pop() {
@@ -114,16 +146,29 @@ fn ranks_of(pid: u32) -> Vec<u32> {
 fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop() {
     let folder = tempfile::tempdir().expect("a folder");
     // A mesh that is large enough for multigrid, and a law that is given.
-    let mesh = FiniteElementSettings { mesh_nodes: 3400, ..FiniteElementSettings::default() };
-    let spec =
-        PassiveStateSpec { finite_element: Some(mesh.anatomy(&[])), guccione_c_kpa: Some(0.8), ..step0("01-CoA") };
+    let mesh = FiniteElementSettings {
+        mesh_nodes: 3400,
+        ..FiniteElementSettings::default()
+    };
+    let spec = PassiveStateSpec {
+        finite_element: Some(mesh.anatomy(&[])),
+        guccione_c_kpa: Some(0.8),
+        ..step0("01-CoA")
+    };
     let task = TaskSpec::PassiveState(Box::new(spec));
     let file = written(folder.path(), &task);
     let by_threads = folder.path().join("threads");
     fs::create_dir(&by_threads).expect("a folder");
     let want = run_task(&task, &mut Context::plain(&by_threads, 2));
     let by_ranks = folder.path().join("ranks");
-    let arguments = ["simulate", text(&file), "--out", text(&by_ranks), "--ranks", "2"];
+    let arguments = [
+        "simulate",
+        text(&file),
+        "--out",
+        text(&by_ranks),
+        "--ranks",
+        "2",
+    ];
     let out = output(mpirun(2, &arguments));
     assert!(out.status.success(), "{}", said(&out));
     let got: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
@@ -135,24 +180,47 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
         other => panic!("{other:?}"),
     };
     assert_eq!(iterations(got.ending), iterations(want));
-    let [a, b] = [&by_threads, &by_ranks].map(|folder| fs::read(folder.join("ventricle.bin")).expect("a file"));
-    assert!(a == b, "the ventricle on ranks differs from that on threads");
+    let [a, b] = [&by_threads, &by_ranks]
+        .map(|folder| fs::read(folder.join("ventricle.bin")).expect("a file"));
+    assert!(
+        a == b,
+        "the ventricle on ranks differs from that on threads"
+    );
 
     // SIGTERM to rank 0 in the unloading ends all, with an outcome that says so.
     let directory = attempt(folder.path(), &task);
-    let mut child = mpirun(2, &["run", text(&directory), "--quiet"]).spawn().expect("the launcher starts");
+    let mut child = mpirun(2, &["run", text(&directory), "--quiet"])
+        .spawn()
+        .expect("the launcher starts");
     let progress = || fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
-    until(&mut child, "begun to unload", || progress().contains("Newton iterations so far"));
+    until(&mut child, "begun to unload", || {
+        progress().contains("Newton iterations so far")
+    });
     let claim: serde_json::Value =
-        serde_json::from_slice(&fs::read(directory.join("started.json")).expect("a claim")).expect("JSON");
+        serde_json::from_slice(&fs::read(directory.join("started.json")).expect("a claim"))
+            .expect("JSON");
     let begun = Instant::now();
     let rank_0 = claim["pid"].to_string();
-    assert!(Command::new("kill").arg(rank_0).status().expect("kill").success());
+    assert!(
+        Command::new("kill")
+            .arg(rank_0)
+            .status()
+            .expect("kill")
+            .success()
+    );
     child.wait().expect("a child");
-    assert!(begun.elapsed() < 2 * ALL_END_WITHIN, "{:?}", begun.elapsed());
+    assert!(
+        begun.elapsed() < 2 * ALL_END_WITHIN,
+        "{:?}",
+        begun.elapsed()
+    );
     let outcome = fs::read(directory.join("outcome.json")).expect("an outcome");
     let outcome: TaskOutcome = serde_json::from_slice(&outcome).expect("JSON");
-    assert!(matches!(outcome.ending, Ending::Cancelled), "{:?}", outcome.ending);
+    assert!(
+        matches!(outcome.ending, Ending::Cancelled),
+        "{:?}",
+        outcome.ending
+    );
 }
 
 // One test for all that needs the beat: step 0 is what takes time.
@@ -167,7 +235,16 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
     fs::create_dir(&by_threads).expect("a folder");
     let want = result(run_task(&task, &mut Context::plain(&by_threads, 2)));
     let by_ranks = folder.path().join("ranks");
-    let arguments = ["simulate", text(&file), "--out", text(&by_ranks), "--ranks", "2", "--checkpoint-every", "40"];
+    let arguments = [
+        "simulate",
+        text(&file),
+        "--out",
+        text(&by_ranks),
+        "--ranks",
+        "2",
+        "--checkpoint-every",
+        "40",
+    ];
     let out = output(mpirun(2, &arguments));
     assert!(out.status.success(), "{}", said(&out));
     let outcome: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
@@ -178,7 +255,8 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
         assert_eq!(got.counters[counter], want.counters[counter], "{counter}");
     }
     for name in ["traces.csv", "nodal.csv", "heart.json"] {
-        let [a, b] = [&by_threads, &by_ranks].map(|folder| fs::read(folder.join(name)).expect("a file"));
+        let [a, b] =
+            [&by_threads, &by_ranks].map(|folder| fs::read(folder.join(name)).expect("a file"));
         assert!(a == b, "{name} on ranks differs from that on threads");
     }
 
@@ -186,9 +264,24 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
     let resumed = folder.path().join("resumed");
     fs::create_dir(&resumed).expect("a folder");
     let checkpoints = Checkpoints::restarting(&resumed, &by_ranks, None);
-    let resumed = result(run_task(&task, &mut Context { checkpoints, ..Context::plain(&resumed, 1) }));
-    assert_eq!((resumed.counters["resumed_at_ms"], resumed.counters["threads"]), (80.0, 1.0));
-    let (want, got) = (want.biomarkers.p_max_mmhg.expect("P_max"), resumed.biomarkers.p_max_mmhg.expect("P_max"));
+    let resumed = result(run_task(
+        &task,
+        &mut Context {
+            checkpoints,
+            ..Context::plain(&resumed, 1)
+        },
+    ));
+    assert_eq!(
+        (
+            resumed.counters["resumed_at_ms"],
+            resumed.counters["threads"]
+        ),
+        (80.0, 1.0)
+    );
+    let (want, got) = (
+        want.biomarkers.p_max_mmhg.expect("P_max"),
+        resumed.biomarkers.p_max_mmhg.expect("P_max"),
+    );
     assert!((got / want - 1.0).abs() < 1e-4, "{got} for {want} mmHg");
 
     so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder.path(), &spec);
@@ -197,9 +290,15 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
     a_killed_rank_ends_all(folder.path(), &spec);
 }
 
-fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder: &Path, spec: &OrganBeatSpec) {
+fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
+    folder: &Path,
+    spec: &OrganBeatSpec,
+) {
     // Few steps: eight ranks on two cores wait for each other most of the time.
-    let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec { time_step_ms: 10.0, ..spec.clone() }));
+    let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
+        time_step_ms: 10.0,
+        ..spec.clone()
+    }));
     let by_threads = folder.join("eight-threads");
     fs::create_dir(&by_threads).expect("a folder");
     result(run_task(task, &mut Context::plain(&by_threads, 8)));
@@ -211,14 +310,26 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder: &Path, s
         let arguments = [["simulate", text(&file), "--out", text(&by_ranks)], parts].concat();
         let out = output(mpirun(n_ranks, &arguments));
         assert!(out.status.success(), "{}", said(&out));
-        result(serde_json::from_slice::<TaskOutcome>(&out.stdout).expect("an outcome").ending);
+        result(
+            serde_json::from_slice::<TaskOutcome>(&out.stdout)
+                .expect("an outcome")
+                .ending,
+        );
         for name in ["traces.csv", "nodal.csv"] {
-            let [a, b] = [&by_threads, &by_ranks].map(|folder| fs::read(folder.join(name)).expect("a file"));
-            assert!(a == b, "{name} of eight subdomains on {n_ranks} ranks differs from that on eight threads");
+            let [a, b] =
+                [&by_threads, &by_ranks].map(|folder| fs::read(folder.join(name)).expect("a file"));
+            assert!(
+                a == b,
+                "{name} of eight subdomains on {n_ranks} ranks differs from that on eight threads"
+            );
         }
     }
     let refused = output(mpirun(2, &["check", "--ranks", "2", "--subdomains", "3"]));
-    assert!(said(&refused).contains("--subdomains 3: expected a multiple of the 2 ranks"), "{}", said(&refused));
+    assert!(
+        said(&refused).contains("--subdomains 3: expected a multiple of the 2 ranks"),
+        "{}",
+        said(&refused)
+    );
 }
 
 /// The directory of an attempt that has two threads or ranks.
@@ -227,13 +338,20 @@ fn attempt(folder: &Path, task: &TaskSpec) -> PathBuf {
     fs::create_dir(&directory).expect("a folder");
     let spec = AttemptSpec {
         schema_version: SCHEMA_VERSION,
-        attempt: AttemptId { task: task.key(), generation: 1 },
+        attempt: AttemptId {
+            task: task.key(),
+            generation: 1,
+        },
         threads: 2,
         instruction_set: Default::default(),
         vtu_every_ms: 0.0,
         task: task.clone(),
     };
-    fs::write(directory.join("spec.json"), serde_json::to_string(&spec).expect("JSON")).expect("a file");
+    fs::write(
+        directory.join("spec.json"),
+        serde_json::to_string(&spec).expect("JSON"),
+    )
+    .expect("a file");
     directory
 }
 
@@ -241,27 +359,49 @@ fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
     let directory = attempt(folder, task);
     let out = output(mpirun(3, &["run", text(&directory)]));
     assert!(
-        !out.status.success() && said(&out).contains("found 3 ranks, expected 2 (threads in spec.json)"),
+        !out.status.success()
+            && said(&out).contains("found 3 ranks, expected 2 (threads in spec.json)"),
         "{}",
         said(&out)
     );
-    assert!(!directory.join("started.json").exists(), "nothing was claimed");
+    assert!(
+        !directory.join("started.json").exists(),
+        "nothing was claimed"
+    );
     let out = output(mpirun(2, &["run", text(&directory)]));
     assert!(out.status.success(), "{}", said(&out));
     let outcome: TaskOutcome =
-        serde_json::from_slice(&fs::read(directory.join("outcome.json")).expect("an outcome")).expect("JSON");
+        serde_json::from_slice(&fs::read(directory.join("outcome.json")).expect("an outcome"))
+            .expect("JSON");
     assert_eq!(outcome.provenance.ranks, 2);
     result(outcome.ending);
     let out = output(mpirun(2, &["run", text(&directory)]));
-    assert!(out.status.code() == Some(3) && said(&out).contains("claimed before"), "{:?} {}", out.status, said(&out));
+    assert!(
+        out.status.code() == Some(3) && said(&out).contains("claimed before"),
+        "{:?} {}",
+        out.status,
+        said(&out)
+    );
 }
 
 fn a_missing_file_is_an_outcome(folder: &Path, spec: &OrganBeatSpec) {
     let mut spec = spec.clone();
-    let OrganSpec::FiniteElement(organ) = &mut spec.organ else { panic!("another organ") };
+    let OrganSpec::FiniteElement(organ) = &mut spec.organ else {
+        panic!("another organ")
+    };
     organ.ventricle.path = folder.join("gone.bin");
     let file = written(folder, &TaskSpec::OrganBeat(Box::new(spec)));
-    let out = output(mpirun(2, &["simulate", text(&file), "--out", text(&folder.join("gone")), "--ranks", "2"]));
+    let out = output(mpirun(
+        2,
+        &[
+            "simulate",
+            text(&file),
+            "--out",
+            text(&folder.join("gone")),
+            "--ranks",
+            "2",
+        ],
+    ));
     assert!(out.status.success(), "{}", said(&out));
     let outcome: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
     assert!(
@@ -272,41 +412,105 @@ fn a_missing_file_is_an_outcome(folder: &Path, spec: &OrganBeatSpec) {
 
 /// So many beats that nobody waits for their end.
 fn a_killed_rank_ends_all(folder: &Path, spec: &OrganBeatSpec) {
-    let spec = OrganBeatSpec { beats: BeatCount::Fixed { n: 100_000 }, ..spec.clone() };
+    let spec = OrganBeatSpec {
+        beats: BeatCount::Fixed { n: 100_000 },
+        ..spec.clone()
+    };
     let task = TaskSpec::OrganBeat(Box::new(spec));
     let (file, out) = (written(folder, &task), folder.join("killed"));
-    let arguments = ["simulate", text(&file), "--out", text(&out), "--ranks", "2", "--checkpoint-every", "2"];
-    let mut child =
-        mpirun(2, &arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the launcher starts");
+    let arguments = [
+        "simulate",
+        text(&file),
+        "--out",
+        text(&out),
+        "--ranks",
+        "2",
+        "--checkpoint-every",
+        "2",
+    ];
+    let mut child = mpirun(2, &arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the launcher starts");
     let checkpoint = out.join("checkpoint").join(FILE);
     until(&mut child, "a checkpoint", || checkpoint.exists());
     let ranks = ranks_of(child.id());
     assert_eq!(ranks.len(), 2, "{ranks:?}");
     let victim = ranks.iter().max().expect("a rank").to_string();
-    assert!(Command::new("kill").args(["-9", &victim]).status().expect("kill").success());
+    assert!(
+        Command::new("kill")
+            .args(["-9", &victim])
+            .status()
+            .expect("kill")
+            .success()
+    );
     let begun = Instant::now();
     let status = child.wait().expect("a child");
-    assert!(!status.success() && begun.elapsed() < ALL_END_WITHIN, "{status} after {:?}", begun.elapsed());
+    assert!(
+        !status.success() && begun.elapsed() < ALL_END_WITHIN,
+        "{status} after {:?}",
+        begun.elapsed()
+    );
     let bytes = fs::read(checkpoint).expect("a checkpoint");
-    assert!(BeatCheckpoint::from_bytes(&bytes, &task.key().to_string()).is_ok(), "the last checkpoint is valid");
+    assert!(
+        BeatCheckpoint::from_bytes(&bytes, &task.key().to_string()).is_ok(),
+        "the last checkpoint is valid"
+    );
 }
 
 #[test]
 fn a_rank_that_fails_in_any_way_ends_all_with_one_message() {
     let cases = [
-        ("1:panic", "rank 1 of 3 failed at ", "panicked at worker/src/mpi/check.rs", "600"),
+        (
+            "1:panic",
+            "rank 1 of 3 failed at ",
+            "panicked at worker/src/mpi/check.rs",
+            "600",
+        ),
         ("2:error", "rank 2 of 3 failed at ", "asked to fail", "600"),
         ("0:panic", "rank 0 of 3 failed at ", "asked to panic", "600"),
-        ("0:stall", "failed at ", "no progress: waited 0.5 s for a reduction of rank 0", "0.5"),
+        (
+            "0:stall",
+            "failed at ",
+            "no progress: waited 0.5 s for a reduction of rank 0",
+            "0.5",
+        ),
     ];
     for (fault, who, why, patience) in cases {
         let begun = Instant::now();
-        let out = output(mpirun(3, &["check", "--ranks", "3", "--fail", fault, "--patience", patience]));
+        let out = output(mpirun(
+            3,
+            &[
+                "check",
+                "--ranks",
+                "3",
+                "--fail",
+                fault,
+                "--patience",
+                patience,
+            ],
+        ));
         let said = said(&out);
-        assert!(!out.status.success() && begun.elapsed() < ALL_END_WITHIN, "{fault}: {:?} {said}", begun.elapsed());
-        let lines: Vec<&str> = said.lines().filter(|line| line.contains("all ranks end")).collect();
-        assert!(lines.iter().any(|line| line.contains(who) && line.contains(why)), "{fault}: {said}");
-        assert!(fault.ends_with("stall") || lines.len() == 1, "{fault}: one message: {said}");
+        assert!(
+            !out.status.success() && begun.elapsed() < ALL_END_WITHIN,
+            "{fault}: {:?} {said}",
+            begun.elapsed()
+        );
+        let lines: Vec<&str> = said
+            .lines()
+            .filter(|line| line.contains("all ranks end"))
+            .collect();
+        assert!(
+            lines
+                .iter()
+                .any(|line| line.contains(who) && line.contains(why)),
+            "{fault}: {said}"
+        );
+        assert!(
+            fault.ends_with("stall") || lines.len() == 1,
+            "{fault}: one message: {said}"
+        );
     }
 }
 
@@ -319,33 +523,60 @@ fn ranks_are_counted_before_anything_is_done() {
         said(&out)
     );
     for (arguments, found) in [
-        (vec!["check", "--ranks", "3"], "found 2 ranks, expected 3 (--ranks)"),
+        (
+            vec!["check", "--ranks", "3"],
+            "found 2 ranks, expected 3 (--ranks)",
+        ),
         (vec!["check"], "say with --ranks N (or CARDIOTWIN_RANKS)"),
     ] {
         let out = output(mpirun(2, &arguments));
-        assert!(!out.status.success() && said(&out).contains(found), "{}", said(&out));
+        assert!(
+            !out.status.success() && said(&out).contains(found),
+            "{}",
+            said(&out)
+        );
     }
     // Without a launcher, as under one of another MPI: every rank is alone.
     let alone = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker-mpi"))
         .args(["check", "--ranks", "2"])
         .output()
         .expect("the worker starts");
-    assert!(alone.status.code() == Some(5) && said(&alone).contains("found 1 ranks, expected 2"), "{}", said(&alone));
+    assert!(
+        alone.status.code() == Some(5) && said(&alone).contains("found 1 ranks, expected 2"),
+        "{}",
+        said(&alone)
+    );
 }
 
 #[test]
 fn a_beat_on_two_ranks_is_measured() {
-    let beat = ["bench", "--nodes", "500", "--cycle", "60", "--step", "5", "--json", "--ranks", "2"];
+    let beat = [
+        "bench", "--nodes", "500", "--cycle", "60", "--step", "5", "--json", "--ranks", "2",
+    ];
     let out = output(mpirun(2, &beat));
     assert!(out.status.success(), "{}", said(&out));
     let found: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
-    assert_eq!((found["threads"].as_u64(), found["steps"].as_u64()), (Some(2), Some(12)));
+    assert_eq!(
+        (found["threads"].as_u64(), found["steps"].as_u64()),
+        (Some(2), Some(12))
+    );
     let ranks = found["ranks"].as_array().expect("ranks");
     assert_eq!(ranks.len(), 2);
-    let sum = |key: &str| ranks.iter().map(|rank| rank[key].as_f64().expect(key)).sum::<f64>();
+    let sum = |key: &str| {
+        ranks
+            .iter()
+            .map(|rank| rank[key].as_f64().expect(key))
+            .sum::<f64>()
+    };
     assert_eq!(Some(sum("nodes")), found["nodes"].as_f64());
     assert!(sum("elements") > found["elements"].as_f64().expect("elements"));
-    for key in ["ghosts", "halo_messages", "halo_MB", "reductions", "peak_memory_MB"] {
+    for key in [
+        "ghosts",
+        "halo_messages",
+        "halo_MB",
+        "reductions",
+        "peak_memory_MB",
+    ] {
         assert!(sum(key) > 0.0, "{key} in {found}");
     }
 }
@@ -358,19 +589,39 @@ struct Slurm {
 impl Slurm {
     fn script(what: &str, folder: &Path, more: &[&str]) -> Output {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/one-machine-slurm.sh");
-        Command::new(script).arg(what).arg(folder).args(more).output().expect("bash is there")
+        Command::new(script)
+            .arg(what)
+            .arg(folder)
+            .args(more)
+            .output()
+            .expect("bash is there")
     }
 
     fn start() -> Result<Self, String> {
         let folder = PathBuf::from(format!("/tmp/ct-mpi.{}", std::process::id()));
-        let out = Self::script("start", &folder, &["--nodes", "1", "--cpus", "8", "--no-accounting"]);
-        if out.status.success() { Ok(Self { folder }) } else { Err(said(&out).trim().to_owned()) }
+        let out = Self::script(
+            "start",
+            &folder,
+            &["--nodes", "1", "--cpus", "8", "--no-accounting"],
+        );
+        if out.status.success() {
+            Ok(Self { folder })
+        } else {
+            Err(said(&out).trim().to_owned())
+        }
     }
 
     fn output(&self, program: &str, arguments: &[&str]) -> Output {
         let mut command = Command::new(program);
-        command.args(arguments).env("SLURM_CONF", self.folder.join("etc/slurm.conf")).stdin(Stdio::null());
-        for name in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"] {
+        command
+            .args(arguments)
+            .env("SLURM_CONF", self.folder.join("etc/slurm.conf"))
+            .stdin(Stdio::null());
+        for name in [
+            "OMPI_ALLOW_RUN_AS_ROOT",
+            "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM",
+            "OMPI_MCA_rmaps_base_oversubscribe",
+        ] {
             command.env(name, "1");
         }
         output(command)
@@ -394,22 +645,54 @@ fn ranks_start_in_a_slurm_allocation() {
     };
     let launcher = std::env::var("CARDIOTWIN_MPIRUN").unwrap_or_else(|_| "mpirun".to_owned());
     // What srun knows of each MPI, and what leaves its ranks alone.
-    let (mpi, other) = if launcher.contains("mpich") { ("pmi2", "pmix") } else { ("pmix", "none") };
+    let (mpi, other) = if launcher.contains("mpich") {
+        ("pmi2", "pmix")
+    } else {
+        ("pmix", "none")
+    };
     let worker = env!("CARGO_BIN_EXE_cardiotwin-worker-mpi");
     let srun = |mpi: &str, more: &[&str]| {
         let mpi = format!("--mpi={mpi}");
-        let begin = ["--kill-on-bad-exit=1", "-p", "main", "-n", "2", &mpi, worker, "check", "--ranks", "2"];
+        let begin = [
+            "--kill-on-bad-exit=1",
+            "-p",
+            "main",
+            "-n",
+            "2",
+            &mpi,
+            worker,
+            "check",
+            "--ranks",
+            "2",
+        ];
         slurm.output("srun", &[&begin, more].concat())
     };
     let shown = |out: &Output| format!("{} {}", String::from_utf8_lossy(&out.stdout), said(out));
     let out = srun(mpi, &[]);
-    assert!(out.status.success() && shown(&out).starts_with("2 ranks: 2 on "), "{}", shown(&out));
+    assert!(
+        out.status.success() && shown(&out).starts_with("2 ranks: 2 on "),
+        "{}",
+        shown(&out)
+    );
     let begun = Instant::now();
     let out = srun(mpi, &["--fail", "1:panic"]);
-    assert!(!out.status.success() && shown(&out).contains("rank 1 of 2 failed at "), "{}", shown(&out));
+    assert!(
+        !out.status.success() && shown(&out).contains("rank 1 of 2 failed at "),
+        "{}",
+        shown(&out)
+    );
     assert!(begun.elapsed() < ALL_END_WITHIN, "{:?}", begun.elapsed());
     let out = srun(other, &[]);
     assert!(!out.status.success(), "the wrong launcher: {}", shown(&out));
-    let out = slurm.output("salloc", &["-p", "main", "-n", "2", &launcher, "-n", "2", worker, "check", "--ranks", "2"]);
-    assert!(out.status.success() && shown(&out).contains("2 ranks: 2 on "), "{}", shown(&out));
+    let out = slurm.output(
+        "salloc",
+        &[
+            "-p", "main", "-n", "2", &launcher, "-n", "2", worker, "check", "--ranks", "2",
+        ],
+    );
+    assert!(
+        out.status.success() && shown(&out).contains("2 ranks: 2 on "),
+        "{}",
+        shown(&out)
+    );
 }

@@ -8,7 +8,9 @@ use cardiotwin_mesh::LengthUnit;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::files::{carp, node_values};
 use cardiotwin_mesh::tags;
-use cardiotwin_schemas::finite_element::{FiniteElementSettings, MeshFibres, OwnMesh, VentricleFigures};
+use cardiotwin_schemas::finite_element::{
+    FiniteElementSettings, MeshFibres, OwnMesh, VentricleFigures,
+};
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{PassiveStateSpec, TaskSpec};
@@ -18,8 +20,14 @@ use cardiotwin_worker::tasks::run_task;
 use support::{input, passive_state, step0};
 
 fn spec() -> PassiveStateSpec {
-    let settings = FiniteElementSettings { mesh_nodes: 500, ..FiniteElementSettings::default() };
-    PassiveStateSpec { finite_element: Some(settings.anatomy(&[])), ..step0("01-CoA") }
+    let settings = FiniteElementSettings {
+        mesh_nodes: 500,
+        ..FiniteElementSettings::default()
+    };
+    PassiveStateSpec {
+        finite_element: Some(settings.anatomy(&[])),
+        ..step0("01-CoA")
+    }
 }
 
 /// The ellipsoid of 01-CoA as a clinic's mesh: tags 7 and 9, coordinates in µm, no surfaces.
@@ -33,12 +41,19 @@ fn clinic(folder: &Path, cavity_ml: f64) -> OwnMesh {
     }
     carp::write(&mesh, &folder.join("heart")).unwrap();
     OwnMesh {
-        files: ["heart.pts", "heart.elem"].map(|name| input("mesh", &folder.join(name))).to_vec(),
+        files: ["heart.pts", "heart.elem"]
+            .map(|name| input("mesh", &folder.join(name)))
+            .to_vec(),
         unit: LengthUnit::Micrometre.symbol().to_owned(),
         left_ventricle: vec![7],
         fibres: MeshFibres::Auto,
         activation_times: None,
-        activation_sites_mm: made.shape.fascicles().iter().map(|site| site.at_mm).collect(),
+        activation_sites_mm: made
+            .shape
+            .fascicles()
+            .iter()
+            .map(|site| site.at_mm)
+            .collect(),
         right_ventricle: None,
     }
 }
@@ -52,8 +67,14 @@ fn figures(spec: &PassiveStateSpec, folder: &Path) -> VentricleFigures {
 }
 
 fn refused(own: OwnMesh, folder: &Path) -> String {
-    let spec = PassiveStateSpec { own_mesh: Some(own), ..spec() };
-    match run_task(&TaskSpec::PassiveState(Box::new(spec)), &mut Context::plain(folder, 1)) {
+    let spec = PassiveStateSpec {
+        own_mesh: Some(own),
+        ..spec()
+    };
+    match run_task(
+        &TaskSpec::PassiveState(Box::new(spec)),
+        &mut Context::plain(folder, 1),
+    ) {
         Ending::Failed { failure } => failure.message,
         other => panic!("{other:?}"),
     }
@@ -64,8 +85,17 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
     let folder = tempfile::tempdir().unwrap();
     let generated = figures(&spec(), &folder.path().join("generated"));
     let own = clinic(folder.path(), 138.5);
-    let read = figures(&PassiveStateSpec { own_mesh: Some(own.clone()), ..spec() }, &folder.path().join("read"));
-    assert_eq!((read.nodes, read.elements), (generated.nodes, generated.elements));
+    let read = figures(
+        &PassiveStateSpec {
+            own_mesh: Some(own.clone()),
+            ..spec()
+        },
+        &folder.path().join("read"),
+    );
+    assert_eq!(
+        (read.nodes, read.elements),
+        (generated.nodes, generated.elements)
+    );
     let pairs = [
         (read.image_volume_ml, generated.image_volume_ml),
         (read.unloaded_volume_ml, generated.unloaded_volume_ml),
@@ -74,15 +104,27 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
         (read.spread_ms, generated.spread_ms),
     ];
     // Surfaces that are found, and rounding to the files' digits: not to the bit.
-    assert!(pairs.iter().all(|(a, b)| (a / b - 1.0).abs() < 0.02), "{pairs:?}");
+    assert!(
+        pairs.iter().all(|(a, b)| (a / b - 1.0).abs() < 0.02),
+        "{pairs:?}"
+    );
 
     let n = read.nodes as usize;
     let times: Vec<f64> = (0..n).map(|k| 100.0 + 20.0 * (k % 2) as f64).collect();
     let file = folder.path().join("times.dat");
     node_values::write(&file, "activation times, ms", &times).unwrap();
-    let timed =
-        OwnMesh { activation_times: Some(input("activation times", &file)), activation_sites_mm: vec![], ..own };
-    let timed = figures(&PassiveStateSpec { own_mesh: Some(timed), ..spec() }, &folder.path().join("timed"));
+    let timed = OwnMesh {
+        activation_times: Some(input("activation times", &file)),
+        activation_sites_mm: vec![],
+        ..own
+    };
+    let timed = figures(
+        &PassiveStateSpec {
+            own_mesh: Some(timed),
+            ..spec()
+        },
+        &folder.path().join("timed"),
+    );
     assert!((timed.spread_ms - 20.0).abs() < 0.1, "{}", timed.spread_ms);
 }
 
@@ -90,15 +132,41 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
 fn what_is_wrong_with_a_mesh_is_told_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let own = clinic(folder.path(), 138.5);
-    let metres = refused(OwnMesh { unit: "mm".to_owned(), left_ventricle: vec![3], ..own.clone() }, folder.path());
+    let metres = refused(
+        OwnMesh {
+            unit: "mm".to_owned(),
+            left_ventricle: vec![3],
+            ..own.clone()
+        },
+        folder.path(),
+    );
     assert!(
-        metres.contains("set anatomy.mesh.unit = \"um\"") && metres.contains("no element with the tag 3"),
+        metres.contains("set anatomy.mesh.unit = \"um\"")
+            && metres.contains("no element with the tag 3"),
         "{metres}"
     );
-    let nowhere = refused(OwnMesh { activation_sites_mm: vec![], ..own.clone() }, folder.path());
-    assert!(nowhere.contains("neither activation times nor activation sites"), "{nowhere}");
-    let fibres = refused(OwnMesh { fibres: MeshFibres::Mesh, ..own }, folder.path());
+    let nowhere = refused(
+        OwnMesh {
+            activation_sites_mm: vec![],
+            ..own.clone()
+        },
+        folder.path(),
+    );
+    assert!(
+        nowhere.contains("neither activation times nor activation sites"),
+        "{nowhere}"
+    );
+    let fibres = refused(
+        OwnMesh {
+            fibres: MeshFibres::Mesh,
+            ..own
+        },
+        folder.path(),
+    );
     assert!(fibres.contains("found no fibres"), "{fibres}");
     let small = refused(clinic(folder.path(), 90.0), folder.path());
-    assert!(small.contains("a cavity of 90.0 mL") && small.contains("138.5"), "{small}");
+    assert!(
+        small.contains("a cavity of 90.0 mL") && small.contains("138.5"),
+        "{small}"
+    );
 }

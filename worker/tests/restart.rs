@@ -29,13 +29,23 @@ fn fit(settings: CellFitSettings) -> TaskSpec {
         std90_ms: 398.0,
         lambda_min: 0.835,
     };
-    let targets = TargetsResult { lambda_0: 1.0, lambda_max: 1.0, targets, n_nodes: 16, has_calcium: false };
+    let targets = TargetsResult {
+        lambda_0: 1.0,
+        lambda_max: 1.0,
+        targets,
+        n_nodes: 16,
+        has_calcium: false,
+    };
     TaskSpec::CellFit(Box::new(support::cell_fit_spec(852.0, &targets, settings)))
 }
 
 /// A fit of a second or less: first population, eight generations, polish.
 fn short() -> TaskSpec {
-    fit(CellFitSettings { popsize: 2, max_generations: 8, ..CellFitSettings::default() })
+    fit(CellFitSettings {
+        popsize: 2,
+        max_generations: 8,
+        ..CellFitSettings::default()
+    })
 }
 
 fn result(ending: Ending) -> TaskResult {
@@ -48,14 +58,20 @@ fn result(ending: Ending) -> TaskResult {
 fn uninterrupted(task: &TaskSpec, threads: u32) -> (TaskResult, String) {
     let scratch = tempfile::tempdir().unwrap();
     let result = result(run_task(task, &mut Context::plain(scratch.path(), threads)));
-    (result, fs::read_to_string(scratch.path().join("convergence.csv")).unwrap())
+    (
+        result,
+        fs::read_to_string(scratch.path().join("convergence.csv")).unwrap(),
+    )
 }
 
 fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32) -> PathBuf {
     let key = task.key();
     let directory = root.join(format!("{}-g{generation}", &key.0[..16]));
     fs::create_dir_all(&directory).unwrap();
-    let attempt = AttemptId { task: key, generation };
+    let attempt = AttemptId {
+        task: key,
+        generation,
+    };
     let spec = AttemptSpec {
         schema_version: SCHEMA_VERSION,
         attempt,
@@ -64,7 +80,11 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32
         vtu_every_ms: 0.0,
         task: task.clone(),
     };
-    fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();
+    fs::write(
+        directory.join("spec.json"),
+        serde_json::to_string(&spec).unwrap(),
+    )
+    .unwrap();
     directory
 }
 
@@ -104,7 +124,10 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
     let first = attempt_directory(root.path(), &task, 1, 1);
     let stop = StopFlag::default();
     stop.raise();
-    assert_eq!(run_attempt(&first, None, &stop, false).unwrap(), Ending::Cancelled);
+    assert_eq!(
+        run_attempt(&first, None, &stop, false).unwrap(),
+        Ending::Cancelled
+    );
     let file = first.join("checkpoint/told-costs");
     let mut bytes = fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
@@ -112,11 +135,20 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
     let second = attempt_directory(root.path(), &task, 2, 1);
     let mut context = Context {
         artefacts: Artefacts::in_directory(&second),
-        checkpoints: Checkpoints::of_attempt(&second, &AttemptId { task: task.key(), generation: 2 }),
+        checkpoints: Checkpoints::of_attempt(
+            &second,
+            &AttemptId {
+                task: task.key(),
+                generation: 2,
+            },
+        ),
         progress: ProgressLog::silent(),
         ..Context::plain(&second, 1)
     };
-    assert_eq!(result(run_task(&task, &mut context)), uninterrupted(&task, 1).0);
+    assert_eq!(
+        result(run_task(&task, &mut context)),
+        uninterrupted(&task, 1).0
+    );
 }
 
 #[test]
@@ -130,7 +162,10 @@ fn a_killed_fit_is_continued_by_the_next_generation() {
         identifiability: false,
         ..CellFitSettings::default()
     };
-    let task = fit(CellFitSettings { max_generations: 30, ..endless.clone() });
+    let task = fit(CellFitSettings {
+        max_generations: 30,
+        ..endless.clone()
+    });
     let root = tempfile::tempdir().unwrap();
     let killed = attempt_directory(root.path(), &fit(endless), 1, 1);
     let mut child = spawn(&killed);
@@ -149,8 +184,12 @@ fn a_killed_fit_is_continued_by_the_next_generation() {
     let output = spawn(&second).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0));
     let log = String::from_utf8_lossy(&output.stderr);
-    assert!(log.contains("continuing the fit of an earlier attempt"), "{log}");
-    let outcome: TaskOutcome = serde_json::from_slice(&fs::read(second.join("outcome.json")).unwrap()).unwrap();
+    assert!(
+        log.contains("continuing the fit of an earlier attempt"),
+        "{log}"
+    );
+    let outcome: TaskOutcome =
+        serde_json::from_slice(&fs::read(second.join("outcome.json")).unwrap()).unwrap();
     assert_eq!(outcome.provenance.seed, Some(1));
     assert_eq!(outcome.artefacts.len(), 2);
     assert_eq!(result(outcome.ending), uninterrupted(&task, 1).0);
@@ -158,7 +197,11 @@ fn a_killed_fit_is_continued_by_the_next_generation() {
 
 #[test]
 fn a_search_is_taken_up_again_at_any_of_its_generations() {
-    let settings = |max_generations| CellFitSettings { popsize: 2, max_generations, ..CellFitSettings::default() };
+    let settings = |max_generations| CellFitSettings {
+        popsize: 2,
+        max_generations,
+        ..CellFitSettings::default()
+    };
     let (short, long) = (fit(settings(4)), fit(settings(8)));
     let root = tempfile::tempdir().unwrap();
     let left = |name: &str| root.path().join(name).join("checkpoint/told-costs");
@@ -167,13 +210,26 @@ fn a_search_is_taken_up_again_at_any_of_its_generations() {
         fs::create_dir_all(&directory).unwrap();
         let other = root.path().join(from.map_or("none", |from| from.0));
         let checkpoints = Checkpoints::restarting(&directory, &other, from.and_then(|from| from.1));
-        result(run_task(task, &mut Context { checkpoints, ..Context::plain(&directory, 1) }))
+        result(run_task(
+            task,
+            &mut Context {
+                checkpoints,
+                ..Context::plain(&directory, 1)
+            },
+        ))
     };
     let expected = run(&long, "long", None);
     for generation in 0..=8 {
         let name = format!("from-{generation}");
-        assert_eq!(run(&long, &name, Some(("long", Some(generation)))), expected, "generation {generation}");
-        assert_eq!(fs::read(left(&name)).unwrap(), fs::read(left("long")).unwrap());
+        assert_eq!(
+            run(&long, &name, Some(("long", Some(generation)))),
+            expected,
+            "generation {generation}"
+        );
+        assert_eq!(
+            fs::read(left(&name)).unwrap(),
+            fs::read(left("long")).unwrap()
+        );
     }
     // Another limit: the same search, which goes on where the shorter one ended.
     run(&short, "short", None);
@@ -185,18 +241,30 @@ fn a_search_is_taken_up_again_at_any_of_its_generations() {
     };
     spec.targets.sa_max_kpa *= 1.1;
     let other = TaskSpec::CellFit(spec);
-    assert_eq!(run(&other, "other", Some(("long", None))), uninterrupted(&other, 1).0);
+    assert_eq!(
+        run(&other, "other", Some(("long", None))),
+        uninterrupted(&other, 1).0
+    );
 }
 
 fn spawn(directory: &Path) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"));
-    command.arg("run").arg(directory).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    command
+        .arg("run")
+        .arg(directory)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
 }
 
 fn wait_for(mut condition: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !condition() {
-        assert!(begin.elapsed() < Duration::from_secs(300), "nothing happened");
+        assert!(
+            begin.elapsed() < Duration::from_secs(300),
+            "nothing happened"
+        );
         std::thread::sleep(Duration::from_millis(2));
     }
 }

@@ -31,16 +31,31 @@ impl Patient {
         let scratch = tempfile::tempdir().unwrap();
         let spec = support::step0(id);
         let state = support::passive_state(&spec, &mut Context::plain(scratch.path(), 1));
-        Self { cycle_length_ms: spec.cycle_length_ms, state, weights: BTreeMap::new() }
+        Self {
+            cycle_length_ms: spec.cycle_length_ms,
+            state,
+            weights: BTreeMap::new(),
+        }
     }
 
     fn beat(&self, p: &Step1Parameters) -> OrganBeatSpec {
-        support::beat_spec(self.cycle_length_ms, &self.state, p, ContractionSpec::Tanh { parameters: p.tanh })
+        support::beat_spec(
+            self.cycle_length_ms,
+            &self.state,
+            p,
+            ContractionSpec::Tanh { parameters: p.tanh },
+        )
     }
 
     /// The ventricle that plays the expensive one.
     fn other(&self, p: &Step1Parameters, differs: bool) -> Outcome {
-        let OrganSpec::Reduced { mut passive, mut activation } = self.state.organ.clone() else { panic!() };
+        let OrganSpec::Reduced {
+            mut passive,
+            mut activation,
+        } = self.state.organ.clone()
+        else {
+            panic!()
+        };
         let mut p = *p;
         if differs {
             let law = OneFibrePassive::through(
@@ -88,7 +103,9 @@ impl Patient {
 
     fn cost(&self, outcome: &Outcome) -> f64 {
         match outcome {
-            Outcome::Simulated(found) => Cost::of(&step1::biomarkers(&self.state.measured), found).total,
+            Outcome::Simulated(found) => {
+                Cost::of(&step1::biomarkers(&self.state.measured), found).total
+            }
             Outcome::NoWholeBeat(_) | Outcome::Failed => f64::INFINITY,
         }
     }
@@ -102,7 +119,9 @@ impl Patient {
                 runs.push(Step1Run {
                     parameters: proposal.parameters,
                     biomarkers: match &outcome {
-                        Outcome::Simulated(found) | Outcome::NoWholeBeat(found) => Some(step1::to_schema(found)),
+                        Outcome::Simulated(found) | Outcome::NoWholeBeat(found) => {
+                            Some(step1::to_schema(found))
+                        }
                         Outcome::Failed => None,
                     },
                     whole_beat: matches!(outcome, Outcome::Simulated(_)),
@@ -114,7 +133,10 @@ impl Patient {
     }
 
     fn space_mapping(&self, n: usize, differs: bool) -> Vec<f64> {
-        self.outcomes(n, differs).iter().map(|outcome| self.cost(outcome)).collect()
+        self.outcomes(n, differs)
+            .iter()
+            .map(|outcome| self.cost(outcome))
+            .collect()
     }
 
     fn fixed_point(&self, n: usize) -> Vec<f64> {
@@ -128,7 +150,9 @@ impl Patient {
         let mut costs = Vec::new();
         let measured = step1::biomarkers(&self.state.measured);
         while costs.len() < n {
-            let Decision::Next { parameters, .. } = fixed_point::decide(&settings, &measured, &history).unwrap() else {
+            let Decision::Next { parameters, .. } =
+                fixed_point::decide(&settings, &measured, &history).unwrap()
+            else {
                 break;
             };
             let outcome = self.other(&step1::with(&start, &parameters), true);
@@ -141,7 +165,10 @@ impl Patient {
 
 /// Simulations until the best cost is at most `level`.
 fn until(costs: &[f64], level: f64) -> Option<usize> {
-    costs.iter().position(|cost| *cost <= level).map(|position| position + 1)
+    costs
+        .iter()
+        .position(|cost| *cost <= level)
+        .map(|position| position + 1)
 }
 
 /// Not later than the other, or at all where the other is.
@@ -153,7 +180,13 @@ fn no_later(a: Option<usize>, b: Option<usize>) -> bool {
 #[test]
 fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient() {
     let number = |n: Option<usize>| n.map_or("-".to_owned(), |n| n.to_string());
-    let list = |costs: &[f64]| costs.iter().map(|cost| format!("{cost:.3}")).collect::<Vec<_>>().join(" ");
+    let list = |costs: &[f64]| {
+        costs
+            .iter()
+            .map(|cost| format!("{cost:.3}"))
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
     println!("| patient | fixed point | to 0.1 | to 0.02 | space mapping | to 0.1 | to 0.02 |");
     for id in support::PATIENTS {
         let patient = Patient::new(id);
@@ -161,20 +194,34 @@ fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient(
         let [f1, f2] = [0.1, 0.02].map(|level| until(&fixed, level));
         let [m1, m2] = [0.1, 0.02].map(|level| until(&mapped, level));
         let [f, m] = [(f1, f2), (m1, m2)].map(|(a, b)| format!("{} | {}", number(a), number(b)));
-        println!("| {id} | {} | {f} | {} | {m} |", list(&fixed), list(&mapped));
+        println!(
+            "| {id} | {} | {f} | {} | {m} |",
+            list(&fixed),
+            list(&mapped)
+        );
         assert!(m1.is_some_and(|n| n <= 2), "{id}: {mapped:?}");
-        assert!(no_later(m1, f1) && no_later(m2, f2), "{id}: {mapped:?} against {fixed:?}");
+        assert!(
+            no_later(m1, f1) && no_later(m2, f2),
+            "{id}: {mapped:?} against {fixed:?}"
+        );
         let best = |costs: &[f64]| costs.iter().copied().fold(f64::INFINITY, f64::min);
-        assert!(best(&mapped) < best(&fixed), "{id}: {mapped:?} against {fixed:?}");
+        assert!(
+            best(&mapped) < best(&fixed),
+            "{id}: {mapped:?} against {fixed:?}"
+        );
     }
 }
 
 #[test]
 fn weights_lead_to_what_they_weigh() {
     let off = |patient: &Patient, key: &str| {
-        let Outcome::Simulated(found) = patient.outcomes(4, true)[3] else { panic!() };
+        let Outcome::Simulated(found) = patient.outcomes(4, true)[3] else {
+            panic!()
+        };
         let biomarker = Biomarker::named(key).unwrap();
-        let clinical = step1::biomarkers(&patient.state.measured).get(biomarker).unwrap();
+        let clinical = step1::biomarkers(&patient.state.measured)
+            .get(biomarker)
+            .unwrap();
         (found.get(biomarker).unwrap() / clinical - 1.0).abs()
     };
     let mut patient = Patient::new("06-CoA");
@@ -183,7 +230,10 @@ fn weights_lead_to_what_they_weigh() {
         let without = off(&patient, key);
         patient.weights = [(key.to_owned(), weight)].into();
         let with = off(&patient, key);
-        assert!(with < 0.5 * without, "{key}: {with} with its weight, {without} without");
+        assert!(
+            with < 0.5 * without,
+            "{key}: {with} with its weight, {without} without"
+        );
     }
 }
 
@@ -199,7 +249,10 @@ fn where_the_same_ventricle_is_simulated_the_first_proposal_is_near_its_optimum(
 fn an_accepted_effect_acts_on_the_proposal_and_one_that_cannot_is_refused() {
     let mut patient = Patient::new("02-CoA");
     let without = patient.proposal(&[]).parameters;
-    let kick = |name: &str| EffectSpec { name: name.into(), parameters: [("amplitude_mmHg".to_owned(), 8.0)].into() };
+    let kick = |name: &str| EffectSpec {
+        name: name.into(),
+        parameters: [("amplitude_mmHg".to_owned(), 8.0)].into(),
+    };
     patient.state.circulation.effects = vec![kick("atrial_kick")];
     assert_ne!(patient.proposal(&[]).parameters, without);
     patient.state.circulation.effects = vec![kick("atrial_kicks")];
@@ -215,7 +268,13 @@ fn an_accepted_effect_acts_on_the_proposal_and_one_that_cannot_is_refused() {
 #[test]
 fn a_finite_element_ventricle_is_proposed_for_by_a_one_fibre_one_of_its_volumes() {
     let mut patient = Patient::new("02-CoA");
-    let OrganSpec::Reduced { passive, activation } = patient.state.organ else { panic!() };
+    let OrganSpec::Reduced {
+        passive,
+        activation,
+    } = patient.state.organ
+    else {
+        panic!()
+    };
     let figures = VentricleFigures {
         nodes: 1,
         elements: 1,
@@ -232,7 +291,12 @@ fn a_finite_element_ventricle_is_proposed_for_by_a_one_fibre_one_of_its_volumes(
         onset_ms: activation.onset_ms,
         spread_ms: activation.spread_ms,
     };
-    let ventricle = InputFile { name: "ventricle".into(), path: "nowhere".into(), sha256: "0".into() };
-    patient.state.organ = OrganSpec::FiniteElement(Box::new(FiniteElementOrgan { ventricle, figures }));
+    let ventricle = InputFile {
+        name: "ventricle".into(),
+        path: "nowhere".into(),
+        sha256: "0".into(),
+    };
+    patient.state.organ =
+        OrganSpec::FiniteElement(Box::new(FiniteElementOrgan { ventricle, figures }));
     assert!(patient.proposal(&[]).predicted_cost < 0.02);
 }

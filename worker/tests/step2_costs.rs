@@ -11,8 +11,18 @@ use cardiotwin_worker::run::simulate;
 fn fit(case: &Case, settings: CellFitSettings, instruction_set: InstructionSet) -> CellFitResult {
     let scratch = tempfile::tempdir().unwrap();
     let task = TaskSpec::CellFit(Box::new(case.spec(settings)));
-    let outcome = simulate(&task, Context { instruction_set, ..Context::plain(scratch.path(), 2) });
-    assert!(outcome.provenance.arithmetic.contains(" lanes"), "{}", outcome.provenance.arithmetic);
+    let outcome = simulate(
+        &task,
+        Context {
+            instruction_set,
+            ..Context::plain(scratch.path(), 2)
+        },
+    );
+    assert!(
+        outcome.provenance.arithmetic.contains(" lanes"),
+        "{}",
+        outcome.provenance.arithmetic
+    );
     match outcome.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::CellFit(result) => result,
@@ -23,7 +33,10 @@ fn fit(case: &Case, settings: CellFitSettings, instruction_set: InstructionSet) 
 }
 
 fn stand_ins() -> Vec<Case> {
-    cases().into_iter().filter(|case| case.reference_cost.is_some()).collect()
+    cases()
+        .into_iter()
+        .filter(|case| case.reference_cost.is_some())
+        .collect()
 }
 
 #[test]
@@ -34,38 +47,76 @@ fn costs_are_no_higher_than_the_references() {
         let result = fit(&case, CellFitSettings::default(), InstructionSet::Auto);
         let reference = case.reference_cost.unwrap();
         // Half a percent for the two implementations' own errors and the ends of two searches.
-        assert!(result.cost <= 1.005 * reference, "{}: {} against {reference}", case.name, result.cost);
+        assert!(
+            result.cost <= 1.005 * reference,
+            "{}: {} against {reference}",
+            case.name,
+            result.cost
+        );
         assert!(result.converged, "{}", case.name);
-        assert!((result.cost_terms.values().sum::<f64>() - result.cost).abs() < 1e-9, "{:?}", result.cost_terms);
+        assert!(
+            (result.cost_terms.values().sum::<f64>() - result.cost).abs() < 1e-9,
+            "{:?}",
+            result.cost_terms
+        );
     }
 }
 
 #[test]
 fn every_strategy_and_the_portable_lanes_find_02s_stand_in() {
     let case = &stand_ins()[1];
-    for strategy in [Strategy::DifferentialEvolution, Strategy::LShade, Strategy::CmaEs] {
-        let settings = CellFitSettings { strategy, identifiability: false, ..CellFitSettings::default() };
+    for strategy in [
+        Strategy::DifferentialEvolution,
+        Strategy::LShade,
+        Strategy::CmaEs,
+    ] {
+        let settings = CellFitSettings {
+            strategy,
+            identifiability: false,
+            ..CellFitSettings::default()
+        };
         let result = fit(case, settings, InstructionSet::Portable);
-        assert!(result.cost <= 1.05 * case.reference_cost.unwrap(), "{strategy:?}: {}", result.cost);
+        assert!(
+            result.cost <= 1.05 * case.reference_cost.unwrap(),
+            "{strategy:?}: {}",
+            result.cost
+        );
         assert_eq!(result.identifiability, None);
     }
 }
 
 #[test]
 fn every_parameter_has_an_interval_around_its_value_within_the_bounds() {
-    let result = fit(&stand_ins()[1], CellFitSettings::default(), InstructionSet::Auto);
+    let result = fit(
+        &stand_ins()[1],
+        CellFitSettings::default(),
+        InstructionSet::Auto,
+    );
     let identifiability = result.identifiability.unwrap();
     assert!(identifiability.threshold > result.cost);
-    assert!(identifiability.evaluations as f64 <= 0.3 * result.evaluations as f64, "{identifiability:?}");
+    assert!(
+        identifiability.evaluations as f64 <= 0.3 * result.evaluations as f64,
+        "{identifiability:?}"
+    );
     for parameter in &result.parameters {
         let near = parameter.near_optimal.unwrap();
         let inside = parameter.lower <= near.lower && near.upper <= parameter.upper;
-        assert!(inside && near.lower <= parameter.value && parameter.value <= near.upper, "{parameter:?}");
+        assert!(
+            inside && near.lower <= parameter.value && parameter.value <= near.upper,
+            "{parameter:?}"
+        );
     }
     // Rice's transient hardly changes when its two time constants are exchanged; the passive scale sets the smallest
     // stretch alone.
     let mark = |name: &str| {
-        result.parameters.iter().find(|parameter| parameter.name == name).unwrap().near_optimal.unwrap().mark
+        result
+            .parameters
+            .iter()
+            .find(|parameter| parameter.name == name)
+            .unwrap()
+            .near_optimal
+            .unwrap()
+            .mark
     };
     assert_ne!(mark("tau_CR_ms"), Determination::Determined);
     assert_ne!(mark("a_p_kPa"), Determination::NotDetermined);
@@ -82,12 +133,43 @@ fn a_guess_enters_the_first_population_and_may_lie_outside_the_bounds() {
         ..CellFitSettings::default()
     };
     let without = fit(case, short.clone(), InstructionSet::Auto);
-    let best =
-        fit(case, CellFitSettings { identifiability: false, ..CellFitSettings::default() }, InstructionSet::Auto);
-    let initial = best.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
-    let with = fit(case, CellFitSettings { initial, ..short.clone() }, InstructionSet::Auto);
-    assert!(with.cost <= best.cost * (1.0 + 1e-9) && with.cost < without.cost, "{} {}", with.cost, without.cost);
+    let best = fit(
+        case,
+        CellFitSettings {
+            identifiability: false,
+            ..CellFitSettings::default()
+        },
+        InstructionSet::Auto,
+    );
+    let initial = best
+        .parameters
+        .iter()
+        .map(|p| (p.name.clone(), p.value))
+        .collect();
+    let with = fit(
+        case,
+        CellFitSettings {
+            initial,
+            ..short.clone()
+        },
+        InstructionSet::Auto,
+    );
+    assert!(
+        with.cost <= best.cost * (1.0 + 1e-9) && with.cost < without.cost,
+        "{} {}",
+        with.cost,
+        without.cost
+    );
     let initial = [("Ca_max_uM".to_owned(), 50.0), ("n_Tm".to_owned(), -3.0)].into();
-    let outside = fit(case, CellFitSettings { initial, ..short }, InstructionSet::Auto);
-    assert!(outside.parameters.iter().all(|p| p.lower <= p.value && p.value <= p.upper));
+    let outside = fit(
+        case,
+        CellFitSettings { initial, ..short },
+        InstructionSet::Auto,
+    );
+    assert!(
+        outside
+            .parameters
+            .iter()
+            .all(|p| p.lower <= p.value && p.value <= p.upper)
+    );
 }

@@ -90,7 +90,11 @@ mod tests {
             cancelled_by,
             began: Some(ran_s.is_some()),
             elapsed_s: ran_s,
-            nodes: if ran_s.is_some() { "n1".to_owned() } else { String::new() },
+            nodes: if ran_s.is_some() {
+                "n1".to_owned()
+            } else {
+                String::new()
+            },
             accounting,
         }
     }
@@ -117,11 +121,24 @@ mod tests {
         for (accounting, by, no_accounting) in sources {
             for (story, ran_s, began, asked_to_end) in stories {
                 let ended = cancelled(accounting, by, ran_s);
-                let own = OwnTraces { began, asked_to_end, uid: OWN_UID, no_accounting, waited: false };
+                let own = OwnTraces {
+                    began,
+                    asked_to_end,
+                    uid: OWN_UID,
+                    no_accounting,
+                    waited: false,
+                };
                 let who = |waited| by_whom(&ended, OwnTraces { waited, ..own });
                 let by = by.map(|uid| format!(", by {uid}")).unwrap_or_default();
-                let source = format!("{accounting:?}{by}{}", if no_accounting { ", none" } else { "" });
-                table += &format!("{source:<16} {story:<28} {:<8} {:?}\n", format!("{:?}", who(false)), who(true));
+                let source = format!(
+                    "{accounting:?}{by}{}",
+                    if no_accounting { ", none" } else { "" }
+                );
+                table += &format!(
+                    "{source:<16} {story:<28} {:<8} {:?}\n",
+                    format!("{:?}", who(false)),
+                    who(true)
+                );
                 assert_ne!(who(true), Canceller::Unclear, "it is decided at last");
             }
         }
@@ -131,10 +148,22 @@ mod tests {
     /// The controller runs as root there, and so did whoever submitted.
     #[test]
     fn root_is_named_for_what_slurm_does_too() {
-        let own = OwnTraces { uid: 0, ..OwnTraces::default() };
-        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), own), Canceller::Slurm);
-        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(5)), own), Canceller::Person);
+        let own = OwnTraces {
+            uid: 0,
+            ..OwnTraces::default()
+        };
+        assert_eq!(
+            by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), own),
+            Canceller::Slurm
+        );
+        assert_eq!(
+            by_whom(&cancelled(Accounting::Agrees, Some(0), Some(5)), own),
+            Canceller::Person
+        );
         let begun = OwnTraces { began: true, ..own };
-        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), begun), Canceller::Person);
+        assert_eq!(
+            by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), begun),
+            Canceller::Person
+        );
     }
 }

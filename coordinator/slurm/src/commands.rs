@@ -40,7 +40,10 @@ pub struct Command {
 
 impl Command {
     fn new<A: Into<String>>(program: &'static str, arguments: impl IntoIterator<Item = A>) -> Self {
-        Self { program, arguments: arguments.into_iter().map(Into::into).collect() }
+        Self {
+            program,
+            arguments: arguments.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
@@ -60,7 +63,15 @@ pub fn test_only(script: &str) -> Command {
 /// however many jobs; no `--jobs`, which fails when one of them is forgotten.
 #[must_use]
 pub fn queue() -> Command {
-    Command::new("squeue", ["--me", "--array", "--states=all", &format!("--format={}", squeue::FORMAT)])
+    Command::new(
+        "squeue",
+        [
+            "--me",
+            "--array",
+            "--states=all",
+            &format!("--format={}", squeue::FORMAT),
+        ],
+    )
 }
 
 /// Jobs of the past by name, since the first intent (`since_s`, seconds since 1970); without names, all of the user's.
@@ -78,15 +89,28 @@ pub fn accounting(names: &[JobName], since_s: i64) -> Command {
         format!("--format={}", sacct::COLUMNS),
     ];
     if !names.is_empty() {
-        arguments.push(format!("--name={}", names.iter().map(JobName::as_str).collect::<Vec<_>>().join(",")));
+        arguments.push(format!(
+            "--name={}",
+            names
+                .iter()
+                .map(JobName::as_str)
+                .collect::<Vec<_>>()
+                .join(",")
+        ));
     }
-    Command { program: "sacct", arguments }
+    Command {
+        program: "sacct",
+        arguments,
+    }
 }
 
 /// Cancels jobs by number. A job that has ended is no error of scancel's with `--quiet`.
 #[must_use]
 pub fn cancel(jobs: &[JobId]) -> Command {
-    Command::new("scancel", std::iter::once("--quiet".to_owned()).chain(jobs.iter().map(ToString::to_string)))
+    Command::new(
+        "scancel",
+        std::iter::once("--quiet".to_owned()).chain(jobs.iter().map(ToString::to_string)),
+    )
 }
 
 /// Cancels all of the user's jobs of a name: for a submission whose number is not known.
@@ -104,14 +128,32 @@ pub fn config() -> Command {
 /// The limits of every QoS.
 #[must_use]
 pub fn qos() -> Command {
-    Command::new("sacctmgr", ["--parsable", "show", "qos", &format!("format={}", sacctmgr::COLUMNS)])
+    Command::new(
+        "sacctmgr",
+        [
+            "--parsable",
+            "show",
+            "qos",
+            &format!("format={}", sacctmgr::COLUMNS),
+        ],
+    )
 }
 
 /// What a user may charge and use.
 #[must_use]
 pub fn associations(user: &str) -> Command {
     let columns = format!("format={}", sacctmgr::ASSOCIATION_COLUMNS);
-    Command::new("sacctmgr", ["--parsable", "show", "assoc", "where", &format!("user={user}"), &columns])
+    Command::new(
+        "sacctmgr",
+        [
+            "--parsable",
+            "show",
+            "assoc",
+            "where",
+            &format!("user={user}"),
+            &columns,
+        ],
+    )
 }
 
 #[cfg(test)]
@@ -123,11 +165,23 @@ mod tests {
     fn the_commands_are_those_that_were_recorded() {
         let recorded = |name: &str| {
             let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
-            std::fs::read_to_string(file).expect("a recorded answer").lines().next().expect("its command").to_owned()
+            std::fs::read_to_string(file)
+                .expect("a recorded answer")
+                .lines()
+                .next()
+                .expect("its command")
+                .to_owned()
         };
-        assert_eq!(recorded("squeue-mixed"), format!("$ squeue {}", queue().arguments.join(" ")));
+        assert_eq!(
+            recorded("squeue-mixed"),
+            format!("$ squeue {}", queue().arguments.join(" "))
+        );
         let columns = format!(" --starttime=now-2days {}", accounting(&[], 0).arguments[5]);
-        assert!(recorded("sacct-ended").ends_with(&columns), "{}", recorded("sacct-ended"));
+        assert!(
+            recorded("sacct-ended").ends_with(&columns),
+            "{}",
+            recorded("sacct-ended")
+        );
         assert!(recorded("sacct-ended").contains(&accounting(&[], 0).arguments[..4].join(" ")));
     }
 }

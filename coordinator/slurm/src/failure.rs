@@ -97,7 +97,10 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
             Canceller::Person => Class::CancelledByPerson,
             Canceller::Slurm | Canceller::Unclear => Class::Unexplained,
         },
-        _ if out_of_memory || ended.reason == "OutOfMemory" || ended.exit.is_some_and(|e| e.signal == 125) => {
+        _ if out_of_memory
+            || ended.reason == "OutOfMemory"
+            || ended.exit.is_some_and(|e| e.signal == 125) =>
+        {
             Class::OutOfMemory
         }
         _ if panicked => Class::Panic,
@@ -111,20 +114,32 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
 /// Whether a job was cancelled and by whom is not to be told yet: look again before it is [`classify`]'d.
 #[must_use]
 pub fn is_open(evidence: &Evidence<'_>) -> bool {
-    let cancelled = |ended: &&Ended| ended.state == SlurmState::Cancelled && !ended.reason.starts_with("Dependency");
+    let cancelled = |ended: &&Ended| {
+        ended.state == SlurmState::Cancelled && !ended.reason.starts_with("Dependency")
+    };
     evidence.own.is_none()
         && !evidence.we_cancelled
         && !ran_out_of_memory(evidence)
-        && evidence.scheduler.filter(cancelled).is_some_and(|e| by_whom(e, evidence.traces) == Canceller::Unclear)
+        && evidence
+            .scheduler
+            .filter(cancelled)
+            .is_some_and(|e| by_whom(e, evidence.traces) == Canceller::Unclear)
 }
 
 fn ran_out_of_memory(evidence: &Evidence<'_>) -> bool {
-    OUT_OF_MEMORY.iter().any(|words| evidence.log_tail.contains(words))
+    OUT_OF_MEMORY
+        .iter()
+        .any(|words| evidence.log_tail.contains(words))
 }
 
 /// What Slurm's stepd and the kernel write before they kill for memory.
-const OUT_OF_MEMORY: &[&str] =
-    &["exceeded memory limit", "oom-kill event", "oom_kill event", "Out Of Memory", "Out of memory"];
+const OUT_OF_MEMORY: &[&str] = &[
+    "exceeded memory limit",
+    "oom-kill event",
+    "oom_kill event",
+    "Out Of Memory",
+    "Out of memory",
+];
 
 /// How often an attempt may be repeated for which kind of reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -189,33 +204,63 @@ pub enum Next {
 
 /// What follows from an ending. `progressed`: its checkpoint is further than that of the attempt before.
 #[must_use]
-pub fn next(class: Class, ended_on: &str, progressed: bool, given: &Given, spent: Spent, budgets: Budgets) -> Next {
-    let stays = |why: &str| Next::Stays { why: why.to_owned() };
+pub fn next(
+    class: Class,
+    ended_on: &str,
+    progressed: bool,
+    given: &Given,
+    spent: Spent,
+    budgets: Budgets,
+) -> Next {
+    let stays = |why: &str| Next::Stays {
+        why: why.to_owned(),
+    };
     let again = |continues: bool, given: Given, charge: fn(&mut Spent) -> &mut u32, why: String| {
         let mut spent = spent;
         *charge(&mut spent) += 1;
         if spent.infrastructure > budgets.infrastructure {
             return Next::Stays {
-                why: format!("{why}; its {} repeats for the site's failures are used up", budgets.infrastructure),
+                why: format!(
+                    "{why}; its {} repeats for the site's failures are used up",
+                    budgets.infrastructure
+                ),
             };
         }
         if spent.free > budgets.free {
             return Next::Stays {
-                why: format!("{why}; {} times without a charge is enough: look at the site", budgets.free),
+                why: format!(
+                    "{why}; {} times without a charge is enough: look at the site",
+                    budgets.free
+                ),
             };
         }
-        Next::Again { continues, given, spent, why }
+        Next::Again {
+            continues,
+            given,
+            spent,
+            why,
+        }
     };
     let free: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.free;
     let charged: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.infrastructure;
     match class {
-        Class::Walltime if progressed => {
-            again(true, given.clone(), free, "its walltime was used up: a new job goes on".to_owned())
-        }
-        Class::Walltime => again(true, given.clone(), charged, "its walltime was used up without progress".to_owned()),
+        Class::Walltime if progressed => again(
+            true,
+            given.clone(),
+            free,
+            "its walltime was used up: a new job goes on".to_owned(),
+        ),
+        Class::Walltime => again(
+            true,
+            given.clone(),
+            charged,
+            "its walltime was used up without progress".to_owned(),
+        ),
         Class::OutOfMemory => match more_memory(given) {
             Some((given, how)) => again(true, given, charged, format!("out of memory: {how}")),
-            None => stays("out of memory with one rank that had a whole node: take more nodes or a coarser mesh"),
+            None => stays(
+                "out of memory with one rank that had a whole node: take more nodes or a coarser mesh",
+            ),
         },
         Class::NodeFailure => {
             let mut given = given.clone();
@@ -228,19 +273,33 @@ pub fn next(class: Class, ended_on: &str, progressed: bool, given: &Given, spent
                 free,
                 format!(
                     "node failure on {}: avoided from now on",
-                    if ended_on.is_empty() { "a node" } else { ended_on }
+                    if ended_on.is_empty() {
+                        "a node"
+                    } else {
+                        ended_on
+                    }
                 ),
             )
         }
         Class::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
-        Class::CancelledByPerson => stays("cancelled by a person: stays so until it is asked for again"),
+        Class::CancelledByPerson => {
+            stays("cancelled by a person: stays so until it is asked for again")
+        }
         Class::BadInput => stays("the data or settings are wrong: fix them"),
         Class::Panic => stays("a defect of the program: see its log and report it"),
-        Class::Divergence if spent.science < budgets.science => {
-            Next::Science { spent: Spent { science: spent.science + 1, ..spent } }
-        }
+        Class::Divergence if spent.science < budgets.science => Next::Science {
+            spent: Spent {
+                science: spent.science + 1,
+                ..spent
+            },
+        },
         Class::Divergence => stays("the solver diverged, and its reruns are used up"),
-        Class::Unexplained => again(true, given.clone(), charged, "ended without a word".to_owned()),
+        Class::Unexplained => again(
+            true,
+            given.clone(),
+            charged,
+            "ended without a word".to_owned(),
+        ),
     }
 }
 
@@ -250,13 +309,23 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
     if given.ranks_per_node > 1 {
         more.ranks_per_node = given.ranks_per_node / 2;
         more.memory_per_rank_mib = given.memory_per_node_mib / u64::from(more.ranks_per_node);
-        let how = format!("{} ranks on a node instead of {}", more.ranks_per_node, given.ranks_per_node);
+        let how = format!(
+            "{} ranks on a node instead of {}",
+            more.ranks_per_node, given.ranks_per_node
+        );
         return Some((more, how));
     }
-    let doubled = given.memory_per_rank_mib.saturating_mul(2).min(given.memory_per_node_mib);
+    let doubled = given
+        .memory_per_rank_mib
+        .saturating_mul(2)
+        .min(given.memory_per_node_mib);
     more.memory_per_rank_mib = doubled;
-    (doubled > given.memory_per_rank_mib)
-        .then(|| (more, format!("{doubled} MiB instead of {}", given.memory_per_rank_mib)))
+    (doubled > given.memory_per_rank_mib).then(|| {
+        (
+            more,
+            format!("{doubled} MiB instead of {}", given.memory_per_rank_mib),
+        )
+    })
 }
 
 #[cfg(test)]
@@ -273,21 +342,47 @@ mod tests {
         log_tail: "",
         we_cancelled: false,
         warned: false,
-        traces: OwnTraces { began: true, asked_to_end: false, uid: 1001, no_accounting: false, waited: false },
+        traces: OwnTraces {
+            began: true,
+            asked_to_end: false,
+            uid: 1001,
+            no_accounting: false,
+            waited: false,
+        },
     };
-    const BUDGETS: Budgets = Budgets { infrastructure: 2, science: 1, free: 5 };
+    const BUDGETS: Budgets = Budgets {
+        infrastructure: 2,
+        science: 1,
+        free: 5,
+    };
 
     fn given() -> Given {
-        Given { ranks_per_node: 128, memory_per_rank_mib: 2000, memory_per_node_mib: 256_000, excluded: Vec::new() }
+        Given {
+            ranks_per_node: 128,
+            memory_per_rank_mib: 2000,
+            memory_per_node_mib: 256_000,
+            excluded: Vec::new(),
+        }
     }
 
     fn class_of(name: &str, log_tail: &str) -> Option<Class> {
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
-        let Truth::Ended(ended) = of(Wanted { name, element: None }, Some(&queue), Some(&rows)) else {
+        let Truth::Ended(ended) = of(
+            Wanted {
+                name,
+                element: None,
+            },
+            Some(&queue),
+            Some(&rows),
+        ) else {
             panic!("{name}")
         };
-        let evidence = Evidence { scheduler: Some(&ended), log_tail, ..NOTHING };
+        let evidence = Evidence {
+            scheduler: Some(&ended),
+            log_tail,
+            ..NOTHING
+        };
         assert!(!is_open(&evidence), "accounting tells: {name}");
         classify(&evidence)
     }
@@ -299,10 +394,17 @@ mod tests {
         assert_eq!(class_of("ct-person", ""), Some(Class::CancelledByPerson));
         assert_eq!(class_of("ct-short", ""), None);
         assert_eq!(class_of("ct-exit3", ""), Some(Class::Unexplained));
-        assert_eq!(class_of("ct-exit3", "thread 'main' panicked at worker/src/x.rs:1:1"), Some(Class::Panic));
+        assert_eq!(
+            class_of("ct-exit3", "thread 'main' panicked at worker/src/x.rs:1:1"),
+            Some(Class::Panic)
+        );
         let killed = "slurmstepd: error: StepId=17.batch exceeded memory limit (77611008 > 20971520), being killed";
         assert_eq!(class_of("ct-memory", killed), Some(Class::OutOfMemory));
-        assert_eq!(class_of("ct-after", ""), Some(Class::Unexplained), "an unmet dependency is no person");
+        assert_eq!(
+            class_of("ct-after", ""),
+            Some(Class::Unexplained),
+            "an unmet dependency is no person"
+        );
     }
 
     #[test]
@@ -312,7 +414,13 @@ mod tests {
             (OwnWord::Divergence, Class::Divergence),
             (OwnWord::Panic, Class::Panic),
         ] {
-            assert_eq!(classify(&Evidence { own: Some(own), ..NOTHING }), Some(class));
+            assert_eq!(
+                classify(&Evidence {
+                    own: Some(own),
+                    ..NOTHING
+                }),
+                Some(class)
+            );
         }
     }
 
@@ -330,7 +438,10 @@ mod tests {
             Class::Panic,
             Class::Unexplained,
         ] {
-            table += &format!("{class:?}: {:?}\n", next(class, "n4", true, &given(), Spent::default(), BUDGETS));
+            table += &format!(
+                "{class:?}: {:?}\n",
+                next(class, "n4", true, &given(), Spent::default(), BUDGETS)
+            );
         }
         insta::assert_snapshot!(table);
     }

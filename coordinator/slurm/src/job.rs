@@ -24,7 +24,10 @@ impl JobId {
     /// An element of an array.
     #[must_use]
     pub fn element(job: u64, element: u32) -> Self {
-        Self { job, element: Some(element) }
+        Self {
+            job,
+            element: Some(element),
+        }
     }
 }
 
@@ -57,9 +60,13 @@ impl Jobs {
     /// Reads `12`, `12_3` and `12_[0-3,7%2]`; anything else, such as a step or a heterogeneous component, is `None`.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        let Some((job, rest)) = text.split_once('_') else { return Some(Self::One(JobId::single(number(text)?))) };
+        let Some((job, rest)) = text.split_once('_') else {
+            return Some(Self::One(JobId::single(number(text)?)));
+        };
         let job = number(job)?;
-        let Some(list) = rest.strip_prefix('[') else { return Some(Self::One(JobId::element(job, number(rest)?))) };
+        let Some(list) = rest.strip_prefix('[') else {
+            return Some(Self::One(JobId::element(job, number(rest)?)));
+        };
         let list = list.strip_suffix(']')?;
         let list = list.split_once('%').map_or(list, |(list, _)| list);
         let (mut ranges, mut complete) = (Vec::new(), true);
@@ -69,7 +76,10 @@ impl Jobs {
                 continue;
             }
             let (first, last) = part.split_once('-').unwrap_or((part, part));
-            let (first, last) = (number(first)?, number(last.split_once(':').map_or(last, |(last, _)| last))?);
+            let (first, last) = (
+                number(first)?,
+                number(last.split_once(':').map_or(last, |(last, _)| last))?,
+            );
             if part.contains(':') {
                 return None; // a stepped range: not written by the scripts of this crate
             }
@@ -78,7 +88,11 @@ impl Jobs {
             }
             ranges.push((first, last));
         }
-        Some(Self::Waiting { job, ranges, complete })
+        Some(Self::Waiting {
+            job,
+            ranges,
+            complete,
+        })
     }
 
     /// Whether the row speaks of this job. A cut list speaks of those that it shows.
@@ -88,7 +102,9 @@ impl Jobs {
             Self::One(one) => *one == id,
             Self::Waiting { job, ranges, .. } => {
                 *job == id.job
-                    && id.element.is_some_and(|element| ranges.iter().any(|(a, b)| (*a..=*b).contains(&element)))
+                    && id.element.is_some_and(|element| {
+                        ranges.iter().any(|(a, b)| (*a..=*b).contains(&element))
+                    })
             }
         }
     }
@@ -96,12 +112,18 @@ impl Jobs {
 
 /// Digits only: `str::parse` would take a sign, too.
 pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
-    if !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) { text.parse().ok() } else { None }
+    if !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) {
+        text.parse().ok()
+    } else {
+        None
+    }
 }
 
 /// Why a text is no name of ours.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no name for a job: expected 1 to 120 letters, digits, '.', '_' and '-', the first a letter or digit")]
+#[error(
+    "'{0}' is no name for a job: expected 1 to 120 letters, digits, '.', '_' and '-', the first a letter or digit"
+)]
 pub struct NotAName(pub String);
 
 /// A unique name of a submission, committed before `sbatch` and looked up after a doubtful answer. Restricted to what
@@ -115,9 +137,15 @@ impl JobName {
     /// [`NotAName`] for an empty, long or unusual text.
     pub fn new(text: &str) -> Result<Self, NotAName> {
         let good = (1..=120).contains(&text.len())
-            && text.bytes().all(|b| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-'))
+            && text
+                .bytes()
+                .all(|b| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-'))
             && text.as_bytes()[0].is_ascii_alphanumeric();
-        if good { Ok(Self(text.to_owned())) } else { Err(NotAName(text.to_owned())) }
+        if good {
+            Ok(Self(text.to_owned()))
+        } else {
+            Err(NotAName(text.to_owned()))
+        }
     }
 
     /// The text.
@@ -156,12 +184,33 @@ mod tests {
         assert_eq!(Jobs::parse("12_3"), Some(Jobs::One(JobId::element(12, 3))));
         let waiting = Jobs::parse("12_[0-3,7%2]").expect("a collapsed row");
         for (element, inside) in [(0, true), (3, true), (4, false), (7, true), (8, false)] {
-            assert_eq!(waiting.contains(JobId::element(12, element)), inside, "{element}");
+            assert_eq!(
+                waiting.contains(JobId::element(12, element)),
+                inside,
+                "{element}"
+            );
         }
         assert!(!waiting.contains(JobId::single(12)) && !waiting.contains(JobId::element(13, 0)));
         let cut = Jobs::parse("12_[1,3,...]").expect("a cut row");
-        assert!(matches!(cut, Jobs::Waiting { complete: false, .. }));
-        for odd in ["", "12.batch", "12+1", "-12", "+12", "12_", "12_[", "12_[3-1]", "12_[0-8:2]", "12 "] {
+        assert!(matches!(
+            cut,
+            Jobs::Waiting {
+                complete: false,
+                ..
+            }
+        ));
+        for odd in [
+            "",
+            "12.batch",
+            "12+1",
+            "-12",
+            "+12",
+            "12_",
+            "12_[",
+            "12_[3-1]",
+            "12_[0-8:2]",
+            "12 ",
+        ] {
             assert_eq!(Jobs::parse(odd), None, "{odd:?}");
         }
     }

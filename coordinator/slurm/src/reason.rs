@@ -31,39 +31,123 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
     use WaitsFor::{Event, Never, Person, Turn};
     &[
         ("None", Turn, "not looked at by the scheduler yet"),
-        ("WaitingForScheduling", Turn, "not looked at by the scheduler yet"),
+        (
+            "WaitingForScheduling",
+            Turn,
+            "not looked at by the scheduler yet",
+        ),
         ("Priority", Turn, "jobs of higher priority are before it"),
         ("Resources", Turn, "the nodes that it needs are in use"),
-        ("Cleaning", Turn, "its earlier run is still being cleared away"),
+        (
+            "Cleaning",
+            Turn,
+            "its earlier run is still being cleared away",
+        ),
         ("Prolog", Turn, "its nodes are being made ready"),
         ("Reservation", Turn, "waits for its reservation"),
         ("Licenses", Turn, "waits for a licence"),
         ("NodeDown", Turn, "a node that it needs is down"),
-        ("ReqNodeNotAvail", Turn, "a node that it needs is down, drained or reserved, perhaps for maintenance"),
+        (
+            "ReqNodeNotAvail",
+            Turn,
+            "a node that it needs is down, drained or reserved, perhaps for maintenance",
+        ),
         ("PartitionDown", Person, "the partition is down"),
-        ("PartitionInactive", Person, "the partition takes no jobs at present"),
+        (
+            "PartitionInactive",
+            Person,
+            "the partition takes no jobs at present",
+        ),
         ("FrontEndDown", Turn, "no front-end node is up"),
-        ("JobArrayTaskLimit", Turn, "the array's own limit on elements at once"),
-        ("BeginTime", Event, "its begin time has not come, or it was requeued a moment ago"),
+        (
+            "JobArrayTaskLimit",
+            Turn,
+            "the array's own limit on elements at once",
+        ),
+        (
+            "BeginTime",
+            Event,
+            "its begin time has not come, or it was requeued a moment ago",
+        ),
         ("Dependency", Event, "waits for another job to end"),
-        ("DependencyNeverSatisfied", Never, "waits for a job that did not end as demanded"),
-        ("JobHeldUser", Person, "held by its user: scontrol release JOB"),
-        ("JobHeldAdmin", Person, "held by an administrator: ask the site"),
-        ("JobHoldMaxRequeue", Person, "was requeued too often and is held: scontrol release JOB"),
-        ("launch failed requeued held", Person, "could not be started, requeued and held: scontrol release JOB"),
-        ("job requeued in held state", Person, "requeued and held: scontrol release JOB"),
-        ("JobLaunchFailure", Never, "could not be started: a file system, a missing program, a node"),
-        ("BadConstraints", Never, "no node of the site is as demanded"),
-        ("InvalidAccount", Never, "the account is not valid (any more)"),
+        (
+            "DependencyNeverSatisfied",
+            Never,
+            "waits for a job that did not end as demanded",
+        ),
+        (
+            "JobHeldUser",
+            Person,
+            "held by its user: scontrol release JOB",
+        ),
+        (
+            "JobHeldAdmin",
+            Person,
+            "held by an administrator: ask the site",
+        ),
+        (
+            "JobHoldMaxRequeue",
+            Person,
+            "was requeued too often and is held: scontrol release JOB",
+        ),
+        (
+            "launch failed requeued held",
+            Person,
+            "could not be started, requeued and held: scontrol release JOB",
+        ),
+        (
+            "job requeued in held state",
+            Person,
+            "requeued and held: scontrol release JOB",
+        ),
+        (
+            "JobLaunchFailure",
+            Never,
+            "could not be started: a file system, a missing program, a node",
+        ),
+        (
+            "BadConstraints",
+            Never,
+            "no node of the site is as demanded",
+        ),
+        (
+            "InvalidAccount",
+            Never,
+            "the account is not valid (any more)",
+        ),
         ("InvalidQOS", Never, "the QoS is not valid (any more)"),
-        ("AccountNotAllowed", Never, "the partition does not take this account"),
-        ("QOSNotAllowed", Never, "the partition or account does not take this QoS"),
-        ("PartitionNodeLimit", Never, "more or fewer nodes than the partition allows, or its nodes are not up"),
-        ("PartitionTimeLimit", Never, "a longer walltime than the partition allows"),
+        (
+            "AccountNotAllowed",
+            Never,
+            "the partition does not take this account",
+        ),
+        (
+            "QOSNotAllowed",
+            Never,
+            "the partition or account does not take this QoS",
+        ),
+        (
+            "PartitionNodeLimit",
+            Never,
+            "more or fewer nodes than the partition allows, or its nodes are not up",
+        ),
+        (
+            "PartitionTimeLimit",
+            Never,
+            "a longer walltime than the partition allows",
+        ),
         ("DeadLine", Never, "cannot end before its deadline"),
         ("TimeLimit", Never, "used up its walltime"),
-        ("NonZeroExitCode", Never, "ended with an exit code other than 0"),
-        ("SystemFailure", Person, "a failure of Slurm, a file system or the network"),
+        (
+            "NonZeroExitCode",
+            Never,
+            "ended with an exit code other than 0",
+        ),
+        (
+            "SystemFailure",
+            Person,
+            "a failure of Slurm, a file system or the network",
+        ),
     ]
 };
 
@@ -73,12 +157,18 @@ pub fn why(reason: &str) -> Why {
     let plain = reason.trim_matches(['(', ')']);
     let key = plain.split_once(',').map_or(plain, |(key, _)| key).trim(); // "ReqNodeNotAvail, UnavailableNodes:n4"
     if let Some((_, waits_for, words)) = REASONS.iter().find(|(name, ..)| *name == key) {
-        return Why { words: (*words).to_owned(), waits_for: *waits_for };
+        return Why {
+            words: (*words).to_owned(),
+            waits_for: *waits_for,
+        };
     }
     if let Some(why) = limit(key) {
         return why;
     }
-    Why { words: format!("Slurm says '{reason}', which is not in our list"), waits_for: WaitsFor::Unlisted }
+    Why {
+        words: format!("Slurm says '{reason}', which is not in our list"),
+        waits_for: WaitsFor::Unlisted,
+    }
 }
 
 /// Limits: `QOSMaxJobsPerUserLimit` and some hundred more are a holder, a measure and a scope.
@@ -96,24 +186,74 @@ pub fn limit(key: &str) -> Option<Why> {
         return None;
     };
     const KINDS: &[(&str, WaitsFor, &str)] = &[
-        ("MaxWallDurationPerJobLimit", WaitsFor::Never, "limit on a job's walltime: ask for less"),
-        ("TimeLimit", WaitsFor::Never, "limit on a job's walltime: ask for less"),
-        ("MaxSubmitJob", WaitsFor::Limit, "limit on jobs in the queue"),
-        ("GrpSubmitJobsLimit", WaitsFor::Limit, "limit on jobs in the queue"),
-        ("MaxJobsPer", WaitsFor::Limit, "limit on jobs that run at once"),
-        ("MaxJobsLimit", WaitsFor::Limit, "limit on jobs that run at once"),
-        ("JobLimit", WaitsFor::Limit, "limit on jobs that run at once"),
-        ("GrpJobsLimit", WaitsFor::Limit, "limit on jobs that run at once"),
-        ("UsageThreshold", WaitsFor::Person, "threshold on usage: the budget may be spent"),
-        ("GrpWallLimit", WaitsFor::Person, "budget of walltime, which is spent"),
-        ("NotAllowed", WaitsFor::Never, "list of what is allowed: this is not in it"),
+        (
+            "MaxWallDurationPerJobLimit",
+            WaitsFor::Never,
+            "limit on a job's walltime: ask for less",
+        ),
+        (
+            "TimeLimit",
+            WaitsFor::Never,
+            "limit on a job's walltime: ask for less",
+        ),
+        (
+            "MaxSubmitJob",
+            WaitsFor::Limit,
+            "limit on jobs in the queue",
+        ),
+        (
+            "GrpSubmitJobsLimit",
+            WaitsFor::Limit,
+            "limit on jobs in the queue",
+        ),
+        (
+            "MaxJobsPer",
+            WaitsFor::Limit,
+            "limit on jobs that run at once",
+        ),
+        (
+            "MaxJobsLimit",
+            WaitsFor::Limit,
+            "limit on jobs that run at once",
+        ),
+        (
+            "JobLimit",
+            WaitsFor::Limit,
+            "limit on jobs that run at once",
+        ),
+        (
+            "GrpJobsLimit",
+            WaitsFor::Limit,
+            "limit on jobs that run at once",
+        ),
+        (
+            "UsageThreshold",
+            WaitsFor::Person,
+            "threshold on usage: the budget may be spent",
+        ),
+        (
+            "GrpWallLimit",
+            WaitsFor::Person,
+            "budget of walltime, which is spent",
+        ),
+        (
+            "NotAllowed",
+            WaitsFor::Never,
+            "list of what is allowed: this is not in it",
+        ),
     ];
-    if let Some((_, waits_for, words)) = KINDS.iter().find(|(start, ..)| measure.starts_with(start)) {
-        return Some(Why { words: format!("{holder} {words}"), waits_for: *waits_for });
+    if let Some((_, waits_for, words)) = KINDS.iter().find(|(start, ..)| measure.starts_with(start))
+    {
+        return Some(Why {
+            words: format!("{holder} {words}"),
+            waits_for: *waits_for,
+        });
     }
-    let resource = ["Node", "Cpu", "CPU", "Memory", "Mem", "Billing", "GRES", "Energy", "License", "BB"]
-        .into_iter()
-        .find(|resource| measure.contains(resource))?;
+    let resource = [
+        "Node", "Cpu", "CPU", "Memory", "Mem", "Billing", "GRES", "Energy", "License", "BB",
+    ]
+    .into_iter()
+    .find(|resource| measure.contains(resource))?;
     let of = match resource {
         "Cpu" | "CPU" => "cores",
         "Memory" | "Mem" => "memory",
@@ -124,13 +264,25 @@ pub fn limit(key: &str) -> Option<Why> {
         other => other,
     };
     Some(if measure.contains("Minutes") || measure.contains("Mins") {
-        Why { words: format!("{holder} budget of {of}, which is spent or promised"), waits_for: WaitsFor::Person }
+        Why {
+            words: format!("{holder} budget of {of}, which is spent or promised"),
+            waits_for: WaitsFor::Person,
+        }
     } else if measure.contains("Min") {
-        Why { words: format!("{holder} least {of} of a job: ask for more"), waits_for: WaitsFor::Never }
+        Why {
+            words: format!("{holder} least {of} of a job: ask for more"),
+            waits_for: WaitsFor::Never,
+        }
     } else if measure.contains("PerJob") || measure.contains("PerNode") {
-        Why { words: format!("{holder} limit on {of} of one job: ask for less"), waits_for: WaitsFor::Never }
+        Why {
+            words: format!("{holder} limit on {of} of one job: ask for less"),
+            waits_for: WaitsFor::Never,
+        }
     } else {
-        Why { words: format!("{holder} limit on {of} in use at once"), waits_for: WaitsFor::Limit }
+        Why {
+            words: format!("{holder} limit on {of} in use at once"),
+            waits_for: WaitsFor::Limit,
+        }
     })
 }
 
@@ -157,7 +309,12 @@ mod tests {
             ("DependencyNeverSatisfied", WaitsFor::Never),
             ("Moonphase", WaitsFor::Unlisted),
         ] {
-            assert_eq!(why(reason).waits_for, waits_for, "{reason}: {}", why(reason).words);
+            assert_eq!(
+                why(reason).waits_for,
+                waits_for,
+                "{reason}: {}",
+                why(reason).words
+            );
         }
         assert!(why("Moonphase").words.contains("Moonphase"));
     }

@@ -112,8 +112,13 @@ pub enum ScriptError {
 
 /// A word for bash, quoted where it must be.
 fn quoted(word: &str) -> String {
-    let plain =
-        |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.' | b'/' | b'=' | b':' | b',' | b'+' | b'@');
+    let plain = |b: u8| {
+        b.is_ascii_alphanumeric()
+            || matches!(
+                b,
+                b'-' | b'_' | b'.' | b'/' | b'=' | b':' | b',' | b'+' | b'@'
+            )
+    };
     if !word.is_empty() && word.bytes().all(plain) {
         word.to_owned()
     } else {
@@ -122,29 +127,50 @@ fn quoted(word: &str) -> String {
 }
 
 fn command_line(words: &[String]) -> String {
-    words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
+    words
+        .iter()
+        .map(|word| quoted(word))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// Of a `#SBATCH` line: Slurm splits it at blanks, takes quotes and `\`, and replaces `%`.
 fn directive(what: &'static str, value: &str) -> Result<String, ScriptError> {
-    let bad = |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');
+    let bad =
+        |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');
     if value.is_empty() || value.chars().any(bad) {
         let why = "it is empty or holds a blank, a quote, '\\', '#' or '%'";
-        return Err(ScriptError::Text { what, found: value.to_owned(), why });
+        return Err(ScriptError::Text {
+            what,
+            found: value.to_owned(),
+            why,
+        });
     }
     Ok(value.to_owned())
 }
 
 fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
     let limits = [
-        ("walltime, s", job.walltime_s.div_ceil(60) * 60, Some(queue.walltime_s())),
-        ("number of nodes", u64::from(job.n_nodes), queue.max_nodes_per_job.or(queue.nodes).map(u64::from)),
+        (
+            "walltime, s",
+            job.walltime_s.div_ceil(60) * 60,
+            Some(queue.walltime_s()),
+        ),
+        (
+            "number of nodes",
+            u64::from(job.n_nodes),
+            queue.max_nodes_per_job.or(queue.nodes).map(u64::from),
+        ),
         (
             "number of elements",
             job.array.map_or(0, |a| u64::from(a.n)),
             Some(u64::from(site.arrays.max_size)).filter(|_| site.arrays.allowed),
         ),
-        ("number of elements", job.array.map_or(0, |a| u64::from(a.n)), (!site.arrays.allowed).then_some(0)),
+        (
+            "number of elements",
+            job.array.map_or(0, |a| u64::from(a.n)),
+            (!site.arrays.allowed).then_some(0),
+        ),
     ];
     for (what, asked, limit) in limits {
         if let Some(limit) = limit.filter(|limit| asked > *limit) {
@@ -159,10 +185,21 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
     }
     let words = match &job.work {
         Work::PerNode { command } => command.iter().collect::<Vec<_>>(),
-        Work::Bundle { steps, .. } => steps.iter().flat_map(|step| step.command.iter().chain([&step.log])).collect(),
+        Work::Bundle { steps, .. } => steps
+            .iter()
+            .flat_map(|step| step.command.iter().chain([&step.log]))
+            .collect(),
     };
-    if let Some(word) = words.into_iter().chain([&job.folder]).find(|word| word.contains(['\n', '\r', '\0'])) {
-        return Err(ScriptError::Text { what: "an argument", found: word.clone(), why: "it holds the end of a line" });
+    if let Some(word) = words
+        .into_iter()
+        .chain([&job.folder])
+        .find(|word| word.contains(['\n', '\r', '\0']))
+    {
+        return Err(ScriptError::Text {
+            what: "an argument",
+            found: word.clone(),
+            why: "it holds the end of a line",
+        });
     }
     Ok(())
 }
@@ -178,16 +215,26 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     option(format!("--job-name={}", job.name));
     match &job.account {
         Some(account) => option(format!("--account={}", directive("account", account)?)),
-        None if site.needs_account => return Err(ScriptError::NoAccount { site: site.name.clone() }),
+        None if site.needs_account => {
+            return Err(ScriptError::NoAccount {
+                site: site.name.clone(),
+            });
+        }
         None => {}
     }
     if let Some(partition) = &queue.partition {
-        option(format!("--partition={}", directive("partition", partition)?));
+        option(format!(
+            "--partition={}",
+            directive("partition", partition)?
+        ));
     }
     if let Some(qos) = &queue.qos {
         option(format!("--qos={}", directive("QoS", qos)?));
     }
-    option(format!("--time={}", walltime::text(job.walltime_s.div_ceil(60).max(1) * 60)));
+    option(format!(
+        "--time={}",
+        walltime::text(job.walltime_s.div_ceil(60).max(1) * 60)
+    ));
     option(format!("--nodes={}", job.n_nodes));
     let whole_nodes = queue.unit.unwrap_or(site.node.unit) == Unit::Node;
     match &job.work {
@@ -195,12 +242,21 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
             option(format!("--ntasks-per-node={ranks_per_node}"));
             option(format!(
                 "--cpus-per-task={}",
-                (site.node.cores / (*ranks_per_node).max(1)).max(1).min(job.n_cores.max(1))
+                (site.node.cores / (*ranks_per_node).max(1))
+                    .max(1)
+                    .min(job.n_cores.max(1))
             ));
         }
         Work::PerNode { .. } => {
             option("--ntasks-per-node=1".to_owned());
-            option(format!("--cpus-per-task={}", if whole_nodes { site.node.cores } else { job.n_cores }));
+            option(format!(
+                "--cpus-per-task={}",
+                if whole_nodes {
+                    site.node.cores
+                } else {
+                    job.n_cores
+                }
+            ));
         }
     }
     if whole_nodes {
@@ -213,31 +269,50 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
         option(format!("--array=0-{}{throttle}", array.n.saturating_sub(1)));
     }
     if !job.exclude.is_empty() {
-        option(format!("--exclude={}", directive("list of nodes", &job.exclude.join(","))?));
+        option(format!(
+            "--exclude={}",
+            directive("list of nodes", &job.exclude.join(","))?
+        ));
     }
     option("--no-requeue".to_owned());
     option("--open-mode=append".to_owned());
     option("--export=NONE".to_owned());
     option(format!("--signal=B:USR1@{}", job.warning_s));
     option(format!("--chdir={}", directive("folder", &job.folder)?));
-    option(format!("--output={}", if job.array.is_some() { "slurm-%A_%a.log" } else { "slurm-%j.log" }));
+    option(format!(
+        "--output={}",
+        if job.array.is_some() {
+            "slurm-%A_%a.log"
+        } else {
+            "slurm-%j.log"
+        }
+    ));
     lines.push(String::new());
     lines.push("set -u".to_owned());
     lines.push("unset SLURM_EXPORT_ENV # srun's steps get this script's environment".to_owned());
     lines.extend(site.setup.iter().cloned());
-    lines.push(format!("seconds=$(({}))", job.walltime_s.div_ceil(60).max(1) * 60));
+    lines.push(format!(
+        "seconds=$(({}))",
+        job.walltime_s.div_ceil(60).max(1) * 60
+    ));
     lines.push(format!("warning={}", job.warning_s + 60));
     lines.push(COMMON.trim_end().to_owned());
     let launcher = command_line(&site.launcher.command);
     match &job.work {
         Work::PerNode { command } => {
-            lines
-                .push(format!("{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &", command_line(command)));
+            lines.push(format!(
+                "{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &",
+                command_line(command)
+            ));
             lines.push("started_one".to_owned());
             lines.push("settle".to_owned());
             lines.push("exit \"$worst\"".to_owned());
         }
-        Work::Bundle { steps, nodes_per_step, ranks_per_node } => {
+        Work::Bundle {
+            steps,
+            nodes_per_step,
+            ranks_per_node,
+        } => {
             let n_ranks = nodes_per_step * ranks_per_node;
             let mut options = vec![
                 launcher,
@@ -247,18 +322,29 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
             ];
             options.push(format!("--ntasks-per-node={ranks_per_node}"));
             if let Some(per_core) = site.launcher.memory_per_core_mib {
-                let cores = u64::from((site.node.cores / (*ranks_per_node).max(1)).max(1)) * u64::from(*ranks_per_node);
-                options.push(format!("--mem={}M", (per_core * cores).min(site.node.memory_mib)));
+                let cores = u64::from((site.node.cores / (*ranks_per_node).max(1)).max(1))
+                    * u64::from(*ranks_per_node);
+                options.push(format!(
+                    "--mem={}M",
+                    (per_core * cores).min(site.node.memory_mib)
+                ));
             }
             options.extend(site.launcher.mpi.iter().map(|word| quoted(word)));
-            lines.push(format!("at_once={}", (job.n_nodes / (*nodes_per_step).max(1)).max(1)));
+            lines.push(format!(
+                "at_once={}",
+                (job.n_nodes / (*nodes_per_step).max(1)).max(1)
+            ));
             lines.push(format!(
                 "start() {{ exec {} \"$@\"; }} # exec: the warning is to reach the step, not a shell",
                 options.join(" ")
             ));
             for step in steps {
                 let log = quoted(&step.log);
-                lines.push(format!("take {} {log} {}", step.predicted_s, command_line(&step.command)));
+                lines.push(format!(
+                    "take {} {log} {}",
+                    step.predicted_s,
+                    command_line(&step.command)
+                ));
             }
             lines.push("settle".to_owned());
             lines.push("echo \"bundle: $started started, $left left for another job\"".to_owned());
@@ -324,7 +410,11 @@ mod tests {
             memory_mib: None,
             exclude: vec!["n4".to_owned(), "n[7-8]".to_owned()],
             array: None,
-            work: Work::Bundle { steps: (0..n_steps).map(step).collect(), nodes_per_step: 1, ranks_per_node: 128 },
+            work: Work::Bundle {
+                steps: (0..n_steps).map(step).collect(),
+                nodes_per_step: 1,
+                ranks_per_node: 128,
+            },
         }
     }
 
@@ -334,8 +424,17 @@ mod tests {
             n_cores: 4,
             memory_mib: Some(4000),
             exclude: Vec::new(),
-            array: Some(Array { n: 352, at_once: Some(16) }),
-            work: Work::PerNode { command: vec!["cardiotwin-worker".to_owned(), "run".to_owned(), "chunk".to_owned()] },
+            array: Some(Array {
+                n: 352,
+                at_once: Some(16),
+            }),
+            work: Work::PerNode {
+                command: vec![
+                    "cardiotwin-worker".to_owned(),
+                    "run".to_owned(),
+                    "chunk".to_owned(),
+                ],
+            },
             ..bundle(1, 0)
         }
     }
@@ -344,11 +443,20 @@ mod tests {
     fn scripts_as_they_are_submitted() {
         let archer2 = site("archer2");
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue");
-        insta::assert_snapshot!("bundle_archer2", write(&bundle(8, 3), taskfarm, &archer2).expect("a script"));
-        insta::assert_snapshot!("chunks_archer2", write(&chunks(), taskfarm, &archer2).expect("a script"));
+        insta::assert_snapshot!(
+            "bundle_archer2",
+            write(&bundle(8, 3), taskfarm, &archer2).expect("a script")
+        );
+        insta::assert_snapshot!(
+            "chunks_archer2",
+            write(&chunks(), taskfarm, &archer2).expect("a script")
+        );
         let generic = site("generic");
         let queue = generic.queue(None, Use::Chunks).expect("a queue");
-        insta::assert_snapshot!("chunks_generic", write(&chunks(), queue, &generic).expect("a script"));
+        insta::assert_snapshot!(
+            "chunks_generic",
+            write(&chunks(), queue, &generic).expect("a script")
+        );
     }
 
     #[test]
@@ -357,8 +465,15 @@ mod tests {
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue");
         for job in [bundle(8, 3), chunks()] {
             let script = write(&job, taskfarm, &archer2).expect("a script");
-            let output = Command::new("bash").args(["-n", "-c", &script]).output().expect("bash is there");
-            assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+            let output = Command::new("bash")
+                .args(["-n", "-c", &script])
+                .output()
+                .expect("bash is there");
+            assert!(
+                output.status.success() && output.stderr.is_empty(),
+                "{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
         }
     }
 
@@ -366,14 +481,26 @@ mod tests {
     #[test]
     fn a_bundle_pulls_while_the_time_holds() {
         let mut archer2 = site("archer2");
-        let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue").clone();
+        let taskfarm = archer2
+            .queue(None, Use::Simulations)
+            .expect("a queue")
+            .clone();
         let folder = tempfile::tempdir().expect("a folder");
         let srun = folder.path().join("srun");
-        std::fs::write(&srun, "#!/bin/bash\nwhile [[ $1 == --* ]]; do shift; done\nexec \"$@\"\n").expect("a launcher");
-        std::fs::set_permissions(&srun, std::fs::Permissions::from_mode(0o755)).expect("it can be run");
+        std::fs::write(
+            &srun,
+            "#!/bin/bash\nwhile [[ $1 == --* ]]; do shift; done\nexec \"$@\"\n",
+        )
+        .expect("a launcher");
+        std::fs::set_permissions(&srun, std::fs::Permissions::from_mode(0o755))
+            .expect("it can be run");
         archer2.setup = Vec::new();
         archer2.launcher.command[0] = srun.to_string_lossy().into_owned();
-        let log = folder.path().join("log of all").to_string_lossy().into_owned();
+        let log = folder
+            .path()
+            .join("log of all")
+            .to_string_lossy()
+            .into_owned();
         let mut job = bundle(2, 0);
         let step = |text: &str, predicted_s: u64| Step {
             command: ["bash", "-c", text].map(str::to_owned).to_vec(),
@@ -392,10 +519,16 @@ mod tests {
             ranks_per_node: 1,
         };
         let script = write(&job, &taskfarm, &archer2).expect("a script");
-        let output =
-            Command::new("bash").args(["-c", &script]).env("SLURM_NNODES", "2").output().expect("bash is there");
+        let output = Command::new("bash")
+            .args(["-c", &script])
+            .env("SLURM_NNODES", "2")
+            .output()
+            .expect("bash is there");
         assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-        assert_eq!(String::from_utf8_lossy(&output.stdout), "bundle: 3 started, 1 left for another job\n");
+        assert_eq!(
+            String::from_utf8_lossy(&output.stdout),
+            "bundle: 3 started, 1 left for another job\n"
+        );
         assert_eq!(output.status.code(), Some(3), "the worst of its steps");
         let text = std::fs::read_to_string(&log).expect("the log");
         let mut lines = text.lines().collect::<Vec<_>>();
@@ -409,17 +542,33 @@ mod tests {
         let mut archer2 = site("archer2");
         archer2.setup = Vec::new();
         archer2.launcher.command = vec!["env".to_owned()];
-        let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue").clone();
-        let command = "sleep 600 & nap=$!; trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; wait; exit 8";
+        let taskfarm = archer2
+            .queue(None, Use::Simulations)
+            .expect("a queue")
+            .clone();
+        let command =
+            "sleep 600 & nap=$!; trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; wait; exit 8";
         let mut job = chunks();
         (job.array, job.n_nodes) = (None, 1);
-        job.work = Work::PerNode { command: ["bash", "-c", command].map(str::to_owned).to_vec() };
+        job.work = Work::PerNode {
+            command: ["bash", "-c", command].map(str::to_owned).to_vec(),
+        };
         let script = write(&job, &taskfarm, &archer2).expect("a script");
         // `env` takes no options of srun's.
-        let script = script.replace("env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash", "env bash");
-        let output = Command::new("bash").args(["-c", &script]).output().expect("bash is there");
+        let script = script.replace(
+            "env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash",
+            "env bash",
+        );
+        let output = Command::new("bash")
+            .args(["-c", &script])
+            .output()
+            .expect("bash is there");
         assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-        assert_eq!(output.status.code(), Some(7), "the step ended in order, and its code is the job's");
+        assert_eq!(
+            output.status.code(),
+            Some(7),
+            "the step ended in order, and its code is the job's"
+        );
     }
 
     #[test]
@@ -431,11 +580,32 @@ mod tests {
             change(&mut job);
             write(&job, taskfarm, &archer2).expect_err("it cannot be")
         };
-        assert!(matches!(refused(|job| job.account = None), ScriptError::NoAccount { .. }));
-        assert!(matches!(refused(|job| job.n_nodes = 17), ScriptError::Limit { .. }));
-        assert!(matches!(refused(|job| job.walltime_s = 86_401), ScriptError::Limit { .. }));
-        assert!(matches!(refused(|job| job.array = Some(Array { n: 1002, at_once: None })), ScriptError::Limit { .. }));
-        assert!(matches!(refused(|job| job.folder = "/data/my run".to_owned()), ScriptError::Text { .. }));
-        assert!(matches!(refused(|job| job.account = Some("t01\n#SBATCH -N 99".to_owned())), ScriptError::Text { .. }));
+        assert!(matches!(
+            refused(|job| job.account = None),
+            ScriptError::NoAccount { .. }
+        ));
+        assert!(matches!(
+            refused(|job| job.n_nodes = 17),
+            ScriptError::Limit { .. }
+        ));
+        assert!(matches!(
+            refused(|job| job.walltime_s = 86_401),
+            ScriptError::Limit { .. }
+        ));
+        assert!(matches!(
+            refused(|job| job.array = Some(Array {
+                n: 1002,
+                at_once: None
+            })),
+            ScriptError::Limit { .. }
+        ));
+        assert!(matches!(
+            refused(|job| job.folder = "/data/my run".to_owned()),
+            ScriptError::Text { .. }
+        ));
+        assert!(matches!(
+            refused(|job| job.account = Some("t01\n#SBATCH -N 99".to_owned())),
+            ScriptError::Text { .. }
+        ));
     }
 }

@@ -168,7 +168,10 @@ fn slurms_default() -> u32 {
 
 impl Default for Arrays {
     fn default() -> Self {
-        Self { allowed: true, max_size: slurms_default() }
+        Self {
+            allowed: true,
+            max_size: slurms_default(),
+        }
     }
 }
 
@@ -192,7 +195,11 @@ fn srun() -> Vec<String> {
 
 impl Default for Launcher {
     fn default() -> Self {
-        Self { command: srun(), mpi: Vec::new(), memory_per_core_mib: None }
+        Self {
+            command: srun(),
+            mpi: Vec::new(),
+            memory_per_core_mib: None,
+        }
     }
 }
 
@@ -208,7 +215,10 @@ pub struct Poll {
 
 impl Default for Poll {
     fn default() -> Self {
-        Self { shortest_s: 30, longest_s: 180 }
+        Self {
+            shortest_s: 30,
+            longest_s: 180,
+        }
     }
 }
 
@@ -222,7 +232,10 @@ impl Queue {
     /// Shortest walltime, s.
     #[must_use]
     pub fn least_walltime_s(&self) -> u64 {
-        self.least_walltime.as_deref().and_then(seconds).unwrap_or(0)
+        self.least_walltime
+            .as_deref()
+            .and_then(seconds)
+            .unwrap_or(0)
     }
 }
 
@@ -239,38 +252,73 @@ impl Site {
     /// # Errors
     /// [`SiteError`] for anything that a run would stumble over later.
     pub fn read(file: &str, text: &str) -> Result<Self, SiteError> {
-        let site: Self = toml::from_str(text)
-            .map_err(|error| SiteError::Read { file: file.to_owned(), message: error.to_string() })?;
+        let site: Self = toml::from_str(text).map_err(|error| SiteError::Read {
+            file: file.to_owned(),
+            message: error.to_string(),
+        })?;
         site.check(file)?;
         Ok(site)
     }
 
     fn check(&self, file: &str) -> Result<(), SiteError> {
         let wrong = |key: String, found: String, expected| {
-            Err(SiteError::Value { file: file.to_owned(), key, found, expected })
+            Err(SiteError::Value {
+                file: file.to_owned(),
+                key,
+                found,
+                expected,
+            })
         };
         if self.node.cores == 0 || self.node.memory_mib == 0 {
-            return wrong("node.cores or node.memory_mib".to_owned(), "0".to_owned(), "at least 1");
+            return wrong(
+                "node.cores or node.memory_mib".to_owned(),
+                "0".to_owned(),
+                "at least 1",
+            );
         }
         if !(self.charge_per_node_hour.is_finite() && self.charge_per_node_hour >= 0.0) {
-            return wrong("charge_per_node_hour".to_owned(), self.charge_per_node_hour.to_string(), "0 or more");
+            return wrong(
+                "charge_per_node_hour".to_owned(),
+                self.charge_per_node_hour.to_string(),
+                "0 or more",
+            );
         }
         if self.launcher.command.is_empty() {
-            return wrong("launcher.command".to_owned(), "empty".to_owned(), "a program, such as [\"srun\"]");
+            return wrong(
+                "launcher.command".to_owned(),
+                "empty".to_owned(),
+                "a program, such as [\"srun\"]",
+            );
         }
         if self.arrays.allowed && self.arrays.max_size == 0 {
-            return wrong("arrays.max_size".to_owned(), "0".to_owned(), "at least 1, or allowed = false");
+            return wrong(
+                "arrays.max_size".to_owned(),
+                "0".to_owned(),
+                "at least 1, or allowed = false",
+            );
         }
         if self.poll.shortest_s == 0 || self.poll.longest_s < self.poll.shortest_s {
-            return wrong("poll".to_owned(), format!("{:?}", self.poll), "shortest_s from 1, longest_s not below it");
+            return wrong(
+                "poll".to_owned(),
+                format!("{:?}", self.poll),
+                "shortest_s from 1, longest_s not below it",
+            );
         }
         if self.scheduler == Scheduler::Slurm && self.queue.is_empty() {
-            return wrong("queue".to_owned(), "empty".to_owned(), "at least one [[queue]]");
+            return wrong(
+                "queue".to_owned(),
+                "empty".to_owned(),
+                "at least one [[queue]]",
+            );
         }
         for (i, queue) in self.queue.iter().enumerate() {
             let key = |key: &str| format!("{key} of queue '{}'", queue.name);
             if self.queue[..i].iter().any(|other| other.name == queue.name) {
-                return wrong("queue".to_owned(), format!("'{}' twice", queue.name), "a name for each");
+                return wrong(
+                    "queue".to_owned(),
+                    format!("'{}' twice", queue.name),
+                    "a name for each",
+                );
             }
             if seconds(&queue.walltime).is_none() {
                 return wrong(
@@ -281,7 +329,11 @@ impl Site {
             }
             let least = queue.least_walltime.as_deref();
             if least.is_some_and(|text| seconds(text).is_none_or(|s| s > queue.walltime_s())) {
-                return wrong(key("least_walltime"), format!("{least:?}"), "a time that is not above walltime");
+                return wrong(
+                    key("least_walltime"),
+                    format!("{least:?}"),
+                    "a time that is not above walltime",
+                );
             }
             for (name, limit) in [
                 ("max_queued", queue.max_queued),
@@ -292,10 +344,15 @@ impl Site {
                 ("nodes", queue.nodes),
             ] {
                 if limit == Some(0) {
-                    return wrong(key(name), "0".to_owned(), "at least 1; leave it away where there is no limit");
+                    return wrong(
+                        key(name),
+                        "0".to_owned(),
+                        "at least 1; leave it away where there is no limit",
+                    );
                 }
             }
-            if queue.min_nodes_per_job > queue.max_nodes_per_job.or(queue.nodes).or(Some(u32::MAX)) {
+            if queue.min_nodes_per_job > queue.max_nodes_per_job.or(queue.nodes).or(Some(u32::MAX))
+            {
                 return wrong(
                     key("min_nodes_per_job"),
                     format!("{:?}", queue.min_nodes_per_job),
@@ -318,28 +375,58 @@ impl Site {
     /// Lays over the profile what the site told: the tighter of two limits holds. Says what it changed.
     pub fn discover(&mut self, config: Option<&SiteConfig>, qos: &[QosRow]) -> Vec<String> {
         let mut changes = Vec::new();
-        if let Some(size) = config.and_then(|config| config.max_array_size).filter(|size| *size != self.arrays.max_size)
+        if let Some(size) = config
+            .and_then(|config| config.max_array_size)
+            .filter(|size| *size != self.arrays.max_size)
         {
-            changes.push(format!("arrays have at most {size} elements, the profile says {}", self.arrays.max_size));
-            self.arrays = Arrays { allowed: self.arrays.allowed && size > 0, max_size: size };
+            changes.push(format!(
+                "arrays have at most {size} elements, the profile says {}",
+                self.arrays.max_size
+            ));
+            self.arrays = Arrays {
+                allowed: self.arrays.allowed && size > 0,
+                max_size: size,
+            };
         }
         for queue in &mut self.queue {
-            let Some(row) = qos.iter().find(|row| Some(&row.name) == queue.qos.as_ref()) else { continue };
+            let Some(row) = qos.iter().find(|row| Some(&row.name) == queue.qos.as_ref()) else {
+                continue;
+            };
             let mut tighten = |what: &str, limit: &mut Option<u32>, told: Option<u32>| {
                 if let Some(told) = told.filter(|told| limit.is_none_or(|limit| *told < limit)) {
-                    changes.push(format!("queue '{}': {what} is {told}, the profile says {limit:?}", queue.name));
+                    changes.push(format!(
+                        "queue '{}': {what} is {told}, the profile says {limit:?}",
+                        queue.name
+                    ));
                     *limit = Some(told);
                 }
             };
             tighten("max_queued", &mut queue.max_queued, row.max_queued);
             tighten("max_running", &mut queue.max_running, row.max_running);
-            tighten("max_nodes_per_job", &mut queue.max_nodes_per_job, row.of_a_job.nodes);
-            tighten("max_nodes_per_user", &mut queue.max_nodes_per_user, row.of_a_user.nodes);
-            tighten("max_cores_per_user", &mut queue.max_cores_per_user, row.of_a_user.cores);
-            if let Some(told) = row.walltime_s.filter(|told| *told > 0 && *told < queue.walltime_s()) {
+            tighten(
+                "max_nodes_per_job",
+                &mut queue.max_nodes_per_job,
+                row.of_a_job.nodes,
+            );
+            tighten(
+                "max_nodes_per_user",
+                &mut queue.max_nodes_per_user,
+                row.of_a_user.nodes,
+            );
+            tighten(
+                "max_cores_per_user",
+                &mut queue.max_cores_per_user,
+                row.of_a_user.cores,
+            );
+            if let Some(told) = row
+                .walltime_s
+                .filter(|told| *told > 0 && *told < queue.walltime_s())
+            {
                 let told = walltime::text(told);
-                changes
-                    .push(format!("queue '{}': walltime is {told}, the profile says {}", queue.name, queue.walltime));
+                changes.push(format!(
+                    "queue '{}': walltime is {told}, the profile says {}",
+                    queue.name, queue.walltime
+                ));
                 queue.walltime = told;
             }
         }
@@ -353,8 +440,12 @@ pub(crate) mod tests {
     use crate::answers::{config, qos, recorded};
 
     pub(crate) fn shipped(name: &str) -> Site {
-        let file = format!("{}/../../deploy/sites/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-        let text = std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
+        let file = format!(
+            "{}/../../deploy/sites/{name}.toml",
+            env!("CARGO_MANIFEST_DIR")
+        );
+        let text =
+            std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
         Site::read(name, &text).unwrap_or_else(|e| panic!("{e}"))
     }
 
@@ -362,8 +453,13 @@ pub(crate) mod tests {
     fn the_shipped_profiles() {
         let archer2 = shipped("archer2");
         assert_eq!((archer2.node.cores, archer2.node.unit), (128, Unit::Node));
-        let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue for simulations");
-        assert_eq!((taskfarm.name.as_str(), taskfarm.max_nodes_per_user), ("taskfarm", Some(256)));
+        let taskfarm = archer2
+            .queue(None, Use::Simulations)
+            .expect("a queue for simulations");
+        assert_eq!(
+            (taskfarm.name.as_str(), taskfarm.max_nodes_per_user),
+            ("taskfarm", Some(256))
+        );
         assert_eq!(shipped("generic").node.unit, Unit::Core);
         assert_eq!(shipped("laptop").scheduler, Scheduler::Local);
     }
@@ -371,7 +467,9 @@ pub(crate) mod tests {
     /// The one-machine Slurm has ARCHER2's limits: what it tells agrees with the profile.
     #[test]
     fn what_a_site_tells_is_laid_over_its_profile() {
-        let qos = qos::read(&recorded::output("sacctmgr-qos")).expect("an answer").rows;
+        let qos = qos::read(&recorded::output("sacctmgr-qos"))
+            .expect("an answer")
+            .rows;
         let config = config::read(&recorded::output("scontrol-config")).expect("an answer");
         let mut site = shipped("archer2");
         assert_eq!(site.discover(Some(&config), &qos), Vec::<String>::new());
@@ -400,13 +498,27 @@ pub(crate) mod tests {
             ("cores=4", "cores=0", "node.cores"),
             ("uses", "use", "unknown field `use`"),
             ("'slurm'", "'pbs'", "unknown variant `pbs`"),
-            ("name='q'", "name='q'\nmax_queued=0", "max_queued of queue 'q' is 0"),
-            ("name='q'", "name='q'\nleast_walltime='02:00:00'", "least_walltime"),
+            (
+                "name='q'",
+                "name='q'\nmax_queued=0",
+                "max_queued of queue 'q' is 0",
+            ),
+            (
+                "name='q'",
+                "name='q'\nleast_walltime='02:00:00'",
+                "least_walltime",
+            ),
         ] {
             let error = Site::read("x.toml", &good.replace(from, to)).expect_err(to);
-            assert!(error.to_string().contains(says) && error.to_string().contains("x.toml"), "{error}");
+            assert!(
+                error.to_string().contains(says) && error.to_string().contains("x.toml"),
+                "{error}"
+            );
             if to == "use" {
-                assert!(matches!(&error, SiteError::Read { message, .. } if message.contains("line")), "{error}");
+                assert!(
+                    matches!(&error, SiteError::Read { message, .. } if message.contains("line")),
+                    "{error}"
+                );
             }
         }
     }

@@ -148,7 +148,10 @@ mod tests {
         for state in SlurmState::LISTED {
             assert_eq!(&SlurmState::parse(state.as_str()), state);
         }
-        assert_eq!(SlurmState::parse("CANCELLED by 1001"), SlurmState::Cancelled);
+        assert_eq!(
+            SlurmState::parse("CANCELLED by 1001"),
+            SlurmState::Cancelled
+        );
         assert_eq!(SlurmState::parse("CANCELLED+"), SlurmState::Cancelled);
         assert_eq!(SlurmState::parse("OOM"), SlurmState::OutOfMemory);
         assert_eq!(cancelled_by("CANCELLED by 1001"), Some(1001));
@@ -158,7 +161,10 @@ mod tests {
     #[test]
     fn what_is_not_listed_is_shown_and_waited_for() {
         let state = SlurmState::parse("TELEPORTED");
-        assert_eq!((state.as_str(), state.bearing()), ("TELEPORTED", Bearing::Unclear));
+        assert_eq!(
+            (state.as_str(), state.bearing()),
+            ("TELEPORTED", Bearing::Unclear)
+        );
         assert_eq!(SlurmState::parse("").bearing(), Bearing::Unclear);
     }
 

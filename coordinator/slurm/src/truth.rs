@@ -101,7 +101,11 @@ pub struct Wanted<'a> {
 /// A living run anywhere in the answers wins over ended ones: a requeued job is in the database twice, and a submission
 /// that was repeated after a doubtful answer has two numbers.
 #[must_use]
-pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Option<&Table<AccountingRow>>) -> Truth {
+pub fn of(
+    wanted: Wanted<'_>,
+    queue: Option<&Table<QueueRow>>,
+    accounting: Option<&Table<AccountingRow>>,
+) -> Truth {
     let queued = || {
         queue
             .into_iter()
@@ -109,10 +113,15 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
             .filter(|row| row.name == wanted.name && row.id.element == wanted.element)
     };
     let accounted = || {
-        let rows = accounting.into_iter().flat_map(|t| &t.rows).filter(|row| row.name == wanted.name);
+        let rows = accounting
+            .into_iter()
+            .flat_map(|t| &t.rows)
+            .filter(|row| row.name == wanted.name);
         rows.filter_map(|row| Some((id_of(&row.jobs, wanted.element)?, row)))
     };
-    if let Some(row) = queued().find(|row| matches!(row.state.bearing(), Bearing::Waiting | Bearing::Running)) {
+    if let Some(row) =
+        queued().find(|row| matches!(row.state.bearing(), Bearing::Waiting | Bearing::Running))
+    {
         return Truth::Alive(alive(row));
     }
     if let Some(row) = queued().find(|row| row.state.bearing() == Bearing::Unclear) {
@@ -120,7 +129,8 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
     }
     if let Some(row) = queued().max_by_key(|row| row.submitted) {
         // Accounting tells more of the same run: its exit code and who cancelled it.
-        let same = || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
+        let same =
+            || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
         let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
         return Truth::Ended(match more.max_by_key(|(_, more)| more.submitted) {
             Some((id, more)) => ended(id, more),
@@ -132,7 +142,10 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
                 cancelled_by: None,
                 // A job that was cancelled while it waited is shown with its end as its start, and no nodes.
                 began: Some(!row.nodes.is_empty()),
-                elapsed_s: row.end.zip(row.start).and_then(|(end, start)| u64::try_from(end - start).ok()),
+                elapsed_s: row
+                    .end
+                    .zip(row.start)
+                    .and_then(|(end, start)| u64::try_from(end - start).ok()),
                 nodes: row.nodes.clone(),
                 accounting: match accounting {
                     None => Accounting::Silent,
@@ -171,7 +184,9 @@ fn not_listed(queue: Option<&Table<QueueRow>>, accounting: Option<&Table<Account
 fn id_of(jobs: &Jobs, element: Option<u32>) -> Option<JobId> {
     match jobs {
         Jobs::One(id) => (id.element == element).then_some(*id),
-        Jobs::Waiting { job, .. } => Some(JobId { job: *job, element }).filter(|id| jobs.contains(*id)),
+        Jobs::Waiting { job, .. } => {
+            Some(JobId { job: *job, element }).filter(|id| jobs.contains(*id))
+        }
     }
 }
 
@@ -209,22 +224,36 @@ mod tests {
     use crate::state::SlurmState;
 
     fn wanted(name: &str) -> Wanted<'_> {
-        Wanted { name, element: None }
+        Wanted {
+            name,
+            element: None,
+        }
     }
 
     #[test]
     fn absence_is_no_ending() {
         let queue = queue::read(&recorded::output("squeue-empty")).expect("an answer");
         let unknown = of(wanted("ct-gone"), Some(&queue), None);
-        assert_eq!(unknown, Truth::Unknown(Unknown::NotListed { queue_answered: true, accounting_answered: false }));
-        assert!(matches!(of(wanted("ct-gone"), None, None), Truth::Unknown(_)));
+        assert_eq!(
+            unknown,
+            Truth::Unknown(Unknown::NotListed {
+                queue_answered: true,
+                accounting_answered: false
+            })
+        );
+        assert!(matches!(
+            of(wanted("ct-gone"), None, None),
+            Truth::Unknown(_)
+        ));
     }
 
     #[test]
     fn a_requeued_job_lives_although_the_database_has_it_as_ended() {
         let rows = accounting::read(&recorded::output("sacct-node-failed")).expect("an answer");
         let live = queue::read(&recorded::output("squeue-node-failed")).expect("an answer");
-        let Truth::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else { panic!("it waits again") };
+        let Truth::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else {
+            panic!("it waits again")
+        };
         assert!(!alive.runs);
         let Truth::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else {
             panic!("it was not to be requeued")
@@ -242,26 +271,54 @@ mod tests {
             ("ct-person", SlurmState::Cancelled),
             ("ct-exit3", SlurmState::Failed),
         ] {
-            for (queue, rows) in [(Some(&queue), None), (None, Some(&rows)), (Some(&queue), Some(&rows))] {
-                let Truth::Ended(ended) = of(wanted(name), queue, rows) else { panic!("{name} has ended") };
+            for (queue, rows) in [
+                (Some(&queue), None),
+                (None, Some(&rows)),
+                (Some(&queue), Some(&rows)),
+            ] {
+                let Truth::Ended(ended) = of(wanted(name), queue, rows) else {
+                    panic!("{name} has ended")
+                };
                 assert_eq!(ended.state, state, "{name}");
-                assert_eq!(ended.exit.is_some(), rows.is_some(), "{name}: only accounting tells the exit code");
+                assert_eq!(
+                    ended.exit.is_some(),
+                    rows.is_some(),
+                    "{name}: only accounting tells the exit code"
+                );
             }
         }
-        let element = Wanted { name: "ct-array", element: Some(7) };
+        let element = Wanted {
+            name: "ct-array",
+            element: Some(7),
+        };
         assert!(matches!(of(element, Some(&queue), None), Truth::Ended(_)));
-        assert!(matches!(of(Wanted { element: Some(8), ..element }, Some(&queue), Some(&rows)), Truth::Unknown(_)));
+        assert!(matches!(
+            of(
+                Wanted {
+                    element: Some(8),
+                    ..element
+                },
+                Some(&queue),
+                Some(&rows)
+            ),
+            Truth::Unknown(_)
+        ));
     }
 
     #[test]
     fn a_held_job_that_was_cancelled_is_known_to_the_queue_alone() {
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
-        let Truth::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else { panic!("squeue knows") };
+        let Truth::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else {
+            panic!("squeue knows")
+        };
         assert_eq!(
             (ended.began, ended.state, ended.accounting),
             (Some(false), SlurmState::Cancelled, Accounting::Unaware)
         );
-        assert!(matches!(of(wanted("ct-held"), None, Some(&rows)), Truth::Unknown(_)), "sacct never tells");
+        assert!(
+            matches!(of(wanted("ct-held"), None, Some(&rows)), Truth::Unknown(_)),
+            "sacct never tells"
+        );
     }
 }

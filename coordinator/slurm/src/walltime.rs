@@ -21,7 +21,10 @@ pub fn parse(text: &str) -> Option<Limit> {
         Some((days, clock)) => (number::<u64>(days)?, clock),
         None => (0, text),
     };
-    let parts = clock.split(':').map(number::<u64>).collect::<Option<Vec<_>>>()?;
+    let parts = clock
+        .split(':')
+        .map(number::<u64>)
+        .collect::<Option<Vec<_>>>()?;
     let (hours, minutes, seconds) = match parts.as_slice() {
         [h, m, s] => (*h, *m, *s),
         [m, s] if days == 0 => (0, *m, *s),
@@ -30,8 +33,10 @@ pub fn parse(text: &str) -> Option<Limit> {
     if minutes > 59 && hours + days > 0 || seconds > 59 {
         return None;
     }
-    let seconds =
-        days.checked_mul(86_400)?.checked_add(hours.checked_mul(3600)?)?.checked_add(minutes * 60 + seconds)?;
+    let seconds = days
+        .checked_mul(86_400)?
+        .checked_add(hours.checked_mul(3600)?)?
+        .checked_add(minutes * 60 + seconds)?;
     Some(Limit::Seconds(seconds))
 }
 
@@ -40,7 +45,11 @@ pub fn parse(text: &str) -> Option<Limit> {
 pub fn text(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
     let clock = format!("{:02}:{:02}:{:02}", rest / 3600, rest / 60 % 60, rest % 60);
-    if days > 0 { format!("{days}-{clock}") } else { clock }
+    if days > 0 {
+        format!("{days}-{clock}")
+    } else {
+        clock
+    }
 }
 
 /// Reads an instant that a command printed with `SLURM_TIME_FORMAT=%s`; `None` for `N/A`, `Unknown`, `None` and for
@@ -57,13 +66,27 @@ mod tests {
 
     #[test]
     fn limits_as_slurm_writes_them() {
-        for (written, seconds) in
-            [("1-00:00:00", 86_400), ("24:00:00", 86_400), ("00:20:00", 1200), ("59:58", 3598), ("4-01:02:03", 349_323)]
-        {
+        for (written, seconds) in [
+            ("1-00:00:00", 86_400),
+            ("24:00:00", 86_400),
+            ("00:20:00", 1200),
+            ("59:58", 3598),
+            ("4-01:02:03", 349_323),
+        ] {
             assert_eq!(parse(written), Some(Limit::Seconds(seconds)), "{written}");
         }
         assert_eq!(parse("UNLIMITED"), Some(Limit::Unlimited));
-        for odd in ["", "N/A", "1-", "1-5", "12", "00:00:61", "01:60:00", "-1:00:00", "99999999999999999999-00:00:00"] {
+        for odd in [
+            "",
+            "N/A",
+            "1-",
+            "1-5",
+            "12",
+            "00:00:61",
+            "01:60:00",
+            "-1:00:00",
+            "99999999999999999999-00:00:00",
+        ] {
             assert_eq!(parse(odd), None, "{odd:?}");
         }
         assert_eq!(instant("1795300496"), Some(1_795_300_496));

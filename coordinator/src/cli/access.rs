@@ -20,22 +20,36 @@ const SET_GROUP: u32 = 0o2000;
 /// # Errors
 /// A folder that cannot be made; a group that is not there, or that this user is not in.
 pub fn apply(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError> {
-    let asked = settings.umask.as_deref().and_then(|text| u32::from_str_radix(text, 8).ok());
+    let asked = settings
+        .umask
+        .as_deref()
+        .and_then(|text| u32::from_str_radix(text, 8).ok());
     let inherited = rustix::process::umask(Mode::from_raw_mode(0o077));
     let mask = asked.unwrap_or(inherited.as_raw_mode() | OTHERS);
     rustix::process::umask(Mode::from_raw_mode(mask));
-    let Some(group) = &settings.group else { return Ok(()) };
+    let Some(group) = &settings.group else {
+        return Ok(());
+    };
     fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
     // `chgrp` asks whatever directory of users the site has.
-    let said = Command::new("chgrp").arg("--").arg(group).arg(run_dir).stdin(Stdio::null()).output();
+    let said = Command::new("chgrp")
+        .arg("--")
+        .arg(group)
+        .arg(run_dir)
+        .stdin(Stdio::null())
+        .output();
     let said = said.map_err(CliError::file("run `chgrp` on", run_dir))?;
     if !said.status.success() {
         let why = String::from_utf8_lossy(&said.stderr).trim().to_owned();
-        let message =
-            format!("executor.group = \"{group}\": {why}; name a group that you are in (`id -Gn` lists them)");
+        let message = format!(
+            "executor.group = \"{group}\": {why}; name a group that you are in (`id -Gn` lists them)"
+        );
         return Err(CliError::Usage(message));
     }
-    let mode = fs::metadata(run_dir).map_err(CliError::file("read", run_dir))?.permissions().mode();
+    let mode = fs::metadata(run_dir)
+        .map_err(CliError::file("read", run_dir))?
+        .permissions()
+        .mode();
     fs::set_permissions(run_dir, fs::Permissions::from_mode(mode | SET_GROUP))
         .map_err(CliError::file("change", run_dir))
 }

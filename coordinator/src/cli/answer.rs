@@ -12,14 +12,16 @@ use crate::engine::Answer;
 pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(), CliError> {
     match answer {
         Answer::Applied { changes } => {
-            changes.iter().try_for_each(|change| talk.data(&format!("{change}\n")))?;
+            changes
+                .iter()
+                .try_for_each(|change| talk.data(&format!("{change}\n")))?;
             if let Some(folders) = go_on {
                 talk.hint(&format!("{} goes on", folders.run_command()));
             }
         }
-        Answer::Asked { holder } => {
-            talk.say(&format!("asked the running coordinator ({holder}); `status` shows when it is done"))
-        }
+        Answer::Asked { holder } => talk.say(&format!(
+            "asked the running coordinator ({holder}); `status` shows when it is done"
+        )),
     }
     Ok(())
 }

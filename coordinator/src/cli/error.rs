@@ -96,7 +96,10 @@ pub enum CliError {
 
 impl CliError {
     /// A failed operation on a file.
-    pub fn file(what: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+    pub fn file(
+        what: &'static str,
+        path: impl Into<PathBuf>,
+    ) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { what, path, source }
     }
@@ -109,7 +112,8 @@ impl CliError {
             Self::Engine(EngineError::Store(error)) | Self::Store(error) => store_exit(error),
             Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
-            Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. }) | Self::Usage(_) => Exit::Usage,
+            Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. })
+            | Self::Usage(_) => Exit::Usage,
             Self::Engine(EngineError::Site { .. } | EngineError::OtherWorker { .. }) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. } | Self::Trace { .. } | Self::Recordings { .. } => Exit::Input,
@@ -119,7 +123,9 @@ impl CliError {
             Self::Mesh(error) => match error.as_ref() {
                 MeshFileCommandError::Exists { .. } => Exit::Usage,
                 MeshFileCommandError::Repair { .. } => Exit::Input,
-                MeshFileCommandError::File(MeshFileError::Write { .. } | MeshFileError::Read { .. }) => Exit::System,
+                MeshFileCommandError::File(
+                    MeshFileError::Write { .. } | MeshFileError::Read { .. },
+                ) => Exit::System,
                 MeshFileCommandError::File(_) => Exit::Input,
             },
             Self::Mmg(MmgError::Failed { .. }) => Exit::Problems,
@@ -144,7 +150,9 @@ fn sweep_exit(error: &SweepError) -> Exit {
         | SweepError::Setting { .. } => Exit::Usage,
         SweepError::Design(_) => Exit::Input,
         SweepError::Format { .. } | SweepError::Samples { .. } => Exit::Store,
-        SweepError::Sobol(_) | SweepError::TooEarly { .. } | SweepError::Empty { .. } => Exit::Problems,
+        SweepError::Sobol(_) | SweepError::TooEarly { .. } | SweepError::Empty { .. } => {
+            Exit::Problems
+        }
         SweepError::File { .. } => Exit::System,
     }
 }

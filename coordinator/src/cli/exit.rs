@@ -64,11 +64,15 @@ impl Exit {
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Ok => "everything asked for was done",
-            Self::Problems => "`check` found problems; patients of the run failed or were cancelled",
+            Self::Problems => {
+                "`check` found problems; patients of the run failed or were cancelled"
+            }
             Self::Usage => "the command line makes no sense",
             Self::Input => "cohort, patient files or settings are wrong; nothing was run",
             Self::Locked => "another coordinator works on this run",
-            Self::Store => "the run's database is missing, damaged, of a newer version, or cannot be written",
+            Self::Store => {
+                "the run's database is missing, damaged, of a newer version, or cannot be written"
+            }
             Self::System => "a file, a directory or the worker's executable",
             Self::Unfinished => "jobs wait or run on a cluster; `advance` goes on",
             Self::Bug => "a defect of cardiotwin: please report it",
@@ -103,7 +107,10 @@ mod tests {
         let docs = std::fs::read_to_string(docs).unwrap();
         for exit in Exit::ALL {
             let row = format!("| {} | {} |", exit.code(), exit.meaning());
-            assert!(docs.contains(&row), "docs/operations.md lacks the row {row}");
+            assert!(
+                docs.contains(&row),
+                "docs/operations.md lacks the row {row}"
+            );
         }
     }
 

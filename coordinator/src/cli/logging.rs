@@ -22,11 +22,18 @@ pub fn start(verbose: u8, quiet: bool, format: LogFormat, colour: bool) {
         (false, _) => "trace",
     };
     // Without -v the events' own lines say the same, better.
-    let events =
-        if verbose == 0 && matches!(format, LogFormat::Human) { ",cardiotwin::cli::event_log=off" } else { "" };
+    let events = if verbose == 0 && matches!(format, LogFormat::Human) {
+        ",cardiotwin::cli::event_log=off"
+    } else {
+        ""
+    };
     let default = format!("{level},sqlx=warn{events}");
-    let filter = EnvFilter::try_from_env("CARDIOTWIN_LOG").unwrap_or_else(|_| EnvFilter::new(default));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colour);
+    let filter =
+        EnvFilter::try_from_env("CARDIOTWIN_LOG").unwrap_or_else(|_| EnvFilter::new(default));
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(colour);
     // A second start, as in tests, keeps the first.
     let _ = match format {
         LogFormat::Human => builder.try_init(),

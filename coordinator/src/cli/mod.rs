@@ -29,9 +29,9 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive, explain, export, fit,
-    housekeeping, init, logs, man, mesh, plan, predict, prepare, report, rerun, retry, run, schemas, show, simulate,
-    status, sweep,
+    advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive,
+    explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare, report,
+    rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -112,11 +112,22 @@ pub fn command() -> clap::Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let talk = Talk::new(cli.global.color, cli.global.quiet);
-    logging::start(cli.global.verbose, cli.global.quiet, cli.global.log_format, talk.colour_err);
-    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+    logging::start(
+        cli.global.verbose,
+        cli.global.quiet,
+        cli.global.log_format,
+        talk.colour_err,
+    );
+    let runtime = match tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+    {
         Ok(runtime) => runtime,
         Err(source) => {
-            talk.error(&CliError::Io { what: "cannot start threads", source });
+            talk.error(&CliError::Io {
+                what: "cannot start threads",
+                source,
+            });
             return Exit::System.into();
         }
     };

@@ -59,7 +59,12 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings, talk: &Talk) {
     }
 }
 
-async fn listen(mut poked: UnboundedReceiver<()>, run_dir: PathBuf, settings: NoticeSettings, talk: Talk) {
+async fn listen(
+    mut poked: UnboundedReceiver<()>,
+    run_dir: PathBuf,
+    settings: NoticeSettings,
+    talk: Talk,
+) {
     if settings.is_silent() {
         return;
     }

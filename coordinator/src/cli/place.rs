@@ -49,11 +49,23 @@ impl Folders {
     pub fn of(folder: &Path, run_dir: Option<&Path>) -> Self {
         let is_run = folder.join(DATABASE).exists() && !folder.join(COHORT).exists();
         match run_dir {
-            Some(run) => Self { cohort: Some(folder.to_owned()), run: run.to_owned() },
-            None if is_run => Self { cohort: None, run: folder.to_owned() },
+            Some(run) => Self {
+                cohort: Some(folder.to_owned()),
+                run: run.to_owned(),
+            },
+            None if is_run => Self {
+                cohort: None,
+                run: folder.to_owned(),
+            },
             // `run/…` reads better than `./run/…`.
-            None if folder == Path::new(".") => Self { cohort: Some(folder.to_owned()), run: PathBuf::from("run") },
-            None => Self { cohort: Some(folder.to_owned()), run: folder.join("run") },
+            None if folder == Path::new(".") => Self {
+                cohort: Some(folder.to_owned()),
+                run: PathBuf::from("run"),
+            },
+            None => Self {
+                cohort: Some(folder.to_owned()),
+                run: folder.join("run"),
+            },
         }
     }
 
@@ -61,7 +73,11 @@ impl Folders {
     #[must_use]
     pub fn run_command(&self) -> String {
         match folder::find(&self.run) {
-            Ok(Some(file)) => format!("`cardiotwin sweep {} --out {}`", file.sweep.kind(), self.run.display()),
+            Ok(Some(file)) => format!(
+                "`cardiotwin sweep {} --out {}`",
+                file.sweep.kind(),
+                self.run.display()
+            ),
             _ => format!("`cardiotwin run{}`", self.as_argument("")),
         }
     }
@@ -125,11 +141,29 @@ mod tests {
         std::fs::create_dir_all(cohort.join("run")).unwrap();
         std::fs::write(cohort.join("run/cardiotwin.db"), "").unwrap();
         let of_cohort = Folders::of(&cohort, None);
-        assert_eq!(of_cohort, Folders { cohort: Some(cohort.clone()), run: cohort.join("run") });
+        assert_eq!(
+            of_cohort,
+            Folders {
+                cohort: Some(cohort.clone()),
+                run: cohort.join("run")
+            }
+        );
         let of_run = Folders::of(&cohort.join("run"), None);
-        assert_eq!(of_run, Folders { cohort: None, run: cohort.join("run") });
+        assert_eq!(
+            of_run,
+            Folders {
+                cohort: None,
+                run: cohort.join("run")
+            }
+        );
         let elsewhere = Folders::of(&cohort, Some(Path::new("/x")));
-        assert_eq!(elsewhere.as_argument(""), format!(" {} --run-dir /x", cohort.display()));
-        assert_eq!(Folders::of(Path::new("."), None).as_argument("--cohort "), "");
+        assert_eq!(
+            elsewhere.as_argument(""),
+            format!(" {} --run-dir /x", cohort.display())
+        );
+        assert_eq!(
+            Folders::of(Path::new("."), None).as_argument("--cohort "),
+            ""
+        );
     }
 }

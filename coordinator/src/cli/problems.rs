@@ -21,9 +21,20 @@ pub fn in_order(report: &Report) -> Vec<Finding> {
 pub fn text(report: &Report, colour: bool) -> String {
     let mut text = String::new();
     for Finding { problem, .. } in in_order(report) {
-        let (tone, word) = if problem.is_error() { (Tone::Bad, "error") } else { (Tone::Doubtful, "warning") };
-        let line = problem.line.map(|line| format!(":{line}")).unwrap_or_default();
-        let key = problem.key.as_deref().map(|key| format!(" {key}:")).unwrap_or_default();
+        let (tone, word) = if problem.is_error() {
+            (Tone::Bad, "error")
+        } else {
+            (Tone::Doubtful, "warning")
+        };
+        let line = problem
+            .line
+            .map(|line| format!(":{line}"))
+            .unwrap_or_default();
+        let key = problem
+            .key
+            .as_deref()
+            .map(|key| format!(" {key}:"))
+            .unwrap_or_default();
         text.push_str(&format!(
             "{}: {}{line}:{key} found {}\n  expected: {}\n  remedy:   {}\n",
             paint(colour, tone, word),

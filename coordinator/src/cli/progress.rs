@@ -30,18 +30,29 @@ impl Watcher {
         let bars = talk.bars.then(|| {
             let all = MultiProgress::new();
             let overall = all.add(ProgressBar::new(0));
-            overall
-                .set_style(style(&format!("{{elapsed_precise}} [{{bar:30}}] {{pos}}/{{len}} {members} {{wide_msg}}")));
+            overall.set_style(style(&format!(
+                "{{elapsed_precise}} [{{bar:30}}] {{pos}}/{{len}} {members} {{wide_msg}}"
+            )));
             overall.enable_steady_tick(Duration::from_millis(250));
-            Bars { all, overall, patients: BTreeMap::new() }
+            Bars {
+                all,
+                overall,
+                patients: BTreeMap::new(),
+            }
         });
-        Self { talk: *talk, members, bars }
+        Self {
+            talk: *talk,
+            members,
+            bars,
+        }
     }
 
     /// Shows one event; `instead` replaces its line.
     pub fn on(&mut self, event: &EngineEvent, instead: Option<&str>) {
         event_log::log(event);
-        let text = instead.map(str::to_owned).or_else(|| line(event, self.members, self.talk.colour_err));
+        let text = instead
+            .map(str::to_owned)
+            .or_else(|| line(event, self.members, self.talk.colour_err));
         if let Some(text) = text {
             self.say(text.trim_end());
         }
@@ -61,7 +72,9 @@ impl Watcher {
     /// Takes the bars away.
     pub fn finish(self) {
         if let Some(bars) = self.bars {
-            bars.patients.values().for_each(ProgressBar::finish_and_clear);
+            bars.patients
+                .values()
+                .for_each(ProgressBar::finish_and_clear);
             bars.overall.finish_and_clear();
         }
     }
@@ -70,7 +83,9 @@ impl Watcher {
 impl Bars {
     fn on(&mut self, event: &EngineEvent) {
         match event {
-            EngineEvent::Started { patients, settled, .. } => {
+            EngineEvent::Started {
+                patients, settled, ..
+            } => {
                 self.overall.set_length(*patients as u64);
                 self.overall.set_position(*settled as u64);
             }
@@ -79,13 +94,22 @@ impl Bars {
                 bar.set_length(0);
                 bar.set_message(step.clone());
             }
-            EngineEvent::Progress { patient, step, done, total, note, .. } => {
+            EngineEvent::Progress {
+                patient,
+                step,
+                done,
+                total,
+                note,
+                ..
+            } => {
                 let bar = self.patient(patient);
                 bar.set_length(total.unwrap_or(0.0) as u64);
                 bar.set_position(*done as u64);
                 bar.set_message(format!("{step}  {note}"));
             }
-            EngineEvent::PatientEnded { patient, over, of, .. } => {
+            EngineEvent::PatientEnded {
+                patient, over, of, ..
+            } => {
                 if let Some(bar) = self.patients.remove(patient) {
                     bar.finish_and_clear();
                     self.all.remove(&bar);
@@ -110,46 +134,88 @@ impl Bars {
 }
 
 fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ")
+    ProgressStyle::with_template(template)
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+        .progress_chars("=> ")
 }
 
 /// An event as a line, where it deserves one.
 #[must_use]
 pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> {
     Some(match event {
-        EngineEvent::Started { settled: 0, adopted: 0, .. } => return None,
-        EngineEvent::Started { patients, settled, adopted } => {
+        EngineEvent::Started {
+            settled: 0,
+            adopted: 0,
+            ..
+        } => return None,
+        EngineEvent::Started {
+            patients,
+            settled,
+            adopted,
+        } => {
             let adopted = match adopted {
                 0 => String::new(),
                 n => format!("; {n} still running from an earlier coordinator, adopted"),
             };
             format!("{settled} of {patients} {members} are over already{adopted}")
         }
-        EngineEvent::TaskPublished { patient, step, note } => format!("{patient}  {}  {note}", spaced(step)),
-        EngineEvent::AttemptFailed { patient, step, generation, failure, retried } => {
+        EngineEvent::TaskPublished {
+            patient,
+            step,
+            note,
+        } => format!("{patient}  {}  {note}", spaced(step)),
+        EngineEvent::AttemptFailed {
+            patient,
+            step,
+            generation,
+            failure,
+            retried,
+        } => {
             let failed = paint(colour, Tone::Bad, "failed");
             let class = failure.class.as_str();
             let next = if *retried { "; it is tried again" } else { "" };
-            format!("{patient}  {}  try {generation} {failed} [{class}]: {}{next}", spaced(step), failure.message)
+            format!(
+                "{patient}  {}  try {generation} {failed} [{class}]: {}{next}",
+                spaced(step),
+                failure.message
+            )
         }
         EngineEvent::Step1Ended { patient, summary } => format!("{patient}  step-1  {summary}"),
-        EngineEvent::PatientEnded { patient, ending, over, of } => {
+        EngineEvent::PatientEnded {
+            patient,
+            ending,
+            over,
+            of,
+        } => {
             let ending = match ending {
                 PatientEnding::Done => paint(colour, Tone::Good, "done"),
                 PatientEnding::Failed(failure) => {
-                    format!("{} [{}]: {}", paint(colour, Tone::Bad, "failed"), failure.class.as_str(), failure.message)
+                    format!(
+                        "{} [{}]: {}",
+                        paint(colour, Tone::Bad, "failed"),
+                        failure.class.as_str(),
+                        failure.message
+                    )
                 }
                 PatientEnding::Cancelled => paint(colour, Tone::Doubtful, "cancelled"),
             };
             format!("{patient}  {ending}  ({over} of {of})")
         }
         EngineEvent::Request { text } => text.clone(),
-        EngineEvent::Stopping { running, draining: true } => format!(
+        EngineEvent::Stopping {
+            running,
+            draining: true,
+        } => format!(
             "stopping: {running} running, short tasks are given time to finish; Ctrl-C again stops now; \
              nothing finished is lost, the same command goes on"
         ),
-        EngineEvent::Stopping { running, draining: false } => {
-            format!("stopping now: {running} running are ended; nothing finished is lost, the same command goes on")
+        EngineEvent::Stopping {
+            running,
+            draining: false,
+        } => {
+            format!(
+                "stopping now: {running} running are ended; nothing finished is lost, the same command goes on"
+            )
         }
         EngineEvent::TaskStarted { .. } | EngineEvent::Progress { .. } => return None,
     })
@@ -173,7 +239,10 @@ mod tests {
             step: "step-1 iteration 3".into(),
             note: "cost 0.082".into(),
         };
-        assert_eq!(line(&published, "patients", false).unwrap(), "01-CoA  step-1  iteration 3  cost 0.082");
+        assert_eq!(
+            line(&published, "patients", false).unwrap(),
+            "01-CoA  step-1  iteration 3  cost 0.082"
+        );
         let failed = EngineEvent::AttemptFailed {
             patient: "04-CoA".into(),
             step: "step-2".into(),
@@ -185,7 +254,14 @@ mod tests {
             line(&failed, "patients", false).unwrap(),
             "04-CoA  step-2  try 1 failed [site]: worker killed by signal 9; it is tried again"
         );
-        let stop = EngineEvent::Stopping { running: 2, draining: true };
-        assert!(line(&stop, "patients", false).unwrap().contains("the same command goes on"));
+        let stop = EngineEvent::Stopping {
+            running: 2,
+            draining: true,
+        };
+        assert!(
+            line(&stop, "patients", false)
+                .unwrap()
+                .contains("the same command goes on")
+        );
     }
 }

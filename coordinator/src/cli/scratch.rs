@@ -25,8 +25,10 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
         };
     };
     if !scratch.is_absolute() {
-        let message =
-            format!("executor.scratch = \"{}\": a path from the root, such as /scratch/me", scratch.display());
+        let message = format!(
+            "executor.scratch = \"{}\": a path from the root, such as /scratch/me",
+            scratch.display()
+        );
         return Err(CliError::Usage(message));
     }
     fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
@@ -63,9 +65,16 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
 /// A folder of this run's alone: called after the cohort's folder and the run's path.
 fn folder_of(scratch: &Path, run_dir: &Path) -> PathBuf {
     let run_dir = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.to_owned());
-    let cohort = run_dir.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned();
+    let cohort = run_dir
+        .parent()
+        .and_then(Path::file_name)
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
     let hash = sha256_hex(run_dir.to_string_lossy().as_bytes());
-    scratch.join(format!("{cohort}-{}", &hash[..8])).join(ATTEMPTS)
+    scratch
+        .join(format!("{cohort}-{}", &hash[..8]))
+        .join(ATTEMPTS)
 }
 
 #[cfg(test)]
@@ -73,7 +82,10 @@ mod tests {
     use super::*;
 
     fn settings(scratch: &Path) -> ExecutorSettings {
-        ExecutorSettings { scratch: Some(scratch.to_owned()), ..ExecutorSettings::default() }
+        ExecutorSettings {
+            scratch: Some(scratch.to_owned()),
+            ..ExecutorSettings::default()
+        }
     }
 
     #[test]
@@ -90,13 +102,21 @@ mod tests {
         fs::remove_dir_all(&scratch).unwrap();
         lay_out(&ExecutorSettings::default(), &run).unwrap();
         assert!(target.is_dir(), "the link stays");
-        let error = lay_out(&settings(&folder.path().join("other")), &run).unwrap_err().to_string();
-        assert!(error.contains("executor.scratch") && error.contains("mv "), "{error}");
+        let error = lay_out(&settings(&folder.path().join("other")), &run)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("executor.scratch") && error.contains("mv "),
+            "{error}"
+        );
         assert!(lay_out(&settings(Path::new("relative")), &run).is_err());
 
         let old = folder.path().join("d/run");
         fs::create_dir_all(old.join("attempts/aa")).unwrap();
-        assert!(lay_out(&settings(&scratch), &old).is_err(), "a run that has attempts keeps them where they are");
+        assert!(
+            lay_out(&settings(&scratch), &old).is_err(),
+            "a run that has attempts keeps them where they are"
+        );
         assert!(old.join("attempts/aa").is_dir());
     }
 }

@@ -22,15 +22,20 @@ pub async fn open(folders: &Folders) -> Result<Reader, CliError> {
 ///
 /// # Errors
 /// The store's, but not that there is no store or no such patient in it.
-pub async fn stored_overrides(run_dir: &Path, patient: &str) -> Result<BTreeMap<String, Value>, CliError> {
+pub async fn stored_overrides(
+    run_dir: &Path,
+    patient: &str,
+) -> Result<BTreeMap<String, Value>, CliError> {
     let overrides = match Reader::open(run_dir).await {
         Ok(reader) => reader.overrides(&PatientId::from(patient)).await,
         Err(error) => Err(error),
     };
     match overrides {
         Ok(layer) => {
-            let layer = serde_json::to_value(layer)
-                .map_err(|error| CliError::Io { what: "cannot read stored settings", source: error.into() })?;
+            let layer = serde_json::to_value(layer).map_err(|error| CliError::Io {
+                what: "cannot read stored settings",
+                source: error.into(),
+            })?;
             Ok([(patient.to_owned(), layer)].into())
         }
         Err(StoreError::Missing { .. } | StoreError::NoPatient { .. }) => Ok(BTreeMap::new()),

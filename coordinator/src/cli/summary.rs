@@ -6,8 +6,19 @@ use super::table::{Columns, duration, number, optional, percent};
 use super::talk::{Talk, Tone};
 use crate::results::{Biomarker, MeanSd, PatientView, Step};
 
-const HEADINGS: [&str; 11] =
-    ["PATIENT", "STEP", "RESULT", ">COST", ">P_max", ">dPdt_max", ">dPdt_min", ">PTD90", ">SV", ">OPEN mL", ">TIME"];
+const HEADINGS: [&str; 11] = [
+    "PATIENT",
+    "STEP",
+    "RESULT",
+    ">COST",
+    ">P_max",
+    ">dPdt_max",
+    ">dPdt_min",
+    ">PTD90",
+    ">SV",
+    ">OPEN mL",
+    ">TIME",
+];
 
 /// A row for each step of a patient, then means of the absolute differences and the paper's.
 #[must_use]
@@ -32,7 +43,11 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         };
         let converged: Vec<&PatientRecord> = run.patients.iter().filter(counts).collect();
         let mean = |biomarker: Biomarker| {
-            let values = converged.iter().map(|p| PatientView(p).relative_difference(step, biomarker).map(f64::abs));
+            let values = converged.iter().map(|p| {
+                PatientView(p)
+                    .relative_difference(step, biomarker)
+                    .map(f64::abs)
+            });
             MeanSd::of(values).map_or("-".to_owned(), |mean| format!("{:.1} %", 100.0 * mean.mean))
         };
         let mut row = vec![
@@ -45,11 +60,18 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         ];
         row.push(String::new());
         row.extend(Biomarker::TABLE_2.map(mean));
-        let open = converged.iter().map(|p| Biomarker::EndOfBeatGap.of(PatientView(p).simulated(step)?));
+        let open = converged
+            .iter()
+            .map(|p| Biomarker::EndOfBeatGap.of(PatientView(p).simulated(step)?));
         row.push(MeanSd::of(open).map_or("-".to_owned(), |mean| format!("{:.1}", mean.mean)));
         table.row(row);
         let Some(paper) = paper else { continue };
-        let mut row = vec!["paper".to_owned(), name.to_owned(), "Jung et al. 2022".to_owned(), String::new()];
+        let mut row = vec![
+            "paper".to_owned(),
+            name.to_owned(),
+            "Jung et al. 2022".to_owned(),
+            String::new(),
+        ];
         row.extend(paper.map(|value| format!("{value:.1} %")));
         table.row(row);
     }
@@ -65,14 +87,27 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
 
 /// Whose twin holds, and by what the others are off.
 fn verdicts(run: &RunRecord) -> String {
-    let verified: Vec<_> = run.patients.iter().filter_map(|p| Some((p, p.verdict.as_ref()?))).collect();
+    let verified: Vec<_> = run
+        .patients
+        .iter()
+        .filter_map(|p| Some((p, p.verdict.as_ref()?)))
+        .collect();
     if verified.is_empty() {
         return String::new();
     }
-    let (hold, off): (Vec<_>, Vec<_>) = verified.iter().partition(|(_, verdict)| verdict.personalised);
-    let mut text = format!("personalised: {} of {} verified", hold.len(), verified.len());
+    let (hold, off): (Vec<_>, Vec<_>) = verified
+        .iter()
+        .partition(|(_, verdict)| verdict.personalised);
+    let mut text = format!(
+        "personalised: {} of {} verified",
+        hold.len(),
+        verified.len()
+    );
     if !hold.is_empty() {
-        let names: Vec<String> = hold.iter().map(|(patient, _)| patient.plan.id.to_string()).collect();
+        let names: Vec<String> = hold
+            .iter()
+            .map(|(patient, _)| patient.plan.id.to_string())
+            .collect();
         text.push_str(&format!(": {}", names.join(", ")));
     }
     text.push('\n');
@@ -94,11 +129,21 @@ pub fn line(patient: &PatientRecord) -> String {
     if let Some(fit) = &patient.cell_fit {
         parts.push(format!("step 2 cost {}", number(fit.result.cost)));
     }
-    for (step, name) in [(Step::Step1, "step 1"), (Step::Step2, "step 2"), (Step::Step3, "step 3")] {
+    for (step, name) in [
+        (Step::Step1, "step 1"),
+        (Step::Step2, "step 2"),
+        (Step::Step3, "step 3"),
+    ] {
         if view.simulated(step).is_none() {
             continue;
         }
-        let errors = Biomarker::TABLE_2.map(|b| format!("{} {}", short(b), percent(view.relative_difference(step, b))));
+        let errors = Biomarker::TABLE_2.map(|b| {
+            format!(
+                "{} {}",
+                short(b),
+                percent(view.relative_difference(step, b))
+            )
+        });
         parts.push(format!("{name}: {}", errors.join(", ")));
     }
     if let Some(failure) = &patient.failure {
@@ -109,21 +154,35 @@ pub fn line(patient: &PatientRecord) -> String {
 
 fn short(biomarker: Biomarker) -> &'static str {
     let key = biomarker.key();
-    ["_mmHg_per_ms", "_mmHg", "_ms", "_mL"].iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key)
+    ["_mmHg_per_ms", "_mmHg", "_ms", "_mL"]
+        .iter()
+        .find_map(|unit| key.strip_suffix(unit))
+        .unwrap_or(key)
 }
 
 fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
     let view = PatientView(patient);
-    let mut first = vec![(patient.plan.id.to_string(), None), ("step-1".to_owned(), None)];
+    let mut first = vec![
+        (patient.plan.id.to_string(), None),
+        ("step-1".to_owned(), None),
+    ];
     match (&patient.step1, &patient.failure) {
         (Some(step1), _) => {
-            let tone = if view.step1_converged() { Tone::Good } else { Tone::Doubtful };
-            first.push((format!("{step1} of {}", patient.iterations.len()), Some(tone)));
+            let tone = if view.step1_converged() {
+                Tone::Good
+            } else {
+                Tone::Doubtful
+            };
+            first.push((
+                format!("{step1} of {}", patient.iterations.len()),
+                Some(tone),
+            ));
             first.push((number(step1.cost), None));
         }
         (None, failure) => {
-            let state =
-                failure.as_ref().map_or(patient.status.state.clone(), |f| format!("failed [{}]", f.class.as_str()));
+            let state = failure.as_ref().map_or(patient.status.state.clone(), |f| {
+                format!("failed [{}]", f.class.as_str())
+            });
             first.push((state, failure.as_ref().map(|_| Tone::Bad)));
             first.push((optional(patient.status.step1_cost), None));
         }
@@ -134,39 +193,77 @@ fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
             let fit = &fit.result;
             let (text, tone) = match (fit.unreachable_targets.is_empty(), fit.converged) {
                 (false, _) => ("target not reachable".to_owned(), Tone::Doubtful),
-                (true, true) => (format!("converged: generation {}", fit.generations), Tone::Good),
-                (true, false) => (format!("limit: generation {}", fit.generations), Tone::Doubtful),
+                (true, true) => (
+                    format!("converged: generation {}", fit.generations),
+                    Tone::Good,
+                ),
+                (true, false) => (
+                    format!("limit: generation {}", fit.generations),
+                    Tone::Doubtful,
+                ),
             };
             second.push((text, Some(tone)));
             second.push((number(fit.cost), None));
         }
         None => {
-            let state = if patient.step1.is_some() { patient.status.state.clone() } else { String::new() };
+            let state = if patient.step1.is_some() {
+                patient.status.state.clone()
+            } else {
+                String::new()
+            };
             second.push((state, None));
             second.push(("-".to_owned(), None));
         }
     }
     let mut rows = vec![(first, Step::Step1), (second, Step::Step2)];
     if let Some(step3) = &patient.step3 {
-        let tone = if patient.verdict.as_ref().is_some_and(|v| v.personalised) { Tone::Good } else { Tone::Doubtful };
+        let tone = if patient.verdict.as_ref().is_some_and(|v| v.personalised) {
+            Tone::Good
+        } else {
+            Tone::Doubtful
+        };
         let taken = match step3.best_iteration {
             0 => "verification beat kept".to_owned(),
             best => format!("beat {best} of {}", patient.step3_iterations.len()),
         };
-        let third =
-            [(String::new(), None), ("step-3".to_owned(), None), (taken, Some(tone)), (number(step3.misfit), None)];
+        let third = [
+            (String::new(), None),
+            ("step-3".to_owned(), None),
+            (taken, Some(tone)),
+            (number(step3.misfit), None),
+        ];
         rows.push((third.into(), Step::Step3));
     }
     for (row, step) in &mut rows {
         row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(*step, b)), None)));
-        let open = view.simulated(*step).and_then(|b| Biomarker::EndOfBeatGap.of(b));
-        row.push((open.map_or("-".to_owned(), |open| format!("{open:.1}")), None));
+        let open = view
+            .simulated(*step)
+            .and_then(|b| Biomarker::EndOfBeatGap.of(b));
+        row.push((
+            open.map_or("-".to_owned(), |open| format!("{open:.1}")),
+            None,
+        ));
     }
-    let walls_s: Vec<f64> = view.tasks().iter().map(|(.., provenance)| provenance.wall_s).collect();
-    let time = if walls_s.is_empty() { "-".to_owned() } else { duration(walls_s.iter().sum()) };
+    let walls_s: Vec<f64> = view
+        .tasks()
+        .iter()
+        .map(|(.., provenance)| provenance.wall_s)
+        .collect();
+    let time = if walls_s.is_empty() {
+        "-".to_owned()
+    } else {
+        duration(walls_s.iter().sum())
+    };
     let n = rows.len();
     for (i, (row, _)) in rows.iter_mut().enumerate() {
-        row.push((if i + 1 == n { time.clone() } else { String::new() }, None));
+        row.push((
+            if i + 1 == n {
+                time.clone()
+            } else {
+                String::new()
+            },
+            None,
+        ));
     }
     rows.into_iter().map(|(row, _)| row).collect()
 }

@@ -22,7 +22,11 @@ impl Columns {
         } else {
             table.force_no_tty();
         }
-        table.set_header(headings.iter().map(|heading| heading.trim_start_matches('>')));
+        table.set_header(
+            headings
+                .iter()
+                .map(|heading| heading.trim_start_matches('>')),
+        );
         let n_columns = headings.len();
         for (i, heading) in headings.iter().enumerate() {
             if let Some(column) = table.column_mut(i) {
@@ -32,12 +36,19 @@ impl Columns {
                 }
             }
         }
-        Self { table, colour: talk.colour_out }
+        Self {
+            table,
+            colour: talk.colour_out,
+        }
     }
 
     /// A row of plain cells.
     pub fn row<T: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = T>) {
-        self.toned(cells.into_iter().map(|cell| (cell.as_ref().to_owned(), None)));
+        self.toned(
+            cells
+                .into_iter()
+                .map(|cell| (cell.as_ref().to_owned(), None)),
+        );
     }
 
     /// A row of cells that may have a tone.
@@ -58,7 +69,11 @@ impl Columns {
     /// The lines, without spaces at their ends, with a line feed after each.
     #[must_use]
     pub fn text(&self) -> String {
-        self.table.to_string().lines().map(|line| format!("{}\n", line.trim_end())).collect()
+        self.table
+            .to_string()
+            .lines()
+            .map(|line| format!("{}\n", line.trim_end()))
+            .collect()
     }
 }
 
@@ -86,7 +101,10 @@ pub fn optional(value: Option<f64>) -> String {
 /// A share as signed percent, or a dash.
 #[must_use]
 pub fn percent(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |share| format!("{:+.1} %", 100.0 * share))
+    value.map_or_else(
+        || "-".to_owned(),
+        |share| format!("{:+.1} %", 100.0 * share),
+    )
 }
 
 /// Seconds as `00:01:23`, short ones as `3.2 s`.
@@ -99,7 +117,12 @@ pub fn duration(seconds: f64) -> String {
         return format!("{seconds:.1} s");
     }
     let whole = seconds.round() as u64;
-    format!("{:02}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60)
+    format!(
+        "{:02}:{:02}:{:02}",
+        whole / 3600,
+        whole / 60 % 60,
+        whole % 60
+    )
 }
 
 #[cfg(test)]
@@ -108,11 +131,19 @@ mod tests {
 
     #[test]
     fn columns_are_plain_and_numbers_stand_right() {
-        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+        let talk = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
         let mut table = Columns::new(&talk, &["PATIENT", ">COST", "NOTE"]);
         table.row(["01", "0.1", "long note"]);
         table.row(["02-long", "10.25", ""]);
-        assert_eq!(table.text(), "PATIENT   COST  NOTE\n01         0.1  long note\n02-long  10.25\n");
+        assert_eq!(
+            table.text(),
+            "PATIENT   COST  NOTE\n01         0.1  long note\n02-long  10.25\n"
+        );
     }
 
     #[test]
@@ -121,7 +152,10 @@ mod tests {
             [number(0.0834), number(12.3456), number(631.0), number(1e-5)],
             ["0.0834", "12.35", "631.0", "1.00e-5"]
         );
-        assert_eq!([duration(3.21), duration(83.0), duration(4360.0)], ["3.2 s", "00:01:23", "01:12:40"]);
+        assert_eq!(
+            [duration(3.21), duration(83.0), duration(4360.0)],
+            ["3.2 s", "00:01:23", "01:12:40"]
+        );
         assert_eq!([percent(Some(-0.0531)), percent(None)], ["-5.3 %", "-"]);
     }
 }

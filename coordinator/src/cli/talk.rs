@@ -83,7 +83,10 @@ impl Talk {
         let mut out = std::io::stdout().lock();
         match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => std::process::exit(0),
-            result => result.map_err(|source| CliError::Io { what: "cannot write to stdout", source }),
+            result => result.map_err(|source| CliError::Io {
+                what: "cannot write to stdout",
+                source,
+            }),
         }
     }
 
@@ -92,8 +95,10 @@ impl Talk {
     /// # Errors
     /// As [`Talk::data`].
     pub fn json<T: Serialize>(&self, value: &T) -> Result<(), CliError> {
-        let text = serde_json::to_string_pretty(value)
-            .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
+        let text = serde_json::to_string_pretty(value).map_err(|error| CliError::Io {
+            what: "cannot write JSON",
+            source: error.into(),
+        })?;
         self.data(&format!("{text}\n"))
     }
 
@@ -118,23 +123,38 @@ impl Talk {
             }
             cause = inner.source();
         }
-        let _ = writeln!(std::io::stderr().lock(), "{}: {text}", paint(self.colour_err, Tone::Bad, "error"));
+        let _ = writeln!(
+            std::io::stderr().lock(),
+            "{}: {text}",
+            paint(self.colour_err, Tone::Bad, "error")
+        );
     }
 
     /// A hint about what to do next.
     pub fn hint(&self, text: &str) {
-        self.say(&format!("{}: {text}", paint(self.colour_err, Tone::Quiet, "hint")));
+        self.say(&format!(
+            "{}: {text}",
+            paint(self.colour_err, Tone::Quiet, "hint")
+        ));
     }
 }
 
 /// `text` in a colour where `on`.
 #[must_use]
 pub fn paint(on: bool, tone: Tone, text: &str) -> String {
-    if on { format!("{}{text}\x1b[0m", tone.ansi()) } else { text.to_owned() }
+    if on {
+        format!("{}{text}\x1b[0m", tone.ansi())
+    } else {
+        text.to_owned()
+    }
 }
 
 /// `1 error`, `2 errors`.
 #[must_use]
 pub fn count(n: usize, thing: &str) -> String {
-    if n == 1 { format!("1 {thing}") } else { format!("{n} {thing}s") }
+    if n == 1 {
+        format!("1 {thing}")
+    } else {
+        format!("{n} {thing}s")
+    }
 }

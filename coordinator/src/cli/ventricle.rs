@@ -6,7 +6,9 @@ use std::process::{Command, Stdio};
 
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, ValveParameters};
-use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult};
+use cardiotwin_schemas::outcome::{
+    Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult,
+};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::record::PatientRecord;
@@ -56,10 +58,19 @@ impl Ventricle {
     ) -> Result<Self, CliError> {
         let record = stored(folders, patient).await?;
         let overrides = stored_overrides(&folders.run, patient).await?;
-        let options = Options { only: vec![patient.to_owned()], set: settings, overrides, meshes: true };
+        let options = Options {
+            only: vec![patient.to_owned()],
+            set: settings,
+            overrides,
+            meshes: true,
+        };
         let plan = plan(folders, &options, record.as_ref(), talk)?;
         let passive = passive_state(&plan, record.as_ref(), worker)?;
-        Ok(Self { plan, passive, record })
+        Ok(Self {
+            plan,
+            passive,
+            record,
+        })
     }
 
     /// The patient's as a run has it.
@@ -67,19 +78,43 @@ impl Ventricle {
     /// # Errors
     /// [`CliError::Usage`] before step 0, beginning with `option`; the store's.
     pub async fn of_run(folders: &Folders, patient: &str, option: &str) -> Result<Self, CliError> {
-        let record = Reader::open(&folders.run).await?.patient_record(&PatientId::from(patient)).await?;
+        let record = Reader::open(&folders.run)
+            .await?
+            .patient_record(&PatientId::from(patient))
+            .await?;
         let step0 = record.step0.as_ref().ok_or_else(|| {
-            CliError::Usage(format!("{option}: step 0 of {patient} is not done; `cardiotwin run` does it"))
+            CliError::Usage(format!(
+                "{option}: step 0 of {patient} is not done; `cardiotwin run` does it"
+            ))
         })?;
-        Ok(Self { plan: record.plan.clone(), passive: step0.result.clone(), record: Some(record) })
+        Ok(Self {
+            plan: record.plan.clone(),
+            passive: step0.result.clone(),
+            record: Some(record),
+        })
     }
 
     /// The beat of step 1's best iteration with Tanh; without a run, of its first guess.
     pub fn beat_of_step1(&self, beats: BeatCount) -> OrganBeatSpec {
-        let best = self.record.as_ref().and_then(|record| PatientView(record).best_iteration());
-        let initial = || (self.plan.settings.step1.initial, self.plan.settings.step1.valves);
-        let (parameters, valves) = best.map_or_else(initial, |best| (best.parameters.tanh, best.parameters.valves));
-        self.plan.beat_spec(&self.passive, ContractionSpec::Tanh { parameters }, valves, beats)
+        let best = self
+            .record
+            .as_ref()
+            .and_then(|record| PatientView(record).best_iteration());
+        let initial = || {
+            (
+                self.plan.settings.step1.initial,
+                self.plan.settings.step1.valves,
+            )
+        };
+        let (parameters, valves) = best.map_or_else(initial, |best| {
+            (best.parameters.tanh, best.parameters.valves)
+        });
+        self.plan.beat_spec(
+            &self.passive,
+            ContractionSpec::Tanh { parameters },
+            valves,
+            beats,
+        )
     }
 
     /// The verification beat: step 2's cell behind step 1's valves.
@@ -87,12 +122,25 @@ impl Ventricle {
     /// # Errors
     /// [`CliError::Usage`] before step 2, beginning with `option`.
     pub fn beat_of_step2(&self, option: &str, beats: BeatCount) -> Result<OrganBeatSpec, CliError> {
-        let fit = self.record.as_ref().and_then(|record| record.cell_fit.as_ref()).ok_or_else(|| {
-            CliError::Usage(format!("{option}: step 2 of {} is not done; `cardiotwin run` does it", self.plan.id))
-        })?;
+        let fit = self
+            .record
+            .as_ref()
+            .and_then(|record| record.cell_fit.as_ref())
+            .ok_or_else(|| {
+                CliError::Usage(format!(
+                    "{option}: step 2 of {} is not done; `cardiotwin run` does it",
+                    self.plan.id
+                ))
+            })?;
         let fixed = self.plan.settings.step2.calcium == CalciumSource::MedianTrace;
-        let cell = contraction(&self.plan, &fit.result, self.plan.calcium.clone().filter(|_| fixed));
-        Ok(self.plan.beat_spec(&self.passive, cell, self.valves(), beats))
+        let cell = contraction(
+            &self.plan,
+            &fit.result,
+            self.plan.calcium.clone().filter(|_| fixed),
+        );
+        Ok(self
+            .plan
+            .beat_spec(&self.passive, cell, self.valves(), beats))
     }
 
     /// The twin's beat: the best one of step 3, else the verification beat.
@@ -101,8 +149,14 @@ impl Ventricle {
     /// As for [`Self::beat_of_step2`].
     pub fn beat_of_twin(&self, option: &str, beats: BeatCount) -> Result<OrganBeatSpec, CliError> {
         let beat = self.beat_of_step2(option, beats)?;
-        let of_step3 = self.record.as_ref().and_then(|record| record.step3.as_ref());
-        Ok(of_step3.map_or_else(|| beat.clone(), |step3| beat.with_parameters(&step3.parameters)))
+        let of_step3 = self
+            .record
+            .as_ref()
+            .and_then(|record| record.step3.as_ref());
+        Ok(of_step3.map_or_else(
+            || beat.clone(),
+            |step3| beat.with_parameters(&step3.parameters),
+        ))
     }
 
     /// The twin's own beat as the run published it, with its `traces.csv`.
@@ -113,7 +167,10 @@ impl Ventricle {
         let twin = self.record.as_ref().and_then(PatientRecord::twin);
         let path = twin.and_then(|twin| twin.artefact("traces"));
         let (Some(twin), Some(path)) = (twin, path) else {
-            return Err(CliError::Usage(format!("{} has no twin yet: `cardiotwin run` makes it", self.plan.id)));
+            return Err(CliError::Usage(format!(
+                "{} has no twin yet: `cardiotwin run` makes it",
+                self.plan.id
+            )));
         };
         let text = std::fs::read_to_string(&path).map_err(CliError::file("read", &path))?;
         Ok((&twin.result, text))
@@ -121,17 +178,27 @@ impl Ventricle {
 
     /// How sure the twin is, where the run sampled that.
     pub fn posterior(&self) -> Option<&PosteriorResult> {
-        self.record.as_ref().and_then(|record| record.posterior.as_ref()).map(|task| &task.result)
+        self.record
+            .as_ref()
+            .and_then(|record| record.posterior.as_ref())
+            .map(|task| &task.result)
     }
 
     /// What the twin's beat says of it.
     pub fn verdict(&self) -> Option<&Verdict> {
-        self.record.as_ref().and_then(|record| record.verdict.as_ref())
+        self.record
+            .as_ref()
+            .and_then(|record| record.verdict.as_ref())
     }
 
     fn valves(&self) -> ValveParameters {
-        let best = self.record.as_ref().and_then(|record| PatientView(record).best_iteration());
-        best.map_or(self.plan.settings.step1.valves, |best| best.parameters.valves)
+        let best = self
+            .record
+            .as_ref()
+            .and_then(|record| PatientView(record).best_iteration());
+        best.map_or(self.plan.settings.step1.valves, |best| {
+            best.parameters.valves
+        })
     }
 }
 
@@ -159,7 +226,9 @@ fn plan(
     let Some(cohort) = &folders.cohort else {
         return match record {
             Some(record) if options.set.is_empty() => Ok(record.plan.clone()),
-            _ => Err(CliError::Usage("settings need the cohort: name it with --cohort".to_owned())),
+            _ => Err(CliError::Usage(
+                "settings need the cohort: name it with --cohort".to_owned(),
+            )),
         };
     };
     let mut report = Report::default();
@@ -168,7 +237,10 @@ fn plan(
     if !said.is_empty() {
         talk.say(said.trim_end());
     }
-    plan.filter(|_| report.n_errors() == 0).ok_or_else(|| CliError::Input { errors: count(report.n_errors(), "error") })
+    plan.filter(|_| report.n_errors() == 0)
+        .ok_or_else(|| CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        })
 }
 
 /// The run's passive state where it is that of these inputs, else made now.
@@ -178,16 +250,22 @@ fn passive_state(
     worker: &Path,
 ) -> Result<PassiveStateResult, CliError> {
     let task = TaskSpec::PassiveState(Box::new(plan.step0_spec()));
-    if let Some(step0) = record.and_then(|record| record.step0.as_ref()).filter(|step0| step0.key == task.key()) {
+    if let Some(step0) = record
+        .and_then(|record| record.step0.as_ref())
+        .filter(|step0| step0.key == task.key())
+    {
         return Ok(step0.result.clone());
     }
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+    let scratch =
+        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     match ask_worker(worker, &task, scratch.path(), 0.0, AskedFor::TheOrgan)?.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::PassiveState(result) => Ok(result),
             _ => Err(unexpected(worker)),
         },
-        other => Err(CliError::Simulation { message: format!("passive state: {}", describe(&other)) }),
+        other => Err(CliError::Simulation {
+            message: format!("passive state: {}", describe(&other)),
+        }),
     }
 }
 
@@ -202,13 +280,21 @@ pub fn ask_worker(
     vtu_every_ms: f64,
     asked: AskedFor,
 ) -> Result<TaskOutcome, CliError> {
-    let said = |message: String| CliError::Worker { worker: worker.to_owned(), message };
+    let said = |message: String| CliError::Worker {
+        worker: worker.to_owned(),
+        message,
+    };
     std::fs::create_dir_all(out).map_err(CliError::file("make", out))?;
     let spec = out.join("spec.json");
     let text = serde_json::to_string_pretty(task).map_err(|error| said(error.to_string()))?;
     std::fs::write(&spec, text).map_err(CliError::file("write", &spec))?;
     let output = Command::new(worker)
-        .args(["simulate".as_ref(), spec.as_os_str(), "--out".as_ref(), out.as_os_str()])
+        .args([
+            "simulate".as_ref(),
+            spec.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ])
         .args(["--vtu-every", &vtu_every_ms.to_string()])
         .args((asked == AskedFor::OneFibre).then_some("--one-fibre"))
         .stdin(Stdio::null())
@@ -220,7 +306,8 @@ pub fn ask_worker(
     }
     let outcome = out.join("outcome.json");
     std::fs::write(&outcome, &output.stdout).map_err(CliError::file("write", &outcome))?;
-    serde_json::from_slice(&output.stdout).map_err(|error| said(format!("an answer that is no outcome: {error}")))
+    serde_json::from_slice(&output.stdout)
+        .map_err(|error| said(format!("an answer that is no outcome: {error}")))
 }
 
 /// An answer that does not belong to the question.
@@ -234,8 +321,13 @@ pub fn unexpected(worker: &Path) -> CliError {
 /// How a task ended, in words.
 pub fn describe(ending: &Ending) -> String {
     match ending {
-        Ending::Diverged { last_good_ms, reason } => format!("diverged after {last_good_ms} ms: {reason}"),
-        Ending::Failed { failure } => format!("failed [{}]: {}", failure.class.as_str(), failure.message),
+        Ending::Diverged {
+            last_good_ms,
+            reason,
+        } => format!("diverged after {last_good_ms} ms: {reason}"),
+        Ending::Failed { failure } => {
+            format!("failed [{}]: {}", failure.class.as_str(), failure.message)
+        }
         Ending::Cancelled => "stopped".to_owned(),
         Ending::Succeeded { .. } => "succeeded".to_owned(),
     }

@@ -25,7 +25,11 @@ pub fn announcement(plan: &ResolvedPatient, every_ms: f64) -> Option<String> {
     let frames = (plan.step0.cycle_length_ms / every_ms + 1e-6).floor() + 1.0;
     let nodes = solver.finite_element.mesh_nodes;
     let megabytes = 1e-6 * frames * f64::from(nodes) * BYTES_PER_NODE;
-    let size = if megabytes < 1000.0 { format!("{megabytes:.0} MB") } else { format!("{:.1} GB", megabytes / 1000.0) };
+    let size = if megabytes < 1000.0 {
+        format!("{megabytes:.0} MB")
+    } else {
+        format!("{:.1} GB", megabytes / 1000.0)
+    };
     let frames = count(frames as usize, "frame");
     Some(format!(
         "VTU series: {frames} of about {nodes} nodes, some {size} a simulation; open vtu/beat.pvd in ParaView"
@@ -46,7 +50,10 @@ mod tests {
         plan.settings.solver.fidelity = Fidelity::FiniteElement;
         plan.settings.solver.finite_element.mesh_nodes = 64_000;
         let said = announcement(&plan, 10.0).unwrap();
-        assert!(said.contains("101 frames of about 64000 nodes") && said.contains("MB"), "{said}");
+        assert!(
+            said.contains("101 frames of about 64000 nodes") && said.contains("MB"),
+            "{said}"
+        );
         // Finer than the time step there is nothing to write.
         assert!(announcement(&plan, 0.1).unwrap().contains("1001 frames"));
     }

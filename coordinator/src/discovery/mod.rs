@@ -61,7 +61,10 @@ pub fn cases_text(cases: &DiscoverCases) -> String {
 pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
     let text = std::fs::read(cases_file(run_dir)).ok()?;
     let cases: DiscoverCases = serde_json::from_slice(&text).ok()?;
-    cases.values().all(|case| case.schema_version == SCHEMA_VERSION).then_some(cases)
+    cases
+        .values()
+        .all(|case| case.schema_version == SCHEMA_VERSION)
+        .then_some(cases)
 }
 
 /// Cases that an earlier search left beside a cohort.

@@ -75,7 +75,10 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
     {
         return Ok(Change::Same(current.version));
     }
-    let evidence = found.effects.iter().filter(|effect| found.accepted.contains(&effect.name));
+    let evidence = found
+        .effects
+        .iter()
+        .filter(|effect| found.accepted.contains(&effect.name));
     let overlay = ModelOverlay {
         version: kept_versions(folder).max(current.as_ref().map_or(0, |c| c.version)) + 1,
         patient: case.case.clone(),
@@ -123,12 +126,18 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
 pub fn revert(folder: &Path, now: &str) -> Result<Change, OverlayError> {
     let path = folder.join(FILE);
     let current = current(folder)?;
-    let Some((overlay, acceptance)) = current.and_then(|c| c.accepted.clone().map(|accepted| (c, accepted))) else {
+    let Some((overlay, acceptance)) =
+        current.and_then(|c| c.accepted.clone().map(|accepted| (c, accepted)))
+    else {
         return Err(OverlayError::NothingAccepted { path });
     };
     keep(folder, Some(&overlay))?;
     let Some(before) = acceptance.before else {
-        std::fs::remove_file(&path).map_err(|source| OverlayError::File { what: "remove", path, source })?;
+        std::fs::remove_file(&path).map_err(|source| OverlayError::File {
+            what: "remove",
+            path,
+            source,
+        })?;
         return Ok(Change::Removed);
     };
     let earlier = read(&folder.join(format!("model.v{before}.toml")))?;
@@ -138,7 +147,14 @@ pub fn revert(folder: &Path, now: &str) -> Result<Change, OverlayError> {
         source: io::ErrorKind::NotFound.into(),
     })?;
     let version = kept_versions(folder).max(overlay.version) + 1;
-    write(folder, &ModelOverlay { version, written: now.to_owned(), ..earlier })
+    write(
+        folder,
+        &ModelOverlay {
+            version,
+            written: now.to_owned(),
+            ..earlier
+        },
+    )
 }
 
 fn current(folder: &Path) -> Result<Option<ModelOverlay>, OverlayError> {
@@ -149,18 +165,35 @@ fn read(path: &Path) -> Result<Option<ModelOverlay>, OverlayError> {
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(OverlayError::File { what: "read", path: path.to_owned(), source }),
+        Err(source) => {
+            return Err(OverlayError::File {
+                what: "read",
+                path: path.to_owned(),
+                source,
+            });
+        }
     };
-    let overlay = toml::from_str(&text)
-        .map_err(|source| OverlayError::Format { path: path.to_owned(), source: Box::new(source) })?;
+    let overlay = toml::from_str(&text).map_err(|source| OverlayError::Format {
+        path: path.to_owned(),
+        source: Box::new(source),
+    })?;
     Ok(Some(overlay))
 }
 
 /// Copies the current version to its own name, byte for byte.
 fn keep(folder: &Path, current: Option<&ModelOverlay>) -> Result<(), OverlayError> {
-    let Some(current) = current else { return Ok(()) };
-    let (from, to) = (folder.join(FILE), folder.join(format!("model.v{}.toml", current.version)));
-    let bytes = std::fs::read(&from).map_err(|source| OverlayError::File { what: "read", path: from, source })?;
+    let Some(current) = current else {
+        return Ok(());
+    };
+    let (from, to) = (
+        folder.join(FILE),
+        folder.join(format!("model.v{}.toml", current.version)),
+    );
+    let bytes = std::fs::read(&from).map_err(|source| OverlayError::File {
+        what: "read",
+        path: from,
+        source,
+    })?;
     atomic::write(&to, |out| out.write_all(&bytes)).map_err(|source| OverlayError::File {
         what: "write",
         path: to,
@@ -170,17 +203,33 @@ fn keep(folder: &Path, current: Option<&ModelOverlay>) -> Result<(), OverlayErro
 
 fn write(folder: &Path, overlay: &ModelOverlay) -> Result<Change, OverlayError> {
     let path = folder.join(FILE);
-    let failed = |source| OverlayError::File { what: "write", path: path.clone(), source };
-    let text = toml::to_string(overlay).map_err(|error| failed(io::Error::new(io::ErrorKind::InvalidData, error)))?;
-    atomic::write(&path, |out| out.write_all(format!("{HEAD}{text}").as_bytes())).map_err(failed)?;
+    let failed = |source| OverlayError::File {
+        what: "write",
+        path: path.clone(),
+        source,
+    };
+    let text = toml::to_string(overlay)
+        .map_err(|error| failed(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+    atomic::write(&path, |out| {
+        out.write_all(format!("{HEAD}{text}").as_bytes())
+    })
+    .map_err(failed)?;
     Ok(Change::Written(overlay.version))
 }
 
 /// Highest N of `model.vN.toml`.
 fn kept_versions(folder: &Path) -> u32 {
-    let number = |name: &str| name.strip_prefix("model.v")?.strip_suffix(".toml")?.parse::<u32>().ok();
+    let number = |name: &str| {
+        name.strip_prefix("model.v")?
+            .strip_suffix(".toml")?
+            .parse::<u32>()
+            .ok()
+    };
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.filter_map(|entry| number(&entry.file_name().to_string_lossy())).max().unwrap_or(0)
+    entries
+        .filter_map(|entry| number(&entry.file_name().to_string_lossy()))
+        .max()
+        .unwrap_or(0)
 }
 
 #[cfg(test)]

@@ -24,14 +24,23 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
     let text = match fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(DispatchError::File { what: "read", path, source }),
+        Err(source) => {
+            return Err(DispatchError::File {
+                what: "read",
+                path,
+                source,
+            });
+        }
     };
     let outcome: TaskOutcome = match serde_json::from_str(&text) {
         Ok(outcome) => outcome,
         // Outcomes appear by rename, so that half of one is never seen: this is a defect, no accident.
         Err(error) => {
             let reason = format!("{} cannot be read: {error}", path.display());
-            return Ok(Some(Evidence::Nothing { class: FailureClass::Bug, reason }));
+            return Ok(Some(Evidence::Nothing {
+                class: FailureClass::Bug,
+                reason,
+            }));
         }
     };
     for artefact in &outcome.artefacts {
@@ -39,11 +48,21 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
         let found = fs::metadata(&file).map(|m| m.len()).ok();
         if found != Some(artefact.bytes) {
             let found = found.map_or("is not there".to_owned(), |n| format!("has {n} bytes"));
-            let reason = format!("{} {found}, but its outcome says {} bytes", file.display(), artefact.bytes);
-            return Ok(Some(Evidence::Nothing { class: FailureClass::Site, reason }));
+            let reason = format!(
+                "{} {found}, but its outcome says {} bytes",
+                file.display(),
+                artefact.bytes
+            );
+            return Ok(Some(Evidence::Nothing {
+                class: FailureClass::Site,
+                reason,
+            }));
         }
     }
-    Ok(Some(Evidence::Outcome { outcome: Box::new(outcome), text }))
+    Ok(Some(Evidence::Outcome {
+        outcome: Box::new(outcome),
+        text,
+    }))
 }
 
 /// Who claimed the attempt.
@@ -59,9 +78,15 @@ pub enum ClaimFile {
 pub fn claim(directory: &Path) -> Result<ClaimFile, DispatchError> {
     let path = directory.join(CLAIM);
     match fs::read(&path) {
-        Ok(bytes) => Ok(serde_json::from_slice(&bytes).map_or(ClaimFile::Unreadable, ClaimFile::By)),
+        Ok(bytes) => {
+            Ok(serde_json::from_slice(&bytes).map_or(ClaimFile::Unreadable, ClaimFile::By))
+        }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(ClaimFile::Absent),
-        Err(source) => Err(DispatchError::File { what: "read", path, source }),
+        Err(source) => Err(DispatchError::File {
+            what: "read",
+            path,
+            source,
+        }),
     }
 }
 
@@ -72,7 +97,11 @@ pub fn fence(directory: &Path) -> Result<(), DispatchError> {
         Ok(()) => Ok(()),
         // Never started: nobody to revoke.
         Err(error) if error.kind() == io::ErrorKind::NotFound && !directory.exists() => Ok(()),
-        Err(source) => Err(DispatchError::File { what: "write", path, source }),
+        Err(source) => Err(DispatchError::File {
+            what: "write",
+            path,
+            source,
+        }),
     }
 }
 
@@ -80,9 +109,14 @@ pub fn fence(directory: &Path) -> Result<(), DispatchError> {
 pub fn last_words(directory: &Path) -> Option<String> {
     let mut file = fs::File::open(directory.join(LOG)).ok()?;
     let length = file.metadata().ok()?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(2000))).ok()?;
+    file.seek(SeekFrom::Start(length.saturating_sub(2000)))
+        .ok()?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    text.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(|line| line.chars().take(300).collect())
+    text.lines()
+        .rev()
+        .map(str::trim)
+        .find(|line| !line.is_empty())
+        .map(|line| line.chars().take(300).collect())
 }

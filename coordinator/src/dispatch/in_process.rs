@@ -31,7 +31,12 @@ impl InProcess {
     #[must_use]
     pub fn new(at_once: usize) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
-        Self { at_once, running: HashSet::new(), ended, tell }
+        Self {
+            at_once,
+            running: HashSet::new(),
+            ended,
+            tell,
+        }
     }
 
     fn outcome(attempt: AttemptId) -> News {
@@ -46,12 +51,21 @@ impl InProcess {
         let outcome = TaskOutcome {
             schema_version: SCHEMA_VERSION,
             attempt: attempt.clone(),
-            ending: Ending::Succeeded { result: Box::new(TaskResult::Noop) },
+            ending: Ending::Succeeded {
+                result: Box::new(TaskResult::Noop),
+            },
             artefacts: Vec::new(),
             provenance,
         };
         let text = serde_json::to_string(&outcome).expect("an outcome is JSON");
-        News::Ended { attempt, evidence: Evidence::Outcome { outcome: Box::new(outcome), text }, claim: None }
+        News::Ended {
+            attempt,
+            evidence: Evidence::Outcome {
+                outcome: Box::new(outcome),
+                text,
+            },
+            claim: None,
+        }
     }
 }
 
@@ -66,7 +80,9 @@ impl Executor for InProcess {
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
         let TaskSpec::Noop(noop) = &order.spec.task else {
-            return Err(DispatchError::Kind { kind: order.spec.task.kind() });
+            return Err(DispatchError::Kind {
+                kind: order.spec.task.kind(),
+            });
         };
         let attempt = order.spec.attempt;
         self.running.insert(attempt.clone());
@@ -88,7 +104,12 @@ impl Executor for InProcess {
         Ok(Found::Unclaimed)
     }
 
-    fn stop(&mut self, attempt: &AttemptId, _directory: &Path, _now: bool) -> Result<bool, DispatchError> {
+    fn stop(
+        &mut self,
+        attempt: &AttemptId,
+        _directory: &Path,
+        _now: bool,
+    ) -> Result<bool, DispatchError> {
         // A no-op is over soon enough.
         Ok(self.running.contains(attempt))
     }

@@ -26,7 +26,12 @@ pub async fn run_limited(command: &[String], input: &str, limit: Duration) -> Co
         return CommandEnd::NotStarted("no program is named".into());
     };
     let mut process = Command::new(program);
-    process.args(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0);
+    process
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .process_group(0);
     let mut child = match process.spawn() {
         Ok(child) => child,
         Err(error) => return CommandEnd::NotStarted(error.to_string()),
@@ -60,7 +65,10 @@ mod tests {
     use super::*;
 
     fn shell(script: &str) -> Vec<String> {
-        ["sh", "-c", script].iter().map(|word| (*word).to_owned()).collect()
+        ["sh", "-c", script]
+            .iter()
+            .map(|word| (*word).to_owned())
+            .collect()
     }
 
     #[tokio::test]
@@ -68,13 +76,30 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let got = folder.path().join("got");
         let limit = Duration::from_secs(60);
-        let end = run_limited(&shell(&format!("cat > {}; exit 3", got.display())), "what happened", limit).await;
-        assert_eq!((end, std::fs::read_to_string(got).unwrap().as_str()), (CommandEnd::Code(3), "what happened"));
+        let end = run_limited(
+            &shell(&format!("cat > {}; exit 3", got.display())),
+            "what happened",
+            limit,
+        )
+        .await;
+        assert_eq!(
+            (end, std::fs::read_to_string(got).unwrap().as_str()),
+            (CommandEnd::Code(3), "what happened")
+        );
         // More than a pipe holds, to a command that reads none of it.
         let much = "x".repeat(1 << 20);
-        assert_eq!(run_limited(&shell("exit 0"), &much, limit).await, CommandEnd::Code(0));
-        assert_eq!(run_limited(&shell("kill -9 $$"), "", limit).await, CommandEnd::Signal);
-        assert!(matches!(run_limited(&["/no/such".to_owned()], "", limit).await, CommandEnd::NotStarted(_)));
+        assert_eq!(
+            run_limited(&shell("exit 0"), &much, limit).await,
+            CommandEnd::Code(0)
+        );
+        assert_eq!(
+            run_limited(&shell("kill -9 $$"), "", limit).await,
+            CommandEnd::Signal
+        );
+        assert!(matches!(
+            run_limited(&["/no/such".to_owned()], "", limit).await,
+            CommandEnd::NotStarted(_)
+        ));
     }
 
     #[tokio::test]
@@ -82,9 +107,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let pid = folder.path().join("pid");
         let script = format!("sleep 1000 & echo $! > {}; wait", pid.display());
-        assert_eq!(run_limited(&shell(&script), "", Duration::from_millis(500)).await, CommandEnd::TimedOut);
+        assert_eq!(
+            run_limited(&shell(&script), "", Duration::from_millis(500)).await,
+            CommandEnd::TimedOut
+        );
         let pid = std::fs::read_to_string(pid).unwrap();
-        let state = || std::fs::read_to_string(format!("/proc/{}/stat", pid.trim())).unwrap_or_default();
+        let state =
+            || std::fs::read_to_string(format!("/proc/{}/stat", pid.trim())).unwrap_or_default();
         for _ in 0..500 {
             // Killed, and perhaps not yet reaped by whoever inherits it.
             if state().is_empty() || state().contains(") Z ") {

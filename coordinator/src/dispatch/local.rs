@@ -59,7 +59,10 @@ impl Launcher {
     #[must_use]
     pub fn beside(command: &[String], worker: &Path) -> Option<Self> {
         let worker = worker.with_file_name("cardiotwin-worker-mpi");
-        (!command.is_empty()).then(|| Self { command: command.to_vec(), worker })
+        (!command.is_empty()).then(|| Self {
+            command: command.to_vec(),
+            worker,
+        })
     }
 }
 
@@ -84,7 +87,15 @@ impl Local {
     #[must_use]
     pub fn new(worker: PathBuf, at_once: usize) -> Self {
         let (tell, exits) = mpsc::unbounded_channel();
-        Self { worker, launcher: None, at_once, grace: GRACE, running: HashMap::new(), exits, tell }
+        Self {
+            worker,
+            launcher: None,
+            at_once,
+            grace: GRACE,
+            running: HashMap::new(),
+            exits,
+            tell,
+        }
     }
 
     /// Runs 3D simulations with several threads on as many ranks.
@@ -96,13 +107,18 @@ impl Local {
     /// What runs an attempt, on ranks where it has several and there is a launcher; and the program's name for errors.
     fn program(&self, n_ranks: u32) -> (Command, PathBuf) {
         let launcher = self.launcher.as_ref().filter(|_| n_ranks > 1);
-        let Some((Launcher { worker, .. }, [program, arguments @ ..])) = launcher.map(|l| (l, &l.command[..])) else {
+        let Some((Launcher { worker, .. }, [program, arguments @ ..])) =
+            launcher.map(|l| (l, &l.command[..]))
+        else {
             return (Command::new(&self.worker), self.worker.clone());
         };
         let mut command = Command::new(program);
         // In a job of Slurm's the driver's own step has the resources: a step of the launcher's would wait for them for ever.
         command.env("SLURM_OVERLAP", "1");
-        command.args(arguments).args(["-n", &n_ranks.to_string()]).arg(worker);
+        command
+            .args(arguments)
+            .args(["-n", &n_ranks.to_string()])
+            .arg(worker);
         (command, program.into())
     }
 
@@ -118,12 +134,23 @@ impl Local {
         fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
         let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
         // A worker of an earlier coordinator may be reading it: replaced whole, never seen half.
-        let (path, draft) = (directory.join(evidence::SPEC), directory.join("spec.json.new"));
+        let (path, draft) = (
+            directory.join(evidence::SPEC),
+            directory.join("spec.json.new"),
+        );
         fs::write(&draft, spec).map_err(file("write", draft.clone()))?;
         fs::rename(&draft, &path).map_err(file("write", path))?;
         let path = directory.join(evidence::LOG);
-        let log = File::options().create(true).append(true).open(&path).map_err(file("open", path))?;
-        let n_ranks = if order.spec.task.is_in_3d() { order.spec.threads } else { 1 };
+        let log = File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(file("open", path))?;
+        let n_ranks = if order.spec.task.is_in_3d() {
+            order.spec.threads
+        } else {
+            1
+        };
         let (mut command, worker) = self.program(n_ranks);
         let mut child = command
             .arg("run")
@@ -147,28 +174,48 @@ impl Local {
     /// What the end of our child means.
     fn ended(&mut self, exit: Exit) -> Result<Option<News>, DispatchError> {
         let Exit { attempt, status } = exit;
-        let Some(running) = self.running.get(&attempt) else { return Ok(None) };
+        let Some(running) = self.running.get(&attempt) else {
+            return Ok(None);
+        };
         let directory = running.directory.clone();
-        let claimed_before = status.as_ref().is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
+        let claimed_before = status
+            .as_ref()
+            .is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
         let news = match self.look(&directory)? {
             // Another process has it: started by an earlier coordinator that was killed in the act.
             Found::Alive(claim) if claim.pid != running.pid => {
                 self.watch(&attempt, &directory, &claim);
                 return Ok(Some(News::Alive { attempt, claim }));
             }
-            Found::Over { evidence: found @ Evidence::Outcome { .. }, claim } => {
-                News::Ended { attempt: attempt.clone(), evidence: found, claim }
-            }
-            Found::Over { evidence: found, claim } if claimed_before => {
-                News::Ended { attempt: attempt.clone(), evidence: found, claim }
-            }
-            Found::Elsewhere(_) => News::Vanished { attempt: attempt.clone() },
+            Found::Over {
+                evidence: found @ Evidence::Outcome { .. },
+                claim,
+            } => News::Ended {
+                attempt: attempt.clone(),
+                evidence: found,
+                claim,
+            },
+            Found::Over {
+                evidence: found,
+                claim,
+            } if claimed_before => News::Ended {
+                attempt: attempt.clone(),
+                evidence: found,
+                claim,
+            },
+            Found::Elsewhere(_) => News::Vanished {
+                attempt: attempt.clone(),
+            },
             found => {
                 let claim = match found {
                     Found::Over { claim, .. } => claim,
                     _ => None,
                 };
-                News::Ended { attempt: attempt.clone(), evidence: verdict(&directory, &status), claim }
+                News::Ended {
+                    attempt: attempt.clone(),
+                    evidence: verdict(&directory, &status),
+                    claim,
+                }
             }
         };
         self.running.remove(&attempt);
@@ -180,11 +227,16 @@ impl Local {
         loop {
             match evidence::claim(directory)? {
                 ClaimFile::Absent => return Ok(Found::Unclaimed),
-                ClaimFile::Unreadable if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
+                ClaimFile::Unreadable if Instant::now() < deadline => {
+                    std::thread::sleep(Duration::from_millis(5))
+                }
                 ClaimFile::Unreadable => return self.over(directory, None),
                 ClaimFile::By(claim) if claim.host != process::host() => {
                     return match evidence::outcome(directory)? {
-                        Some(evidence) => Ok(Found::Over { evidence, claim: Some(claim) }),
+                        Some(evidence) => Ok(Found::Over {
+                            evidence,
+                            claim: Some(claim),
+                        }),
                         None => Ok(Found::Elsewhere(claim)),
                     };
                 }
@@ -218,7 +270,11 @@ impl Local {
     fn patrol(&mut self) -> Result<Vec<News>, DispatchError> {
         let mut over = Vec::new();
         for (attempt, running) in &mut self.running {
-            if running.orphan.as_ref().is_some_and(|claim| !process::lives(claim)) {
+            if running
+                .orphan
+                .as_ref()
+                .is_some_and(|claim| !process::lives(claim))
+            {
                 over.push((attempt.clone(), running.directory.clone()));
             } else if running.stopped.is_some_and(|at| at.elapsed() > self.grace) {
                 running.press(true);
@@ -228,14 +284,20 @@ impl Local {
         for (attempt, directory) in over {
             self.running.remove(&attempt);
             if let Found::Over { evidence, claim } = self.look(&directory)? {
-                news.push(News::Ended { attempt, evidence, claim });
+                news.push(News::Ended {
+                    attempt,
+                    evidence,
+                    claim,
+                });
             }
         }
         Ok(news)
     }
 
     fn needs_patrol(&self) -> bool {
-        self.running.values().any(|r| r.orphan.is_some() || r.stopped.is_some())
+        self.running
+            .values()
+            .any(|r| r.orphan.is_some() || r.stopped.is_some())
     }
 }
 
@@ -243,7 +305,9 @@ impl Running {
     /// Asks to leave, or forces it.
     fn press(&self, by_force: bool) {
         let rank_0 = match evidence::claim(&self.directory) {
-            Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => Some(claim),
+            Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => {
+                Some(claim)
+            }
             _ => None,
         };
         match rank_0.filter(process::lives) {
@@ -259,23 +323,43 @@ impl Running {
 fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
     let (class, reason) = match status {
         Ok(status) => match (status.signal(), status.code()) {
-            (Some(6), _) => (FailureClass::Bug, "the worker aborted (signal 6)".to_owned()),
-            (Some(signal), _) => (FailureClass::Site, format!("the worker was killed by signal {signal}")),
+            (Some(6), _) => (
+                FailureClass::Bug,
+                "the worker aborted (signal 6)".to_owned(),
+            ),
+            (Some(signal), _) => (
+                FailureClass::Site,
+                format!("the worker was killed by signal {signal}"),
+            ),
             (None, Some(101)) => (FailureClass::Bug, "the worker panicked".to_owned()),
-            (None, Some(2)) => (FailureClass::Bug, "the worker did not understand how it was called".to_owned()),
+            (None, Some(2)) => (
+                FailureClass::Bug,
+                "the worker did not understand how it was called".to_owned(),
+            ),
             (None, code) => {
                 let code = code.unwrap_or_default();
-                (FailureClass::Site, format!("the worker ended with exit code {code} and no outcome"))
+                (
+                    FailureClass::Site,
+                    format!("the worker ended with exit code {code} and no outcome"),
+                )
             }
         },
-        Err(error) => (FailureClass::Site, format!("the worker's end could not be seen: {error}")),
+        Err(error) => (
+            FailureClass::Site,
+            format!("the worker's end could not be seen: {error}"),
+        ),
     };
-    Evidence::Nothing { class, reason: with_last_words(&reason, directory) }
+    Evidence::Nothing {
+        class,
+        reason: with_last_words(&reason, directory),
+    }
 }
 
 fn with_last_words(reason: &str, directory: &Path) -> String {
-    evidence::last_words(directory)
-        .map_or_else(|| reason.to_owned(), |line| format!("{reason}; its last words: {line}"))
+    evidence::last_words(directory).map_or_else(
+        || reason.to_owned(),
+        |line| format!("{reason}; its last words: {line}"),
+    )
 }
 
 /// A directory that cannot be read is told as an end of the site's doing: the loop decides what follows.
@@ -286,7 +370,10 @@ fn told(result: Result<Vec<News>, DispatchError>, attempt: Option<AttemptId>) ->
             let reason = error.to_string();
             vec![News::Ended {
                 attempt,
-                evidence: Evidence::Nothing { class: FailureClass::Site, reason },
+                evidence: Evidence::Nothing {
+                    class: FailureClass::Site,
+                    reason,
+                },
                 claim: None,
             }]
         }
@@ -306,7 +393,13 @@ impl Executor for Local {
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
         let pid = self.spawn(&order)?;
         let start = process::start_ticks(pid).unwrap_or_default();
-        let running = Running { directory: order.directory, pid, start, orphan: None, stopped: None };
+        let running = Running {
+            directory: order.directory,
+            pid,
+            start,
+            orphan: None,
+            stopped: None,
+        };
         self.running.insert(order.spec.attempt, running);
         Ok(ExternalId(pid.to_string()))
     }
@@ -319,7 +412,12 @@ impl Executor for Local {
         Ok(found)
     }
 
-    fn stop(&mut self, attempt: &AttemptId, directory: &Path, now: bool) -> Result<bool, DispatchError> {
+    fn stop(
+        &mut self,
+        attempt: &AttemptId,
+        directory: &Path,
+        now: bool,
+    ) -> Result<bool, DispatchError> {
         evidence::fence(directory)?;
         if let Some(running) = self.running.get_mut(attempt) {
             running.stopped.get_or_insert_with(Instant::now);
@@ -338,7 +436,10 @@ impl Executor for Local {
                 if !news.is_empty() {
                     return news;
                 }
-                tokio::time::timeout(LOOK_EVERY, self.exits.recv()).await.ok().flatten()
+                tokio::time::timeout(LOOK_EVERY, self.exits.recv())
+                    .await
+                    .ok()
+                    .flatten()
             } else {
                 self.exits.recv().await
             };
@@ -367,17 +468,25 @@ mod tests {
     #[test]
     fn several_ranks_go_to_the_launcher_where_there_is_one() {
         let command = ["mpirun", "--bind-to", "none"].map(str::to_owned).to_vec();
-        let launcher = Launcher { command, worker: "/bin/ranks".into() };
+        let launcher = Launcher {
+            command,
+            worker: "/bin/ranks".into(),
+        };
         let called = |launcher: Option<&Launcher>, n_ranks| {
             let local = Local::new("/bin/worker".into(), 1).with_launcher(launcher.cloned());
             let (command, named) = local.program(n_ranks);
             let command = command.as_std();
             let words = std::iter::once(command.get_program()).chain(command.get_args());
-            let line: Vec<String> = words.map(|word| word.to_string_lossy().into_owned()).collect();
+            let line: Vec<String> = words
+                .map(|word| word.to_string_lossy().into_owned())
+                .collect();
             (line.join(" "), named.display().to_string())
         };
         let worker = ("/bin/worker".to_owned(), "/bin/worker".to_owned());
-        assert_eq!((called(None, 4), called(Some(&launcher), 1)), (worker.clone(), worker));
+        assert_eq!(
+            (called(None, 4), called(Some(&launcher), 1)),
+            (worker.clone(), worker)
+        );
         let ranks = "mpirun --bind-to none -n 4 /bin/ranks".to_owned();
         assert_eq!(called(Some(&launcher), 4), (ranks, "mpirun".to_owned()));
     }

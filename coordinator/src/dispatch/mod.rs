@@ -145,7 +145,10 @@ pub trait Executor: Send {
     fn free(&self) -> usize;
 
     /// Starts an attempt; with an attempt that is claimed already nothing is done twice.
-    fn submit(&mut self, order: Order) -> impl Future<Output = Result<ExternalId, DispatchError>> + Send;
+    fn submit(
+        &mut self,
+        order: Order,
+    ) -> impl Future<Output = Result<ExternalId, DispatchError>> + Send;
 
     /// Looks for an attempt of an earlier coordinator and watches it if it lives.
     ///
@@ -158,7 +161,12 @@ pub trait Executor: Send {
     ///
     /// # Errors
     /// [`DispatchError::File`] when the fence cannot be written.
-    fn stop(&mut self, attempt: &AttemptId, directory: &Path, now: bool) -> Result<bool, DispatchError>;
+    fn stop(
+        &mut self,
+        attempt: &AttemptId,
+        directory: &Path,
+        now: bool,
+    ) -> Result<bool, DispatchError>;
 
     /// Waits until there is something to tell. Dropping the future loses nothing.
     fn news(&mut self) -> impl Future<Output = Vec<News>> + Send;

@@ -8,14 +8,22 @@ use rustix::process::{Pid, Signal};
 /// This host's name.
 pub fn host() -> &'static str {
     static HOST: OnceLock<String> = OnceLock::new();
-    HOST.get_or_init(|| rustix::system::uname().nodename().to_string_lossy().into_owned())
+    HOST.get_or_init(|| {
+        rustix::system::uname()
+            .nodename()
+            .to_string_lossy()
+            .into_owned()
+    })
 }
 
 /// Identity of this host's present life; empty where the system does not tell.
 pub fn boot_id() -> &'static str {
     static BOOT: OnceLock<String> = OnceLock::new();
     BOOT.get_or_init(|| {
-        std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned()
+        std::fs::read_to_string("/proc/sys/kernel/random/boot_id")
+            .unwrap_or_default()
+            .trim()
+            .to_owned()
     })
 }
 
@@ -65,7 +73,9 @@ pub fn signal_group(pid: u32, start: u64, by_force: bool) {
         return; // gone, or its number was given to another
     }
     let signal = if by_force { Signal::KILL } else { Signal::TERM };
-    let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return };
+    let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else {
+        return;
+    };
     // A process that ends in between is what was wanted.
     let _ = match rustix::process::getpgid(Some(pid)) {
         Ok(group) if group == pid => rustix::process::kill_process_group(pid, signal),
@@ -83,7 +93,10 @@ mod tests {
 
     #[test]
     fn a_process_is_known_by_pid_and_start_and_a_zombie_is_dead() {
-        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
         let start = start_ticks(child.id()).unwrap();
         let claim = |pid_start_ticks| Claim {
             host: host().into(),
@@ -93,8 +106,14 @@ mod tests {
             at: String::new(),
         };
         assert!(lives(&claim(start)));
-        assert!(!lives(&claim(start + 1)), "another process with the same number");
-        assert!(!lives(&Claim { boot_id: "another life".into(), ..claim(start) }));
+        assert!(
+            !lives(&claim(start + 1)),
+            "another process with the same number"
+        );
+        assert!(!lives(&Claim {
+            boot_id: "another life".into(),
+            ..claim(start)
+        }));
         let claim = claim(start);
         child.kill().unwrap();
         // Not reaped yet: a zombie for the kernel, dead for us as soon as the signal arrived.

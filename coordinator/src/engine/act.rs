@@ -40,7 +40,9 @@ impl<E: Executor> Drive<E> {
                 }
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
                 // Of a time when this run's tasks were jobs of a cluster: `advance` does it.
-                Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => continue,
+                Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => {
+                    continue;
+                }
             }
             self.crash.pass("after an action")?;
             self.world.action_done(id);
@@ -58,20 +60,30 @@ impl<E: Executor> Drive<E> {
 
     /// An attempt that was ended before anybody claimed it, or that is fenced out of sight.
     pub(super) fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
-        let evidence = Evidence::Nothing { class: FailureClass::Site, reason: "ended by us".into() };
-        self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+        let evidence = Evidence::Nothing {
+            class: FailureClass::Site,
+            reason: "ended by us".into(),
+        };
+        self.decider
+            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
     }
 
     async fn submit(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
         // Over, unwanted, or found alive by now: an action may come twice.
-        let wanted = |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
-        let wanted = self.world.attempts.get(attempt).is_some_and(wanted) && !self.tails.contains_key(attempt);
-        let Some(task) = self.world.tasks.get(&attempt.task).filter(|_| wanted) else { return Ok(()) };
-        let task: TaskSpec = serde_json::from_str(&task.spec).map_err(|source| crate::store::StoreError::Content {
-            table: "tasks",
-            column: "spec",
-            row: attempt.task.to_string(),
-            source,
+        let wanted =
+            |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
+        let wanted = self.world.attempts.get(attempt).is_some_and(wanted)
+            && !self.tails.contains_key(attempt);
+        let Some(task) = self.world.tasks.get(&attempt.task).filter(|_| wanted) else {
+            return Ok(());
+        };
+        let task: TaskSpec = serde_json::from_str(&task.spec).map_err(|source| {
+            crate::store::StoreError::Content {
+                table: "tasks",
+                column: "spec",
+                row: attempt.task.to_string(),
+                source,
+            }
         })?;
         let directory = self.world.directory(attempt);
         let spec = AttemptSpec {
@@ -82,20 +94,44 @@ impl<E: Executor> Drive<E> {
             vtu_every_ms: self.settings.vtu_every_ms,
             task,
         };
-        match self.executor.submit(Order { spec, directory: directory.clone() }).await {
+        match self
+            .executor
+            .submit(Order {
+                spec,
+                directory: directory.clone(),
+            })
+            .await
+        {
             Ok(id) => {
                 self.submitted += 1;
                 self.tails.insert(attempt.clone(), Tail::of(&directory));
-                self.world.attempt_event(attempt, AttemptEvent::Accepted { id })
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Accepted { id })
             }
             Err(error) if error.is_passing() => {
-                let evidence = Evidence::Nothing { class: FailureClass::Site, reason: with_cause(&error) };
-                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Watched)
+                let evidence = Evidence::Nothing {
+                    class: FailureClass::Site,
+                    reason: with_cause(&error),
+                };
+                self.decider.attempt_ended(
+                    &mut self.world,
+                    attempt,
+                    evidence,
+                    Circumstance::Watched,
+                )
             }
             Err(error @ DispatchError::Kind { .. }) => {
                 let failure = Failure::new(FailureClass::Input, error.to_string());
-                let evidence = Evidence::Nothing { class: failure.class, reason: failure.message };
-                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Watched)
+                let evidence = Evidence::Nothing {
+                    class: failure.class,
+                    reason: failure.message,
+                };
+                self.decider.attempt_ended(
+                    &mut self.world,
+                    attempt,
+                    evidence,
+                    Circumstance::Watched,
+                )
             }
             // Not this attempt's affair: nothing could be started. It stays as it is for the next run.
             Err(error) => Err(error.into()),

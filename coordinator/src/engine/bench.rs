@@ -79,7 +79,10 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
         let status = Reader::open(&options.run_dir).await?.status().await?;
         let text = serde_json::to_string(&status).expect("a status is JSON");
         status_ms = status_ms.min(began.elapsed().as_secs_f64() * 1e3);
-        assert!(text.len() > status.patients.len(), "a status names every patient");
+        assert!(
+            text.len() > status.patients.len(),
+            "a status names every patient"
+        );
     }
     let database = options.run_dir.join(crate::store::DATABASE_FILE);
     Ok(BenchResult {
@@ -99,21 +102,36 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
 ///
 /// # Errors
 /// The engine's.
-pub async fn once(options: &BenchOptions, stop: StopSignal) -> Result<super::RunSummary, EngineError> {
+pub async fn once(
+    options: &BenchOptions,
+    stop: StopSignal,
+) -> Result<super::RunSummary, EngineError> {
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     run(run_options(options), events, stop).await
 }
 
 fn run_options(options: &BenchOptions) -> RunOptions {
-    let kind = if options.spawn { ExecutorKind::Local } else { ExecutorKind::InProcess };
+    let kind = if options.spawn {
+        ExecutorKind::Local
+    } else {
+        ExecutorKind::InProcess
+    };
     RunOptions {
         run_dir: options.run_dir.clone(),
         cohort_name: "bench".into(),
         description: "no-op tasks".into(),
         cohort_dir: options.run_dir.clone(),
-        patients: Some((1..=options.patients).map(|n| noop_patient(&format!("N{n:05}"), 0)).collect()),
+        patients: Some(
+            (1..=options.patients)
+                .map(|n| noop_patient(&format!("N{n:05}"), 0))
+                .collect(),
+        ),
         only: Vec::new(),
-        executor: ExecutorSettings { kind, workers: options.workers, ..ExecutorSettings::default() },
+        executor: ExecutorSettings {
+            kind,
+            workers: options.workers,
+            ..ExecutorSettings::default()
+        },
         worker: options.worker.clone(),
         adopt_version: true,
         watch: false,
@@ -135,21 +153,34 @@ async fn time_restart(options: &BenchOptions) -> Result<f64, EngineError> {
 
 async fn published(run_dir: &Path) -> Result<u64, EngineError> {
     let history = Reader::open(run_dir).await?.history(None).await?;
-    let published = |e: &&super::EventRecord| e.machine == "task" && e.event["how"]["how"] == "succeeded";
+    let published =
+        |e: &&super::EventRecord| e.machine == "task" && e.event["how"]["how"] == "succeeded";
     Ok(history.iter().filter(published).count() as u64)
 }
 
 /// Starts a coordinator of its own process and kills it as soon as half of the work is done.
 async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(), EngineError> {
     let own = std::env::current_exe().unwrap_or_default();
-    let failed = |source| EngineError::File { what: "start", path: own.clone(), source };
-    let mut victim =
-        Command::new(&own).args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().map_err(failed)?;
+    let failed = |source| EngineError::File {
+        what: "start",
+        path: own.clone(),
+        source,
+    };
+    let mut victim = Command::new(&own)
+        .args(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(failed)?;
     loop {
         tokio::time::sleep(Duration::from_millis(20)).await;
         let over = victim.try_wait().map_err(failed)?.is_some();
-        let Ok(reader) = Reader::open(&options.run_dir).await else { continue };
-        let Ok(status) = reader.status().await else { continue };
+        let Ok(reader) = Reader::open(&options.run_dir).await else {
+            continue;
+        };
+        let Ok(status) = reader.status().await else {
+            continue;
+        };
         let done = status.counts.get("done").copied().unwrap_or(0);
         if over || done * 2 >= options.patients as u64 {
             // SIGKILL: no handler, no destructor.

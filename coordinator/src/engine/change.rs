@@ -13,9 +13,17 @@ use crate::machine::task::{Task, TaskEvent};
 
 impl Decider {
     /// Makes a requested change; tells what it did, a line each.
-    pub fn request(&mut self, world: &mut World, request: &Request) -> Result<Vec<String>, EngineError> {
+    pub fn request(
+        &mut self,
+        world: &mut World,
+        request: &Request,
+    ) -> Result<Vec<String>, EngineError> {
         match request {
-            Request::Rerun { patient, from, overrides } => {
+            Request::Rerun {
+                patient,
+                from,
+                overrides,
+            } => {
                 let i = find(world, patient)?;
                 self.rerun(world, i, *from, overrides)
             }
@@ -23,11 +31,15 @@ impl Decider {
                 let i = find(world, patient)?;
                 self.retry(world, i)
             }
-            Request::Cancel { patient: Some(patient) } => {
+            Request::Cancel {
+                patient: Some(patient),
+            } => {
                 let i = find(world, patient)?;
                 if world.patients[i].row.state.is_final() {
                     let state = world.patients[i].row.state.word();
-                    return Err(EngineError::Request { message: format!("{patient} is {state}: nothing to cancel") });
+                    return Err(EngineError::Request {
+                        message: format!("{patient} is {state}: nothing to cancel"),
+                    });
                 }
                 self.cancel(world, i)
             }
@@ -44,12 +56,19 @@ impl Decider {
     }
 
     fn cancel(&mut self, world: &mut World, i: usize) -> Result<Vec<String>, EngineError> {
-        let at = world.patients[i].row.state.step().map_or_else(String::new, |step| format!(" at {step}"));
+        let at = world.patients[i]
+            .row
+            .state
+            .step()
+            .map_or_else(String::new, |step| format!(" at {step}"));
         world.patient_event(i, PatientEvent::Cancel)?;
         if world.patients[i].selected {
             self.ended(world, i, PatientEnding::Cancelled);
         }
-        Ok(vec![format!("{} cancelled{at}", world.patients[i].row.patient)])
+        Ok(vec![format!(
+            "{} cancelled{at}",
+            world.patients[i].row.patient
+        )])
     }
 
     fn rerun(
@@ -61,15 +80,20 @@ impl Decider {
     ) -> Result<Vec<String>, EngineError> {
         let name = world.patients[i].row.patient.clone();
         let bad = |message: String| EngineError::Request { message };
-        let unread = |source| EngineError::Plan { patient: name.clone(), source };
+        let unread = |source| EngineError::Plan {
+            patient: name.clone(),
+            source,
+        };
         if let Some((table, stage)) = settings::acts_before(overrides, from) {
             return Err(bad(format!(
                 "settings of `{table}` act on {stage}, before {from}: rerun from {stage} instead"
             )));
         }
         let layer = settings::merged(&self.overrides(world, i)?, overrides).map_err(unread)?;
-        let given: ResolvedPatient = serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
-        let plan = settings::plan(&given, &layer).map_err(|error| bad(format!("settings of {name}: {error}")))?;
+        let given: ResolvedPatient =
+            serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
+        let plan = settings::plan(&given, &layer)
+            .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         step1::settings(&plan.settings.step1, plan.settings.step1_update())
             .and_then(|s| s.validate().map_err(|error| error.to_string()))
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
@@ -80,18 +104,35 @@ impl Decider {
             Stage::Step0 => patient.carried.clear(),
             // Kept, continued and not repeated: also those that an earlier rerun kept.
             Stage::Step1 if n > 0 => {
-                patient.carried = patient.chain.iterations.iter().map(|iteration| iteration.parameters).collect();
-                changes.push(format!("{name}: step 1 goes on from its {n} stored iterations"));
+                patient.carried = patient
+                    .chain
+                    .iterations
+                    .iter()
+                    .map(|iteration| iteration.parameters)
+                    .collect();
+                changes.push(format!(
+                    "{name}: step 1 goes on from its {n} stored iterations"
+                ));
             }
             _ => {}
         }
-        patient.plan_row.carried = serde_json::to_string(&patient.carried).expect("numbers are JSON");
+        patient.plan_row.carried =
+            serde_json::to_string(&patient.carried).expect("numbers are JSON");
         patient.plan_row.overrides = serde_json::to_string(&layer).expect("settings are JSON");
         if settings::same_tasks(world.plan(i)?, &plan) && from != Stage::Step1 {
-            changes.push(format!("{name}: no setting differs from before, so nothing will be redone"));
+            changes.push(format!(
+                "{name}: no setting differs from before, so nothing will be redone"
+            ));
         }
         self.reopen(world, i);
-        self.replan(world, i, &given, &layer, &format!("rerun from {from}"), true)?;
+        self.replan(
+            world,
+            i,
+            &given,
+            &layer,
+            &format!("rerun from {from}"),
+            true,
+        )?;
         self.decide(world, i)?;
         if changes.is_empty() {
             changes.push(format!("{name}: settings changed from {from} on"));
@@ -104,14 +145,21 @@ impl Decider {
         let steps = &world.patients[i].steps;
         let mut failed: Vec<(Step, TaskKey)> = steps
             .iter()
-            .filter(|(_, key)| world.tasks.get(key).is_some_and(|t| matches!(t.state, Task::Failed { .. })))
+            .filter(|(_, key)| {
+                world
+                    .tasks
+                    .get(key)
+                    .is_some_and(|t| matches!(t.state, Task::Failed { .. }))
+            })
             .map(|(step, key)| (*step, key.clone()))
             .collect();
         failed.sort();
         let cancelled = matches!(world.patients[i].row.state, Patient::Cancelled { .. });
         if failed.is_empty() && !cancelled {
             let state = world.patients[i].row.state.word();
-            return Err(EngineError::Request { message: format!("{name} is {state} and none of its tasks failed") });
+            return Err(EngineError::Request {
+                message: format!("{name} is {state} and none of its tasks failed"),
+            });
         }
         let mut changes = Vec::new();
         for (step, key) in failed {
@@ -123,16 +171,36 @@ impl Decider {
         }
         self.reopen(world, i);
         world.plan_changed(i);
-        world.patient_event(i, PatientEvent::Replan { reason: "retry".into() })?;
+        world.patient_event(
+            i,
+            PatientEvent::Replan {
+                reason: "retry".into(),
+            },
+        )?;
         self.decide(world, i)?;
         Ok(changes)
     }
 }
 
 fn find(world: &World, patient: &PatientId) -> Result<usize, EngineError> {
-    world.by_name.get(patient.as_str()).copied().filter(|&i| world.patients[i].row.active).ok_or_else(|| {
-        let known: Vec<&str> =
-            world.patients.iter().filter(|p| p.row.active).take(20).map(|p| p.row.patient.as_str()).collect();
-        EngineError::Request { message: format!("no patient {patient} in this run; known are {}", known.join(", ")) }
-    })
+    world
+        .by_name
+        .get(patient.as_str())
+        .copied()
+        .filter(|&i| world.patients[i].row.active)
+        .ok_or_else(|| {
+            let known: Vec<&str> = world
+                .patients
+                .iter()
+                .filter(|p| p.row.active)
+                .take(20)
+                .map(|p| p.row.patient.as_str())
+                .collect();
+            EngineError::Request {
+                message: format!(
+                    "no patient {patient} in this run; known are {}",
+                    known.join(", ")
+                ),
+            }
+        })
 }

@@ -31,8 +31,14 @@ const NODES_PER_THREAD: u32 = 4000;
 /// Threads of a patient's workers in a job, where a node has `cores`: as asked, or those that a beat on its mesh of so many
 /// nodes makes use of.
 #[must_use]
-pub fn threads_in_job(settings: &ExecutorSettings, solver: &SolverSettings, mesh_nodes: u32, cores: u32) -> u32 {
-    let is_large = solver.fidelity == Fidelity::FiniteElement && u64::from(mesh_nodes) >= LARGE_MESH_NODES;
+pub fn threads_in_job(
+    settings: &ExecutorSettings,
+    solver: &SolverSettings,
+    mesh_nodes: u32,
+    cores: u32,
+) -> u32 {
+    let is_large =
+        solver.fidelity == Fidelity::FiniteElement && u64::from(mesh_nodes) >= LARGE_MESH_NODES;
     match settings.threads {
         0 if is_large && solver.finite_element.linear_solver == LinearSolver::BlockJacobi => {
             (mesh_nodes / NODES_PER_THREAD).clamp(1, cores.max(1))
@@ -70,13 +76,19 @@ fn is_large(task: &TaskSpec) -> bool {
         TaskSpec::PassiveState(spec) => {
             return spec.finite_element.as_ref().is_some_and(|anatomy| {
                 let nodes = u64::from(anatomy.mesh_nodes);
-                nodes >= LARGE_MESH_NODES && spec.own_mesh.is_none() && anatomy.element == ElementKind::LinearNodal
+                nodes >= LARGE_MESH_NODES
+                    && spec.own_mesh.is_none()
+                    && anatomy.element == ElementKind::LinearNodal
             });
         }
         _ => return false,
     };
-    let OrganSpec::FiniteElement(organ) = &beat.organ else { return false };
-    let equations = beat.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
+    let OrganSpec::FiniteElement(organ) = &beat.organ else {
+        return false;
+    };
+    let equations = beat
+        .finite_element
+        .unwrap_or_else(|| FiniteElementSettings::default().equations());
     let figures = &organ.figures;
     figures.nodes >= LARGE_MESH_NODES
         && figures.degrees_of_freedom == 3 * figures.nodes

@@ -19,13 +19,20 @@ pub struct CrashPoints {
 impl CrashPoints {
     /// As the environment asks.
     pub fn from_environment() -> Self {
-        Self { fatal: std::env::var(VARIABLE).ok().and_then(|n| n.parse().ok()), ..Self::default() }
+        Self {
+            fatal: std::env::var(VARIABLE).ok().and_then(|n| n.parse().ok()),
+            ..Self::default()
+        }
     }
 
     /// Ends with an error at the n-th point, for tests that go on in the same process.
     #[cfg(test)]
     pub fn ending_at(n: u64) -> Self {
-        Self { fatal: Some(n), soft: true, ..Self::default() }
+        Self {
+            fatal: Some(n),
+            soft: true,
+            ..Self::default()
+        }
     }
 
     /// A point where the process may die.
@@ -34,7 +41,9 @@ impl CrashPoints {
         if self.fatal == Some(self.seen) {
             #[cfg(test)]
             if self.soft {
-                return Err(EngineError::Crashed { place: place.to_owned() });
+                return Err(EngineError::Crashed {
+                    place: place.to_owned(),
+                });
             }
             eprintln!("crash point {}: {place}", self.seen);
             // No destructor, no flush: as near to kill -9 as a process can do to itself.

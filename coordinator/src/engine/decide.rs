@@ -47,14 +47,23 @@ pub struct Decider {
 
 impl Decider {
     /// Takes up the cohort's plans: new patients, changed inputs or settings, patients that are gone.
-    pub fn take_up(&mut self, world: &mut World, plans: &[ResolvedPatient]) -> Result<(), EngineError> {
+    pub fn take_up(
+        &mut self,
+        world: &mut World,
+        plans: &[ResolvedPatient],
+    ) -> Result<(), EngineError> {
         let mut present = vec![false; world.patients.len()];
         for (position, given) in plans.iter().enumerate() {
             let position = position as i64;
             let text = serde_json::to_string(given).expect("a plan is JSON");
             let Some(&i) = world.by_name.get(given.id.as_str()) else {
-                let row =
-                    PlanRow { patient_id: 0, given: text, overrides: "{}".into(), carried: "[]".into(), plan: None };
+                let row = PlanRow {
+                    patient_id: 0,
+                    given: text,
+                    overrides: "{}".into(),
+                    carried: "[]".into(),
+                    plan: None,
+                };
                 world.add_patient(given.id.as_str(), position, row, given.clone());
                 continue;
             };
@@ -72,7 +81,14 @@ impl Decider {
                 // A plan is read from its row when it is needed first: now, while the row still says the old one.
                 let _ = world.plan(i);
                 world.patients[i].plan_row.given = text;
-                self.replan(world, i, given, &overrides, "inputs or settings changed", false)?;
+                self.replan(
+                    world,
+                    i,
+                    given,
+                    &overrides,
+                    "inputs or settings changed",
+                    false,
+                )?;
             }
         }
         for (i, present) in present.into_iter().enumerate() {
@@ -86,8 +102,10 @@ impl Decider {
 
     pub(super) fn overrides(&self, world: &World, i: usize) -> Result<SettingsLayer, EngineError> {
         let patient = &world.patients[i];
-        serde_json::from_str(&patient.plan_row.overrides)
-            .map_err(|source| EngineError::Plan { patient: patient.row.patient.clone(), source })
+        serde_json::from_str(&patient.plan_row.overrides).map_err(|source| EngineError::Plan {
+            patient: patient.row.patient.clone(),
+            source,
+        })
     }
 
     /// Makes a patient's plan anew; where it leads to other tasks, or `force`, everything is decided anew.
@@ -100,42 +118,64 @@ impl Decider {
         reason: &str,
         force: bool,
     ) -> Result<(), EngineError> {
-        let plan = settings::plan(given, overrides)
-            .map_err(|error| EngineError::Request { message: format!("settings of {}: {error}", given.id) })?;
-        let same = world.plan(i).is_ok_and(|old| settings::same_tasks(old, &plan));
+        let plan = settings::plan(given, overrides).map_err(|error| EngineError::Request {
+            message: format!("settings of {}: {error}", given.id),
+        })?;
+        let same = world
+            .plan(i)
+            .is_ok_and(|old| settings::same_tasks(old, &plan));
         let text = || serde_json::to_string(&plan).expect("a plan is JSON");
         world.patients[i].plan_row.plan = (*overrides != SettingsLayer::default()).then(text);
         world.set_plan(i, plan);
         if force || !same {
             world.plan_changed(i);
-            world.patient_event(i, PatientEvent::Replan { reason: reason.to_owned() })?;
+            world.patient_event(
+                i,
+                PatientEvent::Replan {
+                    reason: reason.to_owned(),
+                },
+            )?;
         }
         Ok(())
     }
 
     /// Derives a patient's chain and asks for what it needs next.
     pub fn decide(&mut self, world: &mut World, i: usize) -> Result<(), EngineError> {
-        if !world.patients[i].selected || matches!(world.patients[i].row.state, Patient::Cancelled { .. }) {
+        if !world.patients[i].selected
+            || matches!(world.patients[i].row.state, Patient::Cancelled { .. })
+        {
             return Ok(());
         }
         let evaluation = loop {
             let patient = &world.patients[i];
-            let evaluation = workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
+            let evaluation =
+                workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
             // Each time round a published task is opened, so that it ends.
             if !self.open_purged(world, i, &evaluation.next)? {
                 break evaluation;
             }
         };
-        let links: Vec<(Step, TaskKey)> = evaluation.chain.steps().map(|(step, key)| (step, key.clone())).collect();
+        let links: Vec<(Step, TaskKey)> = evaluation
+            .chain
+            .steps()
+            .map(|(step, key)| (step, key.clone()))
+            .collect();
         for (step, key) in links {
             world.link(i, step, &key);
         }
         let patient = &mut world.patients[i];
         let id = PatientId(patient.row.patient.clone());
         if patient.chain != evaluation.chain {
-            if let Some(summary) = evaluation.chain.step1.as_ref().filter(|s| patient.chain.step1.as_ref() != Some(*s))
+            if let Some(summary) = evaluation
+                .chain
+                .step1
+                .as_ref()
+                .filter(|s| patient.chain.step1.as_ref() != Some(*s))
             {
-                self.events.push(EngineEvent::Step1Ended { patient: id.clone(), summary: summary.clone() });
+                self.events.push(EngineEvent::Step1Ended {
+                    patient: id.clone(),
+                    summary: summary.clone(),
+                });
             }
             patient.chain = evaluation.chain;
             patient.chain_changed = true;
@@ -147,7 +187,13 @@ impl Decider {
                 world.add_task(&key, &spec);
                 world.link(i, step, &key);
                 if !matches!(world.patients[i].row.state, Patient::Working { .. }) {
-                    world.patient_event(i, PatientEvent::Want { step, task: key.clone() })?;
+                    world.patient_event(
+                        i,
+                        PatientEvent::Want {
+                            step,
+                            task: key.clone(),
+                        },
+                    )?;
                 }
                 wait_for(world, i, &key);
                 Ok(())
@@ -164,9 +210,11 @@ impl Decider {
     /// again) is left for what is derived.
     fn align(&mut self, world: &mut World, i: usize, next: &Next) -> Result<(), EngineError> {
         let settled = match &world.patients[i].row.state {
-            Patient::Working { task, .. } => {
-                world.tasks.get(task).is_some_and(|t| t.state.is_final()).then(|| task.clone())
-            }
+            Patient::Working { task, .. } => world
+                .tasks
+                .get(task)
+                .is_some_and(|t| t.state.is_final())
+                .then(|| task.clone()),
             _ => None,
         };
         if let Some(task) = settled {
@@ -174,17 +222,31 @@ impl Decider {
         }
         let fits = match (&world.patients[i].row.state, next) {
             (Patient::Waiting, _) => true,
-            (Patient::Working { step, task }, Next::Run { step: wanted, key, .. }) => task == key && step == wanted,
+            (
+                Patient::Working { step, task },
+                Next::Run {
+                    step: wanted, key, ..
+                },
+            ) => task == key && step == wanted,
             (Patient::Deciding { after }, Next::Run { step, .. }) => step > after,
             (Patient::Deciding { .. }, _) | (Patient::Done, Next::Finished) => true,
-            (Patient::Failed { step, failure }, Next::Failed { step: held, failure: by }) => {
-                step == held && failure == by
-            }
+            (
+                Patient::Failed { step, failure },
+                Next::Failed {
+                    step: held,
+                    failure: by,
+                },
+            ) => step == held && failure == by,
             _ => false,
         };
         if !fits {
             self.reopen(world, i);
-            world.patient_event(i, PatientEvent::Replan { reason: "the chain is derived anew".into() })?;
+            world.patient_event(
+                i,
+                PatientEvent::Replan {
+                    reason: "the chain is derived anew".into(),
+                },
+            )?;
         }
         Ok(())
     }
@@ -201,7 +263,9 @@ impl Decider {
         }
         world.patient_event(i, event)?;
         if world.plan(i)?.workflow == Workflow::Personalise {
-            world.put_action(Action::WriteOverlay { patient_id: world.patients[i].row.id });
+            world.put_action(Action::WriteOverlay {
+                patient_id: world.patients[i].row.id,
+            });
         }
         self.ended(world, i, ending);
         Ok(())
@@ -210,7 +274,12 @@ impl Decider {
     pub(super) fn ended(&mut self, world: &World, i: usize, ending: PatientEnding) {
         self.over += 1;
         let patient = PatientId(world.patients[i].row.patient.clone());
-        self.events.push(EngineEvent::PatientEnded { patient, ending, over: self.over, of: self.of });
+        self.events.push(EngineEvent::PatientEnded {
+            patient,
+            ending,
+            over: self.over,
+            of: self.of,
+        });
     }
 
     /// What the end of an attempt means for its task and for those who wait.
@@ -221,11 +290,20 @@ impl Decider {
         evidence: Evidence,
         circumstance: Circumstance,
     ) -> Result<(), EngineError> {
-        let Some(task) = world.tasks.get(&attempt.task) else { return Ok(()) };
+        let Some(task) = world.tasks.get(&attempt.task) else {
+            return Ok(());
+        };
         let (how, outcome) = match evidence {
-            Evidence::Outcome { outcome, text } => (judge(attempt, &task.kind, &outcome), Some((outcome, text))),
-            Evidence::Nothing { .. } if circumstance == Circumstance::Excused => (AttemptEnding::Interrupted, None),
-            Evidence::Nothing { class: FailureClass::Site, reason } => (AttemptEnding::Lost { reason }, None),
+            Evidence::Outcome { outcome, text } => {
+                (judge(attempt, &task.kind, &outcome), Some((outcome, text)))
+            }
+            Evidence::Nothing { .. } if circumstance == Circumstance::Excused => {
+                (AttemptEnding::Interrupted, None)
+            }
+            Evidence::Nothing {
+                class: FailureClass::Site,
+                reason,
+            } => (AttemptEnding::Lost { reason }, None),
             Evidence::Nothing { class, reason } => {
                 let failure = cardiotwin_schemas::failure::Failure::new(class, reason);
                 (AttemptEnding::Failed { failure }, None)
@@ -234,11 +312,19 @@ impl Decider {
         // A worker that was stopped by neither us nor a person was stopped by its site.
         let how = match how {
             AttemptEnding::Interrupted if circumstance == Circumstance::Watched => {
-                AttemptEnding::Lost { reason: "the worker was told to stop from outside".into() }
+                AttemptEnding::Lost {
+                    reason: "the worker was told to stop from outside".into(),
+                }
             }
             how => how,
         };
-        self.attempt_over(world, attempt, how, outcome.map(|(outcome, text)| (*outcome, text)), self.site_retries)
+        self.attempt_over(
+            world,
+            attempt,
+            how,
+            outcome.map(|(outcome, text)| (*outcome, text)),
+            self.site_retries,
+        )
     }
 
     /// The end of an attempt, as it is understood, for its task and for those who wait.
@@ -250,7 +336,9 @@ impl Decider {
         outcome: Option<(TaskOutcome, String)>,
         site_retries: u32,
     ) -> Result<(), EngineError> {
-        let Some(task) = world.tasks.get(&attempt.task) else { return Ok(()) };
+        let Some(task) = world.tasks.get(&attempt.task) else {
+            return Ok(());
+        };
         // Late news of an older generation, or of one that is over, changes nothing.
         let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
         world.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
@@ -267,27 +355,54 @@ impl Decider {
             world.keep_outcome(&attempt.task, outcome, text);
         }
         let generation = attempt.generation;
-        world.task_event(&attempt.task, TaskEvent::Ended { generation, how: how.clone(), site_retries })?;
+        world.task_event(
+            &attempt.task,
+            TaskEvent::Ended {
+                generation,
+                how: how.clone(),
+                site_retries,
+            },
+        )?;
         self.task_moved(world, attempt, &how)
     }
 
-    fn task_moved(&mut self, world: &mut World, attempt: &AttemptId, how: &AttemptEnding) -> Result<(), EngineError> {
+    fn task_moved(
+        &mut self,
+        world: &mut World,
+        attempt: &AttemptId,
+        how: &AttemptEnding,
+    ) -> Result<(), EngineError> {
         let task = &world.tasks[&attempt.task];
         let settled = task.state.is_final();
         let published = matches!(task.state, Task::Published { .. });
         let waiters = task.waiters.clone();
         for &i in &waiters {
             let patient = PatientId(world.patients[i].row.patient.clone());
-            let step = world.patients[i].row.state.step().map_or_else(String::new, |s| s.to_string());
+            let step = world.patients[i]
+                .row
+                .state
+                .step()
+                .map_or_else(String::new, |s| s.to_string());
             if let Some(failure) = how.failure() {
                 let generation = attempt.generation;
-                self.events.push(EngineEvent::AttemptFailed { patient, step, generation, failure, retried: !settled });
+                self.events.push(EngineEvent::AttemptFailed {
+                    patient,
+                    step,
+                    generation,
+                    failure,
+                    retried: !settled,
+                });
             }
         }
         if !settled {
-            waiters.iter().filter(|i| world.patients[**i].selected).for_each(|&i| {
-                world.ready.insert((world.patients[i].row.position, attempt.task.clone()));
-            });
+            waiters
+                .iter()
+                .filter(|i| world.patients[**i].selected)
+                .for_each(|&i| {
+                    world
+                        .ready
+                        .insert((world.patients[i].row.position, attempt.task.clone()));
+                });
             return Ok(());
         }
         self.published += u64::from(published);
@@ -296,13 +411,25 @@ impl Decider {
         }
         for i in waiters {
             let step = world.patients[i].row.state.step();
-            world.patient_event(i, PatientEvent::TaskSettled { task: attempt.task.clone() })?;
+            world.patient_event(
+                i,
+                PatientEvent::TaskSettled {
+                    task: attempt.task.clone(),
+                },
+            )?;
             let at = self.events.len();
             self.decide(world, i)?;
             if let Some(step) = step.filter(|_| published) {
                 let patient = PatientId(world.patients[i].row.patient.clone());
                 let note = note(world, i, step);
-                self.events.insert(at, EngineEvent::TaskPublished { patient, step: step.to_string(), note });
+                self.events.insert(
+                    at,
+                    EngineEvent::TaskPublished {
+                        patient,
+                        step: step.to_string(),
+                        note,
+                    },
+                );
             }
         }
         Ok(())
@@ -319,7 +446,9 @@ impl Decider {
 /// A patient waits for a task; an open one is ready to be begun.
 fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
     let position = world.patients[i].row.position;
-    let Some(task) = world.tasks.get_mut(key) else { return };
+    let Some(task) = world.tasks.get_mut(key) else {
+        return;
+    };
     if !task.waiters.contains(&i) {
         task.waiters.push(i);
     }
@@ -332,7 +461,11 @@ fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
 fn note(world: &World, i: usize, step: Step) -> String {
     let chain = &world.patients[i].chain;
     match step.stage {
-        Stage::Step1 => match chain.iterations.get(step.number as usize - 1).and_then(|it| it.cost) {
+        Stage::Step1 => match chain
+            .iterations
+            .get(step.number as usize - 1)
+            .and_then(|it| it.cost)
+        {
             Some(cost) => format!("cost {cost:.3}"),
             None => String::new(),
         },
@@ -340,9 +473,17 @@ fn note(world: &World, i: usize, step: Step) -> String {
             Some(proposal) => format!("predicted cost {:.3}", proposal.predicted_cost),
             None => String::new(),
         },
-        Stage::Step2 => chain.step2_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
-        Stage::Verification => chain.verification_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
-        Stage::Step3 => match chain.step3_iterations.get(step.number as usize - 1).and_then(|it| it.verdict.as_ref()) {
+        Stage::Step2 => chain
+            .step2_cost
+            .map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        Stage::Verification => chain
+            .verification_cost
+            .map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        Stage::Step3 => match chain
+            .step3_iterations
+            .get(step.number as usize - 1)
+            .and_then(|it| it.verdict.as_ref())
+        {
             Some(verdict) => verdict.to_string(),
             None => String::new(),
         },

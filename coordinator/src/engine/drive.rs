@@ -107,7 +107,9 @@ impl<E: Executor> Drive<E> {
             self.commit().await?;
         }
         let summary = self.summary(began.elapsed().as_secs_f64());
-        self.writer.close(self.executor.kind(), clock::now_ms()).await?;
+        self.writer
+            .close(self.executor.kind(), clock::now_ms())
+            .await?;
         Ok(summary)
     }
 
@@ -128,7 +130,11 @@ impl<E: Executor> Drive<E> {
         }
         self.cancel_unwanted()?;
         let settled = self.decider.over;
-        let started = EngineEvent::Started { patients: self.decider.of, settled, adopted };
+        let started = EngineEvent::Started {
+            patients: self.decider.of,
+            settled,
+            adopted,
+        };
         self.decider.events.insert(0, started);
         self.take_stop()?;
         self.begin_ready()?;
@@ -138,8 +144,11 @@ impl<E: Executor> Drive<E> {
     /// Whether the chains of patients that are done may be taken as they are: another version of the program may want
     /// other tasks, and then already the first of them says so.
     fn proven_patient(&mut self) -> Result<bool, EngineError> {
-        let done = |p: &super::entries::PatientEntry| p.selected && matches!(p.row.state, Patient::Done);
-        let Some(i) = self.world.patients.iter().position(done) else { return Ok(true) };
+        let done =
+            |p: &super::entries::PatientEntry| p.selected && matches!(p.row.state, Patient::Done);
+        let Some(i) = self.world.patients.iter().position(done) else {
+            return Ok(true);
+        };
         self.decider.decide(&mut self.world, i)?;
         Ok(matches!(self.world.patients[i].row.state, Patient::Done))
     }
@@ -160,7 +169,8 @@ impl<E: Executor> Drive<E> {
             Found::Alive(claim) => {
                 let id = ExternalId(claim.pid.to_string());
                 self.world.claimed(attempt, claim);
-                self.world.attempt_event(attempt, AttemptEvent::Seen { id })?;
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Seen { id })?;
                 self.tails.insert(attempt.clone(), Tail::of(&directory));
                 return Ok(true);
             }
@@ -168,12 +178,18 @@ impl<E: Executor> Drive<E> {
                 if let Some(claim) = claim {
                     self.world.claimed(attempt, claim);
                 }
-                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)?;
+                self.decider.attempt_ended(
+                    &mut self.world,
+                    attempt,
+                    evidence,
+                    Circumstance::Excused,
+                )?;
             }
             Found::Elsewhere(claim) => {
                 self.world.claimed(attempt, claim);
                 let since_ms = self.world.now_ms;
-                self.world.attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
             }
             // Decided, perhaps even spawned, but not claimed: submitting it again is harmless, since only one process
             // can claim it.
@@ -183,7 +199,9 @@ impl<E: Executor> Drive<E> {
                 if matches!(state, Attempt::Cancelling) {
                     self.forget(attempt)?;
                 } else if !self.world.outbox.iter().any(|(_, action)| pending(action)) {
-                    self.world.put_action(Action::Submit { attempt: attempt.clone() });
+                    self.world.put_action(Action::Submit {
+                        attempt: attempt.clone(),
+                    });
                 }
             }
         }
@@ -196,11 +214,20 @@ impl<E: Executor> Drive<E> {
             .world
             .attempts
             .iter()
-            .filter(|(_, attempt)| !attempt.state.is_final() && !matches!(attempt.state, Attempt::Cancelling))
-            .filter(|(id, _)| self.world.tasks.get(&id.task).is_none_or(|task| task.waiters.is_empty()))
+            .filter(|(_, attempt)| {
+                !attempt.state.is_final() && !matches!(attempt.state, Attempt::Cancelling)
+            })
+            .filter(|(id, _)| {
+                self.world
+                    .tasks
+                    .get(&id.task)
+                    .is_none_or(|task| task.waiters.is_empty())
+            })
             .map(|(id, _)| id.clone())
             .collect();
-        unwanted.iter().try_for_each(|id| self.world.attempt_event(id, AttemptEvent::Cancel))
+        unwanted
+            .iter()
+            .try_for_each(|id| self.world.attempt_event(id, AttemptEvent::Cancel))
     }
 
     /// Begins ready tasks as far as the executor has room.
@@ -210,16 +237,29 @@ impl<E: Executor> Drive<E> {
         }
         // Decided and not yet handed over: these take their room, too.
         let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
-        let mut free = self.executor.free().saturating_sub(self.world.attempts.values().filter(waiting).count());
+        let mut free = self
+            .executor
+            .free()
+            .saturating_sub(self.world.attempts.values().filter(waiting).count());
         free = free.min(LARGEST_GROUP);
-        let active = self.world.attempts.iter().filter(|(_, attempt)| !attempt.state.is_final());
+        let active = self
+            .world
+            .attempts
+            .iter()
+            .filter(|(_, attempt)| !attempt.state.is_final());
         let (mut others, mut alone) = (0, false);
         for (id, _) in active {
             others += 1;
-            alone |= self.world.tasks.get(&id.task).is_some_and(|task| cores::takes_all(&self.settings, task));
+            alone |= self
+                .world
+                .tasks
+                .get(&id.task)
+                .is_some_and(|task| cores::takes_all(&self.settings, task));
         }
         while free > 0 && !alone {
-            let Some((position, key)) = self.world.ready.pop_first() else { break };
+            let Some((position, key)) = self.world.ready.pop_first() else {
+                break;
+            };
             let task = &self.world.tasks[&key];
             if !matches!(task.state, Task::Open { .. }) || task.waiters.is_empty() {
                 continue;
@@ -238,7 +278,10 @@ impl<E: Executor> Drive<E> {
                 let row = &self.world.patients[i].row;
                 self.decider.events.push(EngineEvent::TaskStarted {
                     patient: PatientId(row.patient.clone()),
-                    step: row.state.step().map_or_else(String::new, |step| step.to_string()),
+                    step: row
+                        .state
+                        .step()
+                        .map_or_else(String::new, |step| step.to_string()),
                     generation: attempt.generation,
                 });
             }
@@ -262,8 +305,13 @@ impl<E: Executor> Drive<E> {
 
     /// Waits for something to happen and takes it up.
     async fn observe(&mut self) -> Result<(), EngineError> {
-        let deadline = [self.drain_until, self.leave_until].into_iter().flatten().min();
-        let tick = deadline.map_or(TICK, |at| at.saturating_duration_since(Instant::now()).min(TICK));
+        let deadline = [self.drain_until, self.leave_until]
+            .into_iter()
+            .flatten()
+            .min();
+        let tick = deadline.map_or(TICK, |at| {
+            at.saturating_duration_since(Instant::now()).min(TICK)
+        });
         let news = tokio::select! {
             biased;
             news = self.executor.news() => news,
@@ -287,15 +335,23 @@ impl<E: Executor> Drive<E> {
             News::Alive { attempt, claim } => {
                 let id = ExternalId(claim.pid.to_string());
                 self.world.claimed(&attempt, claim);
-                self.world.attempt_event(&attempt, AttemptEvent::Seen { id })
+                self.world
+                    .attempt_event(&attempt, AttemptEvent::Seen { id })
             }
             News::Vanished { attempt } => {
                 let since_ms = self.world.now_ms;
-                self.world.attempt_event(&attempt, AttemptEvent::Vanished { since_ms })
+                self.world
+                    .attempt_event(&attempt, AttemptEvent::Vanished { since_ms })
             }
-            News::Ended { attempt, mut evidence, claim } => {
+            News::Ended {
+                attempt,
+                mut evidence,
+                claim,
+            } => {
                 self.tails.remove(&attempt);
-                if let (Some(why), Evidence::Nothing { reason, .. }) = (self.hung.remove(&attempt), &mut evidence) {
+                if let (Some(why), Evidence::Nothing { reason, .. }) =
+                    (self.hung.remove(&attempt), &mut evidence)
+                {
                     *reason = why;
                 }
                 if let Some(claim) = claim {
@@ -304,9 +360,13 @@ impl<E: Executor> Drive<E> {
                 if self.seen_stop < StopLevel::Now {
                     self.check_space(&evidence)?;
                 }
-                let circumstance =
-                    if self.leave_until.is_some() { Circumstance::Excused } else { Circumstance::Watched };
-                self.decider.attempt_ended(&mut self.world, &attempt, evidence, circumstance)
+                let circumstance = if self.leave_until.is_some() {
+                    Circumstance::Excused
+                } else {
+                    Circumstance::Watched
+                };
+                self.decider
+                    .attempt_ended(&mut self.world, &attempt, evidence, circumstance)
             }
         }
     }
@@ -322,9 +382,18 @@ impl<E: Executor> Drive<E> {
             return Ok(());
         }
         let path: PathBuf = self.world.run_dir.clone();
-        let Ok(space) = rustix::fs::statvfs(&path) else { return Ok(()) };
+        let Ok(space) = rustix::fs::statvfs(&path) else {
+            return Ok(());
+        };
         let free = space.f_bavail * space.f_frsize;
-        if free < LEAST_FREE_BYTES { Err(EngineError::NoSpace { path, free_mb: free >> 20 }) } else { Ok(()) }
+        if free < LEAST_FREE_BYTES {
+            Err(EngineError::NoSpace {
+                path,
+                free_mb: free >> 20,
+            })
+        } else {
+            Ok(())
+        }
     }
 
     /// What is not told by anybody: requests, progress, hung workers, attempts out of sight.
@@ -333,12 +402,19 @@ impl<E: Executor> Drive<E> {
         let mut hung = Vec::new();
         for (attempt, tail) in &mut self.tails {
             if let Some(progress) = tail.next()
-                && let Some(&i) = self.world.tasks.get(&attempt.task).and_then(|task| task.waiters.first())
+                && let Some(&i) = self
+                    .world
+                    .tasks
+                    .get(&attempt.task)
+                    .and_then(|task| task.waiters.first())
             {
                 let row = &self.world.patients[i].row;
                 self.decider.events.push(EngineEvent::Progress {
                     patient: PatientId(row.patient.clone()),
-                    step: row.state.step().map_or_else(String::new, |step| step.to_string()),
+                    step: row
+                        .state
+                        .step()
+                        .map_or_else(String::new, |step| step.to_string()),
                     phase: progress.phase,
                     done: progress.done,
                     total: progress.total,
@@ -346,17 +422,27 @@ impl<E: Executor> Drive<E> {
                 });
             }
             let timeout = self.settings.hang_timeout_s;
-            if timeout > 0.0 && tail.grew.elapsed().as_secs_f64() > timeout && !self.hung.contains_key(attempt) {
+            if timeout > 0.0
+                && tail.grew.elapsed().as_secs_f64() > timeout
+                && !self.hung.contains_key(attempt)
+            {
                 hung.push(attempt.clone());
             }
         }
         for attempt in hung {
-            let reason =
-                format!("no progress for {} s: the worker was taken for hung and killed", self.settings.hang_timeout_s);
-            self.executor.stop(&attempt, &self.world.directory(&attempt), true)?;
+            let reason = format!(
+                "no progress for {} s: the worker was taken for hung and killed",
+                self.settings.hang_timeout_s
+            );
+            self.executor
+                .stop(&attempt, &self.world.directory(&attempt), true)?;
             self.hung.insert(attempt, reason);
         }
-        let unseen = self.world.attempts.iter().filter(|(_, a)| matches!(a.state, Attempt::Unknown { .. }));
+        let unseen = self
+            .world
+            .attempts
+            .iter()
+            .filter(|(_, a)| matches!(a.state, Attempt::Unknown { .. }));
         for attempt in unseen.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
             self.adopt(&attempt)?;
         }
@@ -377,8 +463,9 @@ impl<E: Executor> Drive<E> {
     /// Whether nothing runs and nothing can be begun.
     fn idle(&self) -> bool {
         let stopping = self.seen_stop > StopLevel::Run;
-        let left =
-            stopping && self.leave_until.is_some_and(|at| Instant::now() >= at) && self.seen_stop == StopLevel::Now;
+        let left = stopping
+            && self.leave_until.is_some_and(|at| Instant::now() >= at)
+            && self.seen_stop == StopLevel::Now;
         let running = self.world.attempts.values().any(|a| {
             // Not handed over when the stop came: it waits for the next run.
             !(stopping && matches!(a.state, Attempt::Planned | Attempt::Submitting))

@@ -12,7 +12,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
-use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing};
+use cardiotwin_schemas::allocation::{
+    AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing,
+};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
@@ -64,7 +66,10 @@ pub async fn drive_job<E: Executor>(
     let began = Instant::now();
     let folder = JobFolder::at(&place.folder);
     let order = folder.order(place.element)?;
-    let claim = DriverClaim { job: place.id.clone(), claim: dispatch::claim_of_this_process() };
+    let claim = DriverClaim {
+        job: place.id.clone(),
+        claim: dispatch::claim_of_this_process(),
+    };
     if !folder.claim(place.element, place.node, &claim)? {
         return Ok(None);
     }
@@ -85,7 +90,11 @@ pub async fn drive_job<E: Executor>(
     let end = DriverEnd {
         at: clock::now_utc(),
         because: driver.leaving.unwrap_or(DriverEnding::Finished),
-        left: driver.left.iter().map(|(&p, why)| (driver.id(p), why.clone())).collect(),
+        left: driver
+            .left
+            .iter()
+            .map(|(&p, why)| (driver.id(p), why.clone()))
+            .collect(),
         defects: driver.defects.iter().map(|&p| driver.id(p)).collect(),
         wall_s: began.elapsed().as_secs_f64(),
     };
@@ -98,7 +107,11 @@ pub async fn drive_job<E: Executor>(
 /// # Errors
 /// [`EngineError`] where the job's folder or an attempt's cannot be read or written.
 pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, EngineError> {
-    let file = |source| EngineError::File { what: "catch signals for", path: place.folder.clone(), source };
+    let file = |source| EngineError::File {
+        what: "catch signals for",
+        path: place.folder.clone(),
+        source,
+    };
     let stop = StopSignal::from_signals().map_err(file)?;
     let warned = Arc::new(AtomicBool::new(false));
     let mut warnings = signal(SignalKind::user_defined1()).map_err(file)?;
@@ -112,7 +125,9 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
     });
     let local = |order: &JobOrder| {
         let launcher = Launcher::beside(&order.launcher, &order.worker);
-        Local::new(order.worker.clone(), order.lanes.max(1) as usize).with_grace(GRACE).with_launcher(launcher)
+        Local::new(order.worker.clone(), order.lanes.max(1) as usize)
+            .with_grace(GRACE)
+            .with_launcher(launcher)
     };
     drive_job(place, local, stop, || warned.load(Ordering::Relaxed)).await
 }
@@ -134,18 +149,25 @@ struct Driver<'a, E> {
 }
 
 impl<E: Executor> Driver<'_, E> {
-    async fn run(&mut self, stop: &StopSignal, warned: &impl Fn() -> bool) -> Result<(), EngineError> {
+    async fn run(
+        &mut self,
+        stop: &StopSignal,
+        warned: &impl Fn() -> bool,
+    ) -> Result<(), EngineError> {
         loop {
             self.leave_if_told(stop, warned)?;
             while self.leaving.is_none() && self.executor.free() > 0 {
-                let Some(patient) = self.queue.pop_front() else { break };
+                let Some(patient) = self.queue.pop_front() else {
+                    break;
+                };
                 if self.folder.take(self.place.element, patient)? {
                     self.walk(patient).await?;
                 }
             }
             if self.leaving.is_some() {
                 self.queue.drain(..).for_each(|patient| {
-                    self.left.insert(patient, "not begun: the job was at its end".to_owned());
+                    self.left
+                        .insert(patient, "not begun: the job was at its end".to_owned());
                 });
             }
             if self.running.is_empty() {
@@ -159,8 +181,12 @@ impl<E: Executor> Driver<'_, E> {
             };
             for item in news {
                 match item {
-                    News::Ended { attempt, evidence, .. } => self.ended(&attempt, evidence).await?,
-                    News::Vanished { attempt } => self.leave(&attempt, "its worker went out of sight"),
+                    News::Ended {
+                        attempt, evidence, ..
+                    } => self.ended(&attempt, evidence).await?,
+                    News::Vanished { attempt } => {
+                        self.leave(&attempt, "its worker went out of sight")
+                    }
                     News::Alive { .. } => {}
                 }
             }
@@ -168,19 +194,28 @@ impl<E: Executor> Driver<'_, E> {
     }
 
     /// The warning before the walltime, a stop, a fence: workers leave their checkpoints and end.
-    fn leave_if_told(&mut self, stop: &StopSignal, warned: &impl Fn() -> bool) -> Result<(), EngineError> {
+    fn leave_if_told(
+        &mut self,
+        stop: &StopSignal,
+        warned: &impl Fn() -> bool,
+    ) -> Result<(), EngineError> {
         if self.leaving.is_some() {
             return Ok(());
         }
         self.leaving = if self.folder.is_fenced(self.place.element) {
             Some(DriverEnding::Fenced)
         } else if stop.level() > StopLevel::Run || self.is_late(0.0) {
-            Some(if warned() || self.is_late(0.0) { DriverEnding::OutOfTime } else { DriverEnding::Stopped })
+            Some(if warned() || self.is_late(0.0) {
+                DriverEnding::OutOfTime
+            } else {
+                DriverEnding::Stopped
+            })
         } else {
             None
         };
         if self.leaving == Some(DriverEnding::Stopped) {
-            self.folder.note_asked_to_end(self.place.element, self.place.node);
+            self.folder
+                .note_asked_to_end(self.place.element, self.place.node);
         }
         if self.leaving.is_some() {
             for attempt in self.running.keys().cloned().collect::<Vec<_>>() {
@@ -193,7 +228,9 @@ impl<E: Executor> Driver<'_, E> {
 
     /// Whether something that takes so long would not be done in time.
     fn is_late(&self, takes_s: f64) -> bool {
-        self.place.leave_at_ms.is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
+        self.place
+            .leave_at_ms
+            .is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
     }
 
     fn id(&self, patient: usize) -> PatientId {
@@ -208,9 +245,16 @@ impl<E: Executor> Driver<'_, E> {
     async fn walk(&mut self, patient: usize) -> Result<(), EngineError> {
         loop {
             let of = &self.order.patients[patient];
-            let next = workflow::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
-            let Next::Run { key, spec, .. } = next else { return Ok(()) };
-            if let Some((_, waiters)) = self.running.iter_mut().find(|(attempt, _)| attempt.task == key) {
+            let next =
+                workflow::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
+            let Next::Run { key, spec, .. } = next else {
+                return Ok(());
+            };
+            if let Some((_, waiters)) = self
+                .running
+                .iter_mut()
+                .find(|(attempt, _)| attempt.task == key)
+            {
                 waiters.push(patient); // two patients want the same
                 return Ok(());
             }
@@ -218,7 +262,10 @@ impl<E: Executor> Driver<'_, E> {
                 self.left.insert(patient, why);
                 return Ok(());
             }
-            let attempt = AttemptId { generation: self.ledger.generation(&key) + 1, task: key };
+            let attempt = AttemptId {
+                generation: self.ledger.generation(&key) + 1,
+                task: key,
+            };
             if self.begin(&attempt, &spec).await? {
                 self.running.insert(attempt, vec![patient]);
                 return Ok(());
@@ -231,13 +278,21 @@ impl<E: Executor> Driver<'_, E> {
     }
 
     fn hindrance(&self, kind: &str) -> Option<String> {
-        let expected_s = self.order.expected_s.get(kind).copied().unwrap_or(0.0).max(self.ledger.longest_s(kind));
+        let expected_s = self
+            .order
+            .expected_s
+            .get(kind)
+            .copied()
+            .unwrap_or(0.0)
+            .max(self.ledger.longest_s(kind));
         if self.folder.is_fenced(self.place.element) {
             Some("the job was revoked".to_owned())
         } else if self.leaving.is_some() {
             Some("the job was at its end".to_owned())
         } else if self.is_late(expected_s) {
-            Some(format!("{kind} is expected to take {expected_s:.0} s, more than the job had left"))
+            Some(format!(
+                "{kind} is expected to take {expected_s:.0} s, more than the job had left"
+            ))
         } else {
             None
         }
@@ -254,7 +309,11 @@ impl<E: Executor> Driver<'_, E> {
             vtu_every_ms: self.order.vtu_every_ms,
             task: task.clone(),
         };
-        let (job, element, id) = (self.order.job.clone(), self.place.element, self.place.id.clone());
+        let (job, element, id) = (
+            self.order.job.clone(),
+            self.place.element,
+            self.place.id.clone(),
+        );
         if !folder::make_attempt(&directory, &spec, &AttemptAllocation { job, element, id })? {
             return Ok(false);
         }
@@ -265,17 +324,24 @@ impl<E: Executor> Driver<'_, E> {
 
     /// An attempt of this generation was begun by another job. A result that it left is as good as ours; one whose job
     /// was revoked is fenced and gone past; one whose job may live keeps the patient. Tells why the patient is left.
-    fn take_over(&mut self, attempt: &AttemptId, spec: &TaskSpec) -> Result<Option<String>, EngineError> {
+    fn take_over(
+        &mut self,
+        attempt: &AttemptId,
+        spec: &TaskSpec,
+    ) -> Result<Option<String>, EngineError> {
         let directory = self.directory(attempt);
         let owner = folder::allocation_of(&directory);
         let revoked = directory.join(dispatch::FENCE).exists()
-            || owner.as_ref().is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
+            || owner
+                .as_ref()
+                .is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
         if revoked {
             dispatch::fence(&directory)?;
         }
         // After the fence: what is not there now will never be.
         if let Some(evidence) = dispatch::outcome(&directory)? {
-            if matches!(&evidence, Evidence::Outcome { outcome, .. } if matches!(outcome.ending, Ending::Cancelled)) {
+            if matches!(&evidence, Evidence::Outcome { outcome, .. } if matches!(outcome.ending, Ending::Cancelled))
+            {
                 self.ledger.skip(&attempt.task);
                 return Ok(None);
             }
@@ -284,7 +350,9 @@ impl<E: Executor> Driver<'_, E> {
             return Ok(None);
         }
         if !revoked {
-            let owner = owner.map_or("a local worker".to_owned(), |owner| format!("job {}", owner.job));
+            let owner = owner.map_or("a local worker".to_owned(), |owner| {
+                format!("job {}", owner.job)
+            });
             return Ok(Some(format!("{owner} is at the same task")));
         }
         self.ledger.skip(&attempt.task);
@@ -292,7 +360,9 @@ impl<E: Executor> Driver<'_, E> {
     }
 
     async fn ended(&mut self, attempt: &AttemptId, evidence: Evidence) -> Result<(), EngineError> {
-        let Some(waiters) = self.running.remove(attempt) else { return Ok(()) };
+        let Some(waiters) = self.running.remove(attempt) else {
+            return Ok(());
+        };
         let (reason, defect) = match &evidence {
             Evidence::Nothing { reason, class } => (reason.clone(), *class == FailureClass::Bug),
             Evidence::Outcome { .. } => ("its worker was stopped".to_owned(), false),
@@ -345,19 +415,48 @@ struct Entry {
 
 impl Ledger {
     fn new(order: &JobOrder) -> Self {
-        let mut ledger = Self { run_dir: order.run_dir.clone(), tasks: HashMap::new() };
+        let mut ledger = Self {
+            run_dir: order.run_dir.clone(),
+            tasks: HashMap::new(),
+        };
         for known in order.patients.iter().flat_map(|patient| &patient.known) {
             let generation = known.generation;
             let (state, outcome) = match &known.standing {
-                Standing::Open => (Task::Open { generation, site_failures: 0 }, None),
-                Standing::Failed(failure) => (Task::Failed { generation, failure: failure.clone() }, None),
-                Standing::Published => match read_outcome(&ledger.run_dir, &known.task, generation) {
+                Standing::Open => (
+                    Task::Open {
+                        generation,
+                        site_failures: 0,
+                    },
+                    None,
+                ),
+                Standing::Failed(failure) => (
+                    Task::Failed {
+                        generation,
+                        failure: failure.clone(),
+                    },
+                    None,
+                ),
+                Standing::Published => match read_outcome(&ledger.run_dir, &known.task, generation)
+                {
                     Some(outcome) => (Task::Published { generation }, Some(outcome)),
                     // Its files are gone: it is computed once more, under a further generation.
-                    None => (Task::Open { generation, site_failures: 0 }, None),
+                    None => (
+                        Task::Open {
+                            generation,
+                            site_failures: 0,
+                        },
+                        None,
+                    ),
                 },
             };
-            ledger.tasks.insert(known.task.clone(), Entry { state, outcome, kind: String::new() });
+            ledger.tasks.insert(
+                known.task.clone(),
+                Entry {
+                    state,
+                    outcome,
+                    kind: String::new(),
+                },
+            );
         }
         ledger
     }
@@ -367,10 +466,19 @@ impl Ledger {
         match &entry.state {
             Task::Published { generation } => {
                 let outcome = entry.outcome.as_ref()?;
-                let Ending::Succeeded { result } = &outcome.ending else { return None };
-                let attempt = AttemptId { task: key.clone(), generation: *generation };
+                let Ending::Succeeded { result } = &outcome.ending else {
+                    return None;
+                };
+                let attempt = AttemptId {
+                    task: key.clone(),
+                    generation: *generation,
+                };
                 let directory = self.run_dir.join(attempt_directory(&attempt));
-                Some(Settled::Published { result, artefacts: &outcome.artefacts, directory })
+                Some(Settled::Published {
+                    result,
+                    artefacts: &outcome.artefacts,
+                    directory,
+                })
             }
             Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
             Task::Open { .. } | Task::Attempting { .. } => None,
@@ -378,39 +486,66 @@ impl Ledger {
     }
 
     fn generation(&self, key: &TaskKey) -> u32 {
-        self.tasks.get(key).map_or(0, |entry| entry.state.generation())
+        self.tasks
+            .get(key)
+            .map_or(0, |entry| entry.state.generation())
     }
 
     fn kind(&self, key: &TaskKey) -> String {
-        self.tasks.get(key).map(|entry| entry.kind.clone()).unwrap_or_default()
+        self.tasks
+            .get(key)
+            .map(|entry| entry.kind.clone())
+            .unwrap_or_default()
     }
 
     /// Longest wall time of a task of this kind that was seen here.
     fn longest_s(&self, kind: &str) -> f64 {
-        let outcomes =
-            self.tasks.values().filter(|entry| entry.kind == kind).filter_map(|entry| entry.outcome.as_ref());
-        outcomes.map(|outcome| outcome.provenance.wall_s).fold(0.0, f64::max)
+        let outcomes = self
+            .tasks
+            .values()
+            .filter(|entry| entry.kind == kind)
+            .filter_map(|entry| entry.outcome.as_ref());
+        outcomes
+            .map(|outcome| outcome.provenance.wall_s)
+            .fold(0.0, f64::max)
     }
 
     fn start(&mut self, attempt: &AttemptId, kind: &str) {
         let entry = self.tasks.entry(attempt.task.clone()).or_default();
         kind.clone_into(&mut entry.kind);
-        entry.state = Task::Attempting { generation: attempt.generation, site_failures: 0 };
+        entry.state = Task::Attempting {
+            generation: attempt.generation,
+            site_failures: 0,
+        };
     }
 
     /// A generation that another, revoked job had begun.
     fn skip(&mut self, key: &TaskKey) {
         let generation = self.generation(key) + 1;
-        self.tasks.entry(key.clone()).or_default().state = Task::Open { generation, site_failures: 0 };
+        self.tasks.entry(key.clone()).or_default().state = Task::Open {
+            generation,
+            site_failures: 0,
+        };
     }
 
-    fn ended(&mut self, attempt: &AttemptId, how: AttemptEnding, outcome: Option<TaskOutcome>) -> bool {
-        let Some(entry) = self.tasks.get_mut(&attempt.task) else { return false };
+    fn ended(
+        &mut self,
+        attempt: &AttemptId,
+        how: AttemptEnding,
+        outcome: Option<TaskOutcome>,
+    ) -> bool {
+        let Some(entry) = self.tasks.get_mut(&attempt.task) else {
+            return false;
+        };
         // Whether a failure of the site's is tried again is the coordinator's to say.
         if how.failure().is_some_and(|f| f.class == FailureClass::Site) {
             return false;
         }
-        let event = TaskEvent::Ended { generation: attempt.generation, how, site_retries: 0 };
+        let event = TaskEvent::Ended {
+            generation: attempt.generation,
+            how,
+            site_retries: 0,
+        };
         if let Ok(state) = entry.state.clone().on(event) {
             entry.state = state;
             entry.outcome = outcome;
@@ -420,7 +555,10 @@ impl Ledger {
 }
 
 fn read_outcome(run_dir: &Path, task: &TaskKey, generation: u32) -> Option<TaskOutcome> {
-    let attempt = AttemptId { task: task.clone(), generation };
+    let attempt = AttemptId {
+        task: task.clone(),
+        generation,
+    };
     match dispatch::outcome(&run_dir.join(attempt_directory(&attempt))) {
         Ok(Some(Evidence::Outcome { outcome, .. })) => Some(*outcome),
         _ => None,

@@ -68,22 +68,41 @@ pub struct AttemptEntry {
 impl TaskEntry {
     pub(super) fn outcome(&self) -> Option<&TaskOutcome> {
         self.outcome
-            .get_or_init(|| self.outcome_text.as_ref().and_then(|text| serde_json::from_str(text).ok()))
+            .get_or_init(|| {
+                self.outcome_text
+                    .as_ref()
+                    .and_then(|text| serde_json::from_str(text).ok())
+            })
             .as_ref()
     }
 
     pub(super) fn flush(&mut self, key: &str, batch: &mut Batch) {
         let word = self.state.word();
         if !self.stored {
-            batch.insert_task(&NewTask { key, kind: &self.kind, state: &self.state, word, spec: &self.spec });
+            batch.insert_task(&NewTask {
+                key,
+                kind: &self.kind,
+                state: &self.state,
+                word,
+                spec: &self.spec,
+            });
             self.stored = true;
             // What a job did while nobody looked is wanted, begun and settled in one commit.
             if !self.outcome_changed {
                 return;
             }
         }
-        let outcome = self.outcome_text.as_deref().filter(|_| self.outcome_changed);
-        batch.update_task(&TaskChange { key, version: self.version, state: &self.state, word, outcome });
+        let outcome = self
+            .outcome_text
+            .as_deref()
+            .filter(|_| self.outcome_changed);
+        batch.update_task(&TaskChange {
+            key,
+            version: self.version,
+            state: &self.state,
+            word,
+            outcome,
+        });
         self.version += 1;
         self.outcome_changed = false;
     }
@@ -91,16 +110,32 @@ impl TaskEntry {
 
 impl AttemptEntry {
     pub(super) fn flush(&mut self, id: &AttemptId, allocation: i64, batch: &mut Batch) {
-        let (task, generation, state, word) = (id.task.as_str(), id.generation, &self.state, self.state.word());
+        let (task, generation, state, word) = (
+            id.task.as_str(),
+            id.generation,
+            &self.state,
+            self.state.word(),
+        );
         if !self.stored {
             let (directory, planned_ms) = (self.directory.as_str(), self.planned_ms);
-            batch.insert_attempt(&NewAttempt { task, generation, allocation, directory, state, word, planned_ms });
+            batch.insert_attempt(&NewAttempt {
+                task,
+                generation,
+                allocation,
+                directory,
+                state,
+                word,
+                planned_ms,
+            });
             self.stored = true;
             if self.external_id.is_none() && self.claim.is_none() && !state.is_final() {
                 return;
             }
         }
-        let claim = self.claim.take().map(|c| serde_json::to_string(&c).expect("a claim is JSON"));
+        let claim = self
+            .claim
+            .take()
+            .map(|c| serde_json::to_string(&c).expect("a claim is JSON"));
         batch.update_attempt(&AttemptChange {
             task,
             generation,

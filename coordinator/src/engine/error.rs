@@ -75,7 +75,9 @@ pub enum EngineError {
     #[error(transparent)]
     Dispatch(#[from] DispatchError),
     /// The disk is full.
-    #[error("only {free_mb} MB are free for {path}: free some and run again, nothing that is finished is lost")]
+    #[error(
+        "only {free_mb} MB are free for {path}: free some and run again, nothing that is finished is lost"
+    )]
     NoSpace {
         /// The run directory.
         path: PathBuf,

@@ -22,15 +22,26 @@ impl<E: Executor> Drive<E> {
         if level > self.seen_stop && self.seen_stop == StopLevel::Run {
             self.seen_stop = StopLevel::Soon;
             self.drain_until = Some(Instant::now() + DRAIN);
-            self.decider.events.push(EngineEvent::Stopping { running, draining: level == StopLevel::Soon });
+            self.decider.events.push(EngineEvent::Stopping {
+                running,
+                draining: level == StopLevel::Soon,
+            });
         }
         let drained = self.drain_until.is_some_and(|at| Instant::now() >= at);
-        if self.leave_until.is_none() && self.seen_stop == StopLevel::Soon && (level == StopLevel::Now || drained) {
-            self.decider.events.push(EngineEvent::Stopping { running, draining: false });
+        if self.leave_until.is_none()
+            && self.seen_stop == StopLevel::Soon
+            && (level == StopLevel::Now || drained)
+        {
+            self.decider.events.push(EngineEvent::Stopping {
+                running,
+                draining: false,
+            });
             self.end_all(false)?;
             self.leave_until = Some(Instant::now() + LEAVE);
         }
-        if self.leave_until.is_some_and(|at| Instant::now() >= at) && self.seen_stop == StopLevel::Soon {
+        if self.leave_until.is_some_and(|at| Instant::now() >= at)
+            && self.seen_stop == StopLevel::Soon
+        {
             self.end_all(true)?;
             self.seen_stop = StopLevel::Now;
             self.leave_until = Some(Instant::now() + LEAVE);

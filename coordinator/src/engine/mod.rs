@@ -63,12 +63,13 @@ mod world_jobs;
 pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
-    AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError,
+    AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation,
+    StoreError,
 };
 pub use crate::store::{back_up, try_locks};
 pub use cluster::{
-    ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport, SiteReport, TickCost,
-    examine_site, measure as measure_cluster, preview,
+    ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport,
+    SiteReport, TickCost, examine_site, measure as measure_cluster, preview,
 };
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
@@ -129,19 +130,33 @@ pub enum Answer {
 /// # Errors
 /// [`EngineError`]: another coordinator holds the run, the store or a file system fails, a state is impossible. Never
 /// because of what a task did: that is in the summary.
-pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> Result<RunSummary, EngineError> {
+pub async fn run(
+    options: RunOptions,
+    events: EventSender,
+    stop: StopSignal,
+) -> Result<RunSummary, EngineError> {
     if options.executor.kind == ExecutorKind::Slurm {
         let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
         let worker = find_worker(options.worker.as_deref())?;
         // The launcher itself may be on the nodes alone, or come with a module of the job.
-        Launcher::beside(&options.executor.launcher, &worker).map_or(Ok(()), |launcher| is_built(&launcher))?;
+        Launcher::beside(&options.executor.launcher, &worker)
+            .map_or(Ok(()), |launcher| is_built(&launcher))?;
         let program = std::env::current_exe().map_err(|source| EngineError::File {
             what: "find",
             path: "this program".into(),
             source,
         })?;
         let crash = CrashPoints::from_environment();
-        return tick(options, (run_dir, lease), Installed::default(), (worker, program), crash, events, stop).await;
+        return tick(
+            options,
+            (run_dir, lease),
+            Installed::default(),
+            (worker, program),
+            crash,
+            events,
+            stop,
+        )
+        .await;
     }
     let (lock, run_dir) = enter(&options.run_dir)?;
     let workers = cores::workers(&options.executor);
@@ -153,7 +168,9 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
             drive(options, &run_dir, Some(&worker), local, events, stop).await
         }
         // As many as fit in a commit: there is no process to wait for.
-        ExecutorKind::InProcess => drive(options, &run_dir, None, InProcess::new(4096), events, stop).await,
+        ExecutorKind::InProcess => {
+            drive(options, &run_dir, None, InProcess::new(4096), events, stop).await
+        }
         ExecutorKind::Slurm => unreachable!("taken above"),
     };
     drop(lock);
@@ -173,13 +190,32 @@ async fn drive<E: Executor>(
         worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
     }
     if !world.jobs.rows.is_empty() {
-        let jobs = world.jobs.rows.values().map(|row| row.spec.elements.len()).sum::<usize>();
-        return Err(EngineError::OnCluster { jobs: format!("{jobs} jobs") });
+        let jobs = world
+            .jobs
+            .rows
+            .values()
+            .map(|row| row.spec.elements.len())
+            .sum::<usize>();
+        return Err(EngineError::OnCluster {
+            jobs: format!("{jobs} jobs"),
+        });
     }
     let pid = std::process::id().to_string();
     let host = crate::store::lock::host_name();
-    world.allocation = writer.open_allocation(executor.kind(), &pid, &host, world.now_ms).await?;
-    Drive::new(world, decider, writer, executor, options.executor, events, stop).run().await
+    world.allocation = writer
+        .open_allocation(executor.kind(), &pid, &host, world.now_ms)
+        .await?;
+    Drive::new(
+        world,
+        decider,
+        writer,
+        executor,
+        options.executor,
+        events,
+        stop,
+    )
+    .run()
+    .await
 }
 
 /// A run on a cluster: one tick, or ticks until it is over. `programs` are worker and driver.
@@ -197,7 +233,16 @@ async fn tick<S: Scheduler>(
     let mut opened = open(&options, &run_dir).await?;
     opened.0.under(lease);
     worker_identity::keep(&mut opened.0, &opened.1, &programs.0, options.adopt_version).await?;
-    let mut cluster = Cluster::new(opened, scheduler, site, options.executor, programs, events, crash).await?;
+    let mut cluster = Cluster::new(
+        opened,
+        scheduler,
+        site,
+        options.executor,
+        programs,
+        events,
+        crash,
+    )
+    .await?;
     cluster.begin()?;
     if options.watch {
         cluster.watch(&stop).await?;
@@ -230,23 +275,44 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     let mut opened = open(&options, &run_dir).await?;
     // Nobody is to be taken further: only ends are taken up.
     opened.0.under(lease);
-    opened.1.patients.iter_mut().for_each(|patient| patient.selected = false);
+    opened
+        .1
+        .patients
+        .iter_mut()
+        .for_each(|patient| patient.selected = false);
     let site = load_site(&options.executor.slurm)?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
-    let (nowhere, crash) = ((PathBuf::new(), PathBuf::new()), CrashPoints::from_environment());
-    let mut cluster =
-        Cluster::new(opened, Installed::default(), site, options.executor, nowhere, events, crash).await?;
+    let (nowhere, crash) = (
+        (PathBuf::new(), PathBuf::new()),
+        CrashPoints::from_environment(),
+    );
+    let mut cluster = Cluster::new(
+        opened,
+        Installed::default(),
+        site,
+        options.executor,
+        nowhere,
+        events,
+        crash,
+    )
+    .await?;
     cluster.begin()?;
     cluster.end_jobs(&stop).await?;
     Ok(cluster.writer.close_file().await?)
 }
 
 /// Store, mirror and decider of a run, with the cohort taken up.
-async fn open(options: &RunOptions, run_dir: &Path) -> Result<(Writer, World, Decider), EngineError> {
+async fn open(
+    options: &RunOptions,
+    run_dir: &Path,
+) -> Result<(Writer, World, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
     let now_ms = clock::now_ms();
     let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
-    let mut decider = Decider { site_retries: options.executor.site_retries, ..Decider::default() };
+    let mut decider = Decider {
+        site_retries: options.executor.site_retries,
+        ..Decider::default()
+    };
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
         writer
@@ -259,17 +325,31 @@ async fn open(options: &RunOptions, run_dir: &Path) -> Result<(Writer, World, De
         decider.take_up(&mut world, plans)?;
     }
     for patient in &mut world.patients {
-        let named = options.only.is_empty() || options.only.iter().any(|id| id.as_str() == patient.row.patient);
+        let named = options.only.is_empty()
+            || options
+                .only
+                .iter()
+                .any(|id| id.as_str() == patient.row.patient);
         patient.selected = patient.row.active && named;
     }
     decider.of = world.patients.iter().filter(|p| p.selected).count();
-    decider.over = world.patients.iter().filter(|p| p.selected && p.row.state.is_final()).count();
+    decider.over = world
+        .patients
+        .iter()
+        .filter(|p| p.selected && p.row.state.is_final())
+        .count();
     Ok((writer, world, decider))
 }
 
 /// The run directory, made if need be, absolute and locked.
 fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
-    let file = |what| move |source| EngineError::File { what, path: run_dir.to_owned(), source };
+    let file = |what| {
+        move |source| EngineError::File {
+            what,
+            path: run_dir.to_owned(),
+            source,
+        }
+    };
     std::fs::create_dir_all(run_dir).map_err(file("make"))?;
     let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
     Ok((RunLock::acquire(&run_dir)?, run_dir))
@@ -278,12 +358,20 @@ fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
 /// As [`enter`], with a lease as well, which holds among hosts that share the run's file system; locks need not be known
 /// to it.
 fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf), EngineError> {
-    let file = |what| move |source| EngineError::File { what, path: run_dir.to_owned(), source };
+    let file = |what| {
+        move |source| EngineError::File {
+            what,
+            path: run_dir.to_owned(),
+            source,
+        }
+    };
     std::fs::create_dir_all(run_dir).map_err(file("make"))?;
     let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
     let lock = match RunLock::acquire(&run_dir) {
         Ok(lock) => Some(lock),
-        Err(LockError::Io { source, .. }) if source.kind() == std::io::ErrorKind::Unsupported => None,
+        Err(LockError::Io { source, .. }) if source.kind() == std::io::ErrorKind::Unsupported => {
+            None
+        }
         Err(error) => return Err(error.into()),
     };
     let claim = dispatch::claim_of_this_process();
@@ -305,19 +393,27 @@ pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     };
     // Absolute, since workers are started from wherever we are.
     let path = std::path::absolute(&path).unwrap_or(path);
-    if path.is_file() { Ok(path) } else { Err(EngineError::NoWorker { path }) }
+    if path.is_file() {
+        Ok(path)
+    } else {
+        Err(EngineError::NoWorker { path })
+    }
 }
 
 /// The launcher of MPI ranks, where one is set; their program lies beside the worker.
 fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, EngineError> {
-    let Some(program) = command.first() else { return Ok(None) };
+    let Some(program) = command.first() else {
+        return Ok(None);
+    };
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let is_found = match Path::new(program) {
         path if path.components().count() > 1 => path.is_file(),
         name => std::env::split_paths(&folders).any(|folder| folder.join(name).is_file()),
     };
     if !is_found {
-        return Err(EngineError::NoLauncher { program: program.clone() });
+        return Err(EngineError::NoLauncher {
+            program: program.clone(),
+        });
     }
     let launcher = Launcher::beside(command, worker);
     launcher.as_ref().map_or(Ok(()), is_built)?;
@@ -326,7 +422,11 @@ fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, 
 
 fn is_built(launcher: &Launcher) -> Result<(), EngineError> {
     let path = launcher.worker.clone();
-    if path.is_file() { Ok(()) } else { Err(EngineError::NoMpiWorker { path }) }
+    if path.is_file() {
+        Ok(())
+    } else {
+        Err(EngineError::NoMpiWorker { path })
+    }
 }
 
 /// Changes settings of a patient from a stage on; step 1 goes on from its stored iterations without repeating them.
@@ -341,7 +441,15 @@ pub async fn rerun(
     from: Stage,
     overrides: &SettingsLayer,
 ) -> Result<Answer, EngineError> {
-    ask(run_dir, &[Request::Rerun { patient: patient.clone(), from, overrides: Box::new(overrides.clone()) }]).await
+    ask(
+        run_dir,
+        &[Request::Rerun {
+            patient: patient.clone(),
+            from,
+            overrides: Box::new(overrides.clone()),
+        }],
+    )
+    .await
 }
 
 /// Opens the failed tasks of a patient for another try with the same settings; a cancelled patient goes on.
@@ -357,7 +465,12 @@ pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, Engine
 /// # Errors
 /// As [`retry`], and then for none of them.
 pub async fn retry_all(run_dir: &Path, patients: &[PatientId]) -> Result<Answer, EngineError> {
-    let requests: Vec<Request> = patients.iter().map(|patient| Request::Retry { patient: patient.clone() }).collect();
+    let requests: Vec<Request> = patients
+        .iter()
+        .map(|patient| Request::Retry {
+            patient: patient.clone(),
+        })
+        .collect();
     ask(run_dir, &requests).await
 }
 
@@ -366,15 +479,26 @@ pub async fn retry_all(run_dir: &Path, patients: &[PatientId]) -> Result<Answer,
 /// # Errors
 /// [`EngineError::Request`] for an unknown patient; the store's errors.
 pub async fn cancel(run_dir: &Path, patient: Option<&PatientId>) -> Result<Answer, EngineError> {
-    ask(run_dir, &[Request::Cancel { patient: patient.cloned() }]).await
+    ask(
+        run_dir,
+        &[Request::Cancel {
+            patient: patient.cloned(),
+        }],
+    )
+    .await
 }
 
 /// Makes changes where no coordinator runs, and asks the one that does.
 async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError> {
     // A run that is not there, or no patient of that name, is said at once, whoever would make the change.
     let reader = Reader::open(run_dir).await?;
-    if let [Request::Rerun { patient, .. } | Request::Retry { patient } | Request::Cancel { patient: Some(patient) }] =
-        requests
+    if let [
+        Request::Rerun { patient, .. }
+        | Request::Retry { patient }
+        | Request::Cancel {
+            patient: Some(patient),
+        },
+    ] = requests
     {
         reader.patient_record(patient).await?;
     }
@@ -382,7 +506,9 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
     let (_lock, run_dir) = match enter(run_dir) {
         Ok(entered) => entered,
         Err(EngineError::Lock(LockError::Held { holder, .. })) => {
-            requests.iter().try_for_each(|request| requests::put(run_dir, request))?;
+            requests
+                .iter()
+                .try_for_each(|request| requests::put(run_dir, request))?;
             return Ok(Answer::Asked { holder });
         }
         Err(error) => return Err(error),

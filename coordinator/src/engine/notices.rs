@@ -38,8 +38,15 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<Strin
     let reader = Reader::open(run_dir).await?;
     let notable = reader.notable().await?;
     // Attempts may lie on a file system of their own.
-    let free = |path: &Path| rustix::fs::statvfs(path).ok().map(|told| told.f_bavail * told.f_frsize);
-    let free_bytes = [free(run_dir), free(&run_dir.join(ATTEMPTS))].into_iter().flatten().min();
+    let free = |path: &Path| {
+        rustix::fs::statvfs(path)
+            .ok()
+            .map(|told| told.f_bavail * told.f_frsize)
+    };
+    let free_bytes = [free(run_dir), free(&run_dir.join(ATTEMPTS))]
+        .into_iter()
+        .flatten()
+        .min();
     let mut said = Vec::new();
     for (name, notice) in events(&notable, settings, free_bytes) {
         let folder = reader.run_dir().join(FOLDER).join(&name);
@@ -49,7 +56,11 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<Strin
 }
 
 /// What there is to tell, each under a name that is the same whenever it is derived.
-fn events(notable: &Notable, settings: &NoticeSettings, free_bytes: Option<u64>) -> Vec<(String, Notice)> {
+fn events(
+    notable: &Notable,
+    settings: &NoticeSettings,
+    free_bytes: Option<u64>,
+) -> Vec<(String, Notice)> {
     let at = clock::utc_text(clock::now_ms());
     let base = |kind| Notice {
         schema_version: SCHEMA_VERSION,
@@ -64,14 +75,21 @@ fn events(notable: &Notable, settings: &NoticeSettings, free_bytes: Option<u64>)
     };
     let mut events = Vec::new();
     for patient in &notable.patients {
-        let kind = if patient.failed { NoticeKind::Failed } else { NoticeKind::Stalled };
+        let kind = if patient.failed {
+            NoticeKind::Failed
+        } else {
+            NoticeKind::Stalled
+        };
         let notice = Notice {
             patient: Some(patient.patient.clone()),
             step: Some(patient.step.clone()),
             class: patient.class,
             ..base(kind)
         };
-        events.push((format!("{}-{}-{}", kind.as_str(), patient.patient, patient.mark), notice));
+        events.push((
+            format!("{}-{}-{}", kind.as_str(), patient.patient, patient.mark),
+            notice,
+        ));
     }
     if let Some(mark) = notable.over_since_ms {
         events.push((format!("done-{mark}"), base(NoticeKind::Done)));
@@ -80,15 +98,29 @@ fn events(notable: &Notable, settings: &NoticeSettings, free_bytes: Option<u64>)
     if let Some(free) = free_bytes.filter(|free| (*free as f64) < least) {
         // Once a day, as long as it lasts.
         let day = at.get(..10).unwrap_or_default();
-        events.push((format!("quota-low-{day}"), Notice { free_bytes: Some(free), ..base(NoticeKind::QuotaLow) }));
+        events.push((
+            format!("quota-low-{day}"),
+            Notice {
+                free_bytes: Some(free),
+                ..base(NoticeKind::QuotaLow)
+            },
+        ));
     }
     events.retain(|(_, notice)| settings.events.contains(&notice.event));
     events
 }
 
-async fn tell_one(folder: &Path, notice: &Notice, settings: &NoticeSettings) -> Result<Vec<String>, EngineError> {
+async fn tell_one(
+    folder: &Path,
+    notice: &Notice,
+    settings: &NoticeSettings,
+) -> Result<Vec<String>, EngineError> {
     let mut said = Vec::new();
-    if settings.commands().iter().all(|(name, _)| folder.join(format!("begun-{name}")).exists()) {
+    if settings
+        .commands()
+        .iter()
+        .all(|(name, _)| folder.join(format!("begun-{name}")).exists())
+    {
         return Ok(said);
     }
     fs::create_dir_all(folder).map_err(file("make", folder))?;
@@ -99,7 +131,11 @@ async fn tell_one(folder: &Path, notice: &Notice, settings: &NoticeSettings) -> 
         if !claim(&folder.join(format!("begun-{name}")))? {
             continue;
         }
-        let input = if name == "mail" { mail(notice, &settings.mail) } else { json.clone() };
+        let input = if name == "mail" {
+            mail(notice, &settings.mail)
+        } else {
+            json.clone()
+        };
         let how = match run_limited(&command, &input, limit).await {
             CommandEnd::Code(0) => "ended well".to_owned(),
             CommandEnd::Code(code) => format!("ended with {code}"),
@@ -109,8 +145,15 @@ async fn tell_one(folder: &Path, notice: &Notice, settings: &NoticeSettings) -> 
         };
         write_synced(&folder.join(format!("ended-{name}")), &how)?;
         if how != "ended well" {
-            let event = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            said.push(format!("notice {event}: {} {how}; the run goes on", command.join(" ")));
+            let event = folder
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            said.push(format!(
+                "notice {event}: {} {how}; the run goes on",
+                command.join(" ")
+            ));
         }
     }
     Ok(said)
@@ -118,24 +161,54 @@ async fn tell_one(folder: &Path, notice: &Notice, settings: &NoticeSettings) -> 
 
 /// A message for sendmail: pseudonyms, steps and classes, nothing of data or paths.
 fn mail(notice: &Notice, to: &[String]) -> String {
-    let who = notice.patient.as_ref().map(|patient| format!(" {patient}")).unwrap_or_default();
+    let who = notice
+        .patient
+        .as_ref()
+        .map(|patient| format!(" {patient}"))
+        .unwrap_or_default();
     let mut lines = vec![
         format!("To: {}", to.join(", ")),
-        format!("Subject: cardiotwin {}: {}{who}", notice.cohort, notice.event.as_str()),
+        format!(
+            "Subject: cardiotwin {}: {}{who}",
+            notice.cohort,
+            notice.event.as_str()
+        ),
         "Auto-Submitted: auto-generated".to_owned(),
         "Content-Type: text/plain; charset=utf-8".to_owned(),
         String::new(),
         format!("{} at {}", notice.event.meaning(), notice.at),
     ];
-    lines.extend(notice.patient.iter().map(|patient| format!("patient: {patient}")));
+    lines.extend(
+        notice
+            .patient
+            .iter()
+            .map(|patient| format!("patient: {patient}")),
+    );
     lines.extend(notice.step.iter().map(|step| format!("step: {step}")));
-    lines.extend(notice.class.iter().map(|class| format!("class: {}", class.as_str())));
-    lines.extend(notice.free_bytes.map(|free| format!("free: {:.1} GB", 1e-9 * free as f64)));
-    let counts: Vec<String> = notice.counts.iter().map(|(state, n)| format!("{n} {state}")).collect();
+    lines.extend(
+        notice
+            .class
+            .iter()
+            .map(|class| format!("class: {}", class.as_str())),
+    );
+    lines.extend(
+        notice
+            .free_bytes
+            .map(|free| format!("free: {:.1} GB", 1e-9 * free as f64)),
+    );
+    let counts: Vec<String> = notice
+        .counts
+        .iter()
+        .map(|(state, n)| format!("{n} {state}"))
+        .collect();
     lines.push(format!("patients: {}", counts.join(", ")));
     lines.push("`cardiotwin status` tells more.".to_owned());
     // Names come from files: none may add a header.
-    let plain = |line: &String| line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
+    let plain = |line: &String| {
+        line.chars()
+            .map(|c| if c.is_control() { ' ' } else { c })
+            .collect::<String>()
+    };
     lines.iter().map(plain).collect::<Vec<_>>().join("\n") + "\n"
 }
 
@@ -148,7 +221,11 @@ fn claim(path: &Path) -> Result<bool, EngineError> {
             Ok(true)
         }
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-        Err(source) => Err(EngineError::File { what: "make", path: path.to_owned(), source }),
+        Err(source) => Err(EngineError::File {
+            what: "make",
+            path: path.to_owned(),
+            source,
+        }),
     }
 }
 
@@ -167,7 +244,11 @@ fn write_synced(path: &Path, text: &str) -> Result<(), EngineError> {
 
 fn sync_folder(path: &Path) {
     // Not every file system can: the claim holds as long as the machine does.
-    let _ = path.parent().map(File::open).and_then(Result::ok).map(|folder| folder.sync_all());
+    let _ = path
+        .parent()
+        .map(File::open)
+        .and_then(Result::ok)
+        .map(|folder| folder.sync_all());
 }
 
 fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> EngineError {

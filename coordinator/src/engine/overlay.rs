@@ -25,7 +25,9 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         Some(Settled::Published { result, .. }) => Some(result),
         _ => None,
     };
-    let Some(TaskResult::PassiveState(step0)) = chain.step0.as_ref().and_then(result) else { return Ok(None) };
+    let Some(TaskResult::PassiveState(step0)) = chain.step0.as_ref().and_then(result) else {
+        return Ok(None);
+    };
     let passive = match &step0.organ {
         OrganSpec::Reduced { passive, .. } => Some(*passive),
         // Its law is that of a mesh: it stays with step 0's artefact.
@@ -37,7 +39,10 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
     };
     let step3 = chain.step3.as_ref();
     // Every iteration of steps 1 and 3 but the best one is a way, no foundation.
-    let best = [chain.step1.as_ref().map(|s| s.best_iteration), chain.step3.as_ref().map(|s| s.best_iteration)];
+    let best = [
+        chain.step1.as_ref().map(|s| s.best_iteration),
+        chain.step3.as_ref().map(|s| s.best_iteration),
+    ];
     let from = chain
         .steps()
         .filter(|(step, _)| is_foundation(*step, best))
@@ -51,16 +56,21 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         left_atrial_pressure_mmhg: Some(step0.circulation.left_atrial_pressure_mmhg),
         passive,
         tanh: chain.step1.as_ref().map(|s| s.parameters.tanh),
-        valves: chain
-            .step1
-            .as_ref()
-            .map(|s| step3.map_or(s.parameters.valves, |step3| s.parameters.valves.with(&step3.parameters))),
+        valves: chain.step1.as_ref().map(|s| {
+            step3.map_or(s.parameters.valves, |step3| {
+                s.parameters.valves.with(&step3.parameters)
+            })
+        }),
         // `a_p` stays out of the organ, but it was learned: the overlay keeps all that was fitted.
         cell: fit.map_or_else(BTreeMap::new, |fit| {
             let mut cell = cell_parameters(plan, fit);
             cell.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
             let moved = step3.iter().flat_map(|step3| &step3.parameters);
-            cell.extend(moved.filter(|(name, _)| !is_valve(name)).map(|(name, value)| (name.clone(), *value)));
+            cell.extend(
+                moved
+                    .filter(|(name, _)| !is_valve(name))
+                    .map(|(name, value)| (name.clone(), *value)),
+            );
             cell
         }),
         effects: plan.effects.clone(),
@@ -84,7 +94,9 @@ fn is_valve(name: &str) -> bool {
 
 /// Writes what was learned about a patient, if anything was.
 pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
-    let Some(i) = world.patients.iter().position(|p| p.row.id == patient_id) else { return Ok(()) };
+    let Some(i) = world.patients.iter().position(|p| p.row.id == patient_id) else {
+        return Ok(());
+    };
     match learned(world, i)? {
         Some(learned) => write(&world.run_dir, learned),
         None => Ok(()),
@@ -107,7 +119,9 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
     if let Some(text) = &before {
         // One that a person has made unreadable is kept aside like any other, under the next free number.
         let old = toml::from_str::<ModelOverlay>(text).ok();
-        let version = old.as_ref().map_or_else(|| kept_versions(&folder) + 1, |old| old.version);
+        let version = old
+            .as_ref()
+            .map_or_else(|| kept_versions(&folder) + 1, |old| old.version);
         if let Some(old) = old {
             overlay.version = old.version;
             overlay.written.clone_from(&old.written);
@@ -131,9 +145,20 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
 
 /// Highest N of `model.vN.toml`.
 fn kept_versions(folder: &Path) -> u32 {
-    let number = |name: &str| name.strip_prefix("model.v")?.strip_suffix(".toml")?.parse::<u32>().ok();
+    let number = |name: &str| {
+        name.strip_prefix("model.v")?
+            .strip_suffix(".toml")?
+            .parse::<u32>()
+            .ok()
+    };
     fs::read_dir(folder)
-        .map(|entries| entries.flatten().filter_map(|e| number(&e.file_name().to_string_lossy())).max().unwrap_or(0))
+        .map(|entries| {
+            entries
+                .flatten()
+                .filter_map(|e| number(&e.file_name().to_string_lossy()))
+                .max()
+                .unwrap_or(0)
+        })
         .unwrap_or(0)
 }
 

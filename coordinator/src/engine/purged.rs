@@ -18,18 +18,36 @@ const MOST_GENERATIONS: u32 = 10;
 
 impl Decider {
     /// Opens the tasks whose files the next one of a patient's would look for in vain; whether there were any.
-    pub(super) fn open_purged(&mut self, world: &mut World, i: usize, next: &Next) -> Result<bool, EngineError> {
-        let Next::Run { step, key, spec } = next else { return Ok(false) };
+    pub(super) fn open_purged(
+        &mut self,
+        world: &mut World,
+        i: usize,
+        next: &Next,
+    ) -> Result<bool, EngineError> {
+        let Next::Run { step, key, spec } = next else {
+            return Ok(false);
+        };
         // One that is at work has read what it needs, or says itself what it misses.
-        if world.tasks.get(key).is_some_and(|task| matches!(task.state, Task::Attempting { .. })) {
+        if world
+            .tasks
+            .get(key)
+            .is_some_and(|task| matches!(task.state, Task::Attempting { .. }))
+        {
             return Ok(false);
         }
-        let missing: Vec<PathBuf> = inputs(spec).into_iter().filter(|path| !path.exists()).collect();
+        let missing: Vec<PathBuf> = inputs(spec)
+            .into_iter()
+            .filter(|path| !path.exists())
+            .collect();
         let mut opened = false;
         for path in missing {
-            let Some(made) = maker(world, &path) else { continue };
+            let Some(made) = maker(world, &path) else {
+                continue;
+            };
             // Once by a coordinator: what it saw published a moment ago and cannot find is no purge.
-            if world.tasks[&made].state.generation() >= MOST_GENERATIONS || !self.remade.insert(made.clone()) {
+            if world.tasks[&made].state.generation() >= MOST_GENERATIONS
+                || !self.remade.insert(made.clone())
+            {
                 continue;
             }
             world.task_event(&made, TaskEvent::Purged)?;
@@ -48,7 +66,9 @@ fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
     fn look(value: &Value, found: &mut Vec<PathBuf>) {
         match value {
             Value::Object(fields) => {
-                if let (Some(Value::String(path)), Some(_)) = (fields.get("path"), fields.get("sha256")) {
+                if let (Some(Value::String(path)), Some(_)) =
+                    (fields.get("path"), fields.get("sha256"))
+                {
                     found.push(PathBuf::from(path));
                 }
                 fields.values().for_each(|value| look(value, found));
@@ -61,7 +81,10 @@ fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
         return Vec::new();
     }
     let mut found = Vec::new();
-    look(&serde_json::to_value(spec).expect("a task's spec is JSON"), &mut found);
+    look(
+        &serde_json::to_value(spec).expect("a task's spec is JSON"),
+        &mut found,
+    );
     found
 }
 
@@ -71,7 +94,11 @@ fn maker(world: &World, path: &Path) -> Option<TaskKey> {
     let attempt = inside.components().nth(1)?.as_os_str().to_str()?;
     let (prefix, generation) = attempt.rsplit_once("-g")?;
     let generation: u32 = generation.parse().ok()?;
-    let made = |state: &Task| matches!(state, Task::Published { generation: by } if *by == generation);
-    let mut tasks = world.tasks.iter().filter(|(key, task)| key.as_str().starts_with(prefix) && made(&task.state));
+    let made =
+        |state: &Task| matches!(state, Task::Published { generation: by } if *by == generation);
+    let mut tasks = world
+        .tasks
+        .iter()
+        .filter(|(key, task)| key.as_str().starts_with(prefix) && made(&task.state));
     tasks.next().map(|(key, _)| key.clone())
 }

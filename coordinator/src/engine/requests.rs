@@ -52,7 +52,10 @@ pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
     fs::create_dir_all(&folder).map_err(file("make", &folder))?;
     // Sorted by time; the process id keeps two requests of the same millisecond apart.
     let name = format!("{:015}-{}", clock::now_ms(), std::process::id());
-    let (draft, path) = (folder.join(format!("{name}.draft")), folder.join(format!("{name}.json")));
+    let (draft, path) = (
+        folder.join(format!("{name}.draft")),
+        folder.join(format!("{name}.json")),
+    );
     let text = serde_json::to_vec(request).expect("a request is JSON");
     fs::write(&draft, text).map_err(file("write", &draft))?;
     fs::rename(&draft, &path).map_err(file("write", &path))
@@ -67,23 +70,36 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
     let entries = match fs::read_dir(&folder) {
         Ok(entries) => entries,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(EngineError::File { what: "list", path: folder, source }),
+        Err(source) => {
+            return Err(EngineError::File {
+                what: "list",
+                path: folder,
+                source,
+            });
+        }
     };
-    let mut paths: Vec<PathBuf> =
-        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "json")).collect();
+    let mut paths: Vec<PathBuf> = entries
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "json"))
+        .collect();
     paths.sort();
     Ok(paths
         .into_iter()
         .map(|path| {
             let read = fs::read(&path).map_err(|e| e.to_string());
-            let request = read.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string()));
+            let request =
+                read.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string()));
             (path, request)
         })
         .collect())
 }
 
 /// Makes the changes that were asked for; what to tell, and the files to remove once it is committed.
-pub fn take(world: &mut World, decider: &mut Decider) -> Result<(Vec<EngineEvent>, Vec<PathBuf>), EngineError> {
+pub fn take(
+    world: &mut World,
+    decider: &mut Decider,
+) -> Result<(Vec<EngineEvent>, Vec<PathBuf>), EngineError> {
     let (mut told, mut paths) = (Vec::new(), Vec::new());
     for (path, request) in pending(&world.run_dir)? {
         let text = match request {
@@ -106,7 +122,13 @@ pub fn remove(paths: &[PathBuf]) -> Result<(), EngineError> {
         match fs::remove_file(path) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(source) => return Err(EngineError::File { what: "remove", path: path.clone(), source }),
+            Err(source) => {
+                return Err(EngineError::File {
+                    what: "remove",
+                    path: path.clone(),
+                    source,
+                });
+            }
         }
     }
     Ok(())

@@ -10,17 +10,26 @@ use crate::machine::patient::Stage;
 ///
 /// # Errors
 /// The key that makes no sense, in serde's words.
-pub fn plan(given: &ResolvedPatient, overrides: &SettingsLayer) -> Result<ResolvedPatient, serde_json::Error> {
+pub fn plan(
+    given: &ResolvedPatient,
+    overrides: &SettingsLayer,
+) -> Result<ResolvedPatient, serde_json::Error> {
     let mut settings = serde_json::to_value(&given.settings)?;
     lay_over(&mut settings, &serde_json::to_value(overrides)?);
-    Ok(ResolvedPatient { settings: serde_json::from_value(settings)?, ..given.clone() })
+    Ok(ResolvedPatient {
+        settings: serde_json::from_value(settings)?,
+        ..given.clone()
+    })
 }
 
 /// Earlier overrides with later ones on top.
 ///
 /// # Errors
 /// None in practice: both are JSON already.
-pub fn merged(earlier: &SettingsLayer, later: &SettingsLayer) -> Result<SettingsLayer, serde_json::Error> {
+pub fn merged(
+    earlier: &SettingsLayer,
+    later: &SettingsLayer,
+) -> Result<SettingsLayer, serde_json::Error> {
     let mut layer = serde_json::to_value(earlier)?;
     lay_over(&mut layer, &serde_json::to_value(later)?);
     serde_json::from_value(layer)
@@ -44,11 +53,18 @@ pub fn acts_before(layer: &SettingsLayer, from: Stage) -> Option<(&'static str, 
         ("solver", layer.solver.is_some(), Stage::Step0),
         ("step1", layer.step1.is_some(), Stage::Step1),
         ("step2", layer.step2.is_some(), Stage::Step2),
-        ("verification", layer.verification.is_some(), Stage::Verification),
+        (
+            "verification",
+            layer.verification.is_some(),
+            Stage::Verification,
+        ),
         ("step3", layer.step3.is_some(), Stage::Step3),
         ("workflow", layer.workflow.is_some(), Stage::Step3),
     ];
-    tables.into_iter().find(|(_, there, stage)| *there && *stage < from).map(|(name, _, stage)| (name, stage))
+    tables
+        .into_iter()
+        .find(|(_, there, stage)| *there && *stage < from)
+        .map(|(name, _, stage)| (name, stage))
 }
 
 /// Whether two plans lead to the same tasks: where tasks run and where files lie is no part of them.
@@ -57,7 +73,10 @@ pub fn same_tasks(a: &ResolvedPatient, b: &ResolvedPatient) -> bool {
     let bare = |plan: &ResolvedPatient| {
         let mut plan = plan.clone();
         plan.settings.executor = Default::default();
-        for file in [&mut plan.step0.pressure, &mut plan.step0.volume].into_iter().flatten() {
+        for file in [&mut plan.step0.pressure, &mut plan.step0.volume]
+            .into_iter()
+            .flatten()
+        {
             file.path.clear();
         }
         plan

@@ -35,24 +35,41 @@ impl World {
         if let Ok(plan) = self.plan(i)
             && plan.workflow == Workflow::Personalise
         {
-            let running =
-                state.step().filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal)).map_or(0, |s| s.number);
+            let running = state
+                .step()
+                .filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal))
+                .map_or(0, |s| s.number);
             shown.iteration = Some(running.max(chain.iterations.len() as u32));
-            shown.max_iterations = Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
+            shown.max_iterations =
+                Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
         }
         match state {
-            Patient::Waiting => shown.step = chain.steps().last().map_or(shown.step, |(step, _)| column(step)),
+            Patient::Waiting => {
+                shown.step = chain
+                    .steps()
+                    .last()
+                    .map_or(shown.step, |(step, _)| column(step))
+            }
             Patient::Deciding { .. } => {}
             Patient::Working { step, task } => {
                 let (word, note) = self.at_work(patient.row.id, task);
                 shown.word = word.to_owned();
-                let proposes = note.is_empty() && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
-                shown.note = if proposes { "proposing the next parameters".to_owned() } else { note };
+                let proposes = note.is_empty()
+                    && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
+                shown.note = if proposes {
+                    "proposing the next parameters".to_owned()
+                } else {
+                    note
+                };
             }
             Patient::Done => {
                 shown.step = "done".to_owned();
                 shown.note = match (&chain.verdict, &chain.step1) {
-                    (Some(verdict), Some(summary)) if summary.quality == Step1Quality::Converged => verdict.to_string(),
+                    (Some(verdict), Some(summary))
+                        if summary.quality == Step1Quality::Converged =>
+                    {
+                        verdict.to_string()
+                    }
                     (Some(verdict), Some(summary)) => format!("step 1 {summary}; {verdict}"),
                     (Some(verdict), None) => verdict.to_string(),
                     (None, Some(summary)) => format!("not verified; step 1 {summary}"),
@@ -62,32 +79,51 @@ impl World {
             Patient::Failed { step, failure } => {
                 shown.failure_class = Some(failure.class);
                 shown.note = match step.stage {
-                    Stage::Step1 | Stage::Step3 => format!("iteration {}: {}", step.number, failure.message),
+                    Stage::Step1 | Stage::Step3 => {
+                        format!("iteration {}: {}", step.number, failure.message)
+                    }
                     Stage::Step1Proposal | Stage::Step3Proposal => {
                         format!("proposal of iteration {}: {}", step.number, failure.message)
                     }
                     _ => failure.message.clone(),
                 };
             }
-            Patient::Cancelled { .. } => shown.note = "ended by request; `retry` goes on".to_owned(),
+            Patient::Cancelled { .. } => {
+                shown.note = "ended by request; `retry` goes on".to_owned()
+            }
         }
         shown
     }
 
     /// How it stands with a wanted task, in a word and a note.
     fn at_work(&self, patient_id: i64, key: &TaskKey) -> (&'static str, String) {
-        let Some(task) = self.tasks.get(key) else { return ("waiting", String::new()) };
+        let Some(task) = self.tasks.get(key) else {
+            return ("waiting", String::new());
+        };
         if let Some((word, note)) = self.jobs.note(patient_id) {
             // In a job that runs, a patient whose turn has not come waits.
             let begun = matches!(task.state, Task::Attempting { .. }) || word != "running";
-            return if begun { (word, note) } else { ("waiting", format!("{note}, for its turn")) };
+            return if begun {
+                (word, note)
+            } else {
+                ("waiting", format!("{note}, for its turn"))
+            };
         }
         match &task.state {
             Task::Attempting { generation, .. } => {
-                let attempt = AttemptId { task: key.clone(), generation: *generation };
-                let again = if *generation > 1 { format!("try {generation}") } else { String::new() };
+                let attempt = AttemptId {
+                    task: key.clone(),
+                    generation: *generation,
+                };
+                let again = if *generation > 1 {
+                    format!("try {generation}")
+                } else {
+                    String::new()
+                };
                 match self.attempts.get(&attempt).map(|a| &a.state) {
-                    Some(Attempt::Unknown { .. }) => ("unknown", "no news of the worker".to_owned()),
+                    Some(Attempt::Unknown { .. }) => {
+                        ("unknown", "no news of the worker".to_owned())
+                    }
                     _ => ("running", again),
                 }
             }

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::{
-    self, Biomarker, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings, Stop, Weights,
+    self, Biomarker, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings,
+    Stop, Weights,
 };
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
@@ -42,9 +43,12 @@ pub fn outcome(beat: &OrganBeatResult) -> Outcome {
     let found = biomarkers(&beat.biomarkers);
     match beat.failed_valve() {
         None => Outcome::Simulated(found),
-        Some(_) => {
-            Outcome::NoWholeBeat(fixed_point::Biomarkers { tau_vd_ms: None, tau_vr_ms: None, sv_ml: None, ..found })
-        }
+        Some(_) => Outcome::NoWholeBeat(fixed_point::Biomarkers {
+            tau_vd_ms: None,
+            tau_vr_ms: None,
+            sv_ml: None,
+            ..found
+        }),
     }
 }
 
@@ -63,16 +67,29 @@ pub fn values(p: &Parameters) -> [f64; 6] {
 }
 
 fn named(name: &str) -> Result<Parameter, String> {
-    PARAMETERS.into_iter().find(|parameter| parameter.key() == name).ok_or_else(|| {
-        let known: Vec<&str> = PARAMETERS.into_iter().map(Parameter::key).collect();
-        format!("step1 names parameter {name}; expected one of {}", known.join(", "))
-    })
+    PARAMETERS
+        .into_iter()
+        .find(|parameter| parameter.key() == name)
+        .ok_or_else(|| {
+            let known: Vec<&str> = PARAMETERS.into_iter().map(Parameter::key).collect();
+            format!(
+                "step1 names parameter {name}; expected one of {}",
+                known.join(", ")
+            )
+        })
 }
 
 /// Step 1's settings for the loop, or what is wrong with them. Only space mapping has weights.
 pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
-    let bounds =
-        s.bounds.iter().map(|(name, [lower, upper])| Ok((named(name)?, Bounds { lower: *lower, upper: *upper })));
+    let bounds = s.bounds.iter().map(|(name, [lower, upper])| {
+        Ok((
+            named(name)?,
+            Bounds {
+                lower: *lower,
+                upper: *upper,
+            },
+        ))
+    });
     Ok(Settings {
         tolerance: s.tolerance,
         damping: Damping::uniform(s.damping),
@@ -80,7 +97,11 @@ pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
         stagnation_iterations: s.stall_iterations as usize,
         stagnation_fraction: s.stall_improvement,
         bounds: bounds.collect::<Result<_, String>>()?,
-        frozen: s.frozen.iter().map(|name| named(name)).collect::<Result<_, String>>()?,
+        frozen: s
+            .frozen
+            .iter()
+            .map(|name| named(name))
+            .collect::<Result<_, String>>()?,
         stop: match s.stop {
             StopRule::Auto if update == Update::SpaceMapping => Stop::NoPromise,
             StopRule::Auto | StopRule::FirstConverged => Stop::FirstConverged,
@@ -94,20 +115,25 @@ pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
 }
 
 fn weights(given: &BTreeMap<String, f64>) -> Result<Weights, String> {
-    given.iter().try_fold(Weights::default(), |weights, (name, weight)| {
-        let biomarker = Biomarker::named(name).ok_or_else(|| {
-            format!(
-                "step1.weights names biomarker {name}; expected one of {}",
-                Biomarker::ALL.map(Biomarker::key).join(", ")
-            )
-        })?;
-        Ok(weights.with(biomarker, *weight))
-    })
+    given
+        .iter()
+        .try_fold(Weights::default(), |weights, (name, weight)| {
+            let biomarker = Biomarker::named(name).ok_or_else(|| {
+                format!(
+                    "step1.weights names biomarker {name}; expected one of {}",
+                    Biomarker::ALL.map(Biomarker::key).join(", ")
+                )
+            })?;
+            Ok(weights.with(biomarker, *weight))
+        })
 }
 
 /// (simulated − measured) / measured by biomarker: the schemas' sign, the opposite of the cost's terms.
 pub fn relative_differences(cost: &Cost) -> BTreeMap<String, f64> {
-    cost.terms.iter().map(|term| (term.biomarker.key().to_owned(), -term.relative_difference)).collect()
+    cost.terms
+        .iter()
+        .map(|term| (term.biomarker.key().to_owned(), -term.relative_difference))
+        .collect()
 }
 
 #[cfg(test)]
@@ -128,11 +154,20 @@ mod tests {
         let mut wrong = Step1Settings::default();
         wrong.frozen.push("tau_XX".into());
         let message = settings(&wrong, Update::FixedPoint).unwrap_err();
-        assert!(message.contains("tau_XX") && message.contains("tau_SR_ref_ms"), "{message}");
-        settings(&Step1Settings::default(), Update::FixedPoint).unwrap().validate().unwrap();
+        assert!(
+            message.contains("tau_XX") && message.contains("tau_SR_ref_ms"),
+            "{message}"
+        );
+        settings(&Step1Settings::default(), Update::FixedPoint)
+            .unwrap()
+            .validate()
+            .unwrap();
         let mut wrong = Step1Settings::default();
         wrong.weights.insert("SV".into(), 1.0);
         let message = settings(&wrong, Update::SpaceMapping).unwrap_err();
-        assert!(message.contains("SV;") && message.contains("SV_mL"), "{message}");
+        assert!(
+            message.contains("SV;") && message.contains("SV_mL"),
+            "{message}"
+        );
     }
 }

@@ -14,7 +14,11 @@ use super::workflow::stream;
 
 /// The fit of a patient's cell.
 #[must_use]
-pub fn cell_fit(plan: &ResolvedPatient, targets: &TargetsResult, calcium: Option<InputFile>) -> CellFitSpec {
+pub fn cell_fit(
+    plan: &ResolvedPatient,
+    targets: &TargetsResult,
+    calcium: Option<InputFile>,
+) -> CellFitSpec {
     let settings = plan.settings.step2.clone();
     CellFitSpec {
         cycle_length_ms: plan.step0.cycle_length_ms,
@@ -79,11 +83,22 @@ pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<
 
 /// The contraction of the verification beat.
 #[must_use]
-pub fn contraction(plan: &ResolvedPatient, fit: &CellFitResult, calcium: Option<InputFile>) -> ContractionSpec {
+pub fn contraction(
+    plan: &ResolvedPatient,
+    fit: &CellFitResult,
+    calcium: Option<InputFile>,
+) -> ContractionSpec {
     let lambda_0 = fit.lambda_0;
     let parameters = cell_parameters(plan, fit);
     match calcium {
-        None => ContractionSpec::Land2017Rice { parameters, lambda_0 },
-        Some(calcium) => ContractionSpec::Land2017Trace { parameters, lambda_0, calcium },
+        None => ContractionSpec::Land2017Rice {
+            parameters,
+            lambda_0,
+        },
+        Some(calcium) => ContractionSpec::Land2017Trace {
+            parameters,
+            lambda_0,
+            calcium,
+        },
     }
 }

@@ -40,7 +40,15 @@ impl Beat {
     /// A simulation that did not end.
     pub fn failed(parameters: BTreeMap<String, f64>) -> Self {
         let (biomarkers, samples, shut) = (None, None, None);
-        Self { parameters, biomarkers, samples, shut, predicted_misfit: None, misfit: None, verdict: None }
+        Self {
+            parameters,
+            biomarkers,
+            samples,
+            shut,
+            predicted_misfit: None,
+            misfit: None,
+            verdict: None,
+        }
     }
 
     /// Whether it ended, and both valves opened and closed.
@@ -61,7 +69,10 @@ impl Beat {
             whole_beat: self.is_whole(),
             predicted_misfit: self.predicted_misfit,
         };
-        Step3Run { run, samples: self.samples.clone() }
+        Step3Run {
+            run,
+            samples: self.samples.clone(),
+        }
     }
 }
 
@@ -73,9 +84,15 @@ pub fn misfit(
     simulated: &OrganBeatResult,
 ) -> f64 {
     let weights = Weights::of_uncertainty_percent(&settings.uncertainty_percent);
-    let of_biomarkers = weights.misfit(&step1::biomarkers(&step0.measured), &step1::biomarkers(&simulated.biomarkers));
+    let of_biomarkers = weights.misfit(
+        &step1::biomarkers(&step0.measured),
+        &step1::biomarkers(&simulated.biomarkers),
+    );
     let traces = settings.traces(step0, cycle_length_ms);
-    let of_traces = traces.iter().flat_map(|traces| traces.residuals(Some(&simulated.samples))).map(|r| r * r);
+    let of_traces = traces
+        .iter()
+        .flat_map(|traces| traces.residuals(Some(&simulated.samples)))
+        .map(|r| r * r);
     of_biomarkers + of_traces.sum::<f64>()
 }
 
@@ -88,9 +105,16 @@ pub fn best(beats: &[Beat]) -> Option<usize> {
 
 /// Whether another beat of a promised misfit is worth it.
 pub fn worth_it(beats: &[Beat], promised: f64) -> bool {
-    let Some(beat) = best(beats).map(|i| &beats[i]) else { return true };
-    let share = if is_personalised(beat) { PROMISED_SHARE } else { LEAST_SHARE };
-    beat.misfit.is_none_or(|misfit| promised < (1.0 - share) * misfit)
+    let Some(beat) = best(beats).map(|i| &beats[i]) else {
+        return true;
+    };
+    let share = if is_personalised(beat) {
+        PROMISED_SHARE
+    } else {
+        LEAST_SHARE
+    };
+    beat.misfit
+        .is_none_or(|misfit| promised < (1.0 - share) * misfit)
 }
 
 /// Whether the best beat meets the measurements to within their uncertainty, so that nothing is left to better.
@@ -100,7 +124,9 @@ pub fn content(beats: &[Beat], n_measured: f64) -> bool {
 }
 
 fn is_personalised(beat: &Beat) -> bool {
-    beat.verdict.as_ref().is_some_and(|verdict| verdict.personalised)
+    beat.verdict
+        .as_ref()
+        .is_some_and(|verdict| verdict.personalised)
 }
 
 #[cfg(test)]
@@ -108,15 +134,33 @@ mod tests {
     use super::*;
 
     fn beat(whole: bool, misfit: f64, personalised: bool) -> Beat {
-        let verdict = Some(Verdict { personalised, off_percent: BTreeMap::new() });
+        let verdict = Some(Verdict {
+            personalised,
+            off_percent: BTreeMap::new(),
+        });
         let (parameters, biomarkers) = (BTreeMap::new(), Some(Biomarkers::default()));
         let shut = (!whole).then(|| "aortic valve".to_owned());
-        Beat { parameters, biomarkers, samples: None, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
+        Beat {
+            parameters,
+            biomarkers,
+            samples: None,
+            shut,
+            predicted_misfit: None,
+            misfit: Some(misfit),
+            verdict,
+        }
     }
 
     #[test]
     fn the_best_beat_is_a_whole_one() {
-        assert_eq!(best(&[beat(true, 90.0, false), beat(false, 1.0, true), beat(true, 40.0, false)]), Some(2));
+        assert_eq!(
+            best(&[
+                beat(true, 90.0, false),
+                beat(false, 1.0, true),
+                beat(true, 40.0, false)
+            ]),
+            Some(2)
+        );
         assert_eq!(best(&[beat(false, 1.0, false)]), None);
     }
 

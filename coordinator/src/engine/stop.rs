@@ -24,7 +24,9 @@ pub struct StopSignal {
 
 impl Default for StopSignal {
     fn default() -> Self {
-        Self { level: watch::Sender::new(StopLevel::Run) }
+        Self {
+            level: watch::Sender::new(StopLevel::Run),
+        }
     }
 }
 
@@ -56,7 +58,11 @@ impl StopSignal {
     /// Raises the level by one: once is [`StopLevel::Soon`], twice [`StopLevel::Now`].
     pub fn ask(&self) {
         self.level.send_modify(|level| {
-            *level = if *level == StopLevel::Run { StopLevel::Soon } else { StopLevel::Now };
+            *level = if *level == StopLevel::Run {
+                StopLevel::Soon
+            } else {
+                StopLevel::Now
+            };
         });
     }
 

@@ -20,7 +20,11 @@ impl Tail {
     /// Of an attempt's directory.
     #[must_use]
     pub fn of(directory: &Path) -> Self {
-        Self { path: directory.join("progress.jsonl"), offset: 0, grew: Instant::now() }
+        Self {
+            path: directory.join("progress.jsonl"),
+            offset: 0,
+            grew: Instant::now(),
+        }
     }
 
     /// The last complete line that was not told yet. Progress is for people: what cannot be read is passed over.
@@ -35,7 +39,10 @@ impl Tail {
         let complete = bytes.iter().rposition(|byte| *byte == b'\n')? + 1;
         self.offset += complete as u64;
         self.grew = Instant::now();
-        bytes[..complete].split(|byte| *byte == b'\n').rev().find_map(|line| serde_json::from_slice(line).ok())
+        bytes[..complete]
+            .split(|byte| *byte == b'\n')
+            .rev()
+            .find_map(|line| serde_json::from_slice(line).ok())
     }
 }
 
@@ -46,7 +53,9 @@ mod tests {
     #[test]
     fn each_line_is_told_once_and_half_a_line_is_waited_for() {
         let dir = tempfile::tempdir().unwrap();
-        let line = |done: u32| format!(r#"{{"at":"t","phase":"p","done":{done},"total":4,"note":"n"}}"#) + "\n";
+        let line = |done: u32| {
+            format!(r#"{{"at":"t","phase":"p","done":{done},"total":4,"note":"n"}}"#) + "\n"
+        };
         let path = dir.path().join("progress.jsonl");
         let mut tail = Tail::of(dir.path());
         assert_eq!(tail.next(), None);

@@ -20,11 +20,22 @@ const SHA256: &str = "worker_sha256";
 ///
 /// # Errors
 /// [`EngineError::OtherWorker`]; the store's; the worker's file.
-pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: bool) -> Result<(), EngineError> {
+pub async fn keep(
+    writer: &mut Writer,
+    world: &World,
+    worker: &Path,
+    adopts: bool,
+) -> Result<(), EngineError> {
     let bytes = match std::fs::read(worker) {
         Ok(bytes) => bytes,
         Err(_) if adopts => return Ok(()),
-        Err(source) => return Err(EngineError::File { what: "read", path: worker.to_owned(), source }),
+        Err(source) => {
+            return Err(EngineError::File {
+                what: "read",
+                path: worker.to_owned(),
+                source,
+            });
+        }
     };
     let sha256 = sha256_hex(&bytes);
     let meta = writer.meta().await?;
@@ -34,8 +45,15 @@ pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: boo
     }
     let version = first_line(worker, &["--version"]).filter(|said| !said.is_empty());
     let version = version.unwrap_or_else(|| "unknown".to_owned());
-    let has_results = world.tasks.values().any(|task| matches!(task.state, Task::Published { .. }));
-    let is_over = world.patients.iter().filter(|patient| patient.selected).all(|patient| patient.row.state.is_final());
+    let has_results = world
+        .tasks
+        .values()
+        .any(|task| matches!(task.state, Task::Published { .. }));
+    let is_over = world
+        .patients
+        .iter()
+        .filter(|patient| patient.selected)
+        .all(|patient| patient.row.state.is_final());
     if let Some(before) = before
         && has_results
         && !adopts
@@ -44,14 +62,21 @@ pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: boo
             // Nothing will be computed: the record stays.
             return Ok(());
         }
-        let name = |version: &str, sha256: &str| format!("{version} ({})", &sha256[..12.min(sha256.len())]);
+        let name = |version: &str, sha256: &str| {
+            format!("{version} ({})", &sha256[..12.min(sha256.len())])
+        };
         return Err(EngineError::OtherWorker {
-            began: name(meta.get(VERSION).map_or("an unknown one", String::as_str), before),
+            began: name(
+                meta.get(VERSION).map_or("an unknown one", String::as_str),
+                before,
+            ),
             found: name(&version, &sha256),
         });
     }
     if before.is_some() && has_results {
         tracing::warn!(%version, sha256, "the run goes on with another worker than it began with");
     }
-    Ok(writer.set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())]).await?)
+    Ok(writer
+        .set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())])
+        .await?)
 }

@@ -14,13 +14,18 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::finite_element::Electrophysiology;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
-use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
+use cardiotwin_schemas::organ::{
+    BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
+};
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskResult,
+    Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult,
+    TargetsResult, TaskResult,
 };
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::posterior::TwinBeat;
-use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary, Step3Ending, Step3Summary};
+use cardiotwin_schemas::record::{
+    StallReason, Step1Quality, Step1Summary, Step3Ending, Step3Summary,
+};
 use cardiotwin_schemas::settings::{LastStep, Update};
 use cardiotwin_schemas::task::{
     CellInOrgan, InputFile, NoopSpec, OrganBeatSpec, Step1Beat, Step1Run, TargetsSpec, TaskSpec,
@@ -89,13 +94,21 @@ pub fn evaluate<'a>(
     carried: &[Step1Parameters],
     settled: &dyn Fn(&TaskKey) -> Option<Settled<'a>>,
 ) -> Evaluation {
-    let mut derivation = Derivation { plan, carried, settled, chain: Chain::default() };
+    let mut derivation = Derivation {
+        plan,
+        carried,
+        settled,
+        chain: Chain::default(),
+    };
     let next = match &plan.workflow {
         Workflow::Personalise => derivation.personalise(),
         Workflow::Noop { sleep_ms } => derivation.noops(*sleep_ms),
         Workflow::Task { task } => derivation.one_task(task),
     };
-    Evaluation { next: next.err().unwrap_or(Next::Finished), chain: derivation.chain }
+    Evaluation {
+        next: next.err().unwrap_or(Next::Finished),
+        chain: derivation.chain,
+    }
 }
 
 struct Derivation<'a, 'b> {
@@ -117,7 +130,10 @@ struct Published<'a> {
 type Derived<T> = Result<T, Next>;
 
 fn broken(step: Step, class: FailureClass, message: String) -> Next {
-    Next::Failed { step, failure: Failure::new(class, message) }
+    Next::Failed {
+        step,
+        failure: Failure::new(class, message),
+    }
 }
 
 impl<'a> Derivation<'a, '_> {
@@ -125,7 +141,13 @@ impl<'a> Derivation<'a, '_> {
         for number in 1..=3 {
             let label = format!("{}/{number}", self.plan.id);
             let spec = TaskSpec::Noop(NoopSpec { label, sleep_ms });
-            let done = self.result(Step { stage: Stage::Noop, number }, spec)?;
+            let done = self.result(
+                Step {
+                    stage: Stage::Noop,
+                    number,
+                },
+                spec,
+            )?;
             self.chain.noops.push(done.key);
         }
         Ok(())
@@ -146,14 +168,20 @@ impl<'a> Derivation<'a, '_> {
         let TaskResult::OrganBeat(beat) = best.result else {
             return Err(wrong_kind(Step::only(Stage::Targets), best.result));
         };
-        let of_step1 = Step1Beat { parameters, biomarkers: step1::of_step1(&beat.biomarkers) };
+        let of_step1 = Step1Beat {
+            parameters,
+            biomarkers: step1::of_step1(&beat.biomarkers),
+        };
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = step2::contraction(self.plan, fit, calcium);
             let beat = self.cell_beat(&step0, contraction, parameters.valves);
             let verified = self.verification(&step0, &beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                let cell = CellInOrgan { beat, step1: Some(of_step1) };
+                let cell = CellInOrgan {
+                    beat,
+                    step1: Some(of_step1),
+                };
                 let twin = self.step3(&step0, &cell, verified)?;
                 self.posterior(&step0, &cell, twin)?;
             }
@@ -165,24 +193,47 @@ impl<'a> Derivation<'a, '_> {
     fn result(&self, step: Step, spec: TaskSpec) -> Derived<Published<'a>> {
         let key = spec.key();
         match (self.settled)(&key) {
-            Some(Settled::Published { result, artefacts, directory }) => {
-                Ok(Published { key, result, artefacts, directory })
-            }
-            Some(Settled::Failed(failure)) => Err(Next::Failed { step, failure: failure.clone() }),
-            None => Err(Next::Run { step, key, spec: Box::new(spec) }),
+            Some(Settled::Published {
+                result,
+                artefacts,
+                directory,
+            }) => Ok(Published {
+                key,
+                result,
+                artefacts,
+                directory,
+            }),
+            Some(Settled::Failed(failure)) => Err(Next::Failed {
+                step,
+                failure: failure.clone(),
+            }),
+            None => Err(Next::Run {
+                step,
+                key,
+                spec: Box::new(spec),
+            }),
         }
     }
 
     fn step0(&mut self) -> Derived<Cow<'a, PassiveStateResult>> {
         let step = Step::only(Stage::Step0);
-        let done = self.result(step, TaskSpec::PassiveState(Box::new(self.plan.step0_spec())))?;
-        let TaskResult::PassiveState(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let done = self.result(
+            step,
+            TaskSpec::PassiveState(Box::new(self.plan.step0_spec())),
+        )?;
+        let TaskResult::PassiveState(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
         self.chain.step0 = Some(done.key);
         let mut result = Cow::Borrowed(result);
         if let OrganSpec::FiniteElement(organ) = &result.organ {
             // Where the run lies now; it may have been moved since.
             let mut organ = organ.clone();
-            if let Some(file) = done.artefacts.iter().find(|a| a.name == organ.ventricle.name) {
+            if let Some(file) = done
+                .artefacts
+                .iter()
+                .find(|a| a.name == organ.ventricle.name)
+            {
                 organ.ventricle.path = done.directory.join(&file.file);
             }
             result.to_mut().organ = OrganSpec::FiniteElement(organ);
@@ -190,29 +241,65 @@ impl<'a> Derivation<'a, '_> {
         Ok(result)
     }
 
-    fn beat(&self, step0: &PassiveStateResult, contraction: ContractionSpec, valves: ValveParameters) -> TaskSpec {
-        let beats = BeatCount::Fixed { n: self.plan.settings.solver.beats };
-        TaskSpec::OrganBeat(Box::new(self.plan.beat_spec(step0, contraction, valves, beats)))
+    fn beat(
+        &self,
+        step0: &PassiveStateResult,
+        contraction: ContractionSpec,
+        valves: ValveParameters,
+    ) -> TaskSpec {
+        let beats = BeatCount::Fixed {
+            n: self.plan.settings.solver.beats,
+        };
+        TaskSpec::OrganBeat(Box::new(self.plan.beat_spec(
+            step0,
+            contraction,
+            valves,
+            beats,
+        )))
     }
 
     fn step1_beat(&self, step0: &PassiveStateResult, parameters: &Step1Parameters) -> TaskSpec {
-        self.beat(step0, ContractionSpec::Tanh { parameters: parameters.tanh }, parameters.valves)
+        self.beat(
+            step0,
+            ContractionSpec::Tanh {
+                parameters: parameters.tanh,
+            },
+            parameters.valves,
+        )
     }
 
     fn step1(&mut self, step0: &PassiveStateResult) -> Derived<(Published<'a>, Step1Summary)> {
         let settings = &self.plan.settings.step1;
         let measured = step1::biomarkers(&step0.measured);
-        let start = Step1Parameters { tanh: settings.initial, valves: settings.valves };
-        let invalid = |number, message| broken(Step { stage: Stage::Step1, number }, FailureClass::Input, message);
-        let fixed_settings =
-            step1::settings(settings, self.plan.settings.step1_update()).map_err(|message| invalid(1, message))?;
+        let start = Step1Parameters {
+            tanh: settings.initial,
+            valves: settings.valves,
+        };
+        let invalid = |number, message| {
+            broken(
+                Step {
+                    stage: Stage::Step1,
+                    number,
+                },
+                FailureClass::Input,
+                message,
+            )
+        };
+        let fixed_settings = step1::settings(settings, self.plan.settings.step1_update())
+            .map_err(|message| invalid(1, message))?;
         let mut history = fixed_point::History::new(step1::parameters(&start));
         let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
         for parameters in self.carried {
             // Kept only as far as the same organ would be simulated again.
             let parameters = start.with_updated(parameters.updated());
             let spec = self.step1_beat(step0, &parameters);
-            if let Ok(run) = self.iteration(runs.len() as u32 + 1, spec, &parameters, &measured, &mut history)? {
+            if let Ok(run) = self.iteration(
+                runs.len() as u32 + 1,
+                spec,
+                &parameters,
+                &measured,
+                &mut history,
+            )? {
                 runs.push(run);
             }
         }
@@ -221,10 +308,21 @@ impl<'a> Derivation<'a, '_> {
             let number = runs.len() as u32 + 1;
             let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
                 match fixed_point::ended(&fixed_settings, &measured, &history) {
-                    Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|(next, _)| history.lacks(next)) {
+                    Ok(None) => match self
+                        .proposal(step0, &start, &runs)?
+                        .filter(|(next, _)| history.lacks(next))
+                    {
                         Some((parameters, promised)) => {
-                            let content = fixed_point::content(&fixed_settings, &measured, &history, promised);
-                            let next = fixed_point::Decision::Next { parameters, from: None };
+                            let content = fixed_point::content(
+                                &fixed_settings,
+                                &measured,
+                                &history,
+                                promised,
+                            );
+                            let next = fixed_point::Decision::Next {
+                                parameters,
+                                from: None,
+                            };
                             content.map(|ended| ended.unwrap_or(next))
                         }
                         None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
@@ -243,7 +341,11 @@ impl<'a> Derivation<'a, '_> {
                     let run = self.iteration(number, spec, &parameters, &measured, &mut history)?;
                     runs.push(run.map_err(|wanted| *wanted)?);
                 }
-                fixed_point::Decision::Ended { quality, because, best } => {
+                fixed_point::Decision::Ended {
+                    quality,
+                    because,
+                    best,
+                } => {
                     return self.step1_ended(runs, quality, because, best, settings.tolerance);
                 }
             }
@@ -258,32 +360,53 @@ impl<'a> Derivation<'a, '_> {
         runs: &[Result<Published<'a>, Failure>],
     ) -> Derived<Option<(fixed_point::Parameters, f64)>> {
         let number = runs.len() as u32 + 1;
-        let step = Step { stage: Stage::Step1Proposal, number };
-        let told = runs.iter().zip(&self.chain.iterations).zip(1..).map(|((run, iteration), number)| Step1Run {
-            parameters: iteration.parameters,
-            biomarkers: match run.as_ref().map(|run| run.result) {
-                Ok(TaskResult::OrganBeat(beat)) => Some(step1::of_step1(&beat.biomarkers)),
-                _ => None,
-            },
-            whole_beat: run.is_ok() && !iteration.no_whole_beat,
-            predicted_misfit: self.chain.proposal(number).map(|proposal| proposal.predicted_misfit),
-        });
+        let step = Step {
+            stage: Stage::Step1Proposal,
+            number,
+        };
+        let told =
+            runs.iter()
+                .zip(&self.chain.iterations)
+                .zip(1..)
+                .map(|((run, iteration), number)| Step1Run {
+                    parameters: iteration.parameters,
+                    biomarkers: match run.as_ref().map(|run| run.result) {
+                        Ok(TaskResult::OrganBeat(beat)) => Some(step1::of_step1(&beat.biomarkers)),
+                        _ => None,
+                    },
+                    whole_beat: run.is_ok() && !iteration.no_whole_beat,
+                    predicted_misfit: self
+                        .chain
+                        .proposal(number)
+                        .map(|proposal| proposal.predicted_misfit),
+                });
         let told = told.collect();
         let spec = self.plan.step1_proposal_spec(step0, start, told);
         let done = match self.result(step, TaskSpec::Step1Proposal(Box::new(spec))) {
             Ok(done) => done,
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok(None);
+            }
             Err(next) => return Err(next),
         };
-        let TaskResult::Step1Proposal(result) = done.result else { return Err(wrong_kind(step, done.result)) };
-        let Step1ProposalResult { predicted_cost, predicted_misfit, .. } = *result;
+        let TaskResult::Step1Proposal(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        let Step1ProposalResult {
+            predicted_cost,
+            predicted_misfit,
+            ..
+        } = *result;
         self.chain.proposals.push(ChainProposal {
             iteration: number,
             task: done.key,
             predicted_cost,
             predicted_misfit,
         });
-        Ok(Some((step1::parameters(&result.parameters), predicted_misfit)))
+        Ok(Some((
+            step1::parameters(&result.parameters),
+            predicted_misfit,
+        )))
     }
 
     /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
@@ -295,7 +418,10 @@ impl<'a> Derivation<'a, '_> {
         measured: &fixed_point::Biomarkers,
         history: &mut fixed_point::History,
     ) -> Derived<Result<Result<Published<'a>, Failure>, Box<Next>>> {
-        let step = Step { stage: Stage::Step1, number };
+        let step = Step {
+            stage: Stage::Step1,
+            number,
+        };
         let key = spec.key();
         let fixed_parameters = step1::parameters(parameters);
         let mut iteration = ChainIteration {
@@ -306,25 +432,49 @@ impl<'a> Derivation<'a, '_> {
             relative_differences: BTreeMap::new(),
         };
         let run = match (self.settled)(&key) {
-            None => return Ok(Err(Box::new(Next::Run { step, key, spec: Box::new(spec) }))),
-            Some(Settled::Published { result, artefacts, directory }) => {
-                let TaskResult::OrganBeat(beat) = result else { return Err(wrong_kind(step, result)) };
+            None => {
+                return Ok(Err(Box::new(Next::Run {
+                    step,
+                    key,
+                    spec: Box::new(spec),
+                })));
+            }
+            Some(Settled::Published {
+                result,
+                artefacts,
+                directory,
+            }) => {
+                let TaskResult::OrganBeat(beat) = result else {
+                    return Err(wrong_kind(step, result));
+                };
                 let outcome = step1::outcome(beat);
-                if let fixed_point::Outcome::Simulated(found) | fixed_point::Outcome::NoWholeBeat(found) = &outcome {
+                if let fixed_point::Outcome::Simulated(found)
+                | fixed_point::Outcome::NoWholeBeat(found) = &outcome
+                {
                     let cost = fixed_point::Cost::of(measured, found);
                     iteration.cost = Some(cost.total);
                     iteration.relative_differences = step1::relative_differences(&cost);
                 }
                 iteration.no_whole_beat = matches!(outcome, fixed_point::Outcome::NoWholeBeat(_));
                 history.push(fixed_parameters, outcome);
-                Ok(Published { key, result, artefacts, directory })
+                Ok(Published {
+                    key,
+                    result,
+                    artefacts,
+                    directory,
+                })
             }
             // A failed simulation is an answer of the model; any other failure holds the patient.
             Some(Settled::Failed(failure)) if failure.class == FailureClass::Numerics => {
                 history.push(fixed_parameters, fixed_point::Outcome::Failed);
                 Err(failure.clone())
             }
-            Some(Settled::Failed(failure)) => return Err(Next::Failed { step, failure: failure.clone() }),
+            Some(Settled::Failed(failure)) => {
+                return Err(Next::Failed {
+                    step,
+                    failure: failure.clone(),
+                });
+            }
         };
         self.chain.iterations.push(iteration);
         Ok(Ok(run))
@@ -338,7 +488,10 @@ impl<'a> Derivation<'a, '_> {
         best: Option<usize>,
         tolerance: f64,
     ) -> Derived<(Published<'a>, Step1Summary)> {
-        let last = Step { stage: Stage::Step1, number: runs.len().max(1) as u32 };
+        let last = Step {
+            stage: Stage::Step1,
+            number: runs.len().max(1) as u32,
+        };
         let Some(best) = best else {
             let failure = Failure {
                 class: FailureClass::Numerics,
@@ -346,18 +499,29 @@ impl<'a> Derivation<'a, '_> {
                 remedy: Some("rerun from step1 with other initial values or bounds".into()),
                 cause: None,
             };
-            return Err(Next::Failed { step: last, failure });
+            return Err(Next::Failed {
+                step: last,
+                failure,
+            });
         };
         let iterations = &self.chain.iterations;
         let summary = Step1Summary {
             quality: match quality {
                 fixed_point::Quality::Converged => Step1Quality::Converged,
-                fixed_point::Quality::FailedAt(_) => Step1Quality::Stalled { reason: StallReason::SimulationFailed },
-                fixed_point::Quality::LimitReached => Step1Quality::Stalled { reason: StallReason::IterationLimit },
+                fixed_point::Quality::FailedAt(_) => Step1Quality::Stalled {
+                    reason: StallReason::SimulationFailed,
+                },
+                fixed_point::Quality::LimitReached => Step1Quality::Stalled {
+                    reason: StallReason::IterationLimit,
+                },
                 fixed_point::Quality::Stalled if because == fixed_point::Ending::Failure => {
-                    Step1Quality::Stalled { reason: StallReason::SimulationFailed }
+                    Step1Quality::Stalled {
+                        reason: StallReason::SimulationFailed,
+                    }
                 }
-                fixed_point::Quality::Stalled => Step1Quality::Stalled { reason: StallReason::Stagnation },
+                fixed_point::Quality::Stalled => Step1Quality::Stalled {
+                    reason: StallReason::Stagnation,
+                },
             },
             best_iteration: best as u32 + 1,
             cost: iterations[best].cost.unwrap_or(f64::INFINITY),
@@ -370,7 +534,10 @@ impl<'a> Derivation<'a, '_> {
         };
         match runs.swap_remove(best) {
             Ok(run) => Ok((run, summary)),
-            Err(failure) => Err(Next::Failed { step: last, failure }),
+            Err(failure) => Err(Next::Failed {
+                step: last,
+                failure,
+            }),
         }
     }
 
@@ -378,23 +545,42 @@ impl<'a> Derivation<'a, '_> {
     fn targets(&mut self, best: &Published<'a>) -> Derived<(&'a TargetsResult, Option<InputFile>)> {
         let step = Step::only(Stage::Targets);
         let Some(nodal) = best.artefacts.iter().find(|a| a.name == "nodal") else {
-            return Err(broken(step, FailureClass::Bug, format!("simulation {} left no nodal traces", best.key)));
+            return Err(broken(
+                step,
+                FailureClass::Bug,
+                format!("simulation {} left no nodal traces", best.key),
+            ));
         };
         let path = best.directory.join(&nodal.file);
-        let nodal = InputFile { name: "nodal".into(), path, sha256: nodal.sha256.clone() };
+        let nodal = InputFile {
+            name: "nodal".into(),
+            path,
+            sha256: nodal.sha256.clone(),
+        };
         let done = self.result(step, TaskSpec::Targets(TargetsSpec { nodal }))?;
-        let TaskResult::Targets(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let TaskResult::Targets(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
         self.chain.targets = Some(done.key);
         let calcium = step2::calcium(self.plan, result, done.artefacts, &done.directory);
-        let calcium = calcium.map_err(|failure| Next::Failed { step: Step::only(Stage::Step2), failure })?;
+        let calcium = calcium.map_err(|failure| Next::Failed {
+            step: Step::only(Stage::Step2),
+            failure,
+        })?;
         Ok((result, calcium))
     }
 
-    fn step2(&mut self, targets: &TargetsResult, calcium: Option<InputFile>) -> Derived<&'a CellFitResult> {
+    fn step2(
+        &mut self,
+        targets: &TargetsResult,
+        calcium: Option<InputFile>,
+    ) -> Derived<&'a CellFitResult> {
         let step = Step::only(Stage::Step2);
         let spec = step2::cell_fit(self.plan, targets, calcium);
         let done = self.result(step, TaskSpec::CellFit(Box::new(spec)))?;
-        let TaskResult::CellFit(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let TaskResult::CellFit(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
         self.chain.cell_fit = Some(done.key);
         self.chain.step2_cost = Some(result.cost);
         Ok(result)
@@ -407,7 +593,9 @@ impl<'a> Derivation<'a, '_> {
         contraction: ContractionSpec,
         valves: ValveParameters,
     ) -> OrganBeatSpec {
-        let beats = BeatCount::Fixed { n: self.plan.settings.solver.beats };
+        let beats = BeatCount::Fixed {
+            n: self.plan.settings.solver.beats,
+        };
         let mut spec = self.plan.beat_spec(step0, contraction, valves, beats);
         let settings = &self.plan.settings.solver.finite_element;
         if let Some(equations) = &mut spec.finite_element
@@ -435,7 +623,9 @@ impl<'a> Derivation<'a, '_> {
             }
             Err(next) => return Err(next),
         };
-        let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let TaskResult::OrganBeat(beat) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
         let settings = &self.plan.settings;
         let seen = step3::Beat {
             parameters,
@@ -443,15 +633,32 @@ impl<'a> Derivation<'a, '_> {
             samples: Some(beat.samples.clone()),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
-            misfit: Some(step3::misfit(&settings.step3, step0, self.plan.step0.cycle_length_ms, beat)),
-            verdict: Some(Verdict::of(&step0.measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
+            misfit: Some(step3::misfit(
+                &settings.step3,
+                step0,
+                self.plan.step0.cycle_length_ms,
+                beat,
+            )),
+            verdict: Some(Verdict::of(
+                &step0.measured,
+                &beat.biomarkers,
+                &settings.verification.tolerance_percent,
+            )),
         };
         Ok((key, Ok(seen)))
     }
 
-    fn verification(&mut self, step0: &PassiveStateResult, spec: &OrganBeatSpec) -> Derived<step3::Beat> {
+    fn verification(
+        &mut self,
+        step0: &PassiveStateResult,
+        spec: &OrganBeatSpec,
+    ) -> Derived<step3::Beat> {
         let step = Step::only(Stage::Verification);
-        let moved = self.plan.settings.step3.values(spec.contraction.cell_parameters(), &spec.valves);
+        let moved = self
+            .plan
+            .settings
+            .step3
+            .values(spec.contraction.cell_parameters(), &spec.valves);
         let (key, beat) = self.beat_with_cell(step, spec.clone(), moved.clone(), step0)?;
         let is_last = self.plan.settings.workflow.until == LastStep::Step2Verification;
         let beat = match beat {
@@ -461,15 +668,27 @@ impl<'a> Derivation<'a, '_> {
             Ok(beat) => beat,
         };
         if let Some(valve) = beat.shut.as_ref().filter(|_| is_last) {
-            return Err(broken(step, FailureClass::Numerics, format!("the fitted cell makes no whole beat: {valve}")));
+            return Err(broken(
+                step,
+                FailureClass::Numerics,
+                format!("the fitted cell makes no whole beat: {valve}"),
+            ));
         }
-        self.chain.verification_cost = beat.biomarkers.as_ref().map(|found| step1_cost(&step0.measured, found));
+        self.chain.verification_cost = beat
+            .biomarkers
+            .as_ref()
+            .map(|found| step1_cost(&step0.measured, found));
         self.chain.verdict = beat.whole_verdict();
         self.chain.verification = Some(key);
         Ok(beat)
     }
 
-    fn step3(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, verified: step3::Beat) -> Derived<step3::Beat> {
+    fn step3(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        verified: step3::Beat,
+    ) -> Derived<step3::Beat> {
         let settings = &self.plan.settings.step3;
         let traces = settings.traces(step0, self.plan.step0.cycle_length_ms);
         let n_measured = settings.n_measured(&step0.measured, traces.as_ref());
@@ -488,7 +707,10 @@ impl<'a> Derivation<'a, '_> {
             if !step3::worth_it(&beats, promised) {
                 break Step3Ending::NoPromise;
             }
-            let step = Step { stage: Stage::Step3, number };
+            let step = Step {
+                stage: Stage::Step3,
+                number,
+            };
             let spec = cell.beat.with_parameters(&parameters);
             let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), step0)?;
             let simulated = simulated.unwrap_or_else(|_| step3::Beat::failed(parameters.clone()));
@@ -499,10 +721,16 @@ impl<'a> Derivation<'a, '_> {
                 whole_beat: simulated.is_whole(),
                 verdict: simulated.verdict.clone(),
             });
-            beats.push(step3::Beat { predicted_misfit: Some(promised), ..simulated });
+            beats.push(step3::Beat {
+                predicted_misfit: Some(promised),
+                ..simulated
+            });
         };
         let Some(best) = step3::best(&beats) else {
-            let step = Step { stage: Stage::Step3, number: beats.len().max(2) as u32 - 1 };
+            let step = Step {
+                stage: Stage::Step3,
+                number: beats.len().max(2) as u32 - 1,
+            };
             let message = match beats.last().and_then(|beat| beat.shut.as_ref()) {
                 Some(valve) => format!("no cell makes a whole beat of the organ: {valve}"),
                 None => "no simulation of the organ with a cell ended".to_owned(),
@@ -521,14 +749,33 @@ impl<'a> Derivation<'a, '_> {
     }
 
     /// How sure the twin is. A posterior that cannot be sampled leaves the twin as it is.
-    fn posterior(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, twin: step3::Beat) -> Derived<()> {
-        let step3::Beat { parameters, biomarkers: Some(biomarkers), samples: Some(samples), .. } = twin else {
+    fn posterior(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        twin: step3::Beat,
+    ) -> Derived<()> {
+        let step3::Beat {
+            parameters,
+            biomarkers: Some(biomarkers),
+            samples: Some(samples),
+            ..
+        } = twin
+        else {
             return Ok(());
         };
         if !self.plan.settings.posterior.enabled {
             return Ok(());
         }
-        let spec = self.plan.posterior_spec(step0, cell, TwinBeat { parameters, biomarkers, samples });
+        let spec = self.plan.posterior_spec(
+            step0,
+            cell,
+            TwinBeat {
+                parameters,
+                biomarkers,
+                samples,
+            },
+        );
         let step = Step::only(Stage::Posterior);
         match self.result(step, TaskSpec::Posterior(Box::new(spec))) {
             Ok(done) => self.chain.posterior = Some(done.key),
@@ -546,40 +793,69 @@ impl<'a> Derivation<'a, '_> {
         beats: &[step3::Beat],
     ) -> Derived<Option<(BTreeMap<String, f64>, f64)>> {
         let number = beats.len() as u32;
-        let step = Step { stage: Stage::Step3Proposal, number };
+        let step = Step {
+            stage: Stage::Step3Proposal,
+            number,
+        };
         let runs = beats.iter().map(step3::Beat::told).collect();
         let spec = self.plan.step3_proposal_spec(step0, cell, runs);
         let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
             Ok(done) => done,
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok(None);
+            }
             Err(next) => return Err(next),
         };
-        let TaskResult::Step3Proposal(result) = done.result else { return Err(wrong_kind(step, done.result)) };
-        let Step3ProposalResult { predicted_cost, predicted_misfit, .. } = *result;
+        let TaskResult::Step3Proposal(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        let Step3ProposalResult {
+            predicted_cost,
+            predicted_misfit,
+            ..
+        } = *result;
         self.chain.step3_proposals.push(ChainProposal {
             iteration: number,
             task: done.key,
             predicted_cost,
             predicted_misfit,
         });
-        let lacks = beats.iter().all(|beat| beat.parameters != result.parameters);
+        let lacks = beats
+            .iter()
+            .all(|beat| beat.parameters != result.parameters);
         Ok(lacks.then(|| (result.parameters.clone(), predicted_misfit)))
     }
 }
 
 /// Why none of step 1's simulations can be the result.
 fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
-    let failed = runs.iter().rev().find_map(|run| run.as_ref().err()).map(|failure| failure.message.clone());
+    let failed = runs
+        .iter()
+        .rev()
+        .find_map(|run| run.as_ref().err())
+        .map(|failure| failure.message.clone());
     let shut = || {
         let last = runs.last()?.as_ref().ok()?;
-        let TaskResult::OrganBeat(beat) = last.result else { return None };
-        Some(format!("after {} iterations still no whole beat, {}", runs.len(), beat.failed_valve()?))
+        let TaskResult::OrganBeat(beat) = last.result else {
+            return None;
+        };
+        Some(format!(
+            "after {} iterations still no whole beat, {}",
+            runs.len(),
+            beat.failed_valve()?
+        ))
     };
-    failed.or_else(shut).unwrap_or_else(|| "none lies within the bounds".to_owned())
+    failed
+        .or_else(shut)
+        .unwrap_or_else(|| "none lies within the bounds".to_owned())
 }
 
 fn wrong_kind(step: Step, result: &TaskResult) -> Next {
-    broken(step, FailureClass::Bug, format!("the result found for {step} is of another kind: {result:.80?}"))
+    broken(
+        step,
+        FailureClass::Bug,
+        format!("the result found for {step} is of another kind: {result:.80?}"),
+    )
 }
 
 /// Cost of simulated biomarkers by step 1's formula.

@@ -59,13 +59,21 @@ pub const ATTEMPTS: &str = "attempts";
 /// Where an attempt's files lie, relative to the run directory.
 pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     let key = attempt.task.as_str();
-    format!("{ATTEMPTS}/{}/{}-g{}", &key[..2], &key[..16], attempt.generation)
+    format!(
+        "{ATTEMPTS}/{}/{}-g{}",
+        &key[..2],
+        &key[..16],
+        attempt.generation
+    )
 }
 
 impl World {
     /// States of the patients that are worked on.
     pub fn selected_states(&self) -> impl Iterator<Item = &Patient> {
-        self.patients.iter().filter(|p| p.selected).map(|p| &p.row.state)
+        self.patients
+            .iter()
+            .filter(|p| p.selected)
+            .map(|p| &p.row.state)
     }
 
     /// From what the store holds.
@@ -73,8 +81,11 @@ impl World {
         let mut steps = loaded.steps;
         let mut patients = Vec::with_capacity(loaded.patients.len());
         for (row, plan_row, chain) in loaded.patients {
-            let carried = serde_json::from_str(&plan_row.carried)
-                .map_err(|source| EngineError::Plan { patient: row.patient.clone(), source })?;
+            let carried =
+                serde_json::from_str(&plan_row.carried).map_err(|source| EngineError::Plan {
+                    patient: row.patient.clone(),
+                    source,
+                })?;
             let steps = steps.remove(&row.id).unwrap_or_default();
             patients.push(PatientEntry {
                 row,
@@ -114,12 +125,26 @@ impl World {
                 planned_ms: 0,
                 ended_ms: None,
             };
-            (AttemptId { task: TaskKey(row.task), generation: row.generation }, entry)
+            (
+                AttemptId {
+                    task: TaskKey(row.task),
+                    generation: row.generation,
+                },
+                entry,
+            )
         });
         Ok(Self {
             run_dir: run_dir.to_owned(),
-            by_name: patients.iter().enumerate().map(|(i, p)| (p.row.patient.clone(), i)).collect(),
-            by_id: patients.iter().enumerate().map(|(i, p)| (p.row.id, i)).collect(),
+            by_name: patients
+                .iter()
+                .enumerate()
+                .map(|(i, p)| (p.row.patient.clone(), i))
+                .collect(),
+            by_id: patients
+                .iter()
+                .enumerate()
+                .map(|(i, p)| (p.row.id, i))
+                .collect(),
             jobs: Jobs::new(loaded.jobs, loaded.allotments),
             next_patient: patients.iter().map(|p| p.row.id).max().unwrap_or(0) + 1,
             next_action: loaded.outbox.iter().map(|(id, _)| *id).max().unwrap_or(0) + 1,
@@ -145,8 +170,13 @@ impl World {
             return Ok(plan);
         }
         let row = &patient.plan_row;
-        let plan = serde_json::from_str(row.plan.as_ref().unwrap_or(&row.given))
-            .map_err(|source| EngineError::Plan { patient: patient.row.patient.clone(), source })?;
+        let plan =
+            serde_json::from_str(row.plan.as_ref().unwrap_or(&row.given)).map_err(|source| {
+                EngineError::Plan {
+                    patient: patient.row.patient.clone(),
+                    source,
+                }
+            })?;
         Ok(patient.plan.get_or_init(|| plan))
     }
 
@@ -159,7 +189,13 @@ impl World {
     }
 
     /// A patient that the store does not know.
-    pub fn add_patient(&mut self, name: &str, position: i64, plan_row: PlanRow, plan: ResolvedPatient) -> usize {
+    pub fn add_patient(
+        &mut self,
+        name: &str,
+        position: i64,
+        plan_row: PlanRow,
+        plan: ResolvedPatient,
+    ) -> usize {
         let id = self.next_patient;
         self.next_patient += 1;
         let i = self.patients.len();
@@ -176,7 +212,10 @@ impl World {
                 shown: Default::default(),
                 since_ms: self.now_ms,
             },
-            plan_row: PlanRow { patient_id: id, ..plan_row },
+            plan_row: PlanRow {
+                patient_id: id,
+                ..plan_row
+            },
             plan: OnceLock::from(plan),
             carried: Vec::new(),
             chain: Chain::default(),
@@ -218,7 +257,13 @@ impl World {
         }
         patient.steps.insert(step, key.clone());
         let (patient_id, at_ms) = (patient.row.id, self.now_ms);
-        let row = StepRow { patient_id, stage: step.stage, number: step.number, task: key.as_str(), at_ms };
+        let row = StepRow {
+            patient_id,
+            stage: step.stage,
+            number: step.number,
+            task: key.as_str(),
+            at_ms,
+        };
         self.batch.append_step(&row);
     }
 
@@ -228,10 +273,19 @@ impl World {
         match &task.state {
             Task::Published { generation } => {
                 let outcome = task.outcome()?;
-                let Ending::Succeeded { result } = &outcome.ending else { return None };
-                let attempt = AttemptId { task: key.clone(), generation: *generation };
+                let Ending::Succeeded { result } = &outcome.ending else {
+                    return None;
+                };
+                let attempt = AttemptId {
+                    task: key.clone(),
+                    generation: *generation,
+                };
                 let directory = self.run_dir.join(attempt_directory(&attempt));
-                Some(Settled::Published { result, artefacts: &outcome.artefacts, directory })
+                Some(Settled::Published {
+                    result,
+                    artefacts: &outcome.artefacts,
+                    directory,
+                })
             }
             Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
             Task::Open { .. } | Task::Attempting { .. } => None,
@@ -240,7 +294,9 @@ impl World {
 
     /// A patient at work waits for its task: known to the store through the patient's state alone.
     pub fn await_present_task(&mut self, i: usize) {
-        let Patient::Working { task, .. } = &self.patients[i].row.state else { return };
+        let Patient::Working { task, .. } = &self.patients[i].row.state else {
+            return;
+        };
         if let Some(task) = self.tasks.get_mut(task)
             && !task.waiters.contains(&i)
         {
@@ -274,14 +330,23 @@ impl World {
     fn release(&mut self, i: usize, key: &TaskKey) -> Result<(), EngineError> {
         let position = self.patients[i].row.position;
         self.ready.remove(&(position, key.clone()));
-        let Some(task) = self.tasks.get_mut(key) else { return Ok(()) };
+        let Some(task) = self.tasks.get_mut(key) else {
+            return Ok(());
+        };
         task.waiters.retain(|waiter| *waiter != i);
         if !task.waiters.is_empty() {
             return Ok(());
         }
         if let Task::Attempting { generation, .. } = task.state {
-            let attempt = AttemptId { task: key.clone(), generation };
-            if self.attempts.get(&attempt).is_some_and(|a| !a.state.is_final()) {
+            let attempt = AttemptId {
+                task: key.clone(),
+                generation,
+            };
+            if self
+                .attempts
+                .get(&attempt)
+                .is_some_and(|a| !a.state.is_final())
+            {
                 self.attempt_event(&attempt, AttemptEvent::Cancel)?;
             }
         }
@@ -290,7 +355,9 @@ impl World {
 
     /// Feeds a task's machine.
     pub fn task_event(&mut self, key: &TaskKey, event: TaskEvent) -> Result<(), EngineError> {
-        let Some(task) = self.tasks.get_mut(key) else { return Ok(()) };
+        let Some(task) = self.tasks.get_mut(key) else {
+            return Ok(());
+        };
         let state = task.state.clone().on(event.clone())?;
         if state == task.state {
             return Ok(());
@@ -312,8 +379,14 @@ impl World {
     }
 
     /// Feeds an attempt's machine.
-    pub fn attempt_event(&mut self, id: &AttemptId, event: AttemptEvent) -> Result<(), EngineError> {
-        let Some(attempt) = self.attempts.get_mut(id) else { return Ok(()) };
+    pub fn attempt_event(
+        &mut self,
+        id: &AttemptId,
+        event: AttemptEvent,
+    ) -> Result<(), EngineError> {
+        let Some(attempt) = self.attempts.get_mut(id) else {
+            return Ok(());
+        };
         let (state, actions) = attempt.state.clone().on(event.clone())?;
         if state == attempt.state && actions.is_empty() {
             return Ok(());
@@ -325,7 +398,12 @@ impl World {
             attempt.ended_ms = Some(self.now_ms);
         }
         attempt.state = state;
-        self.log("attempt", None, Some((&id.task, Some(id.generation))), &event);
+        self.log(
+            "attempt",
+            None,
+            Some((&id.task, Some(id.generation))),
+            &event,
+        );
         self.dirty_attempts.insert(id.clone());
         for action in actions {
             let attempt = id.clone();
@@ -345,7 +423,10 @@ impl World {
     pub fn begin(&mut self, key: &TaskKey) -> Result<AttemptId, EngineError> {
         self.task_event(key, TaskEvent::Start)?;
         let generation = self.tasks[key].state.generation();
-        let id = AttemptId { task: key.clone(), generation };
+        let id = AttemptId {
+            task: key.clone(),
+            generation,
+        };
         let entry = AttemptEntry {
             state: Attempt::Planned,
             directory: attempt_directory(&id),
@@ -363,7 +444,8 @@ impl World {
 
     /// Takes back the wish to hand an attempt over: a job of a cluster has begun it.
     pub(super) fn drop_submission(&mut self, id: &AttemptId) {
-        self.fresh_actions.retain(|action| !matches!(action, Action::Submit { attempt } if attempt == id));
+        self.fresh_actions
+            .retain(|action| !matches!(action, Action::Submit { attempt } if attempt == id));
     }
 
     /// Remembers who claimed an attempt.
@@ -397,8 +479,17 @@ impl World {
         event: &E,
     ) {
         let event = serde_json::to_value(event).expect("events are JSON");
-        let (task, generation) = task.map_or((None, None), |(key, generation)| (Some(key.as_str()), generation));
-        self.batch.append_event(&NewEvent { at_ms: self.now_ms, machine, patient_id, task, generation, event: &event });
+        let (task, generation) = task.map_or((None, None), |(key, generation)| {
+            (Some(key.as_str()), generation)
+        });
+        self.batch.append_event(&NewEvent {
+            at_ms: self.now_ms,
+            machine,
+            patient_id,
+            task,
+            generation,
+            event: &event,
+        });
     }
 
     /// Everything that changed since the last flush, as one batch; the mirror takes it for committed.
@@ -417,15 +508,22 @@ impl World {
                 self.batch.put_plan(&patient.plan_row);
             }
             if std::mem::take(&mut patient.chain_changed) {
-                self.batch.update_chain(&ChainRow { patient_id: patient.row.id, chain: &patient.chain });
+                self.batch.update_chain(&ChainRow {
+                    patient_id: patient.row.id,
+                    chain: &patient.chain,
+                });
             }
         }
         for key in std::mem::take(&mut self.dirty_tasks) {
-            let Some(task) = self.tasks.get_mut(&key) else { continue };
+            let Some(task) = self.tasks.get_mut(&key) else {
+                continue;
+            };
             task.flush(key.as_str(), &mut self.batch);
         }
         for id in std::mem::take(&mut self.dirty_attempts) {
-            let Some(attempt) = self.attempts.get_mut(&id) else { continue };
+            let Some(attempt) = self.attempts.get_mut(&id) else {
+                continue;
+            };
             attempt.flush(&id, self.allocation, &mut self.batch);
             if attempt.state.is_final() {
                 self.attempts.remove(&id);
@@ -435,7 +533,11 @@ impl World {
         self.flush_jobs(&mut batch);
         self.batch = batch;
         for action in std::mem::take(&mut self.fresh_actions) {
-            self.batch.put_action(&NewAction { id: self.next_action, at_ms: self.now_ms, action: &action });
+            self.batch.put_action(&NewAction {
+                id: self.next_action,
+                at_ms: self.now_ms,
+                action: &action,
+            });
             self.outbox.push((self.next_action, action));
             self.next_action += 1;
         }

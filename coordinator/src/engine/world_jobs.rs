@@ -33,7 +33,10 @@ pub struct Jobs {
 impl Jobs {
     /// From what the store holds.
     pub fn new(rows: Vec<JobRow>, allotments: HashMap<i64, Allotment>) -> Self {
-        let mut jobs = Self { allotments, ..Self::default() };
+        let mut jobs = Self {
+            allotments,
+            ..Self::default()
+        };
         for row in rows {
             jobs.place(&row);
             jobs.rows.insert(row.name.clone(), row);
@@ -44,14 +47,21 @@ impl Jobs {
     fn place(&mut self, row: &JobRow) {
         for (element, patients) in row.spec.elements.iter().enumerate() {
             if !row.seen.get(element).is_some_and(|seen| seen.settled) {
-                self.placed.extend(patients.iter().map(|p| (p.patient_id, (row.name.clone(), element))));
+                self.placed.extend(
+                    patients
+                        .iter()
+                        .map(|p| (p.patient_id, (row.name.clone(), element))),
+                );
             }
         }
     }
 
     /// What a patient's next job is given.
     pub fn allotment(&self, patient_id: i64) -> Allotment {
-        self.allotments.get(&patient_id).cloned().unwrap_or_default()
+        self.allotments
+            .get(&patient_id)
+            .cloned()
+            .unwrap_or_default()
     }
 
     /// Changes it.
@@ -63,8 +73,19 @@ impl Jobs {
     }
 
     /// What was seen of an element; tells whether it is news.
-    pub fn see(&mut self, name: &str, element: usize, change: impl FnOnce(&mut SeenElement)) -> bool {
-        let Some(seen) = self.rows.get_mut(name).and_then(|row| row.seen.get_mut(element)) else { return false };
+    pub fn see(
+        &mut self,
+        name: &str,
+        element: usize,
+        change: impl FnOnce(&mut SeenElement),
+    ) -> bool {
+        let Some(seen) = self
+            .rows
+            .get_mut(name)
+            .and_then(|row| row.seen.get_mut(element))
+        else {
+            return false;
+        };
         let before = seen.clone();
         change(seen);
         let news = *seen != before;
@@ -79,7 +100,11 @@ impl Jobs {
         let (name, element) = self.placed.get(&patient_id)?;
         let row = self.rows.get(name)?;
         let id = id_text(row, *element);
-        let why = row.seen.get(*element).map(|seen| seen.why.as_str()).unwrap_or_default();
+        let why = row
+            .seen
+            .get(*element)
+            .map(|seen| seen.why.as_str())
+            .unwrap_or_default();
         Some(match row.state.word(*element) {
             "running" => ("running", format!("in job {id}")),
             "unknown" => ("unknown", format!("job {id}: {why}")),
@@ -111,7 +136,9 @@ impl World {
 
     /// Feeds a job's machine.
     pub fn job_event(&mut self, name: &str, event: JobEvent) -> Result<(), EngineError> {
-        let Some(row) = self.jobs.rows.get_mut(name) else { return Ok(()) };
+        let Some(row) = self.jobs.rows.get_mut(name) else {
+            return Ok(());
+        };
         let (state, actions) = row.state.clone().on(event.clone())?;
         if state == row.state && actions.is_empty() {
             return Ok(());
@@ -123,7 +150,10 @@ impl World {
             | JobEvent::Seen { element, .. }
             | JobEvent::Vanished { element, .. }
             | JobEvent::Ended { element, .. } => Some(*element),
-            JobEvent::Accepted { .. } | JobEvent::Refused { .. } | JobEvent::Doubt { .. } | JobEvent::Absent => None,
+            JobEvent::Accepted { .. }
+            | JobEvent::Refused { .. }
+            | JobEvent::Doubt { .. }
+            | JobEvent::Absent => None,
         };
         self.log("job", None, None, &json!({ "job": name, "event": event }));
         self.jobs.dirty.insert(name.to_owned());
@@ -142,22 +172,39 @@ impl World {
     pub fn plan_changed(&mut self, i: usize) {
         let patient_id = self.patients[i].row.id;
         let plans = self.jobs.allotment(patient_id).plans + 1;
-        self.jobs.set_allotment(patient_id, Allotment { plans, ..Allotment::default() });
+        self.jobs.set_allotment(
+            patient_id,
+            Allotment {
+                plans,
+                ..Allotment::default()
+            },
+        );
     }
 
     /// What `status` shows of the patients of a job, or of one element of it, follows from the job.
     pub fn touch_placed(&mut self, name: &str, element: Option<usize>) {
-        let Some(row) = self.jobs.rows.get(name) else { return };
-        let lists = row.spec.elements.iter().enumerate().filter(|(i, _)| element.is_none_or(|element| *i == element));
-        let patients: Vec<usize> =
-            lists.flat_map(|(_, list)| list).filter_map(|placed| self.by_id.get(&placed.patient_id).copied()).collect();
+        let Some(row) = self.jobs.rows.get(name) else {
+            return;
+        };
+        let lists = row
+            .spec
+            .elements
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| element.is_none_or(|element| *i == element));
+        let patients: Vec<usize> = lists
+            .flat_map(|(_, list)| list)
+            .filter_map(|placed| self.by_id.get(&placed.patient_id).copied())
+            .collect();
         patients.into_iter().for_each(|i| self.touch(i));
     }
 
     /// The end of an element was taken up: its patients are free.
     pub fn element_settled(&mut self, name: &str, element: usize) {
         self.jobs.see(name, element, |seen| seen.settled = true);
-        let Some(row) = self.jobs.rows.get_mut(name) else { return };
+        let Some(row) = self.jobs.rows.get_mut(name) else {
+            return;
+        };
         row.over = row.state.is_over() && row.seen.iter().all(|seen| seen.settled);
         let here = |place: &(String, usize)| place.0 == name && place.1 == element;
         let patients = row.spec.elements.get(element).cloned().unwrap_or_default();
@@ -172,8 +219,14 @@ impl World {
     }
 
     /// An attempt that a job began: as [`World::begin`], but nobody needs to hand it over.
-    pub fn begin_found(&mut self, key: &TaskKey, generation: u32) -> Result<AttemptId, EngineError> {
-        debug_assert!(matches!(self.tasks[key].state, Task::Open { generation: g, .. } if g + 1 == generation));
+    pub fn begin_found(
+        &mut self,
+        key: &TaskKey,
+        generation: u32,
+    ) -> Result<AttemptId, EngineError> {
+        debug_assert!(
+            matches!(self.tasks[key].state, Task::Open { generation: g, .. } if g + 1 == generation)
+        );
         let id = self.begin(key)?;
         self.drop_submission(&id);
         Ok(id)
@@ -181,7 +234,9 @@ impl World {
 
     /// An attempt of a job's, seen to have begun.
     pub fn attempt_seen(&mut self, id: &AttemptId, external: &str) -> Result<(), EngineError> {
-        let accepted = AttemptEvent::Accepted { id: external.into() };
+        let accepted = AttemptEvent::Accepted {
+            id: external.into(),
+        };
         match self.attempts.get(id).map(|attempt| &attempt.state) {
             Some(Attempt::Submitting | Attempt::Unknown { .. }) => self.attempt_event(id, accepted),
             _ => Ok(()),
@@ -192,8 +247,11 @@ impl World {
     pub fn elements_at_work(&self) -> Vec<(String, usize)> {
         let rows = self.jobs.rows.values();
         rows.flat_map(|row| {
-            let alive = |element: &usize| !matches!(row.state.elements[*element], Element::Over { .. });
-            (0..row.spec.elements.len()).filter(alive).map(|element| (row.name.clone(), element))
+            let alive =
+                |element: &usize| !matches!(row.state.elements[*element], Element::Over { .. });
+            (0..row.spec.elements.len())
+                .filter(alive)
+                .map(|element| (row.name.clone(), element))
         })
         .collect()
     }
@@ -206,7 +264,9 @@ impl World {
             }
         }
         for name in std::mem::take(&mut self.jobs.dirty) {
-            let Some(row) = self.jobs.rows.get_mut(&name) else { continue };
+            let Some(row) = self.jobs.rows.get_mut(&name) else {
+                continue;
+            };
             batch.update_job(row);
             row.version += 1;
             if row.over {
@@ -214,7 +274,10 @@ impl World {
             }
         }
         for patient_id in std::mem::take(&mut self.jobs.dirty_allotments) {
-            batch.put_allotment(&AllotmentRow { patient_id, allotment: &self.jobs.allotments[&patient_id] });
+            batch.put_allotment(&AllotmentRow {
+                patient_id,
+                allotment: &self.jobs.allotments[&patient_id],
+            });
         }
     }
 }

@@ -28,16 +28,23 @@ pub struct Exported {
 pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
     std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
     let mut files = Vec::new();
-    for table in [paper::table_1(run), paper::table_2(run), paper::table_a6(run), paper::table_a7(run)] {
+    for table in [
+        paper::table_1(run),
+        paper::table_2(run),
+        paper::table_a6(run),
+        paper::table_a7(run),
+    ] {
         for (extension, text) in [("csv", table.csv()), ("json", table.json())] {
             let file = folder.join(format!("{}.{extension}", table.name));
-            atomic::write(&file, |out| out.write_all(text.as_bytes())).map_err(WriteError::file(&file))?;
+            atomic::write(&file, |out| out.write_all(text.as_bytes()))
+                .map_err(WriteError::file(&file))?;
             files.push(file);
         }
     }
     let file = folder.join("traces.csv");
     let mut problems = Vec::new();
-    atomic::write(&file, |out| traces::write(run, out, &mut problems)).map_err(WriteError::file(&file))?;
+    atomic::write(&file, |out| traces::write(run, out, &mut problems))
+        .map_err(WriteError::file(&file))?;
     files.push(file);
     Ok(Exported { files, problems })
 }

@@ -9,7 +9,11 @@ use super::table::{Row, Table, number};
 use crate::results::{Biomarker, MeanSd, PatientView, Step};
 
 fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
-    let row = |p: &PatientRecord| Row { patient: p.plan.id.to_string(), kind: None, values: values(PatientView(p)) };
+    let row = |p: &PatientRecord| Row {
+        patient: p.plan.id.to_string(),
+        kind: None,
+        values: values(PatientView(p)),
+    };
     run.patients.iter().map(row).collect()
 }
 
@@ -44,12 +48,21 @@ pub fn table_1(run: &RunRecord) -> Table {
         rows: rows(run, |view| {
             let p = view.0;
             // A ventricle with a mesh counts it; the reduced one has none.
-            let counted =
-                |name: &str| number(view.beat(Step::Step1).and_then(|r| r.result.counters.get(name).copied()));
-            let per_beat = MeanSd::of(p.iterations.iter().map(|i| i.run.as_ref().map(|r| r.provenance.wall_s)));
+            let counted = |name: &str| {
+                number(
+                    view.beat(Step::Step1)
+                        .and_then(|r| r.result.counters.get(name).copied()),
+                )
+            };
+            let per_beat = MeanSd::of(
+                p.iterations
+                    .iter()
+                    .map(|i| i.run.as_ref().map(|r| r.provenance.wall_s)),
+            );
             let fit = p.cell_fit.as_ref();
-            let per_cell =
-                fit.filter(|f| f.result.evaluations > 0).map(|f| f.provenance.wall_s / f.result.evaluations as f64);
+            let per_cell = fit
+                .filter(|f| f.result.evaluations > 0)
+                .map(|f| f.provenance.wall_s / f.result.evaluations as f64);
             let step1 = p.step1.as_ref();
             vec![
                 counted("nodes"),
@@ -84,9 +97,15 @@ pub fn table_2(run: &RunRecord) -> Table {
     let mut rows = Vec::new();
     for p in &run.patients {
         let view = PatientView(p);
-        let values = |of: &dyn Fn(Biomarker) -> Option<f64>| Biomarker::ALL.iter().map(|b| number(of(*b))).collect();
+        let values = |of: &dyn Fn(Biomarker) -> Option<f64>| {
+            Biomarker::ALL.iter().map(|b| number(of(*b))).collect()
+        };
         let mut row = |kind, of: &dyn Fn(Biomarker) -> Option<f64>| {
-            rows.push(Row { patient: p.plan.id.to_string(), kind: Some(kind), values: values(of) });
+            rows.push(Row {
+                patient: p.plan.id.to_string(),
+                kind: Some(kind),
+                values: values(of),
+            });
         };
         let percent = |step, b| view.relative_difference(step, b).map(|d| 100.0 * d.abs());
         row("clinical", &|b| b.of(view.measured()));
@@ -98,7 +117,10 @@ pub fn table_2(run: &RunRecord) -> Table {
     Table {
         name: "table_2",
         caption: "Simulated and clinical LV pressure and volume biomarkers",
-        columns: Biomarker::ALL.iter().map(|b| paper_name(*b).to_owned()).collect(),
+        columns: Biomarker::ALL
+            .iter()
+            .map(|b| paper_name(*b).to_owned())
+            .collect(),
         rows,
     }
 }
@@ -118,17 +140,30 @@ pub fn table_a6(run: &RunRecord) -> Table {
             "quality",
         ]),
         rows: rows(run, |view| match &view.0.step1 {
-            Some(step1) => {
-                step1.parameters.updated().iter().map(|v| number(Some(*v))).chain([json!(step1.to_string())]).collect()
-            }
+            Some(step1) => step1
+                .parameters
+                .updated()
+                .iter()
+                .map(|v| number(Some(*v)))
+                .chain([json!(step1.to_string())])
+                .collect(),
             None => vec![Value::Null; 7],
         }),
     }
 }
 
 /// The nine of the paper's Table A7.
-const TABLE_A7: [&str; 9] =
-    ["n_TRPN", "beta_1_uM", "n_Tm", "Ca50_ref_uM", "k_UW_per_ms", "Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
+const TABLE_A7: [&str; 9] = [
+    "n_TRPN",
+    "beta_1_uM",
+    "n_Tm",
+    "Ca50_ref_uM",
+    "k_UW_per_ms",
+    "Ca_res_uM",
+    "Ca_max_uM",
+    "tau_CR_ms",
+    "tau_CD_ms",
+];
 
 /// Personalised Land and Rice models with a_p and the smallest stretch; other fitted parameters after them.
 pub fn table_a7(run: &RunRecord) -> Table {
@@ -144,7 +179,11 @@ pub fn table_a7(run: &RunRecord) -> Table {
     let fitted = columns.clone();
     columns.extend(names(&["lambda_min", "lambda_min_reached", "on_bounds"]));
     // What the data determine of each, where that was looked at.
-    let profiled: Vec<String> = fitted.iter().filter(|name| is_profiled(run, name)).cloned().collect();
+    let profiled: Vec<String> = fitted
+        .iter()
+        .filter(|name| is_profiled(run, name))
+        .cloned()
+        .collect();
     for name in &profiled {
         columns.extend(["lower", "upper", "mark"].map(|end| format!("{name}_near_optimal_{end}")));
     }
@@ -155,20 +194,33 @@ pub fn table_a7(run: &RunRecord) -> Table {
         rows: rows(run, |view| {
             let fit = view.0.cell_fit.as_ref().map(|f| &f.result);
             let value = |name: &String| {
-                number(fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name)).map(|p| p.value))
+                number(
+                    fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name))
+                        .map(|p| p.value),
+                )
             };
             let on_bounds = fit.map(|f| {
-                f.parameters.iter().filter(|p| p.at_bound).map(|p| p.name.as_str()).collect::<Vec<_>>().join(" ")
+                f.parameters
+                    .iter()
+                    .filter(|p| p.at_bound)
+                    .map(|p| p.name.as_str())
+                    .collect::<Vec<_>>()
+                    .join(" ")
             });
             let mut values: Vec<Value> = fitted.iter().map(value).collect();
-            values.push(number(view.0.targets.as_ref().map(|t| t.result.targets.lambda_min)));
+            values.push(number(
+                view.0.targets.as_ref().map(|t| t.result.targets.lambda_min),
+            ));
             values.push(number(fit.map(|f| f.reached.lambda_min)));
             values.push(on_bounds.map_or(Value::Null, Value::String));
             for name in &profiled {
-                let near = fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name)?.near_optimal);
+                let near =
+                    fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name)?.near_optimal);
                 values.push(number(near.map(|near| near.lower)));
                 values.push(number(near.map(|near| near.upper)));
-                values.push(near.map_or(Value::Null, |near| Value::String(near.mark.as_str().to_owned())));
+                values.push(near.map_or(Value::Null, |near| {
+                    Value::String(near.mark.as_str().to_owned())
+                }));
             }
             values
         }),
@@ -176,6 +228,10 @@ pub fn table_a7(run: &RunRecord) -> Table {
 }
 
 fn is_profiled(run: &RunRecord, name: &str) -> bool {
-    let mut parameters = run.patients.iter().filter_map(|p| p.cell_fit.as_ref()).flat_map(|f| &f.result.parameters);
+    let mut parameters = run
+        .patients
+        .iter()
+        .filter_map(|p| p.cell_fit.as_ref())
+        .flat_map(|f| &f.result.parameters);
     parameters.any(|p| p.name == name && p.near_optimal.is_some())
 }

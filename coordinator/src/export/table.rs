@@ -40,8 +40,14 @@ impl Table {
 
     /// Mean and SD of every column over the rows of a kind; absent for columns of words.
     fn spread(&self, kind: Option<&'static str>) -> Vec<Option<MeanSd>> {
-        let of =
-            |column: usize| MeanSd::of(self.rows.iter().filter(|r| r.kind == kind).map(|r| r.values[column].as_f64()));
+        let of = |column: usize| {
+            MeanSd::of(
+                self.rows
+                    .iter()
+                    .filter(|r| r.kind == kind)
+                    .map(|r| r.values[column].as_f64()),
+            )
+        };
         (0..self.columns.len()).map(of).collect()
     }
 
@@ -51,30 +57,50 @@ impl Table {
     pub fn csv(&self) -> String {
         let with_kind = self.rows.iter().any(|r| r.kind.is_some());
         let mut out = csv::WriterBuilder::new().from_writer(Vec::new());
-        let mut line = |patient: &str, kind: Option<&str>, values: &mut dyn Iterator<Item = String>| {
-            let kind = with_kind.then(|| kind.unwrap_or_default().to_owned());
-            let cells = std::iter::once(patient.to_owned()).chain(kind).chain(values);
-            out.write_record(cells).expect("memory takes any row of this width");
-        };
+        let mut line =
+            |patient: &str, kind: Option<&str>, values: &mut dyn Iterator<Item = String>| {
+                let kind = with_kind.then(|| kind.unwrap_or_default().to_owned());
+                let cells = std::iter::once(patient.to_owned())
+                    .chain(kind)
+                    .chain(values);
+                out.write_record(cells)
+                    .expect("memory takes any row of this width");
+            };
         line("patient", Some("row"), &mut self.columns.iter().cloned());
         for row in &self.rows {
             line(&row.patient, row.kind, &mut row.values.iter().map(text));
         }
         for kind in self.kinds() {
             let spread = self.spread(kind);
-            line("mean", kind, &mut spread.iter().map(|s| s.map_or(String::new(), |s| rounded(s.mean).to_string())));
-            let sd = |s: &Option<MeanSd>| s.and_then(|s| s.sd).map_or(String::new(), |sd| rounded(sd).to_string());
+            line(
+                "mean",
+                kind,
+                &mut spread
+                    .iter()
+                    .map(|s| s.map_or(String::new(), |s| rounded(s.mean).to_string())),
+            );
+            let sd = |s: &Option<MeanSd>| {
+                s.and_then(|s| s.sd)
+                    .map_or(String::new(), |sd| rounded(sd).to_string())
+            };
             line("SD", kind, &mut spread.iter().map(sd));
-            line("n", kind, &mut spread.iter().map(|s| s.map_or(0, |s| s.n).to_string()));
+            line(
+                "n",
+                kind,
+                &mut spread.iter().map(|s| s.map_or(0, |s| s.n).to_string()),
+            );
         }
-        String::from_utf8(out.into_inner().expect("memory is flushed")).expect("CSV of text is text")
+        String::from_utf8(out.into_inner().expect("memory is flushed"))
+            .expect("CSV of text is text")
     }
 
     /// As JSON: `caption`, `columns`, `rows` by patient (and kind), `mean`, `SD`, `n` by kind.
     #[must_use]
     pub fn json(&self) -> String {
         let object = |values: &mut dyn Iterator<Item = Value>| {
-            Value::Object(std::iter::zip(self.columns.iter().cloned(), values).collect::<Map<_, _>>())
+            Value::Object(
+                std::iter::zip(self.columns.iter().cloned(), values).collect::<Map<_, _>>(),
+            )
         };
         let mut rows = Map::new();
         for row in &self.rows {
@@ -129,7 +155,9 @@ fn rounded(value: f64) -> f64 {
 /// A number to twelve significant digits, or null for what is missing or not finite.
 #[must_use]
 pub fn number(value: Option<f64>) -> Value {
-    value.filter(|v| v.is_finite()).map_or(Value::Null, |v| json!(rounded(v)))
+    value
+        .filter(|v| v.is_finite())
+        .map_or(Value::Null, |v| json!(rounded(v)))
 }
 
 #[cfg(test)]
@@ -137,7 +165,11 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let row = |patient: &str, values| Row { patient: patient.into(), kind: None, values };
+        let row = |patient: &str, values| Row {
+            patient: patient.into(),
+            kind: None,
+            values,
+        };
         Table {
             name: "t",
             caption: "c",
@@ -154,7 +186,10 @@ mod tests {
     fn mean_and_sd_leave_out_what_is_missing_and_say_how_many_there_were() {
         let csv = table().csv();
         let lines: Vec<_> = csv.lines().collect();
-        assert_eq!(lines[..4], ["patient,a_ms,note", "P1,1.0,\"x, y\"", "P2,2.0,", "P3,,"]);
+        assert_eq!(
+            lines[..4],
+            ["patient,a_ms,note", "P1,1.0,\"x, y\"", "P2,2.0,", "P3,,"]
+        );
         assert_eq!(lines[4..], ["mean,1.5,", "SD,0.707106781187,", "n,2,0"]);
     }
 
@@ -163,6 +198,9 @@ mod tests {
         let json: Value = serde_json::from_str(&table().json()).unwrap();
         assert_eq!(json["rows"]["P2"]["a_ms"], 2.0);
         assert_eq!(json["rows"]["P3"]["a_ms"], Value::Null);
-        assert_eq!((&json["mean"]["a_ms"], &json["n"]["a_ms"]), (&json!(1.5), &json!(2)));
+        assert_eq!(
+            (&json["mean"]["a_ms"], &json["n"]["a_ms"]),
+            (&json!(1.5), &json!(2))
+        );
     }
 }

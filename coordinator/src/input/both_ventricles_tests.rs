@@ -10,17 +10,31 @@ const THREE_D: &str = "[solver]\nfidelity = \"finite-element\"\n";
 fn said(right: &str, settings: &str, trace: Option<&str>) -> (Option<Cohort>, Vec<String>) {
     let mesh = "\n[anatomy.mesh]\nfile = \"ambit_biv\"\nunit = \"um\"\nleft_ventricle = [1]\n\
                 activation_sites_mm = [[-19.2, -1.7, -41.4]]\n";
-    let folder = Folder::new(&format!("{COHORT}{THREE_D}{settings}"), &[("P1", &format!("{PATIENT}{mesh}{right}"))]);
-    let from = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/meshes/ambit_biv");
+    let folder = Folder::new(
+        &format!("{COHORT}{THREE_D}{settings}"),
+        &[("P1", &format!("{PATIENT}{mesh}{right}"))],
+    );
+    let from =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/meshes/ambit_biv");
     let patient = folder.path().join("patients/P1");
-    for ending in ["pts", "elem", "endocardium.surf", "epicardium.surf", "rim.surf", "endo_rv.surf"] {
+    for ending in [
+        "pts",
+        "elem",
+        "endocardium.surf",
+        "epicardium.surf",
+        "rim.surf",
+        "endo_rv.surf",
+    ] {
         let name = format!("ambit_biv.{ending}");
         std::fs::copy(from.join(&name), patient.join(&name)).unwrap();
     }
     if let Some(text) = trace {
         std::fs::write(patient.join("rv.csv"), text).unwrap();
     }
-    folder.load(&Options { meshes: true, ..Options::default() })
+    folder.load(&Options {
+        meshes: true,
+        ..Options::default()
+    })
 }
 
 fn table(lines: &str) -> String {
@@ -43,48 +57,116 @@ fn a_right_ventricle_with_a_pressure_or_a_trace_is_taken() {
     let (cohort, said_of_it) = said(&table("surface = \"endo_rv\"\npressure_mmHg = 4"), "", None);
     assert_eq!(said_of_it, Vec::<String>::new());
     let right = |cohort: Option<Cohort>| {
-        let own = cohort.unwrap().plans().remove(0).step0.own_mesh.expect("a mesh");
+        let own = cohort
+            .unwrap()
+            .plans()
+            .remove(0)
+            .step0
+            .own_mesh
+            .expect("a mesh");
         assert_eq!(own.files.len(), 6);
         own.right_ventricle.expect("a right ventricle")
     };
     let pressure = RightPressureSpec::Constant { pressure_mmhg: 4.0 };
-    assert_eq!(right(cohort), OwnRightVentricle { surface: "endo_rv".to_owned(), pressure });
+    assert_eq!(
+        right(cohort),
+        OwnRightVentricle {
+            surface: "endo_rv".to_owned(),
+            pressure
+        }
+    );
     let of_trace = table("surface = \"endo_rv\"\npressure = \"rv.csv\"");
     let (cohort, said_of_it) = said(&of_trace, "", Some(&trace(1.0)));
     assert_eq!(said_of_it, Vec::<String>::new());
-    assert!(matches!(right(cohort).pressure, RightPressureSpec::Trace { file } if file.path.ends_with("rv.csv")));
+    assert!(
+        matches!(right(cohort).pressure, RightPressureSpec::Trace { file } if file.path.ends_with("rv.csv"))
+    );
 }
 
 #[test]
 fn what_is_wrong_with_a_right_ventricle_is_said_with_key_and_line() {
     let of = |lines: &str, trace: Option<&str>| said(&table(lines), "", trace).1;
     let place = "patients/P1/patient.toml:18: anatomy.mesh.right_ventricle";
-    only(&of("surface = \"endo_rv\"", None), &[place, "neither a pressure nor a trace", "rv_pressure.csv"]);
-    let both = of("surface = \"endo_rv\"\npressure_mmHg = 4\npressure = \"rv.csv\"", Some(&trace(1.0)));
+    only(
+        &of("surface = \"endo_rv\"", None),
+        &[place, "neither a pressure nor a trace", "rv_pressure.csv"],
+    );
+    let both = of(
+        "surface = \"endo_rv\"\npressure_mmHg = 4\npressure = \"rv.csv\"",
+        Some(&trace(1.0)),
+    );
     only(&both, &[place, "a pressure and a trace"]);
     let high = of("surface = \"endo_rv\"\npressure_mmHg = 400", None);
-    only(&high, &["patient.toml:20: anatomy.mesh.right_ventricle.pressure_mmHg", "-10 to 150 mmHg"]);
+    only(
+        &high,
+        &[
+            "patient.toml:20: anatomy.mesh.right_ventricle.pressure_mmHg",
+            "-10 to 150 mmHg",
+        ],
+    );
     let gone = of("surface = \"endo_rv\"\npressure = \"rv.csv\"", None);
     only(&gone, &["anatomy.mesh.right_ventricle.pressure", "rv.csv"]);
-    let pascals = of("surface = \"endo_rv\"\npressure = \"rv.csv\"", Some(&trace(133.3)));
-    only(&pascals, &["rv.csv", "-10 to 150 mmHg in a right ventricle"]);
+    let pascals = of(
+        "surface = \"endo_rv\"\npressure = \"rv.csv\"",
+        Some(&trace(133.3)),
+    );
+    only(
+        &pascals,
+        &["rv.csv", "-10 to 150 mmHg in a right ventricle"],
+    );
     let named = of("surface = \"rv\"\npressure_mmHg = 4", None);
     let place = "patients/P1/patient.toml:19: anatomy.mesh.right_ventricle.surface";
-    only(&named, &[place, "no surface named rv; surfaces there are: endo_rv, endocardium, epicardium, rim"]);
-    only(&of("surface = \"epicardium\"\npressure_mmHg = 4", None), &[place, "not the right ventricle's"]);
+    only(
+        &named,
+        &[
+            place,
+            "no surface named rv; surfaces there are: endo_rv, endocardium, epicardium, rim",
+        ],
+    );
+    only(
+        &of("surface = \"epicardium\"\npressure_mmHg = 4", None),
+        &[place, "not the right ventricle's"],
+    );
 }
 
 #[test]
 fn springs_of_a_surface_that_no_mesh_has_are_said_where_they_are_set() {
     let springs = "[solver.finite_element.wall.surface.lung]\nspring_kPa_per_mm = 0.5\n";
     let of_lung = said("", springs, None).1;
-    only(&of_lung, &["cohort.toml:5: solver.finite_element.wall.surface.lung", "no surface named lung", "endo_rv"]);
+    only(
+        &of_lung,
+        &[
+            "cohort.toml:5: solver.finite_element.wall.surface.lung",
+            "no surface named lung",
+            "endo_rv",
+        ],
+    );
     let of_right = said("", &springs.replace("lung", "endo_rv"), None).1;
     assert_eq!(of_right, Vec::<String>::new());
     let generated = Folder::new(&format!("{COHORT}{THREE_D}{springs}"), &[("P1", PATIENT)]);
-    let said = generated.load(&Options { meshes: true, ..Options::default() }).1;
-    only(&said, &["cohort.toml:5: solver.finite_element.wall.surface.lung", "no mesh of his own", "[settings]"]);
+    let said = generated
+        .load(&Options {
+            meshes: true,
+            ..Options::default()
+        })
+        .1;
+    only(
+        &said,
+        &[
+            "cohort.toml:5: solver.finite_element.wall.surface.lung",
+            "no mesh of his own",
+            "[settings]",
+        ],
+    );
     let septum = format!("{COHORT}{THREE_D}{}", springs.replace("lung", "septum"));
     let septum = Folder::new(&septum, &[("P1", PATIENT)]);
-    assert_eq!(septum.load(&Options { meshes: true, ..Options::default() }).1, Vec::<String>::new());
+    assert_eq!(
+        septum
+            .load(&Options {
+                meshes: true,
+                ..Options::default()
+            })
+            .1,
+        Vec::<String>::new()
+    );
 }

@@ -68,13 +68,21 @@ impl Patient {
     #[must_use]
     pub fn places_of(&self, name: &str) -> Vec<(String, String)> {
         let ends = |key: &str| key.rsplit('.').next() == Some(name);
-        let settings = self.settings.leaves().into_iter().filter(|(key, _, origin)| {
-            // Built in says nothing about where to look; lines of this patient's own file follow below.
-            ends(key) && !matches!(origin, Origin::Default)
-        });
-        let mut places: Vec<(String, String)> = settings.map(|(key, _, origin)| (key, origin.to_string())).collect();
+        let settings = self
+            .settings
+            .leaves()
+            .into_iter()
+            .filter(|(key, _, origin)| {
+                // Built in says nothing about where to look; lines of this patient's own file follow below.
+                ends(key) && !matches!(origin, Origin::Default)
+            });
+        let mut places: Vec<(String, String)> = settings
+            .map(|(key, _, origin)| (key, origin.to_string()))
+            .collect();
         let (file, lines) = &self.lines;
-        let own = lines.iter().filter(|(key, _)| ends(key) && !key.starts_with("settings."));
+        let own = lines
+            .iter()
+            .filter(|(key, _)| ends(key) && !key.starts_with("settings."));
         places.extend(own.map(|(key, line)| (key.clone(), format!("{}:{line}", file.display()))));
         places
     }
@@ -84,7 +92,10 @@ impl Cohort {
     /// Plans of all patients; call it when the report has no errors.
     #[must_use]
     pub fn plans(&self) -> Vec<ResolvedPatient> {
-        self.patients.iter().filter_map(|patient| patient.resolved.clone()).collect()
+        self.patients
+            .iter()
+            .filter_map(|patient| patient.resolved.clone())
+            .collect()
     }
 }
 
@@ -102,8 +113,14 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     let folders = patient_folders(directory, &file, &document, report);
     select(&folders, &options.only, report);
     let mut patients = Vec::new();
-    for (id, folder) in folders.iter().filter(|(id, _)| options.only.is_empty() || options.only.contains(id)) {
-        let overrides = options.overrides.get(id).map(|value| Layer::from_rerun(value, id, report));
+    for (id, folder) in folders
+        .iter()
+        .filter(|(id, _)| options.only.is_empty() || options.only.contains(id))
+    {
+        let overrides = options
+            .overrides
+            .get(id)
+            .map(|value| Layer::from_rerun(value, id, report));
         let cohort = &cohort_layer;
         let layers = Layers {
             defaults: &defaults,
@@ -130,9 +147,21 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
 pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     let own_id = || {
         let text = std::fs::read_to_string(folder.join("patient.toml")).ok()?;
-        Some(toml::from_str::<toml::Table>(&text).ok()?.get("id")?.as_str()?.to_owned())
+        Some(
+            toml::from_str::<toml::Table>(&text)
+                .ok()?
+                .get("id")?
+                .as_str()?
+                .to_owned(),
+        )
     };
-    let id = own_id().unwrap_or_else(|| folder.file_name().unwrap_or_default().to_string_lossy().into_owned());
+    let id = own_id().unwrap_or_else(|| {
+        folder
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    });
     let file = CohortFile {
         name: id.clone(),
         description: String::new(),
@@ -182,10 +211,21 @@ fn load_patient(
     let document = Document::read(&folder.join("patient.toml"), Some(id), report)?;
     let file: PatientFile = read_as(&document, Some(id), report)?;
     patient::check_values(&file, &document, id, report);
-    let own = Layer::from_file(&file.settings.clone().unwrap_or_default(), &document, "settings");
+    let own = Layer::from_file(
+        &file.settings.clone().unwrap_or_default(),
+        &document,
+        "settings",
+    );
     let overrides = layers.overrides.unwrap_or_default();
     // A rerun is about one patient and wins over what is said of all.
-    let settings = Merged::of([layers.defaults, layers.cohort, &own, layers.command_line, &overrides]).ok()?;
+    let settings = Merged::of([
+        layers.defaults,
+        layers.cohort,
+        &own,
+        layers.command_line,
+        &overrides,
+    ])
+    .ok()?;
     complain(&settings, Some((id, &document)), report);
     patient::check_completeness(&file, &settings.settings, &document, report);
     data::check(&file, folder, &document, &cohort.defaults, report);
@@ -196,11 +236,28 @@ fn load_patient(
     let resolved = if report.has_error_of(id) {
         None
     } else {
-        resolve::resolve(&file, (folder, layers.folder), &cohort.defaults, &settings.settings, overlay.as_ref(), report)
+        resolve::resolve(
+            &file,
+            (folder, layers.folder),
+            &cohort.defaults,
+            &settings.settings,
+            overlay.as_ref(),
+            report,
+        )
     };
     let lines = (document.file.clone(), lines(&document.root, ""));
     let named = file.id.clone();
-    Some((Patient { id: id.to_owned(), settings, lines, file, folder: folder.to_owned(), resolved }, named))
+    Some((
+        Patient {
+            id: id.to_owned(),
+            settings,
+            lines,
+            file,
+            folder: folder.to_owned(),
+            resolved,
+        },
+        named,
+    ))
 }
 
 /// A document as its type; what does not fit is reported.
@@ -215,7 +272,15 @@ pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
         Err(error) => {
             // The walk over the schema has let something pass that the type refuses: say what the type says.
             let remedy = "correct the value";
-            report.add(patient, Problem::error(&document.file, error.to_string(), "a value of the key's type", remedy));
+            report.add(
+                patient,
+                Problem::error(
+                    &document.file,
+                    error.to_string(),
+                    "a value of the key's type",
+                    remedy,
+                ),
+            );
             None
         }
     }
@@ -241,12 +306,17 @@ fn complain(merged: &Merged, patient: Option<(&str, &Document)>, report: &mut Re
             _ => false,
         });
         let (file, line, prefix) = match origin {
-            Origin::File(file, line) => (file.as_path(), Some(*line), if own.is_some() { "settings." } else { "" }),
+            Origin::File(file, line) => (
+                file.as_path(),
+                Some(*line),
+                if own.is_some() { "settings." } else { "" },
+            ),
             Origin::Rerun => (Path::new(RERUN), None, ""),
             Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, ""),
         };
         let key = format!("{prefix}{}", complaint.key);
-        let mut problem = Problem::error(file, complaint.found, complaint.expected, complaint.remedy).at_key(key);
+        let mut problem =
+            Problem::error(file, complaint.found, complaint.expected, complaint.remedy).at_key(key);
         problem.line = line;
         report.add(own.map(|(id, _)| id), problem);
     }
@@ -256,21 +326,48 @@ fn check_defaults(file: &CohortFile, document: &Document, report: &mut Report) {
     let mut range = |key: &str, value: Option<f64>, low: f64, high: f64| {
         if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
             let expected = format!("{low} to {high}");
-            let problem = Problem::error(&document.file, value.to_string(), expected, "correct the value");
+            let problem = Problem::error(
+                &document.file,
+                value.to_string(),
+                expected,
+                "correct the value",
+            );
             report.add(None, problem.at_line(line_of(document, key)).at_key(key));
         }
     };
-    range("defaults.left_atrial_pressure_mmHg", file.defaults.left_atrial_pressure_mmhg, -5.0, 60.0);
-    range("defaults.passive_exponent", file.defaults.passive_exponent, 0.1, 100.0);
+    range(
+        "defaults.left_atrial_pressure_mmHg",
+        file.defaults.left_atrial_pressure_mmhg,
+        -5.0,
+        60.0,
+    );
+    range(
+        "defaults.passive_exponent",
+        file.defaults.passive_exponent,
+        0.1,
+        100.0,
+    );
     if file.name.trim().is_empty() && !report.is_broken(&document.file, "name") {
-        let problem = Problem::error(&document.file, "an empty name", "a short name", "name the cohort");
-        report.add(None, problem.at_line(line_of(document, "name")).at_key("name"));
+        let problem = Problem::error(
+            &document.file,
+            "an empty name",
+            "a short name",
+            "name the cohort",
+        );
+        report.add(
+            None,
+            problem.at_line(line_of(document, "name")).at_key("name"),
+        );
     }
 }
 
 /// A path below the cohort's folder; one in the current directory is named without `./`.
 fn inside(directory: &Path, name: &str) -> PathBuf {
-    if directory == Path::new(".") { PathBuf::from(name) } else { directory.join(name) }
+    if directory == Path::new(".") {
+        PathBuf::from(name)
+    } else {
+        directory.join(name)
+    }
 }
 
 /// Folders of patients by name, sorted; hidden ones are passed over.
@@ -282,8 +379,13 @@ fn patient_folders(
 ) -> Vec<(String, PathBuf)> {
     let parent = inside(directory, &file.patients);
     let here = |found: String, remedy: &str| {
-        let problem =
-            Problem::error(&document.file, found, "a folder with one folder per patient", remedy).at_key("patients");
+        let problem = Problem::error(
+            &document.file,
+            found,
+            "a folder with one folder per patient",
+            remedy,
+        )
+        .at_key("patients");
         match line_of(document, "patients") {
             0 => problem,
             line => problem.at_line(line),
@@ -293,20 +395,37 @@ fn patient_folders(
         Ok(entries) => entries,
         Err(error) => {
             let found = format!("no readable folder {} ({error})", parent.display());
-            report.add(None, here(found, "create it, or name the right one with `patients = \"…\"`"));
+            report.add(
+                None,
+                here(
+                    found,
+                    "create it, or name the right one with `patients = \"…\"`",
+                ),
+            );
             return Vec::new();
         }
     };
     let mut folders: Vec<(String, PathBuf)> = entries
         .filter_map(Result::ok)
         .filter(|entry| entry.path().is_dir())
-        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path()))
+        .map(|entry| {
+            (
+                entry.file_name().to_string_lossy().into_owned(),
+                entry.path(),
+            )
+        })
         .filter(|(name, _)| !name.starts_with('.'))
         .collect();
     folders.sort();
     if folders.is_empty() {
         let found = format!("no patient's folder in {}", parent.display());
-        report.add(None, here(found, "add a folder with patient.toml; `cardiotwin init DIR` writes a template"));
+        report.add(
+            None,
+            here(
+                found,
+                "add a folder with patient.toml; `cardiotwin init DIR` writes a template",
+            ),
+        );
     }
     folders
 }
@@ -315,10 +434,19 @@ fn select(folders: &[(String, PathBuf)], only: &[String], report: &mut Report) {
     let known: Vec<&str> = folders.iter().map(|(id, _)| id.as_str()).collect();
     for id in only.iter().filter(|id| !known.contains(&id.as_str())) {
         let remedy = nearest(id, known.iter().copied())
-            .map_or("name one of these".to_owned(), |meant| format!("did you mean `{meant}`?"));
+            .map_or("name one of these".to_owned(), |meant| {
+                format!("did you mean `{meant}`?")
+            });
         let expected = format!("one of {}", known.join(", "));
-        report
-            .add(None, Problem::error(Path::new("--patient"), format!("the unknown patient `{id}`"), expected, remedy));
+        report.add(
+            None,
+            Problem::error(
+                Path::new("--patient"),
+                format!("the unknown patient `{id}`"),
+                expected,
+                remedy,
+            ),
+        );
     }
 }
 
@@ -331,7 +459,12 @@ fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
             let remedy = "give each patient its own id, equal to its folder's name";
             let (file, lines) = &patient.lines;
             let problem = Problem::error(file, found, "each id once", remedy).at_key("id");
-            report.add(None, lines.get("id").map_or(problem.clone(), |line| problem.at_line(*line)));
+            report.add(
+                None,
+                lines
+                    .get("id")
+                    .map_or(problem.clone(), |line| problem.at_line(*line)),
+            );
         } else {
             first.insert(id, &patient.id);
         }
@@ -348,9 +481,18 @@ fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay>
     let overlay: ModelOverlay = read_as(&document, Some(id), report)?;
     if overlay.patient != id && !report.is_broken(&path, "patient") {
         let expected = format!("{id:?}, the folder's name");
-        let problem =
-            Problem::error(&path, format!("{:?}", overlay.patient), expected, "is this another patient's model?");
-        report.add(Some(id), problem.at_line(line_of(&document, "patient")).at_key("patient"));
+        let problem = Problem::error(
+            &path,
+            format!("{:?}", overlay.patient),
+            expected,
+            "is this another patient's model?",
+        );
+        report.add(
+            Some(id),
+            problem
+                .at_line(line_of(&document, "patient"))
+                .at_key("patient"),
+        );
     }
     Some(overlay)
 }

@@ -15,7 +15,13 @@ use super::report::Report;
 use super::resolve::left_atrial_pressure;
 
 /// Reads the traces of a patient and reports what is wrong with them.
-pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &PatientDefaults, report: &mut Report) {
+pub fn check(
+    file: &PatientFile,
+    folder: &Path,
+    document: &Document,
+    defaults: &PatientDefaults,
+    report: &mut Report,
+) {
     let measured = &file.measured;
     let mut read = |name: &Option<String>, quantity: Quantity| -> Option<(PathBuf, Trace)> {
         let path = folder.join(name.as_ref()?);
@@ -24,13 +30,20 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
         }
         let reading = read_trace(&path, quantity);
         let patient = folder.file_name().and_then(|name| name.to_str());
-        reading.problems.into_iter().for_each(|problem| report.add(patient, problem));
+        reading
+            .problems
+            .into_iter()
+            .for_each(|problem| report.add(patient, problem));
         Some((path, reading.trace?))
     };
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
     read(&measured.calcium, Quantity::Calcium);
-    let of_right = file.anatomy.mesh.as_ref().and_then(|mesh| mesh.right_ventricle.as_ref());
+    let of_right = file
+        .anatomy
+        .mesh
+        .as_ref()
+        .and_then(|mesh| mesh.right_ventricle.as_ref());
     let right = of_right.and_then(|right| read(&right.pressure, Quantity::Pressure));
     if report.is_broken(&document.file, "cycle_length_ms") {
         return;
@@ -39,19 +52,26 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
     let problems = checks::check(&Measured {
         patient_file: &document.file,
         cycle_length,
-        pressure: pressure.as_ref().map(|(file, trace)| Source { file, trace }),
+        pressure: pressure
+            .as_ref()
+            .map(|(file, trace)| Source { file, trace }),
         volume: volume.as_ref().map(|(file, trace)| Source { file, trace }),
         end_diastolic_pressure: measured.end_diastolic_pressure_mmhg.map(Mmhg),
         left_atrial_pressure: left_atrial_pressure(file, defaults).map(Mmhg),
         forward_stroke_volume: measured
             .forward_stroke_volume
             .as_ref()
-            .map(|flow| MeasuredVolume { volume: Ml(flow.volume_ml), sd: Ml(flow.sd_ml.unwrap_or(0.0)) }),
+            .map(|flow| MeasuredVolume {
+                volume: Ml(flow.volume_ml),
+                sd: Ml(flow.sd_ml.unwrap_or(0.0)),
+            }),
     });
     let patient = folder.file_name().and_then(|name| name.to_str());
     if let Some((file, trace)) = &right {
         let found = checks::check_right_pressure(Source { file, trace }, cycle_length);
-        found.into_iter().for_each(|problem| report.add(patient, problem));
+        found
+            .into_iter()
+            .for_each(|problem| report.add(patient, problem));
     }
     for mut problem in problems {
         if problem.file == document.file
@@ -60,7 +80,8 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
             problem.line = Some(line_of(document, &key)).filter(|line| *line > 0);
             if key == "preload.left_atrial_pressure_mmHg" && file.preload.is_none() {
                 problem.remedy =
-                    "it comes from [defaults] of cohort.toml: give this patient its own [preload]".to_owned();
+                    "it comes from [defaults] of cohort.toml: give this patient its own [preload]"
+                        .to_owned();
             }
         }
         report.add(patient, problem);

@@ -70,7 +70,8 @@ impl Document {
             Ok(bytes) => bytes,
             Err(error) => {
                 let found = format!("no readable file ({error})");
-                let remedy = "create it or allow its reading; `cardiotwin init DIR` writes a template";
+                let remedy =
+                    "create it or allow its reading; `cardiotwin init DIR` writes a template";
                 report.add(patient, Problem::error(file, found, "a TOML file", remedy));
                 return None;
             }
@@ -80,8 +81,12 @@ impl Document {
             Err(error) => {
                 let good = &error.as_bytes()[..error.utf8_error().valid_up_to()];
                 let line = 1 + good.iter().filter(|b| **b == b'\n').count();
-                let problem =
-                    Problem::error(file, "bytes that are not UTF-8", "text in UTF-8", "save the file as UTF-8");
+                let problem = Problem::error(
+                    file,
+                    "bytes that are not UTF-8",
+                    "text in UTF-8",
+                    "save the file as UTF-8",
+                );
                 report.add(patient, problem.at_line(line));
                 None
             }
@@ -103,8 +108,15 @@ impl Document {
             }
             report.add(patient, problem);
         }
-        let root = Node { line: 1, value: convert_table(table.get_ref(), &lines) };
-        Self { file: file.to_owned(), root, sound }
+        let root = Node {
+            line: 1,
+            value: convert_table(table.get_ref(), &lines),
+        };
+        Self {
+            file: file.to_owned(),
+            root,
+            sound,
+        }
     }
 }
 
@@ -113,7 +125,10 @@ impl Document {
 pub fn value_from_text(text: &str) -> Node {
     match DeValue::parse(text) {
         Ok(value) => convert(value.get_ref(), 0, &Lines::of(text)).without_lines(),
-        Err(_) => Node { line: 0, value: Tree::Text(text.to_owned()) },
+        Err(_) => Node {
+            line: 0,
+            value: Tree::Text(text.to_owned()),
+        },
     }
 }
 
@@ -123,12 +138,26 @@ impl Node {
         match &mut self.value {
             Tree::Table(table) => {
                 for node in table.values_mut() {
-                    *node = std::mem::replace(node, Node { line: 0, value: Tree::Bool(false) }).without_lines();
+                    *node = std::mem::replace(
+                        node,
+                        Node {
+                            line: 0,
+                            value: Tree::Bool(false),
+                        },
+                    )
+                    .without_lines();
                 }
             }
             Tree::Array(items) => {
                 for node in items {
-                    *node = std::mem::replace(node, Node { line: 0, value: Tree::Bool(false) }).without_lines();
+                    *node = std::mem::replace(
+                        node,
+                        Node {
+                            line: 0,
+                            value: Tree::Bool(false),
+                        },
+                    )
+                    .without_lines();
                 }
             }
             _ => {}
@@ -149,9 +178,11 @@ impl Node {
                 None => Tree::Float(number.as_f64()?),
             },
             Value::Array(items) => Tree::Array(items.iter().filter_map(Self::from_json).collect()),
-            Value::Object(map) => {
-                Tree::Table(map.iter().filter_map(|(k, v)| Some((k.clone(), Self::from_json(v)?))).collect())
-            }
+            Value::Object(map) => Tree::Table(
+                map.iter()
+                    .filter_map(|(k, v)| Some((k.clone(), Self::from_json(v)?)))
+                    .collect(),
+            ),
         };
         Some(Self { line: 0, value })
     }
@@ -162,7 +193,11 @@ struct Lines(Vec<usize>);
 
 impl Lines {
     fn of(text: &str) -> Self {
-        let after_newlines = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1);
+        let after_newlines = text
+            .bytes()
+            .enumerate()
+            .filter(|(_, b)| *b == b'\n')
+            .map(|(i, _)| i + 1);
         Self(std::iter::once(0).chain(after_newlines).collect())
     }
 
@@ -174,7 +209,10 @@ impl Lines {
 fn convert_table(table: &DeTable<'_>, lines: &Lines) -> Tree {
     let entries = table.iter().map(|(key, value)| {
         let line = lines.line_of(key.span().start);
-        (key.get_ref().to_string(), convert(value.get_ref(), line, lines))
+        (
+            key.get_ref().to_string(),
+            convert(value.get_ref(), line, lines),
+        )
     });
     Tree::Table(entries.collect())
 }
@@ -189,11 +227,16 @@ fn convert(value: &DeValue<'_>, line: usize, lines: &Lines) -> Node {
                 Err(_) => Tree::Float(digits.parse().unwrap_or(f64::NAN)),
             }
         }
-        DeValue::Float(number) => Tree::Float(number.as_str().replace('_', "").parse().unwrap_or(f64::NAN)),
+        DeValue::Float(number) => {
+            Tree::Float(number.as_str().replace('_', "").parse().unwrap_or(f64::NAN))
+        }
         DeValue::Boolean(value) => Tree::Bool(*value),
         DeValue::Datetime(date) => Tree::Datetime(date.to_string()),
         DeValue::Array(items) => Tree::Array(
-            items.iter().map(|item| convert(item.get_ref(), lines.line_of(item.span().start), lines)).collect(),
+            items
+                .iter()
+                .map(|item| convert(item.get_ref(), lines.line_of(item.span().start), lines))
+                .collect(),
         ),
         DeValue::Table(table) => convert_table(table, lines),
     };
@@ -214,12 +257,20 @@ mod tests {
     fn every_key_keeps_its_line() {
         let (document, report) = parse("a = 1\n\n[b]\nc = { d = 2.5 }\ne = [\n  1,\n  2]\n");
         assert!(report.findings().is_empty());
-        let Tree::Table(root) = &document.root.value else { panic!() };
+        let Tree::Table(root) = &document.root.value else {
+            panic!()
+        };
         assert_eq!(root["a"].line, 1);
-        let Tree::Table(b) = &root["b"].value else { panic!() };
-        let Tree::Table(c) = &b["c"].value else { panic!() };
+        let Tree::Table(b) = &root["b"].value else {
+            panic!()
+        };
+        let Tree::Table(c) = &b["c"].value else {
+            panic!()
+        };
         assert_eq!((c["d"].line, &c["d"].value), (4, &Tree::Float(2.5)));
-        let Tree::Array(e) = &b["e"].value else { panic!() };
+        let Tree::Array(e) = &b["e"].value else {
+            panic!()
+        };
         assert_eq!((b["e"].line, e[1].line), (5, 7));
     }
 
@@ -235,7 +286,10 @@ mod tests {
     fn text_after_set_is_toml_where_it_is() {
         assert_eq!(value_from_text("0.5").value, Tree::Float(0.5));
         assert_eq!(value_from_text("1_000").value, Tree::Integer(1000));
-        assert_eq!(value_from_text("first-converged").value, Tree::Text("first-converged".into()));
+        assert_eq!(
+            value_from_text("first-converged").value,
+            Tree::Text("first-converged".into())
+        );
         assert!(matches!(value_from_text("[1, 2]").value, Tree::Array(_)));
         assert_eq!(value_from_text("0x10").value, Tree::Integer(16));
     }

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use cardiotwin_schemas::external::{COMMAND_PLACEHOLDERS, ExternalSettings, PlaceholderError, expand};
+use cardiotwin_schemas::external::{
+    COMMAND_PLACEHOLDERS, ExternalSettings, PlaceholderError, expand,
+};
 use cardiotwin_schemas::settings::{Fidelity, Settings};
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Problem;
@@ -23,22 +25,44 @@ pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
     let external = &settings.solver.external;
     let mut list = List(vec![]);
     list.command(external);
-    for name in external.files.keys().filter(|name| COMMAND_PLACEHOLDERS.contains(&name.as_str())) {
+    for name in external
+        .files
+        .keys()
+        .filter(|name| COMMAND_PLACEHOLDERS.contains(&name.as_str()))
+    {
         let expected = format!("another name than {}", COMMAND_PLACEHOLDERS.join(", "));
-        list.add(&format!("files.{name}"), format!("the name `{name}`"), &expected, "name the file otherwise");
+        list.add(
+            &format!("files.{name}"),
+            format!("the name `{name}`"),
+            &expected,
+            "name the file otherwise",
+        );
     }
     for (made, template) in &external.templates {
         let key = format!("templates.{made}");
         list.inside(&key, made);
         if !external.files.contains_key(template) {
             let remedy = nearest(template, external.files.keys().map(String::as_str))
-                .map_or("name the template's file there".to_owned(), |meant| format!("did you mean `{meant}`?"));
-            list.add(&key, format!("`{template}`"), "a name of solver.external.files", &remedy);
+                .map_or("name the template's file there".to_owned(), |meant| {
+                    format!("did you mean `{meant}`?")
+                });
+            list.add(
+                &key,
+                format!("`{template}`"),
+                "a name of solver.external.files",
+                &remedy,
+            );
         }
     }
     let results = &external.results;
-    let named = [("traces", Some(&results.traces)), ("nodal", Some(&results.nodal))];
-    let more = [("activation", results.activation.as_ref()), ("weights", results.weights.as_ref())];
+    let named = [
+        ("traces", Some(&results.traces)),
+        ("nodal", Some(&results.nodal)),
+    ];
+    let more = [
+        ("activation", results.activation.as_ref()),
+        ("weights", results.weights.as_ref()),
+    ];
     for (key, name) in named.into_iter().chain(more) {
         if let Some(name) = name {
             list.inside(&format!("results.{key}"), name);
@@ -48,7 +72,12 @@ pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
         let key = format!("results.igb.{quantity}");
         list.inside(&key, name);
         if !QUANTITIES.contains(&quantity.as_str()) {
-            list.add(&key, format!("`{quantity}`"), &format!("one of {}", QUANTITIES.join(", ")), "use one of these");
+            list.add(
+                &key,
+                format!("`{quantity}`"),
+                &format!("one of {}", QUANTITIES.join(", ")),
+                "use one of these",
+            );
         }
     }
     for quantity in QUANTITIES.into_iter().take(2) {
@@ -63,13 +92,25 @@ pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
         }
     }
     let codes = &external.exit_codes;
-    let all = [("input", &codes.input), ("site", &codes.site), ("numerics", &codes.numerics), ("bug", &codes.bug)];
+    let all = [
+        ("input", &codes.input),
+        ("site", &codes.site),
+        ("numerics", &codes.numerics),
+        ("bug", &codes.bug),
+    ];
     for (idx, (class, listed)) in all.iter().enumerate() {
         for code in listed.iter() {
             let key = format!("exit_codes.{class}");
             if !(1..=255).contains(code) {
-                list.add(&key, code.to_string(), "an exit code from 1 to 255", "0 is success");
-            } else if let Some((other, _)) = all[..idx].iter().find(|(_, before)| before.contains(code)) {
+                list.add(
+                    &key,
+                    code.to_string(),
+                    "an exit code from 1 to 255",
+                    "0 is success",
+                );
+            } else if let Some((other, _)) =
+                all[..idx].iter().find(|(_, before)| before.contains(code))
+            {
                 list.add(
                     &key,
                     format!("{code}, which is {other}, too"),
@@ -96,26 +137,50 @@ impl List {
     }
 
     fn command(&mut self, external: &ExternalSettings) {
-        if external.command.first().is_none_or(|program| program.trim().is_empty()) {
+        if external
+            .command
+            .first()
+            .is_none_or(|program| program.trim().is_empty())
+        {
             let expected = "a program and its arguments";
-            let remedy = "for example command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\"]";
+            let remedy =
+                "for example command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\"]";
             self.add("command", "nothing", expected, remedy);
         }
-        let known = || COMMAND_PLACEHOLDERS.into_iter().chain(external.files.keys().map(String::as_str));
+        let known = || {
+            COMMAND_PLACEHOLDERS
+                .into_iter()
+                .chain(external.files.keys().map(String::as_str))
+        };
         for word in &external.command {
             let found = format!("`{word}`");
-            match expand(word, |name| known().any(|known| known == name).then(String::new)) {
+            match expand(word, |name| {
+                known().any(|known| known == name).then(String::new)
+            }) {
                 Ok(_) => {}
                 Err(PlaceholderError::Unknown { name, .. }) => {
                     let names: Vec<String> = known().map(|name| format!("{{{name}}}")).collect();
                     let remedy = nearest(&name, known()).map_or_else(
-                        || "name the file in solver.external.files, or write {{ for a brace".to_owned(),
+                        || {
+                            "name the file in solver.external.files, or write {{ for a brace"
+                                .to_owned()
+                        },
                         |meant| format!("did you mean {{{meant}}}?"),
                     );
-                    self.add("command", found, &format!("placeholders among {}", names.join(", ")), &remedy);
+                    self.add(
+                        "command",
+                        found,
+                        &format!("placeholders among {}", names.join(", ")),
+                        &remedy,
+                    );
                 }
                 Err(PlaceholderError::Brace { .. }) => {
-                    self.add("command", found, "braces in pairs around a name", "write {{ or }} for a brace");
+                    self.add(
+                        "command",
+                        found,
+                        "braces in pairs around a name",
+                        "write {{ or }} for a brace",
+                    );
                 }
             }
         }
@@ -124,10 +189,17 @@ impl List {
     /// Names of files in the folder that the solver runs in.
     fn inside(&mut self, key: &str, name: &str) {
         let path = Path::new(name);
-        let plain = path.components().all(|part| matches!(part, std::path::Component::Normal(_)));
+        let plain = path
+            .components()
+            .all(|part| matches!(part, std::path::Component::Normal(_)));
         if name.is_empty() || !plain {
             let expected = "a file below the folder that the solver runs in";
-            self.add(key, format!("`{name}`"), expected, "give a relative path without `..`");
+            self.add(
+                key,
+                format!("`{name}`"),
+                expected,
+                "give a relative path without `..`",
+            );
         }
     }
 }
@@ -147,10 +219,19 @@ pub(super) fn files(
     let mut found = vec![];
     for (name, file) in &settings.solver.external.files {
         let own = patient_folder.join(file);
-        let path = if own.exists() { own } else { cohort_folder.join(file) };
+        let path = if own.exists() {
+            own
+        } else {
+            cohort_folder.join(file)
+        };
         if path.is_dir() {
-            let problem = Problem::error(&path, "a folder", "a file", "name each file that the solver reads")
-                .at_key(format!("solver.external.files.{name}"));
+            let problem = Problem::error(
+                &path,
+                "a folder",
+                "a file",
+                "name each file that the solver reads",
+            )
+            .at_key(format!("solver.external.files.{name}"));
             report.add(Some(patient), problem);
             return None;
         }
@@ -167,10 +248,15 @@ mod tests {
         let mut settings = Settings::default();
         settings.solver.fidelity = Fidelity::External;
         let external = &mut settings.solver.external;
-        external.command = ["python3", "{model}", "{parameters}", "--threads={threads}"].map(str::to_owned).into();
+        external.command = ["python3", "{model}", "{parameters}", "--threads={threads}"]
+            .map(str::to_owned)
+            .into();
         external.files = [("model".to_owned(), "lv.py".to_owned())].into();
         change(external);
-        complaints(&settings).into_iter().map(|c| c.key.replace("solver.external.", "")).collect()
+        complaints(&settings)
+            .into_iter()
+            .map(|c| c.key.replace("solver.external.", ""))
+            .collect()
     }
 
     #[test]
@@ -179,7 +265,10 @@ mod tests {
         assert_eq!(keys(|s| s.command.clear()), ["command"]);
         assert_eq!(keys(|s| s.command.push("{modle}".into())), ["command"]);
         assert_eq!(keys(|s| s.command.push("{model".into())), ["command"]);
-        assert_eq!(keys(|s| s.command.push("{{}}".into())), Vec::<String>::new());
+        assert_eq!(
+            keys(|s| s.command.push("{{}}".into())),
+            Vec::<String>::new()
+        );
         assert_eq!(complaints(&Settings::default()), vec![], "another solver");
     }
 
@@ -187,9 +276,16 @@ mod tests {
     fn files_results_and_codes_that_cannot_be_are_named() {
         let files = |s: &mut ExternalSettings| drop(s.files.insert("out".into(), "x".into()));
         assert_eq!(keys(files), ["files.out"]);
-        assert_eq!(keys(|s| drop(s.templates.insert("lv.par".into(), "par".into()))), ["templates.lv.par"]);
-        assert_eq!(keys(|s| s.results.traces = "../traces.csv".into()), ["results.traces"]);
-        let igb = |s: &mut ExternalSettings| drop(s.results.igb.insert("Sa_kPa".into(), "Sa.igb".into()));
+        assert_eq!(
+            keys(|s| drop(s.templates.insert("lv.par".into(), "par".into()))),
+            ["templates.lv.par"]
+        );
+        assert_eq!(
+            keys(|s| s.results.traces = "../traces.csv".into()),
+            ["results.traces"]
+        );
+        let igb =
+            |s: &mut ExternalSettings| drop(s.results.igb.insert("Sa_kPa".into(), "Sa.igb".into()));
         assert_eq!(keys(igb), ["results.igb"], "no stretch");
         assert_eq!(keys(|s| s.exit_codes.site = vec![0]), ["exit_codes.site"]);
         let twice = |s: &mut ExternalSettings| {

@@ -71,7 +71,10 @@ impl Layer {
     /// Never: settings are JSON.
     #[must_use]
     pub fn base(settings: &Settings) -> Self {
-        Self::of(serde_json::to_value(settings).expect("settings are JSON"), |_| Origin::Default)
+        Self::of(
+            serde_json::to_value(settings).expect("settings are JSON"),
+            |_| Origin::Default,
+        )
     }
 
     /// A table of a file that was already checked; `prefix` is its dotted key, empty for the whole file.
@@ -79,14 +82,28 @@ impl Layer {
     pub fn from_file(layer: &SettingsLayer, document: &Document, prefix: &str) -> Self {
         let lines = lines(&document.root, prefix);
         let value = serde_json::to_value(layer).unwrap_or_default();
-        Self::of(value, |key| Origin::File(document.file.clone(), lines.get(key).copied().unwrap_or(1)))
+        Self::of(value, |key| {
+            Origin::File(document.file.clone(), lines.get(key).copied().unwrap_or(1))
+        })
     }
 
     /// What `rerun` stored for a patient.
     pub fn from_rerun(value: &Value, patient: &str, report: &mut Report) -> Self {
-        let root = Node::from_json(value).unwrap_or(Node { line: 0, value: Tree::Table(BTreeMap::new()) });
-        let document = Document { file: PathBuf::from(RERUN), root, sound: true };
-        let value = fit(&document, &schemars::schema_for!(SettingsLayer), Some(patient), report);
+        let root = Node::from_json(value).unwrap_or(Node {
+            line: 0,
+            value: Tree::Table(BTreeMap::new()),
+        });
+        let document = Document {
+            file: PathBuf::from(RERUN),
+            root,
+            sound: true,
+        };
+        let value = fit(
+            &document,
+            &schemars::schema_for!(SettingsLayer),
+            Some(patient),
+            report,
+        );
         Self::of(value, |_| Origin::Rerun)
     }
 
@@ -101,13 +118,28 @@ impl Layer {
                 _ => {
                     let remedy = "for example --set step1.damping=0.5; `cardiotwin config show` lists the keys";
                     let found = format!("`{assignment}`");
-                    report.add(None, Problem::error(Path::new(COMMAND_LINE), found, "key=value", remedy));
+                    report.add(
+                        None,
+                        Problem::error(Path::new(COMMAND_LINE), found, "key=value", remedy),
+                    );
                 }
             }
         }
-        let root = Node { line: 0, value: Tree::Table(root) };
-        let document = Document { file: PathBuf::from(COMMAND_LINE), root, sound: true };
-        let value = fit(&document, &schemars::schema_for!(SettingsLayer), None, report);
+        let root = Node {
+            line: 0,
+            value: Tree::Table(root),
+        };
+        let document = Document {
+            file: PathBuf::from(COMMAND_LINE),
+            root,
+            sound: true,
+        };
+        let value = fit(
+            &document,
+            &schemars::schema_for!(SettingsLayer),
+            None,
+            report,
+        );
         Self::of(value, |_| Origin::CommandLine)
     }
 
@@ -159,7 +191,11 @@ impl Merged {
             origins.extend(layer.origins.clone());
         }
         let value = Value::Object(value);
-        Ok(Self { settings: serde_json::from_value(value.clone())?, origins, value })
+        Ok(Self {
+            settings: serde_json::from_value(value.clone())?,
+            origins,
+            value,
+        })
     }
 
     /// Origin of a key, or of the nearest one inside or around it.
@@ -176,7 +212,10 @@ impl Merged {
             }
         }
         let inside = format!("{key}.");
-        self.origins.iter().find(|(k, _)| k.starts_with(&inside)).map_or(&Origin::Default, |(_, origin)| origin)
+        self.origins
+            .iter()
+            .find(|(k, _)| k.starts_with(&inside))
+            .map_or(&Origin::Default, |(_, origin)| origin)
     }
 
     /// Every leaf: dotted key, value, origin.
@@ -204,7 +243,9 @@ fn merge(under: &mut Map<String, Value>, over: &Map<String, Value>) {
 
 fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
     match value {
-        Value::Object(map) => map.iter().for_each(|(name, inner)| for_each_leaf(inner, &join(key, name), visit)),
+        Value::Object(map) => map
+            .iter()
+            .for_each(|(name, inner)| for_each_leaf(inner, &join(key, name), visit)),
         leaf => visit(key, leaf),
     }
 }
@@ -215,13 +256,18 @@ pub fn lines(root: &Node, prefix: &str) -> BTreeMap<String, usize> {
     fn walk(node: &Node, key: &str, out: &mut BTreeMap<String, usize>) {
         out.insert(key.to_owned(), node.line);
         if let Tree::Table(table) = &node.value {
-            table.iter().for_each(|(name, inner)| walk(inner, &join(key, name), out));
+            table
+                .iter()
+                .for_each(|(name, inner)| walk(inner, &join(key, name), out));
         }
     }
-    let start = prefix.split('.').filter(|part| !part.is_empty()).try_fold(root, |node, part| match &node.value {
-        Tree::Table(table) => table.get(part),
-        _ => None,
-    });
+    let start = prefix
+        .split('.')
+        .filter(|part| !part.is_empty())
+        .try_fold(root, |node, part| match &node.value {
+            Tree::Table(table) => table.get(part),
+            _ => None,
+        });
     let mut out = BTreeMap::new();
     if let Some(start) = start {
         walk(start, "", &mut out);
@@ -241,8 +287,10 @@ fn insert(table: &mut BTreeMap<String, Node>, key: &str, value: Node) {
             table.insert(key.to_owned(), value);
         }
         Some((head, rest)) => {
-            let node =
-                table.entry(head.to_owned()).or_insert_with(|| Node { line: 0, value: Tree::Table(BTreeMap::new()) });
+            let node = table.entry(head.to_owned()).or_insert_with(|| Node {
+                line: 0,
+                value: Tree::Table(BTreeMap::new()),
+            });
             if !matches!(node.value, Tree::Table(_)) {
                 node.value = Tree::Table(BTreeMap::new());
             }
@@ -260,17 +308,32 @@ mod tests {
     fn file_layer(name: &str, text: &str) -> Layer {
         let mut report = Report::default();
         let document = Document::parse(Path::new(name), text, None, &mut report);
-        let value = fit(&document, &schemars::schema_for!(SettingsLayer), None, &mut report);
+        let value = fit(
+            &document,
+            &schemars::schema_for!(SettingsLayer),
+            None,
+            &mut report,
+        );
         assert_eq!(report.findings(), []);
         Layer::from_file(&serde_json::from_value(value).unwrap(), &document, "")
     }
 
     #[test]
     fn later_layers_win_key_by_key_and_origins_follow() {
-        let cohort = file_layer("cohort.toml", "[step1]\ntolerance = 0.2\nbounds.t_CR_ms = [1, 2000]\n");
-        let patient = file_layer("patient.toml", "[step1]\n\ntolerance = 0.3\nmax_iterations = 4\n");
+        let cohort = file_layer(
+            "cohort.toml",
+            "[step1]\ntolerance = 0.2\nbounds.t_CR_ms = [1, 2000]\n",
+        );
+        let patient = file_layer(
+            "patient.toml",
+            "[step1]\n\ntolerance = 0.3\nmax_iterations = 4\n",
+        );
         let mut report = Report::default();
-        let rerun = Layer::from_rerun(&serde_json::json!({"step1": {"damping": 0.5}}), "P1", &mut report);
+        let rerun = Layer::from_rerun(
+            &serde_json::json!({"step1": {"damping": 0.5}}),
+            "P1",
+            &mut report,
+        );
         let set = Layer::from_command_line(&["step1.max_iterations=7".into()], &mut report);
         assert_eq!(report.findings(), []);
         let merged = Merged::of([&Layer::defaults(), &cohort, &patient, &rerun, &set]).unwrap();
@@ -278,7 +341,11 @@ mod tests {
         assert_eq!(merged.settings.step1.max_iterations, 7);
         assert_eq!(merged.settings.step1.damping, 0.5);
         assert_eq!(merged.settings.step1.bounds["t_CR_ms"], [1.0, 2000.0]);
-        assert_eq!(merged.settings.step1.bounds.len(), 6, "the other bounds stay");
+        assert_eq!(
+            merged.settings.step1.bounds.len(),
+            6,
+            "the other bounds stay"
+        );
         let origin = |key| merged.origin(key).to_string();
         assert_eq!(origin("step1.tolerance"), "patient.toml:3");
         assert_eq!(origin("step1.bounds.t_CR_ms"), "cohort.toml:3");
@@ -290,17 +357,38 @@ mod tests {
     #[test]
     fn the_command_line_is_checked_like_a_file() {
         let mut report = Report::default();
-        Layer::from_command_line(&["step1.dampin=0.5".into(), "solver.beats=x".into(), "beats".into()], &mut report);
-        let said: Vec<_> = report.findings().iter().map(|f| f.problem.to_string()).collect();
+        Layer::from_command_line(
+            &[
+                "step1.dampin=0.5".into(),
+                "solver.beats=x".into(),
+                "beats".into(),
+            ],
+            &mut report,
+        );
+        let said: Vec<_> = report
+            .findings()
+            .iter()
+            .map(|f| f.problem.to_string())
+            .collect();
         assert_eq!(said.len(), 3, "{said:?}");
-        assert!(said.iter().any(|s| s.contains("did you mean `damping`?")), "{said:?}");
-        assert!(said.iter().all(|s| s.starts_with("error: --set")), "{said:?}");
+        assert!(
+            said.iter().any(|s| s.contains("did you mean `damping`?")),
+            "{said:?}"
+        );
+        assert!(
+            said.iter().all(|s| s.starts_with("error: --set")),
+            "{said:?}"
+        );
     }
 
     #[test]
     fn what_a_rerun_stored_under_an_older_name_is_an_error_not_a_silence() {
         let mut report = Report::default();
-        Layer::from_rerun(&serde_json::json!({"step1": {"relaxation": 0.5}}), "P1", &mut report);
+        Layer::from_rerun(
+            &serde_json::json!({"step1": {"relaxation": 0.5}}),
+            "P1",
+            &mut report,
+        );
         assert_eq!(report.n_errors(), 1);
     }
 }

@@ -20,30 +20,56 @@ use super::layers::{COMMAND_LINE, Merged, Origin, RERUN, line_of};
 use super::report::Report;
 
 /// Surfaces of a generated mesh.
-const GENERATED: [&str; 4] =
-    [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM, surface_names::SEPTUM];
+const GENERATED: [&str; 4] = [
+    surface_names::ENDOCARDIUM,
+    surface_names::EPICARDIUM,
+    surface_names::RIM,
+    surface_names::SEPTUM,
+];
 
 /// Reports every defect of the patient's mesh, if there is one whose files are there, and springs of surfaces that a generated mesh does
 /// not have.
-pub fn check(file: &PatientFile, folder: &Path, settings: &Merged, document: &Document, report: &mut Report) {
+pub fn check(
+    file: &PatientFile,
+    folder: &Path,
+    settings: &Merged,
+    document: &Document,
+    report: &mut Report,
+) {
     let start = settings.settings.solver.start;
     let surfaces = &settings.settings.solver.finite_element.wall.surface;
     let Some(mesh) = &file.anatomy.mesh else {
-        for name in surfaces.keys().filter(|name| !GENERATED.contains(&name.as_str())) {
+        for name in surfaces
+            .keys()
+            .filter(|name| !GENERATED.contains(&name.as_str()))
+        {
             let found = "no surface of this name: the patient has no mesh of his own";
-            let expected = format!("one of {}, which the generated mesh has", GENERATED.join(", "));
+            let expected = format!(
+                "one of {}, which the generated mesh has",
+                GENERATED.join(", ")
+            );
             let remedy = "set it in [settings] of the patients whose meshes have the surface";
-            report.add(named(folder), at_setting(settings, document, name, [found, &expected, remedy]));
+            report.add(
+                named(folder),
+                at_setting(settings, document, name, [found, &expected, remedy]),
+            );
         }
         return;
     };
-    let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else { return }; // told by whoever looks at values
+    let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else {
+        return;
+    }; // told by whoever looks at values
     let patient = named(folder);
     let path = folder.join(&mesh.file);
-    let times = mesh.activation_times_ms.as_ref().map(|name| folder.join(name));
+    let times = mesh
+        .activation_times_ms
+        .as_ref()
+        .map(|name| folder.join(name));
     let activation = match &times {
         Some(times) if times.is_file() => Activation::Times(times),
-        None if !mesh.activation_sites_mm.is_empty() => Activation::Sites(&mesh.activation_sites_mm),
+        None if !mesh.activation_sites_mm.is_empty() => {
+            Activation::Sites(&mesh.activation_sites_mm)
+        }
         _ => Activation::Unasked, // told by whoever looks at values
     };
     let fibres = match mesh.fibres {
@@ -59,7 +85,10 @@ pub fn check(file: &PatientFile, folder: &Path, settings: &Merged, document: &Do
         cavity: imaged_volume(file, folder, start),
         wall: file.anatomy.wall_volume_ml.map(Ml),
         activation,
-        right_ventricle: mesh.right_ventricle.as_ref().map(|right| right.surface.as_str()),
+        right_ventricle: mesh
+            .right_ventricle
+            .as_ref()
+            .map(|right| right.surface.as_str()),
         sprung: &sprung,
     };
     let told_at = |mut problem: Problem, key: &str| {
@@ -74,19 +103,33 @@ pub fn check(file: &PatientFile, folder: &Path, settings: &Merged, document: &Do
                     && key_of(defect, mesh) == SPRUNG
                 {
                     let said = [defect.found(), defect.expected(), defect.remedy()];
-                    report.add(patient, at_setting(settings, document, name, said.each_ref().map(String::as_str)));
+                    report.add(
+                        patient,
+                        at_setting(
+                            settings,
+                            document,
+                            name,
+                            said.each_ref().map(String::as_str),
+                        ),
+                    );
                     continue;
                 }
-                report.add(patient, told_at(problem(&document.file, defect), key_of(defect, mesh)));
+                report.add(
+                    patient,
+                    told_at(problem(&document.file, defect), key_of(defect, mesh)),
+                );
             }
         }
         Err(error) => {
             // A file that is not there is told by whoever looks at values.
-            let there = [path.clone(), path.with_extension("pts")].iter().any(|path| path.is_file())
+            let there = [path.clone(), path.with_extension("pts")]
+                .iter()
+                .any(|path| path.is_file())
                 || with_ending(&path, ".pts").is_file();
             if there {
                 let (found, expected) = (chain(&error), "a mesh of tetrahedra");
-                let remedy = "write the file again; formats: CARP text, VTU, gmsh .msh, Medit .mesh";
+                let remedy =
+                    "write the file again; formats: CARP text, VTU, gmsh .msh, Medit .mesh";
                 let problem = Problem::error(&document.file, found, expected, remedy);
                 report.add(patient, told_at(problem, "anatomy.mesh.file"));
             }
@@ -102,15 +145,25 @@ fn named(folder: &Path) -> Option<&str> {
 }
 
 /// A problem of a surface's springs, where these were set.
-fn at_setting(settings: &Merged, document: &Document, name: &str, [found, expected, remedy]: [&str; 3]) -> Problem {
+fn at_setting(
+    settings: &Merged,
+    document: &Document,
+    name: &str,
+    [found, expected, remedy]: [&str; 3],
+) -> Problem {
     let key = format!("{SPRUNG}.{name}");
     let (file, line) = match settings.origin(&key) {
         Origin::File(file, line) => (file.as_path(), Some(*line)),
         Origin::Rerun => (Path::new(RERUN), None),
         Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None),
     };
-    let prefix = if *file == document.file { "settings." } else { "" };
-    let mut problem = Problem::error(file, found, expected, remedy).at_key(format!("{prefix}{key}"));
+    let prefix = if *file == document.file {
+        "settings."
+    } else {
+        ""
+    };
+    let mut problem =
+        Problem::error(file, found, expected, remedy).at_key(format!("{prefix}{key}"));
     problem.line = line;
     problem
 }
@@ -122,7 +175,10 @@ fn with_ending(path: &Path, ending: &str) -> std::path::PathBuf {
 }
 
 fn chain(error: &dyn std::error::Error) -> String {
-    let cause = error.source().map(|source| format!(": {source}")).unwrap_or_default();
+    let cause = error
+        .source()
+        .map(|source| format!(": {source}"))
+        .unwrap_or_default();
     format!("{error}{cause}")
 }
 
@@ -142,7 +198,9 @@ fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
         Defect::Size { .. } => "anatomy.mesh.unit",
         Defect::NoFibres | Defect::FibreLength { .. } => "anatomy.mesh.fibres",
         Defect::Site { .. } => "anatomy.mesh.activation_sites_mm",
-        Defect::Times { .. } if mesh.activation_times_ms.is_some() => "anatomy.mesh.activation_times_ms",
+        Defect::Times { .. } if mesh.activation_times_ms.is_some() => {
+            "anatomy.mesh.activation_times_ms"
+        }
         Defect::Wall { .. } => "anatomy.wall_volume_mL",
         Defect::NoFurther { key, .. } => key,
         Defect::NotRight { .. } | Defect::RightOverlap { .. } | Defect::RightHole { .. } => {
@@ -165,11 +223,19 @@ fn imaged_volume(file: &PatientFile, folder: &Path, start: StartMode) -> Option<
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
     let of_traces = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic).ok();
-    let edv = given.edv_ml.map(Ml).or(of_traces.as_ref().and_then(|set| set.edv));
+    let edv = given
+        .edv_ml
+        .map(Ml)
+        .or(of_traces.as_ref().and_then(|set| set.edv));
     let edv = edv.or(measured.end_diastolic_volume_ml.map(Ml));
-    let edp = measured.end_diastolic_pressure_mmhg.or(given.edp_mmhg).map(Mmhg);
+    let edp = measured
+        .end_diastolic_pressure_mmhg
+        .or(given.edp_mmhg)
+        .map(Mmhg);
     let edp = edp.or(of_traces.as_ref().and_then(|set| set.edp));
-    let Some(image) = &measured.diastasis else { return edv };
+    let Some(image) = &measured.diastasis else {
+        return edv;
+    };
     let at_image = pressure.as_ref().map(|trace| Mmhg(trace.at(image.time_ms)));
     match (start, edv, edp, at_image) {
         (StartMode::Diastasis, ..) | (_, None, ..) => Some(Ml(image.volume_ml)),

@@ -18,10 +18,20 @@ const LONGEST_ID: usize = 64;
 
 /// Checks the values of a patient's file; `folder` is the name of the folder where it lies.
 pub fn check_values(file: &PatientFile, document: &Document, folder: &str, report: &mut Report) {
-    let mut list = Values { document, folder, report };
+    let mut list = Values {
+        document,
+        folder,
+        report,
+    };
     list.identity(&file.id);
     list.measured(file);
-    list.range("anatomy.wall_volume_mL", file.anatomy.wall_volume_ml, 1.0, 1000.0, "mL");
+    list.range(
+        "anatomy.wall_volume_mL",
+        file.anatomy.wall_volume_ml,
+        1.0,
+        1000.0,
+        "mL",
+    );
     if let Some(mesh) = &file.anatomy.mesh {
         list.mesh(mesh);
     }
@@ -31,24 +41,66 @@ pub fn check_values(file: &PatientFile, document: &Document, folder: &str, repor
             afterload.peripheral_resistance_mmhg_s_per_ml,
             afterload.compliance_ml_per_mmhg,
         ];
-        list.range("afterload.characteristic_resistance_mmHg_s_per_mL", Some(r1), 0.0, 10.0, "mmHg s/mL");
-        list.range("afterload.peripheral_resistance_mmHg_s_per_mL", Some(r2), 0.01, 100.0, "mmHg s/mL");
-        list.range("afterload.compliance_mL_per_mmHg", Some(c), 0.001, 100.0, "mL/mmHg");
+        list.range(
+            "afterload.characteristic_resistance_mmHg_s_per_mL",
+            Some(r1),
+            0.0,
+            10.0,
+            "mmHg s/mL",
+        );
+        list.range(
+            "afterload.peripheral_resistance_mmHg_s_per_mL",
+            Some(r2),
+            0.01,
+            100.0,
+            "mmHg s/mL",
+        );
+        list.range(
+            "afterload.compliance_mL_per_mmHg",
+            Some(c),
+            0.001,
+            100.0,
+            "mL/mmHg",
+        );
     }
-    let preload = file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg);
-    list.range("preload.left_atrial_pressure_mmHg", preload, -5.0, 60.0, "mmHg");
+    let preload = file
+        .preload
+        .as_ref()
+        .map(|preload| preload.left_atrial_pressure_mmhg);
+    list.range(
+        "preload.left_atrial_pressure_mmHg",
+        preload,
+        -5.0,
+        60.0,
+        "mmHg",
+    );
     if let Some(passive) = &file.passive {
-        list.range("passive.guccione_C_kPa", passive.guccione_c_kpa, 1e-4, 100.0, "kPa");
+        list.range(
+            "passive.guccione_C_kPa",
+            passive.guccione_c_kpa,
+            1e-4,
+            100.0,
+            "kPa",
+        );
         list.range("passive.exponent", passive.exponent, 0.1, 100.0, "");
     }
 }
 
 /// Checks that the data suffice for the way the patient is to be simulated.
-pub fn check_completeness(file: &PatientFile, settings: &Settings, document: &Document, report: &mut Report) {
+pub fn check_completeness(
+    file: &PatientFile,
+    settings: &Settings,
+    document: &Document,
+    report: &mut Report,
+) {
     if !document.sound {
         return;
     }
-    let mut list = Values { document, folder: folder_of(document, &file.id), report };
+    let mut list = Values {
+        document,
+        folder: folder_of(document, &file.id),
+        report,
+    };
     let measured = &file.measured;
     let given = measured.biomarkers.unwrap_or_default();
     let broken = |report: &Report, key: &str| report.is_broken(&document.file, key);
@@ -81,9 +133,16 @@ pub fn check_completeness(file: &PatientFile, settings: &Settings, document: &Do
             );
         }
     }
-    let diastasis_ml = measured.diastasis.as_ref().map(|diastasis| diastasis.volume_ml);
+    let diastasis_ml = measured
+        .diastasis
+        .as_ref()
+        .map(|diastasis| diastasis.volume_ml);
     let end_diastolic_ml = measured.end_diastolic_volume_ml.or(given.edv_ml);
-    if measured.volume.is_none() && !volume_is_told && end_diastolic_ml.is_none() && diastasis_ml.is_none() {
+    if measured.volume.is_none()
+        && !volume_is_told
+        && end_diastolic_ml.is_none()
+        && diastasis_ml.is_none()
+    {
         list.add(
             "measured.end_diastolic_volume_mL",
             "no such key, no volume trace and no image volume",
@@ -103,7 +162,12 @@ pub fn check_completeness(file: &PatientFile, settings: &Settings, document: &Do
 
 /// The folder's name, which stays the patient's name where `id` says something else.
 fn folder_of<'a>(document: &'a Document, id: &'a str) -> &'a str {
-    document.file.parent().and_then(Path::file_name).and_then(|name| name.to_str()).unwrap_or(id)
+    document
+        .file
+        .parent()
+        .and_then(Path::file_name)
+        .and_then(|name| name.to_str())
+        .unwrap_or(id)
 }
 
 struct Values<'a> {
@@ -113,7 +177,13 @@ struct Values<'a> {
 }
 
 impl Values<'_> {
-    fn add(&mut self, key: &str, found: impl Into<String>, expected: &str, remedy: impl Into<String>) {
+    fn add(
+        &mut self,
+        key: &str,
+        found: impl Into<String>,
+        expected: &str,
+        remedy: impl Into<String>,
+    ) {
         let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
         problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
         self.report.add(Some(self.folder), problem);
@@ -128,7 +198,12 @@ impl Values<'_> {
                 _ => "correct the value; its unit is in the key's name",
             };
             let expected = format!("{low} to {high} {unit}");
-            self.add(key, format!("{value} {unit}").trim_end(), expected.trim_end(), remedy);
+            self.add(
+                key,
+                format!("{value} {unit}").trim_end(),
+                expected.trim_end(),
+                remedy,
+            );
         }
     }
 
@@ -138,9 +213,19 @@ impl Values<'_> {
             let remedy = format!("write id = {:?}, or rename the folder", self.folder);
             let expected = format!("the folder's name, {:?}", self.folder);
             self.add("id", format!("{id:?}"), &expected, remedy);
-        } else if id.is_empty() || id.len() > LONGEST_ID || !id.chars().all(plain) || id.starts_with(['.', '-']) {
-            let expected = "1 to 64 letters, digits, `-`, `_` or `.`, beginning with a letter, digit or `_`";
-            self.add("id", format!("{id:?}"), expected, "choose another pseudonym and rename the folder alike");
+        } else if id.is_empty()
+            || id.len() > LONGEST_ID
+            || !id.chars().all(plain)
+            || id.starts_with(['.', '-'])
+        {
+            let expected =
+                "1 to 64 letters, digits, `-`, `_` or `.`, beginning with a letter, digit or `_`";
+            self.add(
+                "id",
+                format!("{id:?}"),
+                expected,
+                "choose another pseudonym and rename the folder alike",
+            );
         }
     }
 
@@ -148,20 +233,39 @@ impl Values<'_> {
         const UNITS: [&str; 4] = ["um", "mm", "cm", "m"];
         if !UNITS.contains(&mesh.unit.as_str()) {
             let expected = format!("one of {}", UNITS.join(", "));
-            self.add("anatomy.mesh.unit", format!("{:?}", mesh.unit), &expected, "say in what the coordinates are");
+            self.add(
+                "anatomy.mesh.unit",
+                format!("{:?}", mesh.unit),
+                &expected,
+                "say in what the coordinates are",
+            );
         }
         if mesh.left_ventricle.is_empty() {
             let remedy = "list the tags of contracting tissue, as in left_ventricle = [1]";
-            self.add("anatomy.mesh.left_ventricle", "no tag", "one tag or more", remedy);
+            self.add(
+                "anatomy.mesh.left_ventricle",
+                "no tag",
+                "one tag or more",
+                remedy,
+            );
         }
-        let folder = self.document.file.parent().map(Path::to_owned).unwrap_or_default();
-        let ending = Path::new(&mesh.file).extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let folder = self
+            .document
+            .file
+            .parent()
+            .map(Path::to_owned)
+            .unwrap_or_default();
+        let ending = Path::new(&mesh.file)
+            .extension()
+            .and_then(|e| e.to_str())
+            .unwrap_or_default();
         let names = match ending {
             "vtu" | "msh" | "mesh" => vec![mesh.file.clone()],
             _ => vec![format!("{}.pts", mesh.file), format!("{}.elem", mesh.file)],
         };
         for name in names.iter().filter(|name| !folder.join(name).is_file()) {
-            let expected = "the stem of CARP files, or a .vtu, .msh or .mesh file, beside patient.toml";
+            let expected =
+                "the stem of CARP files, or a .vtu, .msh or .mesh file, beside patient.toml";
             self.add(
                 "anatomy.mesh.file",
                 format!("no file {name:?}"),
@@ -172,10 +276,14 @@ impl Values<'_> {
         if let Some(right) = &mesh.right_ventricle {
             self.right_ventricle(right);
         }
-        match (&mesh.activation_times_ms, mesh.activation_sites_mm.is_empty()) {
+        match (
+            &mesh.activation_times_ms,
+            mesh.activation_sites_mm.is_empty(),
+        ) {
             (Some(name), true) => {
                 if !folder.join(name).is_file() {
-                    let (found, expected) = (format!("no file {name:?}"), "a file with one number a node");
+                    let (found, expected) =
+                        (format!("no file {name:?}"), "a file with one number a node");
                     self.add(
                         "anatomy.mesh.activation_times_ms",
                         found,
@@ -186,7 +294,11 @@ impl Values<'_> {
             }
             (None, false) => {}
             (times, _) => {
-                let found = if times.is_some() { "times and sites" } else { "neither times nor sites" };
+                let found = if times.is_some() {
+                    "times and sites"
+                } else {
+                    "neither times nor sites"
+                };
                 let expected = "activation_times_ms or activation_sites_mm";
                 self.add(
                     "anatomy.mesh",
@@ -200,8 +312,17 @@ impl Values<'_> {
 
     fn right_ventricle(&mut self, right: &PatientRightVentricle) {
         let (low, high) = (*RIGHT_PRESSURE_MMHG.start(), *RIGHT_PRESSURE_MMHG.end());
-        self.range("anatomy.mesh.right_ventricle.pressure_mmHg", right.pressure_mmhg, low, high, "mmHg");
-        self.trace_file("anatomy.mesh.right_ventricle.pressure", right.pressure.as_deref());
+        self.range(
+            "anatomy.mesh.right_ventricle.pressure_mmHg",
+            right.pressure_mmhg,
+            low,
+            high,
+            "mmHg",
+        );
+        self.trace_file(
+            "anatomy.mesh.right_ventricle.pressure",
+            right.pressure.as_deref(),
+        );
         let found = match (right.pressure_mmhg, &right.pressure) {
             (Some(_), Some(_)) => "a pressure and a trace",
             (None, None) => "neither a pressure nor a trace",
@@ -209,7 +330,12 @@ impl Values<'_> {
         };
         let remedy = "give pressure_mmHg for the same pressure at all times, or pressure = \"rv_pressure.csv\" with the columns \
                       time_ms,pressure_mmHg over one cycle";
-        self.add("anatomy.mesh.right_ventricle", found, "pressure_mmHg or pressure, one of them", remedy);
+        self.add(
+            "anatomy.mesh.right_ventricle",
+            found,
+            "pressure_mmHg or pressure, one of them",
+            remedy,
+        );
     }
 
     fn measured(&mut self, file: &PatientFile) {
@@ -223,30 +349,103 @@ impl Values<'_> {
         for (key, name) in files {
             self.trace_file(key, name.as_deref());
         }
-        self.range("measured.end_diastolic_pressure_mmHg", measured.end_diastolic_pressure_mmhg, -10.0, 60.0, "mmHg");
-        self.range("measured.end_diastolic_volume_mL", measured.end_diastolic_volume_ml, 5.0, 1000.0, "mL");
+        self.range(
+            "measured.end_diastolic_pressure_mmHg",
+            measured.end_diastolic_pressure_mmhg,
+            -10.0,
+            60.0,
+            "mmHg",
+        );
+        self.range(
+            "measured.end_diastolic_volume_mL",
+            measured.end_diastolic_volume_ml,
+            5.0,
+            1000.0,
+            "mL",
+        );
         if let Some(noise) = &measured.noise {
-            self.range("measured.noise.pressure_rms_mmHg", noise.pressure_rms_mmhg, 0.0, 50.0, "mmHg");
-            self.range("measured.noise.pressure_correlation_ms", noise.pressure_correlation_ms, 0.0, 1000.0, "ms");
-            self.range("measured.noise.volume_rms_mL", noise.volume_rms_ml, 0.0, 100.0, "mL");
+            self.range(
+                "measured.noise.pressure_rms_mmHg",
+                noise.pressure_rms_mmhg,
+                0.0,
+                50.0,
+                "mmHg",
+            );
+            self.range(
+                "measured.noise.pressure_correlation_ms",
+                noise.pressure_correlation_ms,
+                0.0,
+                1000.0,
+                "ms",
+            );
+            self.range(
+                "measured.noise.volume_rms_mL",
+                noise.volume_rms_ml,
+                0.0,
+                100.0,
+                "mL",
+            );
         }
         if let Some(aorta) = &measured.aortic_pressure {
-            self.range("measured.aortic_pressure.systolic_mmHg", Some(aorta.systolic_mmhg), 30.0, 350.0, "mmHg");
-            self.range("measured.aortic_pressure.diastolic_mmHg", Some(aorta.diastolic_mmhg), 10.0, 250.0, "mmHg");
-            self.range("measured.aortic_pressure.sd_mmHg", aorta.sd_mmhg, 0.0, 100.0, "mmHg");
+            self.range(
+                "measured.aortic_pressure.systolic_mmHg",
+                Some(aorta.systolic_mmhg),
+                30.0,
+                350.0,
+                "mmHg",
+            );
+            self.range(
+                "measured.aortic_pressure.diastolic_mmHg",
+                Some(aorta.diastolic_mmhg),
+                10.0,
+                250.0,
+                "mmHg",
+            );
+            self.range(
+                "measured.aortic_pressure.sd_mmHg",
+                aorta.sd_mmhg,
+                0.0,
+                100.0,
+                "mmHg",
+            );
             if aorta.diastolic_mmhg >= aorta.systolic_mmhg {
-                let found =
-                    format!("{} mmHg at a systolic pressure of {} mmHg", aorta.diastolic_mmhg, aorta.systolic_mmhg);
+                let found = format!(
+                    "{} mmHg at a systolic pressure of {} mmHg",
+                    aorta.diastolic_mmhg, aorta.systolic_mmhg
+                );
                 let key = "measured.aortic_pressure.diastolic_mmHg";
-                self.add(key, found, "diastolic below systolic", "swap the two or correct them");
+                self.add(
+                    key,
+                    found,
+                    "diastolic below systolic",
+                    "swap the two or correct them",
+                );
             }
         }
         if let Some(flow) = &measured.forward_stroke_volume {
-            self.range("measured.forward_stroke_volume.volume_mL", Some(flow.volume_ml), 1.0, 500.0, "mL");
-            self.range("measured.forward_stroke_volume.sd_mL", flow.sd_ml, 0.0, 200.0, "mL");
+            self.range(
+                "measured.forward_stroke_volume.volume_mL",
+                Some(flow.volume_ml),
+                1.0,
+                500.0,
+                "mL",
+            );
+            self.range(
+                "measured.forward_stroke_volume.sd_mL",
+                flow.sd_ml,
+                0.0,
+                200.0,
+                "mL",
+            );
         }
         if let Some(image) = &measured.diastasis {
-            self.range("measured.diastasis.volume_mL", Some(image.volume_ml), 5.0, 1000.0, "mL");
+            self.range(
+                "measured.diastasis.volume_mL",
+                Some(image.volume_ml),
+                5.0,
+                1000.0,
+                "mL",
+            );
             self.range("measured.diastasis.sd_mL", image.sd_ml, 0.0, 200.0, "mL");
             if cycle_ms > 0.0 && !(0.0..=cycle_ms).contains(&image.time_ms) {
                 let expected = format!("a time within the beat, 0 to {cycle_ms} ms");
@@ -268,8 +467,20 @@ impl Values<'_> {
         let longest_ms = if cycle_ms > 0.0 { cycle_ms } else { 3000.0 };
         let rows: [(&str, Option<f64>, f64, f64, &str); 10] = [
             ("P_max_mmHg", b.p_max_mmhg, 20.0, 400.0, "mmHg"),
-            ("dPdt_max_mmHg_per_ms", b.dpdt_max_mmhg_per_ms, 0.05, 20.0, "mmHg/ms"),
-            ("dPdt_min_mmHg_per_ms", b.dpdt_min_mmhg_per_ms, -20.0, -0.05, "mmHg/ms"),
+            (
+                "dPdt_max_mmHg_per_ms",
+                b.dpdt_max_mmhg_per_ms,
+                0.05,
+                20.0,
+                "mmHg/ms",
+            ),
+            (
+                "dPdt_min_mmHg_per_ms",
+                b.dpdt_min_mmhg_per_ms,
+                -20.0,
+                -0.05,
+                "mmHg/ms",
+            ),
             ("PTD90_ms", b.ptd90_ms, 20.0, longest_ms, "ms"),
             ("SV_mL", b.sv_ml, 1.0, 500.0, "mL"),
             ("tau_VD_ms", b.tau_vd_ms, 1.0, longest_ms, "ms"),
@@ -279,7 +490,13 @@ impl Values<'_> {
             ("EDP_mmHg", b.edp_mmhg, -10.0, 60.0, "mmHg"),
         ];
         for (name, value, low, high, unit) in rows {
-            self.range(&format!("measured.biomarkers.{name}"), value, low, high, unit);
+            self.range(
+                &format!("measured.biomarkers.{name}"),
+                value,
+                low,
+                high,
+                unit,
+            );
         }
     }
 
@@ -289,7 +506,12 @@ impl Values<'_> {
         let path = folder.join(name);
         if !path.is_file() {
             let found = format!("{name:?}, but there is no file {}", path.display());
-            self.add(key, found, "a trace file beside patient.toml", "put the file there or correct its name");
+            self.add(
+                key,
+                found,
+                "a trace file beside patient.toml",
+                "put the file there or correct its name",
+            );
         }
     }
 }

@@ -17,8 +17,14 @@ use super::external;
 use super::nearest::nearest;
 
 /// Keys of [`CellFitSettings::weights`].
-pub const CELL_TARGETS: [&str; 6] =
-    ["Sa_max_kPa", "dSadt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms", "lambda_min"];
+pub const CELL_TARGETS: [&str; 6] = [
+    "Sa_max_kPa",
+    "dSadt_max_kPa_per_ms",
+    "STD30_ms",
+    "STD50_ms",
+    "STD90_ms",
+    "lambda_min",
+];
 
 /// A setting that cannot be right.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +73,8 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
 
 /// Octal, and the owner keeps everything.
 fn is_mask(text: &str) -> bool {
-    (3..=4).contains(&text.len()) && u32::from_str_radix(text, 8).is_ok_and(|mask| mask & 0o7700 == 0)
+    (3..=4).contains(&text.len())
+        && u32::from_str_radix(text, 8).is_ok_and(|mask| mask & 0o7700 == 0)
 }
 
 #[derive(Default)]
@@ -99,10 +106,21 @@ impl List {
 
     /// `low ≤ value ≤ high`.
     fn notices(&mut self, notices: &NoticeSettings) {
-        self.positive("executor.notices.time_limit_s", notices.time_limit_s, 3600.0);
-        self.within("executor.notices.least_free_GB", notices.least_free_gb, 0.0, 1e9);
-        for address in
-            notices.mail.iter().filter(|a| !a.contains('@') || a.contains(char::is_whitespace) || a.contains(','))
+        self.positive(
+            "executor.notices.time_limit_s",
+            notices.time_limit_s,
+            3600.0,
+        );
+        self.within(
+            "executor.notices.least_free_GB",
+            notices.least_free_gb,
+            0.0,
+            1e9,
+        );
+        for address in notices
+            .mail
+            .iter()
+            .filter(|a| !a.contains('@') || a.contains(char::is_whitespace) || a.contains(','))
         {
             self.add(
                 "executor.notices.mail",
@@ -123,7 +141,12 @@ impl List {
 
     fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
         if !(low..=high).contains(&value) {
-            self.add(key, value.to_string(), format!("a number from {low} to {high}"), "give a value in this range");
+            self.add(
+                key,
+                value.to_string(),
+                format!("a number from {low} to {high}"),
+                "give a value in this range",
+            );
         }
     }
 
@@ -131,13 +154,23 @@ impl List {
     fn positive(&mut self, key: &str, value: f64, high: f64) {
         if !(value > 0.0 && value <= high) {
             let expected = format!("a number above 0, up to {high}");
-            self.add(key, value.to_string(), expected, "give a value in this range");
+            self.add(
+                key,
+                value.to_string(),
+                expected,
+                "give a value in this range",
+            );
         }
     }
 
     fn count(&mut self, key: &str, value: u32, low: u32, high: u32) {
         if !(low..=high).contains(&value) {
-            self.add(key, value.to_string(), format!("an integer from {low} to {high}"), "give a value in this range");
+            self.add(
+                key,
+                value.to_string(),
+                format!("an integer from {low} to {high}"),
+                "give a value in this range",
+            );
         }
     }
 
@@ -146,9 +179,16 @@ impl List {
             return true;
         }
         let remedy = nearest(name, known.iter().copied())
-            .map_or("use one of these".to_owned(), |meant| format!("did you mean `{meant}`?"));
+            .map_or("use one of these".to_owned(), |meant| {
+                format!("did you mean `{meant}`?")
+            });
         let expected = format!("a parameter among {}", known.join(", "));
-        self.add(key, format!("the unknown parameter `{name}`"), expected, remedy);
+        self.add(
+            key,
+            format!("the unknown parameter `{name}`"),
+            expected,
+            remedy,
+        );
         false
     }
 
@@ -157,7 +197,12 @@ impl List {
             let key = format!("{key}.{name}");
             if self.name(&key, name, known) && low >= high {
                 let found = format!("[{low}, {high}]");
-                self.add(key, found, "lower bound < upper bound", "swap them, or freeze the parameter at one value");
+                self.add(
+                    key,
+                    found,
+                    "lower bound < upper bound",
+                    "swap them, or freeze the parameter at one value",
+                );
             }
         }
     }
@@ -167,15 +212,38 @@ impl List {
         self.positive("solver.time_step_ms", solver.time_step_ms, 10.0);
         self.positive("solver.shortest_step_ms", solver.shortest_step_ms, 10.0);
         if solver.time_step_ms > 0.0 && solver.shortest_step_ms > solver.time_step_ms {
-            let found = format!("{} ms, longer than a step of {} ms", solver.shortest_step_ms, solver.time_step_ms);
+            let found = format!(
+                "{} ms, longer than a step of {} ms",
+                solver.shortest_step_ms, solver.time_step_ms
+            );
             let remedy = "a step is cut in halves from solver.time_step_ms down to it";
-            self.add("solver.shortest_step_ms", found, "at most solver.time_step_ms", remedy);
+            self.add(
+                "solver.shortest_step_ms",
+                found,
+                "at most solver.time_step_ms",
+                remedy,
+            );
             self.against("solver.time_step_ms".to_owned());
         }
-        self.count("solver.newton_iterations", solver.newton_iterations, 1, 1000);
+        self.count(
+            "solver.newton_iterations",
+            solver.newton_iterations,
+            1,
+            1000,
+        );
         self.count("solver.beats", solver.beats, 1, 1000);
-        self.within("solver.activation.spread_ms", solver.activation.spread_ms, 0.0, 300.0);
-        self.count("solver.activation.groups", solver.activation.groups, 1, 1000);
+        self.within(
+            "solver.activation.spread_ms",
+            solver.activation.spread_ms,
+            0.0,
+            300.0,
+        );
+        self.count(
+            "solver.activation.groups",
+            solver.activation.groups,
+            1,
+            1000,
+        );
         if let Some(onset_ms) = solver.activation.onset_ms {
             self.within("solver.activation.onset_ms", onset_ms, -100.0, 1000.0);
         }
@@ -185,12 +253,27 @@ impl List {
     fn finite_element(&mut self, settings: &FiniteElementSettings) {
         let key = |name: &str| format!("solver.finite_element.{name}");
         self.count(&key("mesh_nodes"), settings.mesh_nodes, 500, 2_000_000);
-        self.count(&key("newton_iterations"), settings.newton_iterations, 1, 1000);
+        self.count(
+            &key("newton_iterations"),
+            settings.newton_iterations,
+            1,
+            1000,
+        );
         self.positive(&key("tolerance"), settings.tolerance, 0.1);
-        self.within(&key("diastolic_step_ms"), settings.diastolic_step_ms, 0.0, 20.0);
+        self.within(
+            &key("diastolic_step_ms"),
+            settings.diastolic_step_ms,
+            0.0,
+            20.0,
+        );
         let newton = &settings.newton;
         self.count(&key("newton.halvings"), newton.halvings, 0, 30);
-        self.within(&key("newton.smallest_volume_ratio"), newton.smallest_volume_ratio, 0.0, 0.9);
+        self.within(
+            &key("newton.smallest_volume_ratio"),
+            newton.smallest_volume_ratio,
+            0.0,
+            0.9,
+        );
         self.within(&key("newton.farthest_mm"), newton.farthest_mm, 0.0, 1e3);
         self.wall(&settings.wall);
         let fibres = &settings.fibres;
@@ -203,9 +286,22 @@ impl List {
             self.within(&key(&format!("fibres.{name}")), value, -90.0, 90.0);
         }
         let speeds = &settings.conduction;
-        self.positive(&key("conduction.along_m_per_s"), speeds.along_m_per_s, 100.0);
-        self.positive(&key("conduction.across_m_per_s"), speeds.across_m_per_s, 100.0);
-        self.within(&key("conduction.endocardium_m_per_s"), speeds.endocardium_m_per_s, 0.0, 100.0);
+        self.positive(
+            &key("conduction.along_m_per_s"),
+            speeds.along_m_per_s,
+            100.0,
+        );
+        self.positive(
+            &key("conduction.across_m_per_s"),
+            speeds.across_m_per_s,
+            100.0,
+        );
+        self.within(
+            &key("conduction.endocardium_m_per_s"),
+            speeds.endocardium_m_per_s,
+            0.0,
+            100.0,
+        );
     }
 
     fn wall(&mut self, wall: &WallSettings) {
@@ -239,10 +335,22 @@ impl List {
             ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
             ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
             ("sheet_normal_share", wall.sheet_normal_share, 1.0),
-            ("epicardial_spring_kPa_per_mm", wall.epicardial_spring_kpa_per_mm, 1e5),
-            ("epicardial_dashpot_kPa_ms_per_mm", wall.epicardial_dashpot_kpa_ms_per_mm, 1e5),
+            (
+                "epicardial_spring_kPa_per_mm",
+                wall.epicardial_spring_kpa_per_mm,
+                1e5,
+            ),
+            (
+                "epicardial_dashpot_kPa_ms_per_mm",
+                wall.epicardial_dashpot_kpa_ms_per_mm,
+                1e5,
+            ),
             ("epicardial_base_share", wall.epicardial_base_share, 100.0),
-            ("rim_dashpot_kPa_ms_per_mm", wall.rim_dashpot_kpa_ms_per_mm, 1e5),
+            (
+                "rim_dashpot_kPa_ms_per_mm",
+                wall.rim_dashpot_kpa_ms_per_mm,
+                1e5,
+            ),
             ("spectral_radius", wall.spectral_radius, 1.0),
         ] {
             self.within(&key(name), value, 0.0, high);
@@ -254,25 +362,48 @@ impl List {
         self.within(&key("epicardial_duration_share"), duration, 0.5, 2.0);
         for (name, surface) in &wall.surface {
             let of = |constant: &str| key(&format!("surface.{name}.{constant}"));
-            self.within(&of("spring_kPa_per_mm"), surface.spring_kpa_per_mm, 0.0, 1e5);
-            self.within(&of("dashpot_kPa_ms_per_mm"), surface.dashpot_kpa_ms_per_mm, 0.0, 1e5);
+            self.within(
+                &of("spring_kPa_per_mm"),
+                surface.spring_kpa_per_mm,
+                0.0,
+                1e5,
+            );
+            self.within(
+                &of("dashpot_kPa_ms_per_mm"),
+                surface.dashpot_kpa_ms_per_mm,
+                0.0,
+                1e5,
+            );
         }
         for (tag, tissue) in &wall.passive {
             self.positive(&key(&format!("passive.{tag}.mu_kPa")), tissue.mu_kpa, 1e5);
-            self.positive(&key(&format!("passive.{tag}.kappa_kPa")), tissue.kappa_kpa, 1e8);
+            self.positive(
+                &key(&format!("passive.{tag}.kappa_kPa")),
+                tissue.kappa_kpa,
+                1e8,
+            );
         }
     }
 
     fn verification(&mut self, tolerances: &TwinTolerances) {
         for (name, percent) in tolerances.named() {
-            self.positive(&format!("verification.tolerance_percent.{name}"), percent, 1e3);
+            self.positive(
+                &format!("verification.tolerance_percent.{name}"),
+                percent,
+                1e3,
+            );
         }
     }
 
     fn posterior(&mut self, posterior: &PosteriorSettings) {
         // The 5 % quantile of fewer draws is the smallest of them.
         self.count("posterior.draws", posterior.draws, 40, 100_000);
-        self.within("posterior.discrepancy_correlation_ms", posterior.discrepancy_correlation_ms, 1.0, 1e4);
+        self.within(
+            "posterior.discrepancy_correlation_ms",
+            posterior.discrepancy_correlation_ms,
+            1.0,
+            1e4,
+        );
         self.within("posterior.error_factor", posterior.error_factor, 0.1, 10.0);
     }
 
@@ -282,28 +413,64 @@ impl List {
             self.positive(&format!("step3.uncertainty_percent.{name}"), *percent, 1e3);
             if !STEP1_BIOMARKERS.contains(&name.as_str()) {
                 let expected = format!("one of {}", STEP1_BIOMARKERS.join(", "));
-                self.add("step3.uncertainty_percent", name.clone(), &expected, "name one of the organ's biomarkers");
+                self.add(
+                    "step3.uncertainty_percent",
+                    name.clone(),
+                    &expected,
+                    "name one of the organ's biomarkers",
+                );
             }
         }
         let deviations = &step3.trace_deviations;
-        self.within("step3.trace_deviations.pressure_mmHg", deviations.pressure_mmhg, 0.0, 1e3);
-        self.within("step3.trace_deviations.volume_mL", deviations.volume_ml, 0.0, 1e3);
-        self.within("step3.trace_deviations.correlation_ms", deviations.correlation_ms, 1.0, 1e4);
+        self.within(
+            "step3.trace_deviations.pressure_mmHg",
+            deviations.pressure_mmhg,
+            0.0,
+            1e3,
+        );
+        self.within(
+            "step3.trace_deviations.volume_mL",
+            deviations.volume_ml,
+            0.0,
+            1e3,
+        );
+        self.within(
+            "step3.trace_deviations.correlation_ms",
+            deviations.correlation_ms,
+            1.0,
+            1e4,
+        );
         for name in &step3.parameters {
             if !is_parameter(name) {
                 let expected = "a parameter of the cell (but a_p_kPa) or of a valve";
-                self.add("step3.parameters", name.clone(), expected, "docs/step3.md lists them");
+                self.add(
+                    "step3.parameters",
+                    name.clone(),
+                    expected,
+                    "docs/step3.md lists them",
+                );
             } else if !step3.bounds.contains_key(name) {
                 let key = format!("step3.bounds.{name}");
-                self.add(&key, "no bounds".to_owned(), "[lower, upper]", "give the parameter bounds, or take it out");
+                self.add(
+                    &key,
+                    "no bounds".to_owned(),
+                    "[lower, upper]",
+                    "give the parameter bounds, or take it out",
+                );
             }
         }
         for (name, [lower, upper]) in &step3.bounds {
-            let makes_sense = lower < upper && lower * upper > 0.0 && lower.is_finite() && upper.is_finite();
+            let makes_sense =
+                lower < upper && lower * upper > 0.0 && lower.is_finite() && upper.is_finite();
             if !makes_sense {
                 let found = format!("[{lower}, {upper}]");
                 let expected = "two numbers of one sign, the lower one first";
-                self.add(format!("step3.bounds.{name}"), found, expected, "swap or widen the bounds");
+                self.add(
+                    format!("step3.bounds.{name}"),
+                    found,
+                    expected,
+                    "swap or widen the bounds",
+                );
             }
         }
     }
@@ -333,25 +500,57 @@ impl List {
         self.positive("step1.initial.a6", initial.a6, 1e3);
         self.positive("step1.initial.a7", initial.a7, 1.5);
         let valves = &step1.valves;
-        self.positive("step1.valves.R_AV_f_mmHg_s_per_mL", valves.r_av_f_mmhg_s_per_ml, 1e3);
-        self.positive("step1.valves.R_MV_f_mmHg_s_per_mL", valves.r_mv_f_mmhg_s_per_ml, 1e3);
-        self.positive("step1.valves.R_b_mmHg_s_per_mL", valves.r_b_mmhg_s_per_ml, 1e9);
+        self.positive(
+            "step1.valves.R_AV_f_mmHg_s_per_mL",
+            valves.r_av_f_mmhg_s_per_ml,
+            1e3,
+        );
+        self.positive(
+            "step1.valves.R_MV_f_mmHg_s_per_mL",
+            valves.r_mv_f_mmhg_s_per_ml,
+            1e3,
+        );
+        self.positive(
+            "step1.valves.R_b_mmHg_s_per_mL",
+            valves.r_b_mmhg_s_per_ml,
+            1e9,
+        );
         self.initial_inside_bounds(step1);
     }
 
     fn initial_inside_bounds(&mut self, step1: &Step1Settings) {
-        let values = cardiotwin_schemas::organ::Step1Parameters { tanh: step1.initial, valves: step1.valves }.updated();
+        let values = cardiotwin_schemas::organ::Step1Parameters {
+            tanh: step1.initial,
+            valves: step1.valves,
+        }
+        .updated();
         for (name, value) in STEP1_PARAMETERS.iter().zip(values) {
-            let Some([low, high]) = step1.bounds.get(*name) else { continue };
+            let Some([low, high]) = step1.bounds.get(*name) else {
+                continue;
+            };
             if *low < 0.0 {
                 let remedy = "step 1 multiplies parameters by ratios, which keeps their sign: give a bound above 0";
-                self.add(format!("step1.bounds.{name}"), low.to_string(), "a lower bound of 0 or more", remedy);
+                self.add(
+                    format!("step1.bounds.{name}"),
+                    low.to_string(),
+                    "a lower bound of 0 or more",
+                    remedy,
+                );
             }
             if low < high && !(*low..=*high).contains(&value) {
-                let table = if name.starts_with("R_") { "valves" } else { "initial" };
+                let table = if name.starts_with("R_") {
+                    "valves"
+                } else {
+                    "initial"
+                };
                 let expected = format!("a value within step1.bounds.{name} = [{low}, {high}]");
                 let remedy = "move the first guess inside or widen the bounds";
-                self.add(format!("step1.{table}.{name}"), value.to_string(), expected, remedy);
+                self.add(
+                    format!("step1.{table}.{name}"),
+                    value.to_string(),
+                    expected,
+                    remedy,
+                );
                 self.against(format!("step1.bounds.{name}"));
             }
         }
@@ -365,16 +564,31 @@ impl List {
         let [low, high] = step2.mutation;
         if !(0.0 <= low && low <= high && high < 2.0) {
             let remedy = "give [smallest, largest] mutation factor, equal for none of the dither";
-            self.add("step2.mutation", format!("[{low}, {high}]"), "0 ≤ smallest ≤ largest < 2", remedy);
+            self.add(
+                "step2.mutation",
+                format!("[{low}, {high}]"),
+                "0 ≤ smallest ≤ largest < 2",
+                remedy,
+            );
         }
         self.within("step2.recombination", step2.recombination, 0.0, 1.0);
         self.bounds("step2.bounds", &step2.bounds, &CELL_PARAMETERS);
         if step2.parameters.is_empty() {
             let remedy = "name at least one; the default ten are in docs/models.md";
-            self.add("step2.parameters", "an empty list", "parameters to fit", remedy);
+            self.add(
+                "step2.parameters",
+                "an empty list",
+                "parameters to fit",
+                remedy,
+            );
         } else if step2.fitted().is_empty() {
             let remedy = "name at least one other: Rice's four have no effect where calcium is a fixed input";
-            self.add("step2.parameters", "calcium's parameters alone", "parameters to fit", remedy);
+            self.add(
+                "step2.parameters",
+                "calcium's parameters alone",
+                "parameters to fit",
+                remedy,
+            );
             self.against("step2.calcium".to_owned());
         }
         let mut seen = Vec::new();
@@ -384,16 +598,31 @@ impl List {
             }
             if seen.contains(&name) {
                 let found = format!("`{name}` twice");
-                self.add("step2.parameters", found, "each parameter once", "remove one of them");
+                self.add(
+                    "step2.parameters",
+                    found,
+                    "each parameter once",
+                    "remove one of them",
+                );
             } else if !step2.bounds.contains_key(name) {
                 let remedy = format!("add `{name} = [lower, upper]` to [step2.bounds]");
-                self.add("step2.parameters", format!("`{name}` without bounds"), "bounds of every parameter", remedy);
+                self.add(
+                    "step2.parameters",
+                    format!("`{name}` without bounds"),
+                    "bounds of every parameter",
+                    remedy,
+                );
                 self.against(format!("step2.bounds.{name}"));
             }
             if step2.frozen.contains_key(name) {
                 let remedy = "take it out of step2.parameters or of step2.frozen";
                 let key = format!("step2.frozen.{name}");
-                self.add(key, "a parameter that is also fitted", "fitted or frozen, not both", remedy);
+                self.add(
+                    key,
+                    "a parameter that is also fitted",
+                    "fitted or frozen, not both",
+                    remedy,
+                );
                 self.against("step2.parameters".to_owned());
             }
             seen.push(name);
@@ -410,7 +639,12 @@ impl List {
         }
         if !step2.weights.values().any(|weight| *weight > 0.0) {
             let remedy = "give at least one biomarker a positive weight";
-            self.add("step2.weights", "no positive weight", "something to fit", remedy);
+            self.add(
+                "step2.weights",
+                "no positive weight",
+                "something to fit",
+                remedy,
+            );
         }
     }
 
@@ -423,10 +657,20 @@ impl List {
             }
             if !step2.parameters.contains(name) {
                 let remedy = "name it in step2.parameters too, or hold it with step2.frozen";
-                self.add(key, "a parameter that is not fitted", "a parameter of step2.parameters", remedy);
+                self.add(
+                    key,
+                    "a parameter that is not fitted",
+                    "a parameter of step2.parameters",
+                    remedy,
+                );
                 self.against("step2.parameters".to_owned());
             } else if !value.is_finite() {
-                self.add(key, value.to_string(), "a finite number", "give a number in the parameter's unit");
+                self.add(
+                    key,
+                    value.to_string(),
+                    "a finite number",
+                    "give a number in the parameter's unit",
+                );
             }
         }
     }
@@ -454,28 +698,67 @@ mod tests {
     fn numbers_out_of_range_are_named_by_key() {
         assert_eq!(keys(|s| s.step1.tolerance = -0.1), ["step1.tolerance"]);
         assert_eq!(keys(|s| s.step1.damping = 1.5), ["step1.damping"]);
-        assert_eq!(keys(|s| s.step1.max_iterations = 0), ["step1.max_iterations"]);
-        assert_eq!(keys(|s| s.solver.time_step_ms = 0.0), ["solver.time_step_ms"]);
-        assert_eq!(keys(|s| s.solver.time_step_ms = 0.01), ["solver.shortest_step_ms"]);
-        assert_eq!(keys(|s| s.step2.recombination = 1.1), ["step2.recombination"]);
+        assert_eq!(
+            keys(|s| s.step1.max_iterations = 0),
+            ["step1.max_iterations"]
+        );
+        assert_eq!(
+            keys(|s| s.solver.time_step_ms = 0.0),
+            ["solver.time_step_ms"]
+        );
+        assert_eq!(
+            keys(|s| s.solver.time_step_ms = 0.01),
+            ["solver.shortest_step_ms"]
+        );
+        assert_eq!(
+            keys(|s| s.step2.recombination = 1.1),
+            ["step2.recombination"]
+        );
         assert_eq!(keys(|s| s.step2.mutation = [1.0, 0.5]), ["step2.mutation"]);
         assert_eq!(keys(|s| s.executor.threads = 2000), ["executor.threads"]);
-        let of_wall = |change: fn(&mut WallSettings)| keys(|s| change(&mut s.solver.finite_element.wall));
+        let of_wall =
+            |change: fn(&mut WallSettings)| keys(|s| change(&mut s.solver.finite_element.wall));
         let wall = |name: &str| [format!("solver.finite_element.wall.{name}")];
-        assert_eq!(of_wall(|w| w.cross_fibre_share = 1.2), wall("cross_fibre_share"));
-        assert_eq!(of_wall(|w| w.holzapfel_ogden.a_kpa = 0.0), wall("holzapfel_ogden.a_kPa"));
-        assert_eq!(of_wall(|w| w.holzapfel_ogden.a_f_kpa = -1.0), wall("holzapfel_ogden.a_f_kPa"));
-        assert_eq!(of_wall(|w| w.neo_hookean_mu_kpa = f64::NAN), wall("neo_hookean_mu_kPa"));
-        let soft = PassiveTissueSettings { mu_kpa: 0.0, kappa_kpa: 100.0 };
+        assert_eq!(
+            of_wall(|w| w.cross_fibre_share = 1.2),
+            wall("cross_fibre_share")
+        );
+        assert_eq!(
+            of_wall(|w| w.holzapfel_ogden.a_kpa = 0.0),
+            wall("holzapfel_ogden.a_kPa")
+        );
+        assert_eq!(
+            of_wall(|w| w.holzapfel_ogden.a_f_kpa = -1.0),
+            wall("holzapfel_ogden.a_f_kPa")
+        );
+        assert_eq!(
+            of_wall(|w| w.neo_hookean_mu_kpa = f64::NAN),
+            wall("neo_hookean_mu_kPa")
+        );
+        let soft = PassiveTissueSettings {
+            mu_kpa: 0.0,
+            kappa_kpa: 100.0,
+        };
         let passive = keys(|s| _ = s.solver.finite_element.wall.passive.insert(3, soft));
         assert_eq!(passive, wall("passive.3.mu_kPa"));
-        let pulling = SurfaceSpring { spring_kpa_per_mm: -1.0, ..SurfaceSpring::default() };
+        let pulling = SurfaceSpring {
+            spring_kpa_per_mm: -1.0,
+            ..SurfaceSpring::default()
+        };
         assert_eq!(
-            keys(|s| _ = s.solver.finite_element.wall.surface.insert("lung".to_owned(), pulling)),
+            keys(|s| _ = s
+                .solver
+                .finite_element
+                .wall
+                .surface
+                .insert("lung".to_owned(), pulling)),
             wall("surface.lung.spring_kPa_per_mm")
         );
         let newton = keys(|s| s.solver.finite_element.newton.smallest_volume_ratio = 1.0);
-        assert_eq!(newton, ["solver.finite_element.newton.smallest_volume_ratio"]);
+        assert_eq!(
+            newton,
+            ["solver.finite_element.newton.smallest_volume_ratio"]
+        );
     }
 
     #[test]
@@ -511,8 +794,15 @@ mod tests {
         settings.step1.frozen = vec!["Smax_ref".into()];
         let complaint = complaints(&settings).remove(0);
         assert!(complaint.remedy.contains("Smax_ref_kPa"), "{complaint:?}");
-        assert_eq!(keys(|s| s.step2.parameters.push("n_TRPN".into())), ["step2.parameters"]);
-        assert_eq!(keys(|s| s.step2.parameters.push("r_W".into())), ["step2.parameters"], "without bounds");
+        assert_eq!(
+            keys(|s| s.step2.parameters.push("n_TRPN".into())),
+            ["step2.parameters"]
+        );
+        assert_eq!(
+            keys(|s| s.step2.parameters.push("r_W".into())),
+            ["step2.parameters"],
+            "without bounds"
+        );
         assert_eq!(
             keys(|s| {
                 s.step2.frozen.insert("n_TRPN".into(), 2.0);
@@ -531,7 +821,13 @@ mod tests {
             Vec::<String>::new(),
             "cut to the bounds"
         );
-        assert_eq!(keys(|s| s.step2.initial = [("r_W".into(), 0.5)].into()), ["step2.initial.r_W"]);
-        assert_eq!(keys(|s| s.step2.initial = [("nTm".into(), 5.0)].into()), ["step2.initial.nTm"]);
+        assert_eq!(
+            keys(|s| s.step2.initial = [("r_W".into(), 0.5)].into()),
+            ["step2.initial.r_W"]
+        );
+        assert_eq!(
+            keys(|s| s.step2.initial = [("nTm".into(), 5.0)].into()),
+            ["step2.initial.nTm"]
+        );
     }
 }

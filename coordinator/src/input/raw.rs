@@ -47,14 +47,25 @@ pub fn read_raw(folder: &Path, report: &mut Report) -> Option<RawFolder> {
     } else {
         (Document::parse(&path, "", None, report), RawFile::default())
     };
-    let mut reader = Reader { folder, document: &document, report, inputs: Vec::new() };
+    let mut reader = Reader {
+        folder,
+        document: &document,
+        report,
+        inputs: Vec::new(),
+    };
     reader.check(&given);
     let catheter = reader.catheter(&given);
     let cine = reader.cine(&given);
     let flow = reader.flow(&given);
     let inputs = std::mem::take(&mut reader.inputs);
     let recording = catheter?;
-    (report.n_errors() == 0).then_some(RawFolder { file: given, recording, cine, flow, inputs })
+    (report.n_errors() == 0).then_some(RawFolder {
+        file: given,
+        recording,
+        cine,
+        flow,
+        inputs,
+    })
 }
 
 struct Reader<'a> {
@@ -65,7 +76,13 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn error(&mut self, key: &str, found: impl Into<String>, expected: impl Into<String>, remedy: impl Into<String>) {
+    fn error(
+        &mut self,
+        key: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
         let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
         problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
         self.report.add(None, problem);
@@ -74,14 +91,22 @@ impl Reader<'_> {
     fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {
         if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
             let expected = format!("{low} to {high} {unit}");
-            self.error(key, format!("{value} {unit}"), expected.trim_end(), "check the number and its unit");
+            self.error(
+                key,
+                format!("{value} {unit}"),
+                expected.trim_end(),
+                "check the number and its unit",
+            );
         }
     }
 
     fn check(&mut self, file: &RawFile) {
         if let Some(id) = &file.id {
-            let sound =
-                !id.is_empty() && id.len() <= 64 && id.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+            let sound = !id.is_empty()
+                && id.len() <= 64
+                && id
+                    .chars()
+                    .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
             if !sound || id.starts_with('.') {
                 self.error(
                     "id",
@@ -91,22 +116,65 @@ impl Reader<'_> {
                 );
             }
         }
-        self.range("cine.cycle_length_ms", file.cine.cycle_length_ms, 200.0, 3000.0, "ms");
+        self.range(
+            "cine.cycle_length_ms",
+            file.cine.cycle_length_ms,
+            200.0,
+            3000.0,
+            "ms",
+        );
         self.range("flow.sd_mL", file.flow.sd_ml, 0.0, 200.0, "mL");
-        self.range("anatomy.wall_volume_mL", file.anatomy.wall_volume_ml, 1.0, 1000.0, "mL");
+        self.range(
+            "anatomy.wall_volume_mL",
+            file.anatomy.wall_volume_ml,
+            1.0,
+            1000.0,
+            "mL",
+        );
         if let Some(image) = &file.whole_heart {
-            self.range("whole_heart.volume_mL", Some(image.volume_ml), 5.0, 1000.0, "mL");
+            self.range(
+                "whole_heart.volume_mL",
+                Some(image.volume_ml),
+                5.0,
+                1000.0,
+                "mL",
+            );
             self.range("whole_heart.sd_mL", image.sd_ml, 0.0, 200.0, "mL");
-            self.range("whole_heart.time_ms", Some(image.time_ms), 0.0, 3000.0, "ms");
+            self.range(
+                "whole_heart.time_ms",
+                Some(image.time_ms),
+                0.0,
+                3000.0,
+                "ms",
+            );
         }
         if let Some(cuff) = &file.cuff {
-            self.range("cuff.systolic_mmHg", Some(cuff.systolic_mmhg), 30.0, 350.0, "mmHg");
-            self.range("cuff.diastolic_mmHg", Some(cuff.diastolic_mmhg), 10.0, 250.0, "mmHg");
+            self.range(
+                "cuff.systolic_mmHg",
+                Some(cuff.systolic_mmhg),
+                30.0,
+                350.0,
+                "mmHg",
+            );
+            self.range(
+                "cuff.diastolic_mmHg",
+                Some(cuff.diastolic_mmhg),
+                10.0,
+                250.0,
+                "mmHg",
+            );
             self.range("cuff.sd_mmHg", cuff.sd_mmhg, 0.0, 100.0, "mmHg");
             if cuff.diastolic_mmhg >= cuff.systolic_mmhg {
-                let found =
-                    format!("{} mmHg at a systolic pressure of {} mmHg", cuff.diastolic_mmhg, cuff.systolic_mmhg);
-                self.error("cuff.diastolic_mmHg", found, "diastolic below systolic", "swap the two or correct them");
+                let found = format!(
+                    "{} mmHg at a systolic pressure of {} mmHg",
+                    cuff.diastolic_mmhg, cuff.systolic_mmhg
+                );
+                self.error(
+                    "cuff.diastolic_mmHg",
+                    found,
+                    "diastolic below systolic",
+                    "swap the two or correct them",
+                );
             }
             let between = cuff.diastolic_mmhg..=cuff.systolic_mmhg;
             if let Some(mean) = cuff.mean_mmhg.filter(|mean| !between.contains(mean)) {
@@ -119,17 +187,56 @@ impl Reader<'_> {
             }
         }
         let steps = &file.steps;
-        self.range("steps.average.cycle_length_ms", steps.average.cycle_length_ms, 200.0, 3000.0, "ms");
+        self.range(
+            "steps.average.cycle_length_ms",
+            steps.average.cycle_length_ms,
+            200.0,
+            3000.0,
+            "ms",
+        );
         self.range("steps.volume.factor", steps.volume.factor, 0.1, 10.0, "");
-        self.range("steps.cycle.systole_factor", steps.cycle.systole_factor, 0.3, 3.0, "");
-        self.range("steps.synchronise.lag_ms", steps.synchronise.lag_ms, -2000.0, 2000.0, "ms");
-        self.range("steps.noise.pressure_rms_mmHg", steps.noise.pressure_rms_mmhg, 0.0, 50.0, "mmHg");
-        self.range("steps.noise.pressure_correlation_ms", steps.noise.pressure_correlation_ms, 0.0, 1000.0, "ms");
-        self.range("steps.noise.volume_rms_mL", steps.noise.volume_rms_ml, 0.0, 100.0, "mL");
+        self.range(
+            "steps.cycle.systole_factor",
+            steps.cycle.systole_factor,
+            0.3,
+            3.0,
+            "",
+        );
+        self.range(
+            "steps.synchronise.lag_ms",
+            steps.synchronise.lag_ms,
+            -2000.0,
+            2000.0,
+            "ms",
+        );
+        self.range(
+            "steps.noise.pressure_rms_mmHg",
+            steps.noise.pressure_rms_mmhg,
+            0.0,
+            50.0,
+            "mmHg",
+        );
+        self.range(
+            "steps.noise.pressure_correlation_ms",
+            steps.noise.pressure_correlation_ms,
+            0.0,
+            1000.0,
+            "ms",
+        );
+        self.range(
+            "steps.noise.volume_rms_mL",
+            steps.noise.volume_rms_ml,
+            0.0,
+            100.0,
+            "mL",
+        );
         let given = steps.beats.source == Some(BeatSource::Given);
         if given == steps.beats.onsets_ms.is_empty() {
             let (found, remedy) = if given {
-                ("no times, and source = \"given\"", "give the times, or another source")
+                (
+                    "no times, and source = \"given\"",
+                    "give the times, or another source",
+                )
             } else {
                 (
                     "times, and a source that does not take them",
@@ -139,16 +246,36 @@ impl Reader<'_> {
             self.error("steps.beats.onsets_ms", found, "both or none", remedy);
         }
         if !steps.beats.onsets_ms.windows(2).all(|w| w[1] > w[0]) {
-            self.error("steps.beats.onsets_ms", "times that do not increase", "increasing times", "sort them");
+            self.error(
+                "steps.beats.onsets_ms",
+                "times that do not increase",
+                "increasing times",
+                "sort them",
+            );
         }
-        for number in steps.reject.keep.iter().filter(|number| steps.reject.leave_out.contains(number)) {
+        for number in steps
+            .reject
+            .keep
+            .iter()
+            .filter(|number| steps.reject.leave_out.contains(number))
+        {
             let found = format!("beat {number} in both keep and leave_out");
-            self.error("steps.reject.keep", found, "each beat in one of them", "remove it from the other");
+            self.error(
+                "steps.reject.keep",
+                found,
+                "each beat in one of them",
+                "remove it from the other",
+            );
         }
     }
 
     /// The bytes of a file that is named, or has its usual name; its key names it in problems.
-    fn bytes(&mut self, key: &str, named: Option<&String>, usual: &str) -> Option<(PathBuf, Vec<u8>)> {
+    fn bytes(
+        &mut self,
+        key: &str,
+        named: Option<&String>,
+        usual: &str,
+    ) -> Option<(PathBuf, Vec<u8>)> {
         let name = named.map_or(usual, String::as_str);
         let path = self.folder.join(name);
         if named.is_none() && !path.exists() {
@@ -156,11 +283,18 @@ impl Reader<'_> {
         }
         match std::fs::read(&path) {
             Ok(bytes) => {
-                self.inputs.push(RawInput { file: name.to_owned(), sha256: sha256_hex(&bytes), n_rows: 0 });
+                self.inputs.push(RawInput {
+                    file: name.to_owned(),
+                    sha256: sha256_hex(&bytes),
+                    n_rows: 0,
+                });
                 Some((path, bytes))
             }
             Err(error) => {
-                let found = format!("{name:?}, but no readable file {} ({error})", path.display());
+                let found = format!(
+                    "{name:?}, but no readable file {} ({error})",
+                    path.display()
+                );
                 self.error(
                     key,
                     found,
@@ -174,7 +308,10 @@ impl Reader<'_> {
 
     fn table(&mut self, path: &Path, bytes: &[u8], wanted: &[Wanted]) -> Option<Table> {
         let reading = parse(bytes, path, wanted);
-        reading.problems.into_iter().for_each(|problem| self.report.add(None, problem));
+        reading
+            .problems
+            .into_iter()
+            .for_each(|problem| self.report.add(None, problem));
         let table = reading.table?;
         if let Some(input) = self.inputs.last_mut() {
             input.n_rows = table.columns.values().next().map_or(0, Vec::len);
@@ -185,11 +322,11 @@ impl Reader<'_> {
     fn catheter(&mut self, file: &RawFile) -> Option<Recording> {
         let key = "catheter.file";
         let columns = &file.catheter.columns;
-        let Some((path, bytes)) = self.bytes(key, file.catheter.file.as_ref(), "catheter.csv") else {
+        let Some((path, bytes)) = self.bytes(key, file.catheter.file.as_ref(), "catheter.csv")
+        else {
             if file.catheter.file.is_none() {
                 let found = format!("no catheter.csv in {}", self.folder.display());
-                let remedy =
-                    "put the recording there, or name it in [catheter] of prepare.toml; docs/prepare.md has an example";
+                let remedy = "put the recording there, or name it in [catheter] of prepare.toml; docs/prepare.md has an example";
                 self.error(key, found, "a continuous recording with a pressure", remedy);
             }
             return None;
@@ -207,17 +344,31 @@ impl Reader<'_> {
                 "aortic_pressure",
                 &[
                     ("aortic_pressure_mmHg", &columns.aortic_pressure_mmhg, 1.0),
-                    ("aortic_pressure_kPa", &columns.aortic_pressure_kpa, MMHG_PER_KPA),
+                    (
+                        "aortic_pressure_kPa",
+                        &columns.aortic_pressure_kpa,
+                        MMHG_PER_KPA,
+                    ),
                 ],
             ),
             channel(
                 "flow",
                 &[
                     ("flow_mL_per_s", &columns.flow_ml_per_s, 1.0),
-                    ("flow_L_per_min", &columns.flow_l_per_min, ML_PER_S_PER_L_PER_MIN),
+                    (
+                        "flow_L_per_min",
+                        &columns.flow_l_per_min,
+                        ML_PER_S_PER_L_PER_MIN,
+                    ),
                 ],
             ),
-            channel("ecg", &[("ecg_mV", &columns.ecg_mv, 1.0), ("ecg_uV", &columns.ecg_uv, 1e-3)]),
+            channel(
+                "ecg",
+                &[
+                    ("ecg_mV", &columns.ecg_mv, 1.0),
+                    ("ecg_uV", &columns.ecg_uv, 1e-3),
+                ],
+            ),
         ];
         let mut table = self.table(&path, &bytes, &wanted)?;
         let mut take = |quantity: &str| table.columns.remove(quantity);
@@ -240,8 +391,12 @@ impl Reader<'_> {
                     }
                     _ => "export the whole recording, every sample with its time",
                 };
-                let problem =
-                    Problem::error(&path, error.to_string(), "a continuous recording with a pressure", remedy);
+                let problem = Problem::error(
+                    &path,
+                    error.to_string(),
+                    "a continuous recording with a pressure",
+                    remedy,
+                );
                 self.report.add(None, problem);
                 None
             }
@@ -253,8 +408,15 @@ impl Reader<'_> {
         let (path, bytes) = self.bytes("cine.file", file.cine.file.as_ref(), "cine.csv")?;
         let mut volume = channel("volume", &[("volume_mL", &columns.volume_ml, 1.0)]);
         (volume.required, volume.may_lack) = (true, false);
-        let mut table = self.table(&path, &bytes, &[time(&columns.time_ms, &columns.time_s), volume])?;
-        let (time_ms, volume_ml) = (table.columns.remove("time")?, table.columns.remove("volume")?);
+        let mut table = self.table(
+            &path,
+            &bytes,
+            &[time(&columns.time_ms, &columns.time_s), volume],
+        )?;
+        let (time_ms, volume_ml) = (
+            table.columns.remove("time")?,
+            table.columns.remove("volume")?,
+        );
         let lines: Vec<f64> = time_ms.clone();
         match Cine::new(time_ms, volume_ml, file.cine.cycle_length_ms) {
             Ok(cine) => Some(cine),
@@ -262,12 +424,18 @@ impl Reader<'_> {
                 let (line, remedy) = match &error {
                     CineError::Volume { time_ms, .. } => {
                         let row = lines.iter().position(|t| t == time_ms).unwrap_or(0);
-                        (Some(table.line(row)), "give the cavity's volume in mL in every frame")
+                        (
+                            Some(table.line(row)),
+                            "give the cavity's volume in mL in every frame",
+                        )
                     }
-                    CineError::Beyond { .. } => (None, "give one cycle of frames, and its length in [cine]"),
+                    CineError::Beyond { .. } => {
+                        (None, "give one cycle of frames, and its length in [cine]")
+                    }
                     CineError::TooFew { .. } => (None, "export all frames of the cycle"),
                 };
-                let mut problem = Problem::error(&path, error.to_string(), "the frames of one cycle", remedy);
+                let mut problem =
+                    Problem::error(&path, error.to_string(), "the frames of one cycle", remedy);
                 problem.line = line;
                 self.report.add(None, problem);
                 None
@@ -282,11 +450,19 @@ impl Reader<'_> {
             "flow",
             &[
                 ("flow_mL_per_s", &columns.flow_ml_per_s, 1.0),
-                ("flow_L_per_min", &columns.flow_l_per_min, ML_PER_S_PER_L_PER_MIN),
+                (
+                    "flow_L_per_min",
+                    &columns.flow_l_per_min,
+                    ML_PER_S_PER_L_PER_MIN,
+                ),
             ],
         );
         (flow.required, flow.may_lack) = (true, false);
-        let mut table = self.table(&path, &bytes, &[time(&columns.time_ms, &columns.time_s), flow])?;
+        let mut table = self.table(
+            &path,
+            &bytes,
+            &[time(&columns.time_ms, &columns.time_s), flow],
+        )?;
         Some((table.columns.remove("time")?, table.columns.remove("flow")?))
     }
 }
@@ -299,9 +475,19 @@ fn time(ms: &Option<String>, s: &Option<String>) -> Wanted {
 
 /// A quantity under the keys' own names, or under the one that was given: then no other column is meant.
 fn channel(quantity: &'static str, names: &[(&str, &Option<String>, f64)]) -> Wanted {
-    let given = names.iter().filter_map(|(_, given, factor)| Some(((*given).clone()?, *factor)));
+    let given = names
+        .iter()
+        .filter_map(|(_, given, factor)| Some(((*given).clone()?, *factor)));
     let given: Vec<(String, f64)> = given.collect();
     let required = !given.is_empty();
-    let own = names.iter().map(|(name, _, factor)| ((*name).to_owned(), *factor)).collect();
-    Wanted { quantity, names: if required { given } else { own }, required, may_lack: true }
+    let own = names
+        .iter()
+        .map(|(name, _, factor)| ((*name).to_owned(), *factor))
+        .collect();
+    Wanted {
+        quantity,
+        names: if required { given } else { own },
+        required,
+        may_lack: true,
+    }
 }

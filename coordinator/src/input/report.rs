@@ -28,8 +28,14 @@ pub struct Report {
 impl Report {
     /// Adds a problem unless it is there or follows from one that is.
     pub fn add(&mut self, patient: Option<&str>, problem: Problem) {
-        let known = problem.key.as_ref().is_some_and(|key| self.is_broken(&problem.file, key));
-        let finding = Finding { patient: patient.map(str::to_owned), problem };
+        let known = problem
+            .key
+            .as_ref()
+            .is_some_and(|key| self.is_broken(&problem.file, key));
+        let finding = Finding {
+            patient: patient.map(str::to_owned),
+            problem,
+        };
         if !known && !self.findings.contains(&finding) {
             self.findings.push(finding);
         }
@@ -71,7 +77,10 @@ impl Report {
     /// Number of errors.
     #[must_use]
     pub fn n_errors(&self) -> usize {
-        self.findings.iter().filter(|f| f.problem.is_error()).count()
+        self.findings
+            .iter()
+            .filter(|f| f.problem.is_error())
+            .count()
     }
 
     /// Number of warnings.
@@ -83,8 +92,15 @@ impl Report {
     /// Whether this patient, or the cohort as a whole, has an error.
     #[must_use]
     pub fn has_error_of(&self, patient: &str) -> bool {
-        let concerns = |finding: &Finding| finding.patient.as_deref().is_none_or(|named| named == patient);
-        self.findings.iter().any(|f| f.problem.is_error() && concerns(f))
+        let concerns = |finding: &Finding| {
+            finding
+                .patient
+                .as_deref()
+                .is_none_or(|named| named == patient)
+        };
+        self.findings
+            .iter()
+            .any(|f| f.problem.is_error() && concerns(f))
     }
 }
 

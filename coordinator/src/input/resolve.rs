@@ -49,10 +49,20 @@ pub fn resolve(
         end_diastolic_volume_ml: measured.end_diastolic_volume_ml.or(biomarkers.edv_ml),
         diastasis_time_ms: measured.diastasis.as_ref().map(|image| image.time_ms),
         diastasis_volume_ml: measured.diastasis.as_ref().map(|image| image.volume_ml),
-        aortic_systolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.systolic_mmhg),
-        aortic_diastolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.diastolic_mmhg),
+        aortic_systolic_mmhg: measured
+            .aortic_pressure
+            .as_ref()
+            .map(|aorta| aorta.systolic_mmhg),
+        aortic_diastolic_mmhg: measured
+            .aortic_pressure
+            .as_ref()
+            .map(|aorta| aorta.diastolic_mmhg),
         wall_volume_ml: file.anatomy.wall_volume_ml,
-        passive_exponent: file.passive.as_ref().and_then(|p| p.exponent).or(defaults.passive_exponent),
+        passive_exponent: file
+            .passive
+            .as_ref()
+            .and_then(|p| p.exponent)
+            .or(defaults.passive_exponent),
         // What was accepted for the patient belongs together, and wins over what the files state.
         afterload: overlay.and_then(|o| o.afterload).or(file.afterload),
         left_atrial_pressure_mmhg: overlay
@@ -81,9 +91,15 @@ pub fn resolve(
 }
 
 /// A patient's own mesh by the contents of its files.
-fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Report) -> Option<OwnMesh> {
+fn own_mesh(
+    mesh: &PatientMesh,
+    folder: &Path,
+    patient: &str,
+    report: &mut Report,
+) -> Option<OwnMesh> {
     let at = folder.join(&mesh.file);
-    let one_file = ["vtu", "msh", "mesh"].contains(&at.extension().and_then(|e| e.to_str()).unwrap_or_default());
+    let one_file = ["vtu", "msh", "mesh"]
+        .contains(&at.extension().and_then(|e| e.to_str()).unwrap_or_default());
     let mut paths = vec![];
     if one_file {
         paths.push(at);
@@ -103,19 +119,38 @@ fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Repor
     }
     let activation_times = match &mesh.activation_times_ms {
         None => None,
-        Some(name) => Some(hash("activation times", &folder.join(name), patient, report)?),
+        Some(name) => Some(hash(
+            "activation times",
+            &folder.join(name),
+            patient,
+            report,
+        )?),
     };
     let right_ventricle = match &mesh.right_ventricle {
         None => None,
-        Some(PatientRightVentricle { surface, pressure_mmhg, pressure }) => {
+        Some(PatientRightVentricle {
+            surface,
+            pressure_mmhg,
+            pressure,
+        }) => {
             let pressure = match (pressure, pressure_mmhg) {
                 (Some(name), _) => {
-                    let file = hash("right ventricle's pressure", &folder.join(name), patient, report)?;
+                    let file = hash(
+                        "right ventricle's pressure",
+                        &folder.join(name),
+                        patient,
+                        report,
+                    )?;
                     RightPressureSpec::Trace { file }
                 }
-                (None, pressure_mmhg) => RightPressureSpec::Constant { pressure_mmhg: (*pressure_mmhg)? },
+                (None, pressure_mmhg) => RightPressureSpec::Constant {
+                    pressure_mmhg: (*pressure_mmhg)?,
+                },
             };
-            Some(OwnRightVentricle { surface: surface.clone(), pressure })
+            Some(OwnRightVentricle {
+                surface: surface.clone(),
+                pressure,
+            })
         }
     };
     Some(OwnMesh {
@@ -132,12 +167,19 @@ fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Repor
 /// `stem.NAME.surf` beside a stem, by name.
 fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
     let folder = stem.parent().unwrap_or(Path::new("."));
-    let prefix = format!("{}.", stem.file_name().unwrap_or_default().to_string_lossy());
+    let prefix = format!(
+        "{}.",
+        stem.file_name().unwrap_or_default().to_string_lossy()
+    );
     let of_the_stem = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         name.starts_with(&prefix) && name.ends_with(".surf")
     };
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let entries = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
     let mut found: Vec<PathBuf> = entries.filter(of_the_stem).collect();
     found.sort();
     found
@@ -146,17 +188,36 @@ fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
 /// The patient's own filling pressure, else the cohort's.
 #[must_use]
 pub fn left_atrial_pressure(file: &PatientFile, defaults: &PatientDefaults) -> Option<f64> {
-    file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg).or(defaults.left_atrial_pressure_mmhg)
+    file.preload
+        .as_ref()
+        .map(|preload| preload.left_atrial_pressure_mmhg)
+        .or(defaults.left_atrial_pressure_mmhg)
 }
 
 /// A file by its content; one that cannot be read is a problem in `report`.
-pub(super) fn hash(name: &str, path: &Path, patient: &str, report: &mut Report) -> Option<InputFile> {
-    let read = || -> std::io::Result<(PathBuf, Vec<u8>)> { Ok((path.canonicalize()?, std::fs::read(path)?)) };
+pub(super) fn hash(
+    name: &str,
+    path: &Path,
+    patient: &str,
+    report: &mut Report,
+) -> Option<InputFile> {
+    let read = || -> std::io::Result<(PathBuf, Vec<u8>)> {
+        Ok((path.canonicalize()?, std::fs::read(path)?))
+    };
     match read() {
-        Ok((absolute, bytes)) => Some(InputFile { name: name.to_owned(), path: absolute, sha256: sha256_hex(&bytes) }),
+        Ok((absolute, bytes)) => Some(InputFile {
+            name: name.to_owned(),
+            path: absolute,
+            sha256: sha256_hex(&bytes),
+        }),
         Err(error) => {
             let found = format!("no readable file ({error})");
-            let problem = Problem::error(path, found, "a file", "check its name in patient.toml and its permissions");
+            let problem = Problem::error(
+                path,
+                found,
+                "a file",
+                "check its name in patient.toml and its permissions",
+            );
             report.add(Some(patient), problem);
             None
         }

@@ -11,20 +11,30 @@ use super::resolve::hash;
 /// What a search of this patient takes; none, and a problem in `report`, where a trace is missing.
 ///
 /// - `effects`: candidates by name; empty for the whole catalogue
-pub fn specification(patient: &Patient, effects: &[String], seed: u64, report: &mut Report) -> Option<DiscoverSpec> {
+pub fn specification(
+    patient: &Patient,
+    effects: &[String],
+    seed: u64,
+    report: &mut Report,
+) -> Option<DiscoverSpec> {
     let measured = &patient.file.measured;
     let mut trace = |name: &str, file: &Option<String>| -> Option<InputFile> {
         if let Some(file) = file {
             return hash(name, &patient.folder.join(file), &patient.id, report);
         }
         let path = &patient.lines.0;
-        let remedy = format!("add `{name} = \"{name}.csv\"` to [measured], or leave this patient out");
+        let remedy =
+            format!("add `{name} = \"{name}.csv\"` to [measured], or leave this patient out");
         let expected = "both pressure and volume: a search compares traces, not biomarkers";
-        let problem = Problem::error(path, "no such key", expected, remedy).at_key(format!("measured.{name}"));
+        let problem = Problem::error(path, "no such key", expected, remedy)
+            .at_key(format!("measured.{name}"));
         report.add(Some(&patient.id), problem);
         None
     };
-    let (pressure, volume) = (trace("pressure", &measured.pressure), trace("volume", &measured.volume));
+    let (pressure, volume) = (
+        trace("pressure", &measured.pressure),
+        trace("volume", &measured.volume),
+    );
     Some(DiscoverSpec {
         cycle_length_ms: patient.file.cycle_length_ms,
         pressure: pressure?,
@@ -34,7 +44,11 @@ pub fn specification(patient: &Patient, effects: &[String], seed: u64, report: &
         forward_stroke_volume: measured.forward_stroke_volume.clone(),
         diastasis: measured.diastasis.clone(),
         wall_volume_ml: patient.file.anatomy.wall_volume_ml,
-        left_atrial_pressure_mmhg: patient.file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
+        left_atrial_pressure_mmhg: patient
+            .file
+            .preload
+            .as_ref()
+            .map(|preload| preload.left_atrial_pressure_mmhg),
         afterload: patient.file.afterload,
         effects: effects.to_vec(),
         seed,

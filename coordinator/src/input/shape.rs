@@ -12,10 +12,21 @@ use super::report::Report;
 
 /// Takes from `document` what fits `schema`, as JSON; what does not fit is reported, and left out, or, where the type
 /// demands the key, stands as a placeholder whose key is marked broken in `report`.
-pub fn fit(document: &Document, schema: &schemars::Schema, patient: Option<&str>, report: &mut Report) -> Value {
+pub fn fit(
+    document: &Document,
+    schema: &schemars::Schema,
+    patient: Option<&str>,
+    report: &mut Report,
+) -> Value {
     let root = schema.as_value();
-    let mut walk = Walk { document, root, patient, report };
-    walk.node(&document.root, root, "").unwrap_or(Value::Object(Map::new()))
+    let mut walk = Walk {
+        document,
+        root,
+        patient,
+        report,
+    };
+    walk.node(&document.root, root, "")
+        .unwrap_or(Value::Object(Map::new()))
 }
 
 /// How a schema says that keys are whole numbers.
@@ -39,7 +50,10 @@ impl<'a> Walk<'a> {
     fn node(&mut self, node: &Node, schema: &'a Value, key: &str) -> Option<Value> {
         let schema = self.resolve(schema);
         let choices: Vec<&'a str> = choices(schema);
-        let kind = schema.get("type").and_then(type_name).unwrap_or(if choices.is_empty() { "any" } else { "string" });
+        let kind = schema
+            .get("type")
+            .and_then(type_name)
+            .unwrap_or(if choices.is_empty() { "any" } else { "string" });
         match (&node.value, kind) {
             (Tree::Table(table), "object") => Some(self.table(node.line, table, schema, key)),
             (Tree::Array(items), "array") => self.array(node, items, schema, key),
@@ -48,14 +62,26 @@ impl<'a> Walk<'a> {
                     return Some(Value::String(text.clone()));
                 }
                 let meant = nearest(text, choices.iter().copied());
-                let remedy = meant.map_or("use one of these".to_owned(), |m| format!("did you mean `{m}`?"));
+                let remedy = meant.map_or("use one of these".to_owned(), |m| {
+                    format!("did you mean `{m}`?")
+                });
                 let expected = format!("one of {}", quoted(&choices));
-                self.problem(node.line, key, format!("the text {text:?}"), expected, remedy);
+                self.problem(
+                    node.line,
+                    key,
+                    format!("the text {text:?}"),
+                    expected,
+                    remedy,
+                );
                 None
             }
             (Tree::Bool(value), "boolean") => Some(Value::Bool(*value)),
             (Tree::Integer(number), "integer") => {
-                if schema.get("minimum").and_then(Value::as_f64).is_some_and(|least| (*number as f64) < least) {
+                if schema
+                    .get("minimum")
+                    .and_then(Value::as_f64)
+                    .is_some_and(|least| (*number as f64) < least)
+                {
                     self.problem(
                         node.line,
                         key,
@@ -72,7 +98,13 @@ impl<'a> Walk<'a> {
                 let value = serde_json::Number::from_f64(*number).map(Value::Number);
                 if value.is_none() {
                     let remedy = "give a finite number, or leave the key out".to_owned();
-                    self.problem(node.line, key, number.to_string(), "a finite number".to_owned(), remedy);
+                    self.problem(
+                        node.line,
+                        key,
+                        number.to_string(),
+                        "a finite number".to_owned(),
+                        remedy,
+                    );
                 }
                 value
             }
@@ -85,44 +117,82 @@ impl<'a> Walk<'a> {
                     (_, "string") => "put the text in quotes".to_owned(),
                     _ => format!("give {}", kind_in_words(kind, &choices)),
                 };
-                self.problem(node.line, key, found.describe(), kind_in_words(kind, &choices), remedy);
+                self.problem(
+                    node.line,
+                    key,
+                    found.describe(),
+                    kind_in_words(kind, &choices),
+                    remedy,
+                );
                 None
             }
         }
     }
 
-    fn table(&mut self, line: usize, table: &BTreeMap<String, Node>, schema: &'a Value, key: &str) -> Value {
+    fn table(
+        &mut self,
+        line: usize,
+        table: &BTreeMap<String, Node>,
+        schema: &'a Value,
+        key: &str,
+    ) -> Value {
         let properties = schema.get("properties").and_then(Value::as_object);
-        let further = schema.get("additionalProperties").filter(|schema| schema.is_object());
+        let further = schema
+            .get("additionalProperties")
+            .filter(|schema| schema.is_object());
         // Keys that are whole numbers, as the tags of a mesh.
-        let numbered = schema.get("patternProperties").and_then(|patterns| patterns.get(WHOLE_NUMBER));
+        let numbered = schema
+            .get("patternProperties")
+            .and_then(|patterns| patterns.get(WHOLE_NUMBER));
         let mut out = Map::new();
         for (name, node) in table {
             let inner = join(key, name);
             let of_number = numbered.filter(|_| name.parse::<i32>().is_ok());
-            if let Some(inner_schema) = properties.and_then(|all| all.get(name)).or(of_number).or(further) {
+            if let Some(inner_schema) = properties
+                .and_then(|all| all.get(name))
+                .or(of_number)
+                .or(further)
+            {
                 if let Some(value) = self.node(node, inner_schema, &inner) {
                     out.insert(name.clone(), value);
                 }
                 continue;
             }
-            let known: Vec<&str> = properties.into_iter().flat_map(Map::keys).map(String::as_str).collect();
-            let meant = nearest(name, known.iter().copied()).filter(|meant| !table.contains_key(*meant));
-            let remedy = meant.map_or("remove the key".to_owned(), |meant| format!("did you mean `{meant}`?"));
+            let known: Vec<&str> = properties
+                .into_iter()
+                .flat_map(Map::keys)
+                .map(String::as_str)
+                .collect();
+            let meant =
+                nearest(name, known.iter().copied()).filter(|meant| !table.contains_key(*meant));
+            let remedy = meant.map_or("remove the key".to_owned(), |meant| {
+                format!("did you mean `{meant}`?")
+            });
             let expected = match numbered {
                 Some(_) => "a whole number, such as 3".to_owned(),
                 None => format!("one of {}", quoted(&known)),
             };
-            self.problem(node.line, &inner, "an unknown key".to_owned(), expected, remedy);
+            self.problem(
+                node.line,
+                &inner,
+                "an unknown key".to_owned(),
+                expected,
+                remedy,
+            );
             // The key that was meant is not missing.
-            meant.into_iter().for_each(|meant| self.report.break_key(&self.document.file, &join(key, meant)));
+            meant.into_iter().for_each(|meant| {
+                self.report
+                    .break_key(&self.document.file, &join(key, meant))
+            });
         }
         let required = schema.get("required").and_then(Value::as_array);
         for name in required.into_iter().flatten().filter_map(Value::as_str) {
             if out.contains_key(name) {
                 continue;
             }
-            let Some(property) = properties.and_then(|all| all.get(name)) else { continue };
+            let Some(property) = properties.and_then(|all| all.get(name)) else {
+                continue;
+            };
             let inner_schema = self.resolve(property);
             if !table.contains_key(name) && self.document.sound {
                 self.missing(line, &join(key, name), name, property);
@@ -136,15 +206,34 @@ impl<'a> Walk<'a> {
     fn missing(&mut self, line: usize, key: &str, name: &str, property: &'a Value) {
         let schema = self.resolve(property);
         let kind = schema.get("type").and_then(type_name).unwrap_or("any");
-        let meaning = [property, schema].iter().find_map(|s| s.get("description").and_then(Value::as_str));
+        let meaning = [property, schema]
+            .iter()
+            .find_map(|s| s.get("description").and_then(Value::as_str));
         let meaning = meaning.unwrap_or_default();
         let sentence = meaning.split(['.', ';', ':']).next().unwrap_or_default();
         let expected = kind_in_words(kind, &choices(schema));
-        self.problem(line, key, "no such key".to_owned(), expected, format!("add `{name}` ({sentence})"));
+        self.problem(
+            line,
+            key,
+            "no such key".to_owned(),
+            expected,
+            format!("add `{name}` ({sentence})"),
+        );
     }
 
-    fn array(&mut self, node: &Node, items: &[Node], schema: &'a Value, key: &str) -> Option<Value> {
-        let length = |name: &str| schema.get(name).and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
+    fn array(
+        &mut self,
+        node: &Node,
+        items: &[Node],
+        schema: &'a Value,
+        key: &str,
+    ) -> Option<Value> {
+        let length = |name: &str| {
+            schema
+                .get(name)
+                .and_then(Value::as_u64)
+                .and_then(|n| usize::try_from(n).ok())
+        };
         if length("minItems").is_some_and(|least| items.len() < least)
             || length("maxItems").is_some_and(|most| items.len() > most)
         {
@@ -153,22 +242,40 @@ impl<'a> Walk<'a> {
                 n => format!("a list of {}", n.unwrap_or_default()),
             };
             let remedy = "write [lower, upper]".to_owned();
-            self.problem(node.line, key, format!("a list of {}", items.len()), expected, remedy);
+            self.problem(
+                node.line,
+                key,
+                format!("a list of {}", items.len()),
+                expected,
+                remedy,
+            );
             return None;
         }
         let item_schema = schema.get("items").unwrap_or(&Value::Bool(true));
-        let values: Vec<_> = items.iter().map(|item| self.node(item, item_schema, key)).collect();
-        values.into_iter().collect::<Option<Vec<_>>>().map(Value::Array)
+        let values: Vec<_> = items
+            .iter()
+            .map(|item| self.node(item, item_schema, key))
+            .collect();
+        values
+            .into_iter()
+            .collect::<Option<Vec<_>>>()
+            .map(Value::Array)
     }
 
     /// Follows references, and the one real alternative of an optional value.
     fn resolve(&self, mut schema: &'a Value) -> &'a Value {
         loop {
             let alternatives = schema.get("anyOf").and_then(Value::as_array);
-            let real =
-                alternatives.and_then(|all| all.iter().find(|a| a.get("type").and_then(Value::as_str) != Some("null")));
-            let name = schema.get("$ref").and_then(Value::as_str).and_then(|r| r.strip_prefix("#/$defs/"));
-            let definition = name.and_then(|name| self.root.get("$defs").and_then(|all| all.get(name)));
+            let real = alternatives.and_then(|all| {
+                all.iter()
+                    .find(|a| a.get("type").and_then(Value::as_str) != Some("null"))
+            });
+            let name = schema
+                .get("$ref")
+                .and_then(Value::as_str)
+                .and_then(|r| r.strip_prefix("#/$defs/"));
+            let definition =
+                name.and_then(|name| self.root.get("$defs").and_then(|all| all.get(name)));
             match real.or(definition) {
                 Some(next) => schema = next,
                 None => return schema,
@@ -191,16 +298,28 @@ fn placeholder(schema: &Value) -> Value {
 fn type_name(kind: &Value) -> Option<&str> {
     match kind {
         Value::String(name) => Some(name),
-        Value::Array(names) => names.iter().filter_map(Value::as_str).find(|name| *name != "null"),
+        Value::Array(names) => names
+            .iter()
+            .filter_map(Value::as_str)
+            .find(|name| *name != "null"),
         _ => None,
     }
 }
 
 /// The words of an enumeration.
 fn choices(schema: &Value) -> Vec<&str> {
-    let constants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+    let constants = schema
+        .get("oneOf")
+        .and_then(Value::as_array)
+        .into_iter()
+        .flatten();
     let constants = constants.filter_map(|one| one.get("const").and_then(Value::as_str));
-    let listed = schema.get("enum").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+    let listed = schema
+        .get("enum")
+        .and_then(Value::as_array)
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_str);
     constants.chain(listed).collect()
 }
 
@@ -218,14 +337,26 @@ fn kind_in_words(kind: &str, choices: &[&str]) -> String {
 }
 
 fn quoted(words: &[&str]) -> String {
-    words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
+    words
+        .iter()
+        .map(|word| format!("`{word}`"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// A dotted key; a part with a dot in it is quoted as in TOML.
 #[must_use]
 pub fn join(key: &str, name: &str) -> String {
-    let name = if name.contains('.') { format!("\"{name}\"") } else { name.to_owned() };
-    if key.is_empty() { name } else { format!("{key}.{name}") }
+    let name = if name.contains('.') {
+        format!("\"{name}\"")
+    } else {
+        name.to_owned()
+    };
+    if key.is_empty() {
+        name
+    } else {
+        format!("{key}.{name}")
+    }
 }
 
 #[cfg(test)]
@@ -241,14 +372,27 @@ mod tests {
         let mut report = Report::default();
         let document = Document::parse(Path::new("patient.toml"), text, None, &mut report);
         let value = fit(&document, &schema_for!(PatientFile), None, &mut report);
-        (value, report.findings().iter().map(|f| f.problem.clone()).collect())
+        (
+            value,
+            report
+                .findings()
+                .iter()
+                .map(|f| f.problem.clone())
+                .collect(),
+        )
     }
 
     #[test]
     fn a_good_file_passes_and_becomes_the_type() {
-        let (value, problems) = problems("id = 'P'\ncycle_length_ms = 800\n[measured]\npressure = 'p.csv'\n");
+        let (value, problems) =
+            problems("id = 'P'\ncycle_length_ms = 800\n[measured]\npressure = 'p.csv'\n");
         assert_eq!(problems, []);
-        assert_eq!(serde_json::from_value::<PatientFile>(value).unwrap().cycle_length_ms, 800.0);
+        assert_eq!(
+            serde_json::from_value::<PatientFile>(value)
+                .unwrap()
+                .cycle_length_ms,
+            800.0
+        );
     }
 
     #[test]
@@ -264,7 +408,11 @@ mod tests {
         let tissue = &value["settings"]["solver"]["finite_element"]["wall"]["passive"]["2"];
         assert_eq!(tissue["mu_kPa"].as_f64(), Some(5.0));
         let (_, found) = passive("two");
-        assert!(found[0].to_string().contains("expected a whole number"), "{}", found[0]);
+        assert!(
+            found[0].to_string().contains("expected a whole number"),
+            "{}",
+            found[0]
+        );
     }
 
     #[test]

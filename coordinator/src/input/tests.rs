@@ -11,7 +11,10 @@ pub(super) const PATIENT: &str = "id = \"P1\"\ncycle_length_ms = 700\n\n[measure
 /// A plain beat of 700 ms: pressure every 2 ms, volume every 10 ms.
 fn write_traces(folder: &Path) {
     use std::fmt::Write as _;
-    let (mut pressure, mut volume) = ("time_ms,pressure_mmHg\n".to_owned(), "time_ms,volume_mL\n".to_owned());
+    let (mut pressure, mut volume) = (
+        "time_ms,pressure_mmHg\n".to_owned(),
+        "time_ms,volume_mL\n".to_owned(),
+    );
     for i in 0..350 {
         let t = 2.0 * f64::from(i);
         let rise = 1.0 / (1.0 + (-(t - 80.0) / 12.0).exp());
@@ -51,7 +54,11 @@ impl Folder {
         let mut report = Report::default();
         let cohort = load(self.0.path(), options, &mut report);
         let root = format!("{}/", self.0.path().display());
-        let said = report.findings().iter().map(|f| f.problem.to_string().replace(&root, "")).collect();
+        let said = report
+            .findings()
+            .iter()
+            .map(|f| f.problem.to_string().replace(&root, ""))
+            .collect();
         (cohort, said)
     }
 
@@ -100,7 +107,11 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
         &[("P1", &own), ("P2", &PATIENT.replace("P1", "P2"))],
     );
     let options = Options {
-        overrides: [("P2".to_owned(), serde_json::json!({"step1": {"damping": 0.5}}))].into(),
+        overrides: [(
+            "P2".to_owned(),
+            serde_json::json!({"step1": {"damping": 0.5}}),
+        )]
+        .into(),
         set: vec!["step1.tolerance=0.05".into(), "step1.damping=0.95".into()],
         only: Vec::new(),
         meshes: false,
@@ -109,25 +120,39 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
     assert_eq!(said, Vec::<String>::new());
     let cohort = cohort.unwrap();
     let damping = |i: usize| cohort.patients[i].settings.settings.step1.damping;
-    assert_eq!((damping(0), damping(1)), (0.95, 0.5), "a rerun wins over --set, --set over files");
+    assert_eq!(
+        (damping(0), damping(1)),
+        (0.95, 0.5),
+        "a rerun wins over --set, --set over files"
+    );
     assert_eq!(cohort.settings.settings.step1.damping, 0.95);
     let origin = |i: usize, key: &str| cohort.patients[i].settings.origin(key).to_string();
     assert_eq!(origin(0, "step1.damping"), "--set");
-    assert!(origin(0, "step1.stop").ends_with("patients/P1/patient.toml:14"), "{}", origin(0, "step1.stop"));
+    assert!(
+        origin(0, "step1.stop").ends_with("patients/P1/patient.toml:14"),
+        "{}",
+        origin(0, "step1.stop")
+    );
     assert_eq!(origin(1, "step1.damping"), "rerun");
     assert_eq!(origin(1, "step1.tolerance"), "--set");
 }
 
 #[test]
 fn pressure_alone_and_biomarkers_alone_are_enough() {
-    let alone = PATIENT.replace("volume = \"volume.csv\"\n", "end_diastolic_volume_mL = 120\n");
+    let alone = PATIENT.replace(
+        "volume = \"volume.csv\"\n",
+        "end_diastolic_volume_mL = 120\n",
+    );
     assert_eq!(one(COHORT, &alone), Vec::<String>::new());
     let biomarkers = "id = \"P1\"\ncycle_length_ms = 700\n[measured]\nend_diastolic_pressure_mmHg = 9\n\
                       end_diastolic_volume_mL = 120\n[measured.biomarkers]\nP_max_mmHg = 120\nPTD90_ms = 400\n\
                       dPdt_max_mmHg_per_ms = 1.5\ndPdt_min_mmHg_per_ms = -1.2\n";
     let (cohort, said) = Folder::new(COHORT, &[("P1", biomarkers)]).load(&Options::default());
     assert_eq!(said, Vec::<String>::new());
-    assert_eq!(cohort.unwrap().plans()[0].step0.biomarkers.p_max_mmhg, Some(120.0));
+    assert_eq!(
+        cohort.unwrap().plans()[0].step0.biomarkers.p_max_mmhg,
+        Some(120.0)
+    );
     let said = one(COHORT, &biomarkers.replace("PTD90_ms = 400\n", ""));
     only(&said, &["patient.toml:3", "measured", "PTD90_ms"]);
 }
@@ -144,39 +169,78 @@ fn neither_volume_nor_image_is_an_error() {
 fn the_id_must_be_the_folders_name_and_unique() {
     only(
         &one(COHORT, &PATIENT.replace("P1", "P2")),
-        &["patients/P1/patient.toml:1", "id", "\"P2\"", "the folder's name"],
+        &[
+            "patients/P1/patient.toml:1",
+            "id",
+            "\"P2\"",
+            "the folder's name",
+        ],
     );
     let said = Folder::new(COHORT, &[("P1", PATIENT), ("P1-copy", PATIENT)]).said();
-    assert!(said.iter().any(|s| s.contains("in the folders P1 and P1-copy")), "{said:#?}");
-    only(&Folder::new(COHORT, &[("P 1", &PATIENT.replace("P1", "P 1"))]).said(), &["id", "letters, digits"]);
+    assert!(
+        said.iter()
+            .any(|s| s.contains("in the folders P1 and P1-copy")),
+        "{said:#?}"
+    );
+    only(
+        &Folder::new(COHORT, &[("P 1", &PATIENT.replace("P1", "P 1"))]).said(),
+        &["id", "letters, digits"],
+    );
 }
 
 #[test]
 fn missing_traces_empty_cohorts_and_missing_files() {
-    only(&one(COHORT, &PATIENT.replace("volume.csv", "vol.csv")), &["patient.toml:6", "measured.volume", "no file"]);
-    only(&Folder::new(COHORT, &[]).said(), &["cohort.toml", "patients", "no readable folder"]);
+    only(
+        &one(COHORT, &PATIENT.replace("volume.csv", "vol.csv")),
+        &["patient.toml:6", "measured.volume", "no file"],
+    );
+    only(
+        &Folder::new(COHORT, &[]).said(),
+        &["cohort.toml", "patients", "no readable folder"],
+    );
     let empty = Folder::new(COHORT, &[]);
     std::fs::create_dir(empty.0.path().join("patients")).unwrap();
     only(&empty.said(), &["no patient's folder"]);
     std::fs::create_dir(empty.0.path().join("patients/P1")).unwrap();
-    only(&empty.said(), &["patients/P1/patient.toml", "no readable file"]);
+    only(
+        &empty.said(),
+        &["patients/P1/patient.toml", "no readable file"],
+    );
     std::fs::remove_file(empty.0.path().join("cohort.toml")).unwrap();
-    only(&empty.said(), &["cohort.toml", "no readable file", "cardiotwin init"]);
+    only(
+        &empty.said(),
+        &["cohort.toml", "no readable file", "cardiotwin init"],
+    );
 }
 
 #[test]
 fn a_setting_out_of_range_is_said_once_where_it_stands() {
-    let patients: Vec<(String, String)> =
-        ["P1", "P2", "P3"].iter().map(|id| ((*id).to_owned(), PATIENT.replace("P1", id))).collect();
-    let patients: Vec<(&str, &str)> = patients.iter().map(|(id, text)| (id.as_str(), text.as_str())).collect();
+    let patients: Vec<(String, String)> = ["P1", "P2", "P3"]
+        .iter()
+        .map(|id| ((*id).to_owned(), PATIENT.replace("P1", id)))
+        .collect();
+    let patients: Vec<(&str, &str)> = patients
+        .iter()
+        .map(|(id, text)| (id.as_str(), text.as_str()))
+        .collect();
     let folder = Folder::new("name = \"c\"\n[step1]\ntolerance = -1\n", &patients);
-    only(&folder.said(), &["cohort.toml:3", "step1.tolerance", "found -1"]);
+    only(
+        &folder.said(),
+        &["cohort.toml:3", "step1.tolerance", "found -1"],
+    );
 }
 
 #[test]
 fn a_default_in_conflict_is_said_where_the_conflict_was_made() {
     let own = format!("{PATIENT}\n[settings.step1.bounds]\nt_CR_ms = [100, 500]\n");
-    only(&one(COHORT, &own), &["patients/P1/patient.toml:13", "settings.step1.initial.t_CR_ms", "550"]);
+    only(
+        &one(COHORT, &own),
+        &[
+            "patients/P1/patient.toml:13",
+            "settings.step1.initial.t_CR_ms",
+            "550",
+        ],
+    );
 }
 
 #[test]
@@ -184,8 +248,14 @@ fn problems_of_all_files_come_at_once() {
     let folder = Folder::new(
         "nam = \"c\"\n[step1]\ndampin = 2\n[step2]\npopsize = \"many\"\n",
         &[
-            ("P1", &PATIENT.replace("cycle_length_ms = 700", "cycle_length_ms = 0.7")),
-            ("P2", "id = \"P2\"\n[measured]\npressure = 'pressure.csv'\nvolume = 'volume.csv'\n"),
+            (
+                "P1",
+                &PATIENT.replace("cycle_length_ms = 700", "cycle_length_ms = 0.7"),
+            ),
+            (
+                "P2",
+                "id = \"P2\"\n[measured]\npressure = 'pressure.csv'\nvolume = 'volume.csv'\n",
+            ),
             ("P3", "id = \"P3\ncycle_length_ms = 700\n"),
         ],
     );
@@ -198,7 +268,10 @@ fn problems_of_all_files_come_at_once() {
         "add `cycle_length_ms`",
         "patients/P3/patient.toml:1: found a syntax error",
     ] {
-        assert!(said.iter().any(|s| s.contains(part)), "{part:?} is not in {said:#?}");
+        assert!(
+            said.iter().any(|s| s.contains(part)),
+            "{part:?} is not in {said:#?}"
+        );
     }
 }
 
@@ -211,14 +284,26 @@ fn start_at_diastasis_needs_the_image() {
 #[test]
 fn an_atrial_pressure_of_the_cohort_above_a_patients_own_filling_pressure() {
     let text = PATIENT.replace("[preload]\nleft_atrial_pressure_mmHg = 7\n", "");
-    let said = one("name = \"c\"\n[defaults]\nleft_atrial_pressure_mmHg = 15\n", &text);
-    only(&said, &["preload.left_atrial_pressure_mmHg", "[defaults] of cohort.toml"]);
+    let said = one(
+        "name = \"c\"\n[defaults]\nleft_atrial_pressure_mmHg = 15\n",
+        &text,
+    );
+    only(
+        &said,
+        &[
+            "preload.left_atrial_pressure_mmHg",
+            "[defaults] of cohort.toml",
+        ],
+    );
 }
 
 #[test]
 fn impossible_numbers_of_a_patient_are_named() {
     let with = |extra: &str| one(COHORT, &format!("{PATIENT}\n{extra}\n"));
-    only(&with("[anatomy]\nwall_volume_mL = -5"), &["anatomy.wall_volume_mL", "found -5 mL"]);
+    only(
+        &with("[anatomy]\nwall_volume_mL = -5"),
+        &["anatomy.wall_volume_mL", "found -5 mL"],
+    );
     only(
         &with("[measured.diastasis]\ntime_ms = 900\nvolume_mL = 80"),
         &["measured.diastasis.time_ms", "within the beat"],
@@ -227,7 +312,10 @@ fn impossible_numbers_of_a_patient_are_named() {
         &with("[measured.aortic_pressure]\nsystolic_mmHg = 70\ndiastolic_mmHg = 110"),
         &["measured.aortic_pressure.diastolic_mmHg", "swap"],
     );
-    only(&with("[measured.biomarkers]\ndPdt_min_mmHg_per_ms = 1.5"), &["dPdt_min", "found 1.5"]);
+    only(
+        &with("[measured.biomarkers]\ndPdt_min_mmHg_per_ms = 1.5"),
+        &["dPdt_min", "found 1.5"],
+    );
     only(
         &with(
             "[afterload]\ncharacteristic_resistance_mmHg_s_per_mL = 0.03\nperipheral_resistance_mmHg_s_per_mL = 900\ncompliance_mL_per_mmHg = 1",
@@ -249,14 +337,20 @@ fn an_overlay_must_be_the_patients_own_and_its_effects_are_taken() {
     std::fs::write(&path, overlay("P1")).unwrap();
     let (cohort, said) = folder.load(&Options::default());
     assert_eq!(said, Vec::<String>::new());
-    assert_eq!(cohort.unwrap().plans()[0].effects[0].parameters["amplitude_mmHg"], 4.0);
+    assert_eq!(
+        cohort.unwrap().plans()[0].effects[0].parameters["amplitude_mmHg"],
+        4.0
+    );
     std::fs::write(&path, overlay("P7")).unwrap();
     only(&folder.said(), &["model.toml:2", "patient", "\"P7\""]);
 }
 
 #[test]
 fn an_unknown_patient_is_refused_with_the_nearest() {
-    let options = Options { only: vec!["P11".into()], ..Options::default() };
+    let options = Options {
+        only: vec!["P11".into()],
+        ..Options::default()
+    };
     let (_, said) = Folder::new(COHORT, &[("P1", PATIENT)]).load(&options);
     only(&said, &["--patient", "did you mean `P1`?"]);
 }

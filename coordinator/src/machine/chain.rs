@@ -104,10 +104,18 @@ impl Chain {
     /// Every settled task with its place.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
         let iterations = self.iterations.iter().map(|i| &i.task);
-        let of = |stage: Stage| move |p: &'_ ChainProposal| Step { stage, number: p.iteration };
+        let of = |stage: Stage| {
+            move |p: &'_ ChainProposal| Step {
+                stage,
+                number: p.iteration,
+            }
+        };
         let (of_step1, of_step3) = (of(Stage::Step1Proposal), of(Stage::Step3Proposal));
-        let proposals = (self.proposals.iter().map(move |p| (of_step1(p), &p.task)))
-            .chain(self.step3_proposals.iter().map(move |p| (of_step3(p), &p.task)));
+        let proposals = (self.proposals.iter().map(move |p| (of_step1(p), &p.task))).chain(
+            self.step3_proposals
+                .iter()
+                .map(move |p| (of_step3(p), &p.task)),
+        );
         let mut steps: Vec<(Step, &TaskKey)> = [Stage::Step0]
             .into_iter()
             .zip(&self.step0)
@@ -115,14 +123,22 @@ impl Chain {
             .chain([Stage::Targets].into_iter().zip(&self.targets))
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
             .chain([Stage::Verification].into_iter().zip(&self.verification))
-            .chain(std::iter::repeat(Stage::Step3).zip(self.step3_iterations.iter().map(|i| &i.task)))
+            .chain(
+                std::iter::repeat(Stage::Step3).zip(self.step3_iterations.iter().map(|i| &i.task)),
+            )
             .chain([Stage::Posterior].into_iter().zip(&self.posterior))
             .chain(std::iter::repeat(Stage::Noop).zip(&self.noops))
             .chain([Stage::Task].into_iter().zip(&self.task))
             .scan((None, 0), |(last, number), (stage, key)| {
                 *number = if *last == Some(stage) { *number + 1 } else { 1 };
                 *last = Some(stage);
-                Some((Step { stage, number: *number }, key))
+                Some((
+                    Step {
+                        stage,
+                        number: *number,
+                    },
+                    key,
+                ))
             })
             .chain(proposals)
             .collect();
@@ -133,18 +149,26 @@ impl Chain {
     /// What proposed an iteration, from 1.
     #[must_use]
     pub fn proposal(&self, iteration: u32) -> Option<&ChainProposal> {
-        self.proposals.iter().find(|proposal| proposal.iteration == iteration)
+        self.proposals
+            .iter()
+            .find(|proposal| proposal.iteration == iteration)
     }
 
     /// What proposed an iteration of step 3, from 1.
     #[must_use]
     pub fn step3_proposal(&self, iteration: u32) -> Option<&ChainProposal> {
-        self.step3_proposals.iter().find(|proposal| proposal.iteration == iteration)
+        self.step3_proposals
+            .iter()
+            .find(|proposal| proposal.iteration == iteration)
     }
 
     /// Lowest cost of a whole beat of step 1 so far.
     #[must_use]
     pub fn best_cost(&self) -> Option<f64> {
-        self.iterations.iter().filter(|i| !i.no_whole_beat).filter_map(|i| i.cost).min_by(f64::total_cmp)
+        self.iterations
+            .iter()
+            .filter(|i| !i.no_whole_beat)
+            .filter_map(|i| i.cost)
+            .min_by(f64::total_cmp)
     }
 }

@@ -156,13 +156,18 @@ impl ClusterJob {
     /// A job whose name is about to be durable.
     #[must_use]
     pub fn intended(n_elements: usize) -> Self {
-        Self { submission: Submission::Intended, elements: vec![Element::Waiting; n_elements] }
+        Self {
+            submission: Submission::Intended,
+            elements: vec![Element::Waiting; n_elements],
+        }
     }
 
     /// Whether nothing of it can live any more.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.elements.iter().all(|element| matches!(element, Element::Over { .. }))
+        self.elements
+            .iter()
+            .all(|element| matches!(element, Element::Over { .. }))
     }
 
     /// One word for tables.
@@ -188,20 +193,30 @@ impl ClusterJob {
         let mut actions = Vec::new();
         match event {
             E::Accepted { job } => match &mut self.submission {
-                Submission::Intended | Submission::Doubtful { .. } => self.submission = Submission::Accepted { job },
+                Submission::Intended | Submission::Doubtful { .. } => {
+                    self.submission = Submission::Accepted { job }
+                }
                 Submission::Accepted { job: known } => *known = known.or(job),
                 // Given up and fenced: what turns up late is a job that does nothing, and is cancelled.
-                Submission::Void { .. } => actions.extend((0..self.elements.len()).map(JobAction::Cancel)),
+                Submission::Void { .. } => {
+                    actions.extend((0..self.elements.len()).map(JobAction::Cancel))
+                }
             },
             E::Refused { why } => {
-                if matches!(self.submission, Submission::Intended | Submission::Doubtful { .. }) {
+                if matches!(
+                    self.submission,
+                    Submission::Intended | Submission::Doubtful { .. }
+                ) {
                     self.end_all(Some(SiteCause::Refused), &why);
                     self.submission = Submission::Void { why };
                 }
             }
             E::Doubt { at_ms, why } => {
                 if self.submission == Submission::Intended {
-                    self.submission = Submission::Doubtful { since_ms: at_ms, why };
+                    self.submission = Submission::Doubtful {
+                        since_ms: at_ms,
+                        why,
+                    };
                 }
             }
             E::Absent => {
@@ -213,25 +228,48 @@ impl ClusterJob {
                 }
             }
             E::Seen { element, runs } => {
-                if matches!(self.submission, Submission::Intended | Submission::Doubtful { .. }) {
+                if matches!(
+                    self.submission,
+                    Submission::Intended | Submission::Doubtful { .. }
+                ) {
                     self.submission = Submission::Accepted { job: None };
                 }
-                if let Some(state @ (Element::Waiting | Element::Running | Element::Unknown { .. })) =
-                    self.elements.get_mut(element)
+                if let Some(
+                    state @ (Element::Waiting | Element::Running | Element::Unknown { .. }),
+                ) = self.elements.get_mut(element)
                 {
-                    *state = if runs { Element::Running } else { Element::Waiting };
+                    *state = if runs {
+                        Element::Running
+                    } else {
+                        Element::Waiting
+                    };
                 }
             }
-            E::Vanished { element, at_ms, why } => {
-                if let Some(state @ (Element::Waiting | Element::Running)) = self.elements.get_mut(element) {
-                    *state = Element::Unknown { since_ms: at_ms, why };
+            E::Vanished {
+                element,
+                at_ms,
+                why,
+            } => {
+                if let Some(state @ (Element::Waiting | Element::Running)) =
+                    self.elements.get_mut(element)
+                {
+                    *state = Element::Unknown {
+                        since_ms: at_ms,
+                        why,
+                    };
                 }
             }
             E::Ended { element, ending } => {
-                if let Some(state) = self.elements.get_mut(element).filter(|e| !matches!(e, Element::Over { .. })) {
+                if let Some(state) = self
+                    .elements
+                    .get_mut(element)
+                    .filter(|e| !matches!(e, Element::Over { .. }))
+                {
                     // What died because it was to be stopped died of nothing.
                     let cause = ending.cause.filter(|_| *state != Element::Stopping);
-                    *state = Element::Over { ending: Ending { cause, ..ending } };
+                    *state = Element::Over {
+                        ending: Ending { cause, ..ending },
+                    };
                     // Its processes may live on where Slurm lost sight of them.
                     actions.push(JobAction::Fence(element));
                 }
@@ -245,8 +283,13 @@ impl ClusterJob {
             },
             E::GiveUp { element } => match self.elements.get_mut(element) {
                 Some(state @ Element::Unknown { .. }) => {
-                    let Element::Unknown { why, .. } = &*state else { unreachable!("matched above") };
-                    let ending = Ending { cause: Some(SiteCause::Unexplained), words: format!("given up: {why}") };
+                    let Element::Unknown { why, .. } = &*state else {
+                        unreachable!("matched above")
+                    };
+                    let ending = Ending {
+                        cause: Some(SiteCause::Unexplained),
+                        words: format!("given up: {why}"),
+                    };
                     *state = Element::Over { ending };
                     actions.extend([JobAction::Fence(element), JobAction::Cancel(element)]);
                 }
@@ -257,14 +300,27 @@ impl ClusterJob {
     }
 
     fn end_all(&mut self, cause: Option<SiteCause>, why: &str) {
-        for element in self.elements.iter_mut().filter(|e| !matches!(e, Element::Over { .. })) {
-            *element = Element::Over { ending: Ending { cause, words: why.to_owned() } };
+        for element in self
+            .elements
+            .iter_mut()
+            .filter(|e| !matches!(e, Element::Over { .. }))
+        {
+            *element = Element::Over {
+                ending: Ending {
+                    cause,
+                    words: why.to_owned(),
+                },
+            };
         }
     }
 }
 
 fn illegal(job: &ClusterJob, element: usize, event: &str) -> IllegalTransition {
-    IllegalTransition { machine: "cluster job", state: job.word(element).into(), event: event.into() }
+    IllegalTransition {
+        machine: "cluster job",
+        state: job.word(element).into(),
+        event: event.into(),
+    }
 }
 
 #[cfg(test)]
@@ -273,7 +329,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn ending(cause: Option<SiteCause>) -> Ending {
-        Ending { cause, words: "so".into() }
+        Ending {
+            cause,
+            words: "so".into(),
+        }
     }
 
     fn events() -> Vec<JobEvent> {
@@ -281,18 +340,36 @@ mod tests {
         let mut events = vec![
             E::Accepted { job: Some(7) },
             E::Accepted { job: None },
-            E::Refused { why: "limit".into() },
-            E::Doubt { at_ms: 5, why: "timeout".into() },
+            E::Refused {
+                why: "limit".into(),
+            },
+            E::Doubt {
+                at_ms: 5,
+                why: "timeout".into(),
+            },
             E::Absent,
         ];
         for element in 0..3 {
             events.extend([
                 E::Cancel { element },
                 E::GiveUp { element },
-                E::Seen { element, runs: element == 0 },
-                E::Vanished { element, at_ms: 9, why: "gone".into() },
-                E::Ended { element, ending: ending(Some(SiteCause::Walltime)) },
-                E::Ended { element, ending: ending(None) },
+                E::Seen {
+                    element,
+                    runs: element == 0,
+                },
+                E::Vanished {
+                    element,
+                    at_ms: 9,
+                    why: "gone".into(),
+                },
+                E::Ended {
+                    element,
+                    ending: ending(Some(SiteCause::Walltime)),
+                },
+                E::Ended {
+                    element,
+                    ending: ending(None),
+                },
             ]);
         }
         events
@@ -332,7 +409,10 @@ mod tests {
 
     #[test]
     fn a_job_that_turns_up_after_it_was_given_up_is_cancelled() {
-        let doubt = JobEvent::Doubt { at_ms: 1, why: "Socket timed out".into() };
+        let doubt = JobEvent::Doubt {
+            at_ms: 1,
+            why: "Socket timed out".into(),
+        };
         let (job, _) = ClusterJob::intended(1).on(doubt).unwrap();
         let (job, actions) = job.on(JobEvent::Absent).unwrap();
         assert_eq!(actions, [JobAction::Fence(0)]);
@@ -343,9 +423,21 @@ mod tests {
 
     #[test]
     fn what_was_stopped_died_of_nothing() {
-        let (job, _) = ClusterJob::intended(1).on(JobEvent::Accepted { job: Some(9) }).unwrap();
+        let (job, _) = ClusterJob::intended(1)
+            .on(JobEvent::Accepted { job: Some(9) })
+            .unwrap();
         let (job, _) = job.on(JobEvent::Cancel { element: 0 }).unwrap();
-        let (job, _) = job.on(JobEvent::Ended { element: 0, ending: ending(Some(SiteCause::Cancelled)) }).unwrap();
-        assert_eq!(job.elements, [Element::Over { ending: ending(None) }]);
+        let (job, _) = job
+            .on(JobEvent::Ended {
+                element: 0,
+                ending: ending(Some(SiteCause::Cancelled)),
+            })
+            .unwrap();
+        assert_eq!(
+            job.elements,
+            [Element::Over {
+                ending: ending(None)
+            }]
+        );
     }
 }

@@ -172,7 +172,10 @@ impl Attempt {
             (Self::Cancelling, E::Cancel) => Ok((Self::Cancelling, vec![AttemptAction::Stop])),
             (Self::Unknown { since_ms }, E::GiveUp) => {
                 let reason = format!("no news since {} ms (Unix time)", since_ms);
-                Ok((done(AttemptEnding::Lost { reason }), vec![AttemptAction::Stop]))
+                Ok((
+                    done(AttemptEnding::Lost { reason }),
+                    vec![AttemptAction::Stop],
+                ))
             }
             (state, event @ (E::Approve | E::Cancel | E::GiveUp)) => Err(IllegalTransition {
                 machine: "attempt",
@@ -188,17 +191,27 @@ impl Attempt {
             (state @ Self::Done { .. }, _) => stay(state),
             // Evidence of an end wins wherever it comes from: an attempt whose submission we never saw confirmed may
             // have run and finished (the coordinator was killed in between).
-            (Self::Cancelling, E::Ended { how: AttemptEnding::Lost { .. } | AttemptEnding::Interrupted }) => {
-                stay(done(AttemptEnding::Cancelled))
-            }
+            (
+                Self::Cancelling,
+                E::Ended {
+                    how: AttemptEnding::Lost { .. } | AttemptEnding::Interrupted,
+                },
+            ) => stay(done(AttemptEnding::Cancelled)),
             (_, E::Ended { how }) => stay(done(how)),
-            (Self::Submitting, E::Refused { failure }) => stay(done(AttemptEnding::Failed { failure })),
+            (Self::Submitting, E::Refused { failure }) => {
+                stay(done(AttemptEnding::Failed { failure }))
+            }
             (Self::Cancelling, E::Refused { .. }) => stay(done(AttemptEnding::Cancelled)),
             (Self::Submitting | Self::Unknown { .. }, E::Accepted { id } | E::Seen { id }) => {
                 stay(Self::Running { id })
             }
-            (Self::Submitting | Self::Running { .. }, E::Vanished { since_ms }) => stay(Self::Unknown { since_ms }),
-            (state, E::Accepted { .. } | E::Refused { .. } | E::Seen { .. } | E::Vanished { .. }) => stay(state),
+            (Self::Submitting | Self::Running { .. }, E::Vanished { since_ms }) => {
+                stay(Self::Unknown { since_ms })
+            }
+            (
+                state,
+                E::Accepted { .. } | E::Refused { .. } | E::Seen { .. } | E::Vanished { .. },
+            ) => stay(state),
         }
     }
 }

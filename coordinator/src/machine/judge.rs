@@ -9,8 +9,8 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{
-    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, ProposalResult, Step1ProposalResult,
-    Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
+    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, ProposalResult,
+    Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
@@ -21,18 +21,28 @@ use super::job::AttemptEnding;
 #[must_use]
 pub fn judge(attempt: &AttemptId, kind: &str, outcome: &TaskOutcome) -> AttemptEnding {
     if &outcome.attempt != attempt {
-        let message = format!("the outcome found for attempt {attempt} was written by attempt {}", outcome.attempt);
-        return AttemptEnding::Failed { failure: Failure::new(FailureClass::Bug, message) };
+        let message = format!(
+            "the outcome found for attempt {attempt} was written by attempt {}",
+            outcome.attempt
+        );
+        return AttemptEnding::Failed {
+            failure: Failure::new(FailureClass::Bug, message),
+        };
     }
     match &outcome.ending {
         Ending::Succeeded { result } => match science(kind, result) {
             Ok(()) => AttemptEnding::Succeeded,
             Err(failure) => AttemptEnding::Failed { failure },
         },
-        Ending::Diverged { last_good_ms, reason } => {
-            AttemptEnding::Failed { failure: numerics(format!("simulation ended at {last_good_ms} ms: {reason}")) }
-        }
-        Ending::Failed { failure } => AttemptEnding::Failed { failure: failure.clone() },
+        Ending::Diverged {
+            last_good_ms,
+            reason,
+        } => AttemptEnding::Failed {
+            failure: numerics(format!("simulation ended at {last_good_ms} ms: {reason}")),
+        },
+        Ending::Failed { failure } => AttemptEnding::Failed {
+            failure: failure.clone(),
+        },
         Ending::Cancelled => AttemptEnding::Interrupted,
     }
 }
@@ -67,7 +77,10 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
                 TaskResult::Discover(_) => "discover",
                 TaskResult::Noop => "noop",
             };
-            Err(Failure::new(FailureClass::Bug, format!("a task of kind {kind} was answered by a result of {found}")))
+            Err(Failure::new(
+                FailureClass::Bug,
+                format!("a task of kind {kind} was answered by a result of {found}"),
+            ))
         }
     }
 }
@@ -78,16 +91,25 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
     finite("afterload R1", w.characteristic_resistance_mmhg_s_per_ml)?;
     finite("afterload R2", w.peripheral_resistance_mmhg_s_per_ml)?;
     finite("afterload C", w.compliance_ml_per_mmhg)?;
-    finite("Windkessel pressure at the start", loads.initial_windkessel_pressure_mmhg)?;
+    finite(
+        "Windkessel pressure at the start",
+        loads.initial_windkessel_pressure_mmhg,
+    )?;
     finite("left atrial pressure", loads.left_atrial_pressure_mmhg)?;
     match &r.organ {
-        OrganSpec::Reduced { passive, activation } => {
+        OrganSpec::Reduced {
+            passive,
+            activation,
+        } => {
             positive("wall volume", passive.wall_volume_ml)?;
             positive("unloaded volume", passive.unloaded_volume_ml)?;
             positive("end-diastolic volume", passive.end_diastolic_volume_ml)?;
             positive("passive stiffness", passive.stiffness_kpa)?;
             finite("passive exponent", passive.exponent)?;
-            finite("end-diastolic pressure", passive.end_diastolic_pressure_mmhg)?;
+            finite(
+                "end-diastolic pressure",
+                passive.end_diastolic_pressure_mmhg,
+            )?;
             finite("activation onset", activation.onset_ms)?;
         }
         OrganSpec::FiniteElement(organ) => {
@@ -96,12 +118,18 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
             positive("unloaded volume", figures.unloaded_volume_ml)?;
             positive("end-diastolic volume", figures.end_diastolic_volume_ml)?;
             positive("passive stiffness", figures.stiffness_kpa)?;
-            finite("end-diastolic pressure", figures.end_diastolic_pressure_mmhg)?;
+            finite(
+                "end-diastolic pressure",
+                figures.end_diastolic_pressure_mmhg,
+            )?;
             finite("activation onset", figures.onset_ms)?;
             finite("activation spread", figures.spread_ms)?;
         }
         OrganSpec::External(_) => {
-            return Err(Failure::new(FailureClass::Bug, "step 0 made an organ of an external solver"));
+            return Err(Failure::new(
+                FailureClass::Bug,
+                "step 0 made an organ of an external solver",
+            ));
         }
     }
     biomarkers(&r.measured)
@@ -109,7 +137,10 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
 
 fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
     if r.checks.is_empty() {
-        return Err(Failure::new(FailureClass::Bug, "the simulation reports no check of its science"));
+        return Err(Failure::new(
+            FailureClass::Bug,
+            "the simulation reports no check of its science",
+        ));
     }
     // Whether a beat whose valves stay shut is of use depends on what it is for: the workflow says.
     if let Some(check) = r.failed_simulation() {
@@ -120,12 +151,17 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
 }
 
 fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
-    STEP1_PARAMETERS.iter().zip(r.parameters.updated()).try_for_each(|(name, value)| positive(name, value))?;
+    STEP1_PARAMETERS
+        .iter()
+        .zip(r.parameters.updated())
+        .try_for_each(|(name, value)| positive(name, value))?;
     proposal(r)
 }
 
 fn step3_proposal(r: &Step3ProposalResult) -> Result<(), Failure> {
-    r.parameters.iter().try_for_each(|(name, value)| finite(name, *value))?;
+    r.parameters
+        .iter()
+        .try_for_each(|(name, value)| finite(name, *value))?;
     proposal(r)
 }
 
@@ -137,7 +173,13 @@ fn proposal<P>(r: &ProposalResult<P>) -> Result<(), Failure> {
 
 fn posterior(r: &PosteriorResult) -> Result<(), Failure> {
     for (name, spread) in &r.parameters {
-        [spread.posterior.p5, spread.posterior.p50, spread.posterior.p95].iter().try_for_each(|v| finite(name, *v))?;
+        [
+            spread.posterior.p5,
+            spread.posterior.p50,
+            spread.posterior.p95,
+        ]
+        .iter()
+        .try_for_each(|v| finite(name, *v))?;
     }
     finite("what data and prior leave", r.sampling.left_over_expected)?;
     if r.draws.is_empty() {
@@ -161,7 +203,10 @@ fn discover(r: &Discovered) -> Result<(), Failure> {
     finite("gap after", r.gap_after)?;
     let named = |name: &String| r.effects.iter().any(|effect| effect.name == *name);
     if r.none != r.accepted.is_empty() || !r.accepted.iter().all(named) {
-        return Err(Failure::new(FailureClass::Bug, "the accepted effects contradict the ranking"));
+        return Err(Failure::new(
+            FailureClass::Bug,
+            "the accepted effects contradict the ranking",
+        ));
     }
     Ok(())
 }
@@ -182,7 +227,10 @@ fn cell_fit(r: &CellFitResult) -> Result<(), Failure> {
         finite(&p.name, p.value)?;
         let slack = 1e-9 * (p.upper - p.lower).abs();
         if p.value < p.lower - slack || p.value > p.upper + slack {
-            let message = format!("fitted {} is {}, outside its bounds {} to {}", p.name, p.value, p.lower, p.upper);
+            let message = format!(
+                "fitted {} is {}, outside its bounds {} to {}",
+                p.name, p.value, p.lower, p.upper
+            );
             return Err(Failure::new(FailureClass::Bug, message));
         }
     }
@@ -203,7 +251,10 @@ fn biomarkers(b: &Biomarkers) -> Result<(), Failure> {
         ("EDP", b.edp_mmhg),
         ("end_of_beat_gap", b.end_of_beat_gap_ml),
     ];
-    named.into_iter().filter_map(|(name, value)| Some((name, value?))).try_for_each(|(n, v)| finite(n, v))
+    named
+        .into_iter()
+        .filter_map(|(name, value)| Some((name, value?)))
+        .try_for_each(|(n, v)| finite(n, v))
 }
 
 fn cell_biomarkers(b: &CellBiomarkers) -> Result<(), Failure> {
@@ -216,12 +267,24 @@ fn cell_biomarkers(b: &CellBiomarkers) -> Result<(), Failure> {
 }
 
 fn finite(name: &str, value: f64) -> Result<(), Failure> {
-    if value.is_finite() { Ok(()) } else { Err(numerics(format!("{name} is {value}, expected a finite value"))) }
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(numerics(format!(
+            "{name} is {value}, expected a finite value"
+        )))
+    }
 }
 
 fn positive(name: &str, value: f64) -> Result<(), Failure> {
     finite(name, value)?;
-    if value > 0.0 { Ok(()) } else { Err(numerics(format!("{name} is {value}, expected a value above 0"))) }
+    if value > 0.0 {
+        Ok(())
+    } else {
+        Err(numerics(format!(
+            "{name} is {value}, expected a value above 0"
+        )))
+    }
 }
 
 #[cfg(test)]
@@ -232,19 +295,36 @@ mod tests {
     use cardiotwin_schemas::provenance::Provenance;
 
     fn attempt(generation: u32) -> AttemptId {
-        AttemptId { task: TaskKey::from("00"), generation }
+        AttemptId {
+            task: TaskKey::from("00"),
+            generation,
+        }
     }
 
     fn outcome(ending: Ending) -> TaskOutcome {
         let provenance = Provenance::default();
-        TaskOutcome { schema_version: 1, attempt: attempt(1), ending, artefacts: vec![], provenance }
+        TaskOutcome {
+            schema_version: 1,
+            attempt: attempt(1),
+            ending,
+            artefacts: vec![],
+            provenance,
+        }
     }
 
     fn beat(name: &str, passed: bool, p_max: f64) -> Ending {
-        let check = Check { name: name.into(), passed, found: "0".into(), expected: "something else".into() };
+        let check = Check {
+            name: name.into(),
+            passed,
+            found: "0".into(),
+            expected: "something else".into(),
+        };
         Ending::Succeeded {
             result: Box::new(TaskResult::OrganBeat(OrganBeatResult {
-                biomarkers: Biomarkers { p_max_mmhg: Some(p_max), ..Biomarkers::default() },
+                biomarkers: Biomarkers {
+                    p_max_mmhg: Some(p_max),
+                    ..Biomarkers::default()
+                },
                 samples: cardiotwin_schemas::samples::BeatSamples::default(),
                 time_points: Default::default(),
                 checks: vec![check],
@@ -265,27 +345,51 @@ mod tests {
     #[test]
     fn a_simulation_that_ended_well_counts_only_if_its_checks_hold_and_its_numbers_are_finite() {
         let judged = |ending| judge(&attempt(1), "organ-beat", &outcome(ending));
-        assert_eq!(judged(beat("volume balance", true, 120.0)), AttemptEnding::Succeeded);
-        assert_eq!(class(judged(beat("volume balance", false, 120.0))), Some(FailureClass::Numerics));
-        assert_eq!(class(judged(beat("volume balance", true, f64::NAN))), Some(FailureClass::Numerics));
+        assert_eq!(
+            judged(beat("volume balance", true, 120.0)),
+            AttemptEnding::Succeeded
+        );
+        assert_eq!(
+            class(judged(beat("volume balance", false, 120.0))),
+            Some(FailureClass::Numerics)
+        );
+        assert_eq!(
+            class(judged(beat("volume balance", true, f64::NAN))),
+            Some(FailureClass::Numerics)
+        );
     }
 
     #[test]
     fn valves_that_stay_shut_are_no_failure_of_the_simulation_but_not_finite_numbers_are() {
         let judged = |ending| judge(&attempt(1), "organ-beat", &outcome(ending));
-        assert_eq!(judged(beat("aortic valve opened and closed", false, 60.0)), AttemptEnding::Succeeded);
-        let class = class(judged(beat("aortic valve opened and closed", false, f64::NAN)));
+        assert_eq!(
+            judged(beat("aortic valve opened and closed", false, 60.0)),
+            AttemptEnding::Succeeded
+        );
+        let class = class(judged(beat(
+            "aortic valve opened and closed",
+            false,
+            f64::NAN,
+        )));
         assert_eq!(class, Some(FailureClass::Numerics));
     }
 
     #[test]
     fn an_answer_to_another_question_is_a_defect() {
         assert_eq!(
-            class(judge(&attempt(1), "targets", &outcome(beat("volume balance", true, 120.0)))),
+            class(judge(
+                &attempt(1),
+                "targets",
+                &outcome(beat("volume balance", true, 120.0))
+            )),
             Some(FailureClass::Bug)
         );
         assert_eq!(
-            class(judge(&attempt(2), "organ-beat", &outcome(beat("volume balance", true, 120.0)))),
+            class(judge(
+                &attempt(2),
+                "organ-beat",
+                &outcome(beat("volume balance", true, 120.0))
+            )),
             Some(FailureClass::Bug)
         );
     }

@@ -90,7 +90,9 @@ impl fmt::Display for Stage {
 
 /// A word that names no stage.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{found}` is no step; expected step0, step1, targets, step2, verification, step3 or posterior")]
+#[error(
+    "`{found}` is no step; expected step0, step1, targets, step2, verification, step3 or posterior"
+)]
 pub struct UnknownStage {
     /// What was given.
     pub found: String,
@@ -109,7 +111,9 @@ impl FromStr for Stage {
             "verification" => Ok(Self::Verification),
             "step3" | "step-3" => Ok(Self::Step3),
             "posterior" => Ok(Self::Posterior),
-            _ => Err(UnknownStage { found: text.to_owned() }),
+            _ => Err(UnknownStage {
+                found: text.to_owned(),
+            }),
         }
     }
 }
@@ -243,7 +247,10 @@ impl Patient {
     /// Whether it is over: done, failed or cancelled.
     #[must_use]
     pub fn is_final(&self) -> bool {
-        matches!(self, Self::Done | Self::Failed { .. } | Self::Cancelled { .. })
+        matches!(
+            self,
+            Self::Done | Self::Failed { .. } | Self::Cancelled { .. }
+        )
     }
 
     /// One word for tables; whether a wanted task runs is the task's affair.
@@ -285,11 +292,16 @@ impl Patient {
                 Ok((Self::Failed { step, failure }, vec![]))
             }
             (Self::Waiting, E::Cancel) => Ok((Self::Cancelled { at: None }, vec![])),
-            (Self::Deciding { after }, E::Cancel) => Ok((Self::Cancelled { at: Some(after) }, vec![])),
-            (Self::Working { step, task }, E::Cancel) => {
-                Ok((Self::Cancelled { at: Some(step) }, vec![PatientAction::Release(task)]))
+            (Self::Deciding { after }, E::Cancel) => {
+                Ok((Self::Cancelled { at: Some(after) }, vec![]))
             }
-            (Self::Working { task, .. }, E::Replan { .. }) => Ok((Self::Waiting, vec![PatientAction::Release(task)])),
+            (Self::Working { step, task }, E::Cancel) => Ok((
+                Self::Cancelled { at: Some(step) },
+                vec![PatientAction::Release(task)],
+            )),
+            (Self::Working { task, .. }, E::Replan { .. }) => {
+                Ok((Self::Waiting, vec![PatientAction::Release(task)]))
+            }
             (_, E::Replan { .. }) => Ok((Self::Waiting, vec![])),
             (Self::Working { step, task }, E::TaskSettled { task: settled }) if task == settled => {
                 Ok((Self::Deciding { after: step }, vec![]))
@@ -297,7 +309,10 @@ impl Patient {
             (state, E::TaskSettled { .. }) => Ok((state, vec![])),
             (state, event) => Err(IllegalTransition {
                 machine: "patient",
-                state: state.step().map_or_else(|| state.word().into(), |step| format!("{} ({step})", state.word())),
+                state: state.step().map_or_else(
+                    || state.word().into(),
+                    |step| format!("{} ({step})", state.word()),
+                ),
                 event: match event {
                     E::Want { step, .. } => format!("want {step}"),
                     E::Finish => "finish".into(),

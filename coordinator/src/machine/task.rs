@@ -72,7 +72,10 @@ pub enum TaskEvent {
 
 impl Default for Task {
     fn default() -> Self {
-        Self::Open { generation: 0, site_failures: 0 }
+        Self::Open {
+            generation: 0,
+            site_failures: 0,
+        }
     }
 }
 
@@ -111,24 +114,52 @@ impl Task {
     /// [`IllegalTransition`] for `Start` of a task that is not open and `Retry` of one that did not fail.
     pub fn on(self, event: TaskEvent) -> Result<Self, IllegalTransition> {
         match (self, event) {
-            (Self::Open { generation, site_failures }, TaskEvent::Start) => {
-                Ok(Self::Attempting { generation: generation + 1, site_failures })
-            }
-            (Self::Failed { generation, .. }, TaskEvent::Retry) => Ok(Self::Open { generation, site_failures: 0 }),
-            (Self::Published { generation }, TaskEvent::Purged) => Ok(Self::Open { generation, site_failures: 0 }),
+            (
+                Self::Open {
+                    generation,
+                    site_failures,
+                },
+                TaskEvent::Start,
+            ) => Ok(Self::Attempting {
+                generation: generation + 1,
+                site_failures,
+            }),
+            (Self::Failed { generation, .. }, TaskEvent::Retry) => Ok(Self::Open {
+                generation,
+                site_failures: 0,
+            }),
+            (Self::Published { generation }, TaskEvent::Purged) => Ok(Self::Open {
+                generation,
+                site_failures: 0,
+            }),
             (state, TaskEvent::Purged) => Ok(state),
             (state, TaskEvent::Start) => Err(illegal(&state, "start")),
             (state, TaskEvent::Retry) => Err(illegal(&state, "retry")),
             (
-                Self::Attempting { generation, site_failures },
-                TaskEvent::Ended { generation: ended, how, site_retries },
+                Self::Attempting {
+                    generation,
+                    site_failures,
+                },
+                TaskEvent::Ended {
+                    generation: ended,
+                    how,
+                    site_retries,
+                },
             ) if generation == ended => Ok(match how {
                 AttemptEnding::Succeeded => Self::Published { generation },
-                AttemptEnding::Interrupted | AttemptEnding::Cancelled => Self::Open { generation, site_failures },
-                AttemptEnding::Failed { failure } => settle(generation, site_failures, failure, site_retries),
-                AttemptEnding::Lost { reason } => {
-                    settle(generation, site_failures, Failure::new(FailureClass::Site, reason), site_retries)
+                AttemptEnding::Interrupted | AttemptEnding::Cancelled => Self::Open {
+                    generation,
+                    site_failures,
+                },
+                AttemptEnding::Failed { failure } => {
+                    settle(generation, site_failures, failure, site_retries)
                 }
+                AttemptEnding::Lost { reason } => settle(
+                    generation,
+                    site_failures,
+                    Failure::new(FailureClass::Site, reason),
+                    site_retries,
+                ),
             }),
             (state, TaskEvent::Ended { .. }) => Ok(state),
         }
@@ -138,12 +169,22 @@ impl Task {
 /// What follows from a failure: the site's are forgiven `site_retries` times, all others stand.
 fn settle(generation: u32, site_failures: u32, failure: Failure, site_retries: u32) -> Task {
     if failure.class == FailureClass::Site && site_failures < site_retries {
-        Task::Open { generation, site_failures: site_failures + 1 }
+        Task::Open {
+            generation,
+            site_failures: site_failures + 1,
+        }
     } else {
-        Task::Failed { generation, failure }
+        Task::Failed {
+            generation,
+            failure,
+        }
     }
 }
 
 fn illegal(state: &Task, event: &str) -> IllegalTransition {
-    IllegalTransition { machine: "task", state: state.word().into(), event: event.into() }
+    IllegalTransition {
+        machine: "task",
+        state: state.word().into(),
+        event: event.into(),
+    }
 }

@@ -18,8 +18,12 @@ fn failure(class: FailureClass) -> Failure {
 fn attempt_endings() -> Vec<AttemptEnding> {
     vec![
         AttemptEnding::Succeeded,
-        AttemptEnding::Failed { failure: failure(FailureClass::Numerics) },
-        AttemptEnding::Lost { reason: "killed".into() },
+        AttemptEnding::Failed {
+            failure: failure(FailureClass::Numerics),
+        },
+        AttemptEnding::Lost {
+            reason: "killed".into(),
+        },
         AttemptEnding::Interrupted,
         AttemptEnding::Cancelled,
     ]
@@ -29,11 +33,17 @@ fn attempt_states() -> Vec<Attempt> {
     let mut states = vec![
         Attempt::Planned,
         Attempt::Submitting,
-        Attempt::Running { id: ExternalId::from("7") },
+        Attempt::Running {
+            id: ExternalId::from("7"),
+        },
         Attempt::Unknown { since_ms: 5 },
         Attempt::Cancelling,
     ];
-    states.extend(attempt_endings().into_iter().map(|how| Attempt::Done { how }));
+    states.extend(
+        attempt_endings()
+            .into_iter()
+            .map(|how| Attempt::Done { how }),
+    );
     states
 }
 
@@ -42,34 +52,66 @@ fn attempt_events() -> Vec<AttemptEvent> {
         AttemptEvent::Approve,
         AttemptEvent::Cancel,
         AttemptEvent::GiveUp,
-        AttemptEvent::Accepted { id: ExternalId::from("7") },
-        AttemptEvent::Refused { failure: failure(FailureClass::Site) },
-        AttemptEvent::Seen { id: ExternalId::from("7") },
+        AttemptEvent::Accepted {
+            id: ExternalId::from("7"),
+        },
+        AttemptEvent::Refused {
+            failure: failure(FailureClass::Site),
+        },
+        AttemptEvent::Seen {
+            id: ExternalId::from("7"),
+        },
         AttemptEvent::Vanished { since_ms: 5 },
     ];
-    events.extend(attempt_endings().into_iter().map(|how| AttemptEvent::Ended { how }));
+    events.extend(
+        attempt_endings()
+            .into_iter()
+            .map(|how| AttemptEvent::Ended { how }),
+    );
     events
 }
 
 fn is_command(event: &AttemptEvent) -> bool {
-    matches!(event, AttemptEvent::Approve | AttemptEvent::Cancel | AttemptEvent::GiveUp)
+    matches!(
+        event,
+        AttemptEvent::Approve | AttemptEvent::Cancel | AttemptEvent::GiveUp
+    )
 }
 
 fn task_states() -> Vec<Task> {
     vec![
-        Task::Open { generation: 0, site_failures: 0 },
-        Task::Open { generation: 2, site_failures: 2 },
-        Task::Attempting { generation: 1, site_failures: 0 },
-        Task::Attempting { generation: 2, site_failures: 2 },
+        Task::Open {
+            generation: 0,
+            site_failures: 0,
+        },
+        Task::Open {
+            generation: 2,
+            site_failures: 2,
+        },
+        Task::Attempting {
+            generation: 1,
+            site_failures: 0,
+        },
+        Task::Attempting {
+            generation: 2,
+            site_failures: 2,
+        },
         Task::Published { generation: 1 },
-        Task::Failed { generation: 1, failure: failure(FailureClass::Numerics) },
+        Task::Failed {
+            generation: 1,
+            failure: failure(FailureClass::Numerics),
+        },
     ]
 }
 
 fn task_events() -> Vec<TaskEvent> {
     let mut events = vec![TaskEvent::Start, TaskEvent::Retry, TaskEvent::Purged];
     for generation in [1, 2] {
-        events.extend(attempt_endings().into_iter().map(|how| TaskEvent::Ended { generation, how, site_retries: 2 }));
+        events.extend(attempt_endings().into_iter().map(|how| TaskEvent::Ended {
+            generation,
+            how,
+            site_retries: 2,
+        }));
     }
     events
 }
@@ -82,26 +124,55 @@ fn patient_states() -> Vec<Patient> {
     let task = TaskKey::from("a");
     vec![
         Patient::Waiting,
-        Patient::Working { step: step(Stage::Step0, 1), task: task.clone() },
-        Patient::Working { step: step(Stage::Step1, 2), task },
-        Patient::Deciding { after: step(Stage::Step1, 2) },
+        Patient::Working {
+            step: step(Stage::Step0, 1),
+            task: task.clone(),
+        },
+        Patient::Working {
+            step: step(Stage::Step1, 2),
+            task,
+        },
+        Patient::Deciding {
+            after: step(Stage::Step1, 2),
+        },
         Patient::Done,
-        Patient::Failed { step: step(Stage::Step1, 1), failure: failure(FailureClass::Numerics) },
+        Patient::Failed {
+            step: step(Stage::Step1, 1),
+            failure: failure(FailureClass::Numerics),
+        },
         Patient::Cancelled { at: None },
     ]
 }
 
 fn patient_events() -> Vec<PatientEvent> {
     vec![
-        PatientEvent::Want { step: step(Stage::Step1, 2), task: TaskKey::from("a") },
-        PatientEvent::Want { step: step(Stage::Step1, 3), task: TaskKey::from("b") },
-        PatientEvent::Want { step: step(Stage::Targets, 1), task: TaskKey::from("c") },
-        PatientEvent::TaskSettled { task: TaskKey::from("a") },
-        PatientEvent::TaskSettled { task: TaskKey::from("b") },
+        PatientEvent::Want {
+            step: step(Stage::Step1, 2),
+            task: TaskKey::from("a"),
+        },
+        PatientEvent::Want {
+            step: step(Stage::Step1, 3),
+            task: TaskKey::from("b"),
+        },
+        PatientEvent::Want {
+            step: step(Stage::Targets, 1),
+            task: TaskKey::from("c"),
+        },
+        PatientEvent::TaskSettled {
+            task: TaskKey::from("a"),
+        },
+        PatientEvent::TaskSettled {
+            task: TaskKey::from("b"),
+        },
         PatientEvent::Finish,
-        PatientEvent::Fail { step: step(Stage::Step1, 1), failure: failure(FailureClass::Numerics) },
+        PatientEvent::Fail {
+            step: step(Stage::Step1, 1),
+            failure: failure(FailureClass::Numerics),
+        },
         PatientEvent::Cancel,
-        PatientEvent::Replan { reason: "inputs changed".into() },
+        PatientEvent::Replan {
+            reason: "inputs changed".into(),
+        },
     ]
 }
 
@@ -160,13 +231,17 @@ fn accepted<S: Clone, E: Clone>(
     events: &[E],
     on: impl Fn(S, E) -> Result<S, IllegalTransition>,
 ) -> (S, Vec<E>) {
-    events.iter().fold((start, Vec::new()), |(state, mut log), event| match on(state.clone(), event.clone()) {
-        Ok(next) => {
-            log.push(event.clone());
-            (next, log)
-        }
-        Err(_) => (state, log),
-    })
+    events
+        .iter()
+        .fold((start, Vec::new()), |(state, mut log), event| {
+            match on(state.clone(), event.clone()) {
+                Ok(next) => {
+                    log.push(event.clone());
+                    (next, log)
+                }
+                Err(_) => (state, log),
+            }
+        })
 }
 
 fn attempt_on(state: Attempt, event: AttemptEvent) -> Result<Attempt, IllegalTransition> {
@@ -366,10 +441,22 @@ proptest! {
 
 #[test]
 fn failures_that_are_not_the_sites_are_never_tried_again_by_themselves() {
-    for class in [FailureClass::Input, FailureClass::Numerics, FailureClass::Bug] {
+    for class in [
+        FailureClass::Input,
+        FailureClass::Numerics,
+        FailureClass::Bug,
+    ] {
         let begun = Task::default().on(TaskEvent::Start).unwrap();
-        let how = AttemptEnding::Failed { failure: failure(class) };
-        let ended = begun.on(TaskEvent::Ended { generation: 1, how, site_retries: 5 }).unwrap();
+        let how = AttemptEnding::Failed {
+            failure: failure(class),
+        };
+        let ended = begun
+            .on(TaskEvent::Ended {
+                generation: 1,
+                how,
+                site_retries: 5,
+            })
+            .unwrap();
         assert!(matches!(ended, Task::Failed { .. }), "{class:?}");
     }
 }

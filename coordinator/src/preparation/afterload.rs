@@ -2,7 +2,8 @@
 //! volume loses in ejection.
 
 use cardiotwin_calibrate::afterload::{
-    Cuff, CuffFit, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff, fit_windkessel,
+    Cuff, CuffFit, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff,
+    fit_windkessel,
 };
 use cardiotwin_recordings::prepare::Prepared;
 use cardiotwin_schemas::organ::WindkesselParameters;
@@ -29,10 +30,13 @@ pub struct EjectionFlow {
 /// # Errors
 /// In words: a trace that cannot be resampled, or a volume that does not fall.
 pub fn ejection_flow(volume: &Trace, cycle_length: Ms) -> Result<EjectionFlow, String> {
-    let every_ms =
-        resample(volume, Continuation::periodic(cycle_length), Ms(1.0)).map_err(|error| error.to_string())?;
+    let every_ms = resample(volume, Continuation::periodic(cycle_length), Ms(1.0))
+        .map_err(|error| error.to_string())?;
     let flow_ml_per_s = ejected(every_ms.values(), 1.0).map_err(|error| error.to_string())?;
-    Ok(EjectionFlow { flow_ml_per_s, step_ms: 1.0 })
+    Ok(EjectionFlow {
+        flow_ml_per_s,
+        step_ms: 1.0,
+    })
 }
 
 /// What became of the fit.
@@ -70,7 +74,9 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
     let average = &prepared.average;
     let (flow, origin) = match flow(prepared) {
         Ok(Some(found)) => found,
-        Ok(None) => return Load::Lacking("neither a flow on the catheter's clock nor a cine series"),
+        Ok(None) => {
+            return Load::Lacking("neither a flow on the catheter's clock nor a cine series");
+        }
         Err(why) => return Load::Failed(why),
     };
     if let Some(aorta) = &average.aortic_pressure {
@@ -81,7 +87,10 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
             &times(aorta.mean.len(), average.step_ms),
             &aorta.mean,
         );
-        let settings = WindkesselFitSettings { start: Start::Periodic, ..WindkesselFitSettings::default() };
+        let settings = WindkesselFitSettings {
+            start: Start::Periodic,
+            ..WindkesselFitSettings::default()
+        };
         let fitted = record.and_then(|record| {
             let pulse = record.pulse_pressure_mmhg();
             Ok((fit_windkessel(&record, settings)?, pulse))
@@ -89,7 +98,11 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
         return match fitted {
             Ok((fit, pulse)) => {
                 let share_of_pulse = fit.root_mean_square_mmhg / pulse;
-                Load::Catheter { fit: Box::new(fit), flow: origin, share_of_pulse }
+                Load::Catheter {
+                    fit: Box::new(fit),
+                    flow: origin,
+                    share_of_pulse,
+                }
             }
             Err(error) => Load::Failed(error.to_string()),
         };
@@ -97,7 +110,12 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
     let Some((systolic_mmhg, diastolic_mmhg, sd_mmhg, _)) = facts.aortic else {
         return Load::Lacking("neither an aortic pressure nor a cuff's");
     };
-    let cuff = Cuff { systolic_mmhg, diastolic_mmhg, mean_mmhg: facts.mean_aortic_mmhg, sd_mmhg };
+    let cuff = Cuff {
+        systolic_mmhg,
+        diastolic_mmhg,
+        mean_mmhg: facts.mean_aortic_mmhg,
+        sd_mmhg,
+    };
     match fit_cuff(&flow.flow_ml_per_s, flow.step_ms, cuff) {
         Ok(fit) => Load::Cuff { fit, flow: origin },
         Err(error) => Load::Failed(error.to_string()),
@@ -108,11 +126,23 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
 fn flow(prepared: &Prepared) -> Result<Option<(EjectionFlow, &'static str)>, String> {
     if let Some(flow) = &prepared.average.flow {
         let step_ms = prepared.average.step_ms;
-        return Ok(Some((EjectionFlow { flow_ml_per_s: flow.mean.clone(), step_ms }, "the measured flow")));
+        return Ok(Some((
+            EjectionFlow {
+                flow_ml_per_s: flow.mean.clone(),
+                step_ms,
+            },
+            "the measured flow",
+        )));
     }
-    let Some(volume) = &prepared.volume else { return Ok(None) };
+    let Some(volume) = &prepared.volume else {
+        return Ok(None);
+    };
     let frames = &volume.synchronised;
-    let trace = Trace::new(Quantity::Volume, frames.time_ms.clone(), frames.volume_ml.clone());
+    let trace = Trace::new(
+        Quantity::Volume,
+        frames.time_ms.clone(),
+        frames.volume_ml.clone(),
+    );
     let trace = trace.map_err(|error| error.to_string())?;
     let flow = ejection_flow(&trace, Ms(prepared.average.cycle_length_ms))?;
     Ok(Some((flow, "-dV/dt in ejection")))
@@ -136,11 +166,15 @@ impl Load {
     /// How it was made, in words.
     pub fn how(&self) -> Option<String> {
         match self {
-            Self::Catheter { flow, .. } => Some(format!("fitted to the aorta's mean pressure with {flow}")),
-            Self::Cuff { flow, fit } if fit.assumed_share => {
-                Some(format!("through the cuff's pressures with {flow}; R1 is a usual share of R2"))
+            Self::Catheter { flow, .. } => {
+                Some(format!("fitted to the aorta's mean pressure with {flow}"))
             }
-            Self::Cuff { flow, .. } => Some(format!("through the cuff's pressures, its mean among them, with {flow}")),
+            Self::Cuff { flow, fit } if fit.assumed_share => Some(format!(
+                "through the cuff's pressures with {flow}; R1 is a usual share of R2"
+            )),
+            Self::Cuff { flow, .. } => Some(format!(
+                "through the cuff's pressures, its mean among them, with {flow}"
+            )),
             _ => None,
         }
     }
@@ -153,12 +187,16 @@ impl Load {
     /// What to mind.
     pub fn warning(&self) -> Option<String> {
         match self {
-            Self::Failed(why) => Some(format!("no Windkessel was fitted: {why}; step 0 will estimate one")),
-            Self::Catheter { share_of_pulse, .. } if *share_of_pulse > LARGE_MISFIT => Some(format!(
-                "three elements miss {:.0} % of the aorta's pulse pressure; `cardiotwin discover --afterload` on \
-                 aortic_flow.csv and aortic_pressure.csv says what is lacking where flow was measured",
-                100.0 * share_of_pulse
+            Self::Failed(why) => Some(format!(
+                "no Windkessel was fitted: {why}; step 0 will estimate one"
             )),
+            Self::Catheter { share_of_pulse, .. } if *share_of_pulse > LARGE_MISFIT => {
+                Some(format!(
+                    "three elements miss {:.0} % of the aorta's pulse pressure; `cardiotwin discover --afterload` on \
+                 aortic_flow.csv and aortic_pressure.csv says what is lacking where flow was measured",
+                    100.0 * share_of_pulse
+                ))
+            }
             _ => None,
         }
     }
@@ -167,7 +205,12 @@ impl Load {
 /// `[afterload]` as `patient.toml` takes it, four significant digits and more.
 #[must_use]
 pub fn table(afterload: &WindkesselParameters, comment: &str) -> String {
-    let rounded = |value: f64| format!("{:?}", format!("{value:.4e}").parse::<f64>().unwrap_or(value));
+    let rounded = |value: f64| {
+        format!(
+            "{:?}",
+            format!("{value:.4e}").parse::<f64>().unwrap_or(value)
+        )
+    };
     format!(
         "# {comment}\n[afterload]\ncharacteristic_resistance_mmHg_s_per_mL = {}\nperipheral_resistance_mmHg_s_per_mL = {}\n\
          compliance_mL_per_mmHg = {}\n",

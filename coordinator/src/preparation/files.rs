@@ -23,14 +23,22 @@ pub fn tables(folder: &RawFolder, prepared: &Prepared) -> Vec<(String, String)> 
         files.push(("pressure.csv".to_owned(), trace("pressure_mmHg", lv)));
     }
     if let Some(aorta) = &average.aortic_pressure {
-        files.push(("aortic_pressure.csv".to_owned(), trace("pressure_mmHg", aorta)));
+        files.push((
+            "aortic_pressure.csv".to_owned(),
+            trace("pressure_mmHg", aorta),
+        ));
     }
     if let Some(flow) = &average.flow {
         files.push(("aortic_flow.csv".to_owned(), trace("flow_mL_per_s", flow)));
     }
     if let Some(volume) = &prepared.volume {
         let mut text = "time_ms,volume_mL\n".to_owned();
-        for (t, v) in volume.synchronised.time_ms.iter().zip(&volume.synchronised.volume_ml) {
+        for (t, v) in volume
+            .synchronised
+            .time_ms
+            .iter()
+            .zip(&volume.synchronised.volume_ml)
+        {
             let _ = writeln!(text, "{},{v:.3}", time(*t));
         }
         files.push(("volume.csv".to_owned(), text));
@@ -50,7 +58,13 @@ fn time(ms: f64) -> String {
 /// Every beat: where it lies, whether it is in the mean, and why not.
 fn beats(folder: &RawFolder, prepared: &Prepared) -> String {
     let mut text = "beat,onset_ms,length_ms,kept,kind,reasons\n".to_owned();
-    for (idx, (beat, reasons)) in prepared.found.beats.iter().zip(&prepared.reasons).enumerate() {
+    for (idx, (beat, reasons)) in prepared
+        .found
+        .beats
+        .iter()
+        .zip(&prepared.reasons)
+        .enumerate()
+    {
         let why: Vec<String> = reasons.iter().map(ToString::to_string).collect();
         let _ = writeln!(
             text,
@@ -74,8 +88,10 @@ fn mean(prepared: &Prepared) -> String {
         ("aortic_pressure", "mmHg", &average.aortic_pressure),
         ("flow", "mL_per_s", &average.flow),
     ];
-    let channels: Vec<(&str, &str, &MeanTrace)> =
-        channels.iter().filter_map(|(name, unit, trace)| Some((*name, *unit, trace.as_ref()?))).collect();
+    let channels: Vec<(&str, &str, &MeanTrace)> = channels
+        .iter()
+        .filter_map(|(name, unit, trace)| Some((*name, *unit, trace.as_ref()?)))
+        .collect();
     let mut text = "time_ms".to_owned();
     for (name, unit, _) in &channels {
         let _ = write!(text, ",{name}_{unit},{name}_sd_{unit}");
@@ -94,14 +110,27 @@ fn mean(prepared: &Prepared) -> String {
 
 /// Every frame: as it was, and after each step.
 fn frames(prepared: &Prepared) -> String {
-    let mut text = "time_ms,volume_mL,adjusted_volume_mL,reconciled_time_ms,synchronised_time_ms\n".to_owned();
-    let Some(volume) = &prepared.volume else { return text };
+    let mut text =
+        "time_ms,volume_mL,adjusted_volume_mL,reconciled_time_ms,synchronised_time_ms\n".to_owned();
+    let Some(volume) = &prepared.volume else {
+        return text;
+    };
     let cycle = prepared.average.cycle_length_ms;
-    let adjusted = volume.original.volume_ml.iter().zip(&volume.adjusted.cine.volume_ml);
+    let adjusted = volume
+        .original
+        .volume_ml
+        .iter()
+        .zip(&volume.adjusted.cine.volume_ml);
     for (t, (before, after)) in volume.original.time_ms.iter().zip(adjusted) {
         let reconciled = volume.reconciled.map(*t);
         let synchronised = (reconciled - volume.lag.taken_ms()).rem_euclid(cycle);
-        let _ = writeln!(text, "{},{before:.3},{after:.3},{},{}", time(*t), time(reconciled), time(synchronised));
+        let _ = writeln!(
+            text,
+            "{},{before:.3},{after:.3},{},{}",
+            time(*t),
+            time(reconciled),
+            time(synchronised)
+        );
     }
     text
 }

@@ -56,7 +56,11 @@ pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
     };
     let mut files = vec![("patient.toml".to_owned(), patient_toml)];
     files.extend(files::tables(folder, &prepared));
-    Ok(Made { prepared, answer, files })
+    Ok(Made {
+        prepared,
+        answer,
+        files,
+    })
 }
 
 fn beats(folder: &RawFolder, prepared: &Prepared) -> BeatsFound {

@@ -37,7 +37,11 @@ impl Facts {
             // Level and strength differ from beat to beat, too, but neither has the noise's correlation.
             NoiseOf::Beat => seen.beat_rms_mmhg,
         });
-        let frames = prepared.volume.as_ref().filter(|_| noise.enabled).map(|volume| volume.noise_rms_ml);
+        let frames = prepared
+            .volume
+            .as_ref()
+            .filter(|_| noise.enabled)
+            .map(|volume| volume.noise_rms_ml);
         Self {
             end_diastolic_pressure_mmhg: average.lv_pressure.as_ref().map(|lv| lv.mean[0]),
             aortic: aortic(folder, average.aortic_pressure.as_ref()),
@@ -49,21 +53,36 @@ impl Facts {
             forward: forward(folder, prepared),
             pressure_noise: (
                 noise.pressure_rms_mmhg.or(rms),
-                noise.pressure_correlation_ms.or(seen.map(|seen| seen.correlation_ms)),
+                noise
+                    .pressure_correlation_ms
+                    .or(seen.map(|seen| seen.correlation_ms)),
             ),
             volume_noise_ml: noise.volume_rms_ml.or(frames),
         }
     }
 }
 
-fn aortic(folder: &RawFolder, measured: Option<&MeanTrace>) -> Option<(f64, f64, Option<f64>, &'static str)> {
+fn aortic(
+    folder: &RawFolder,
+    measured: Option<&MeanTrace>,
+) -> Option<(f64, f64, Option<f64>, &'static str)> {
     if let Some(aorta) = measured {
         let top = (0..aorta.mean.len()).max_by(|a, b| aorta.mean[*a].total_cmp(&aorta.mean[*b]))?;
         let low = aorta.mean.iter().copied().fold(f64::INFINITY, f64::min);
-        return Some((aorta.mean[top], low, Some(aorta.sd[top]), "aortic catheter, mean beat"));
+        return Some((
+            aorta.mean[top],
+            low,
+            Some(aorta.sd[top]),
+            "aortic catheter, mean beat",
+        ));
     }
     let cuff = folder.file.cuff.as_ref()?;
-    Some((cuff.systolic_mmhg, cuff.diastolic_mmhg, cuff.sd_mmhg, "cuff"))
+    Some((
+        cuff.systolic_mmhg,
+        cuff.diastolic_mmhg,
+        cuff.sd_mmhg,
+        "cuff",
+    ))
 }
 
 fn forward(folder: &RawFolder, prepared: &Prepared) -> Option<(f64, Option<f64>, &'static str)> {
@@ -72,14 +91,28 @@ fn forward(folder: &RawFolder, prepared: &Prepared) -> Option<(f64, Option<f64>,
         // One cycle of phases, each as long as the usual step.
         let n = flow.len() as f64;
         let step = (time.last()? - time.first()?) / (n - 1.0);
-        return Some((flow.iter().sum::<f64>() * step * 1e-3, sd, "flow of one cycle"));
+        return Some((
+            flow.iter().sum::<f64>() * step * 1e-3,
+            sd,
+            "flow of one cycle",
+        ));
     }
     let flow = prepared.average.flow.as_ref()?;
-    Some((flow.mean.iter().sum::<f64>() * prepared.average.step_ms * 1e-3, sd, "flow probe, mean beat"))
+    Some((
+        flow.mean.iter().sum::<f64>() * prepared.average.step_ms * 1e-3,
+        sd,
+        "flow probe, mean beat",
+    ))
 }
 
 /// The file's text.
-pub fn toml(id: &str, folder: &RawFolder, prepared: &Prepared, facts: &Facts, load: &Load) -> String {
+pub fn toml(
+    id: &str,
+    folder: &RawFolder,
+    prepared: &Prepared,
+    facts: &Facts,
+    load: &Load,
+) -> String {
     let average = &prepared.average;
     let file = &folder.file;
     let mut text = String::new();
@@ -87,14 +120,25 @@ pub fn toml(id: &str, folder: &RawFolder, prepared: &Prepared, facts: &Facts, lo
         text.push_str(&line);
         text.push('\n');
     };
-    let named: Vec<&str> = folder.inputs.iter().map(|input| input.file.as_str()).collect();
-    let plain = |text: &str| text.chars().map(|c| if c.is_control() { '?' } else { c }).collect::<String>();
+    let named: Vec<&str> = folder
+        .inputs
+        .iter()
+        .map(|input| input.file.as_str())
+        .collect();
+    let plain = |text: &str| {
+        text.chars()
+            .map(|c| if c.is_control() { '?' } else { c })
+            .collect::<String>()
+    };
     line(format!(
         "# Made by `cardiotwin prepare` from {}; what each step did: prepared/prepare.json.",
         plain(&named.join(", "))
     ));
     line(format!("id = {}", quoted(id)));
-    line(format!("cycle_length_ms = {}", number(average.cycle_length_ms, 2)));
+    line(format!(
+        "cycle_length_ms = {}",
+        number(average.cycle_length_ms, 2)
+    ));
     line("\n[measured]".to_owned());
     if average.lv_pressure.is_some() {
         line("pressure = \"pressure.csv\"".to_owned());
@@ -107,36 +151,59 @@ pub fn toml(id: &str, folder: &RawFolder, prepared: &Prepared, facts: &Facts, lo
     }
     line(format!("beats_averaged = {}", average.n_averaged));
     let (rms, correlation) = facts.pressure_noise;
-    let frames = prepared.volume.as_ref().map(|volume| volume.original.time_ms.len());
+    let frames = prepared
+        .volume
+        .as_ref()
+        .map(|volume| volume.original.time_ms.len());
     let noise = [
-        ("pressure_rms_mmHg", rms.filter(|_| average.lv_pressure.is_some())),
-        ("pressure_correlation_ms", correlation.filter(|_| average.lv_pressure.is_some())),
+        (
+            "pressure_rms_mmHg",
+            rms.filter(|_| average.lv_pressure.is_some()),
+        ),
+        (
+            "pressure_correlation_ms",
+            correlation.filter(|_| average.lv_pressure.is_some()),
+        ),
         ("volume_rms_mL", facts.volume_noise_ml),
         ("volume_frames", frames.map(|n| n as f64)),
     ];
     if noise.iter().any(|(_, value)| value.is_some()) {
         line("\n[measured.noise]".to_owned());
         for (key, value) in noise {
-            value.into_iter().for_each(|value| line(format!("{key} = {}", number(value, 3))));
+            value
+                .into_iter()
+                .for_each(|value| line(format!("{key} = {}", number(value, 3))));
         }
     }
     if let Some((systolic, diastolic, sd, origin)) = facts.aortic {
-        line(format!("\n[measured.aortic_pressure]              # {origin}"));
+        line(format!(
+            "\n[measured.aortic_pressure]              # {origin}"
+        ));
         line(format!("systolic_mmHg = {}", number(systolic, 1)));
         line(format!("diastolic_mmHg = {}", number(diastolic, 1)));
-        sd.into_iter().for_each(|sd| line(format!("sd_mmHg = {}", number(sd, 2))));
+        sd.into_iter()
+            .for_each(|sd| line(format!("sd_mmHg = {}", number(sd, 2))));
     }
     if let Some((volume, sd, origin)) = facts.forward {
-        line(format!("\n[measured.forward_stroke_volume]        # {origin}"));
+        line(format!(
+            "\n[measured.forward_stroke_volume]        # {origin}"
+        ));
         line(format!("volume_mL = {}", number(volume, 2)));
-        sd.into_iter().for_each(|sd| line(format!("sd_mL = {}", number(sd, 2))));
+        sd.into_iter()
+            .for_each(|sd| line(format!("sd_mL = {}", number(sd, 2))));
     }
-    let at = prepared.volume.as_ref().and_then(|volume| volume.image_time_ms);
+    let at = prepared
+        .volume
+        .as_ref()
+        .and_then(|volume| volume.image_time_ms);
     if let (Some(image), Some(time)) = (&file.whole_heart, at) {
         line("\n[measured.diastasis]                    # the whole-heart image, on the beat's clock".to_owned());
         line(format!("time_ms = {}", number(time, 1)));
         line(format!("volume_mL = {}", number(image.volume_ml, 3)));
-        image.sd_ml.into_iter().for_each(|sd| line(format!("sd_mL = {}", number(sd, 3))));
+        image
+            .sd_ml
+            .into_iter()
+            .for_each(|sd| line(format!("sd_mL = {}", number(sd, 3))));
     }
     if let Some(wall) = file.anatomy.wall_volume_ml {
         line(format!("\n[anatomy]\nwall_volume_mL = {}", number(wall, 3)));
@@ -145,8 +212,11 @@ pub fn toml(id: &str, folder: &RawFolder, prepared: &Prepared, facts: &Facts, lo
         let _ = write!(text, "\n{table}");
     }
     if let Some(preload) = &file.preload {
-        let _ =
-            writeln!(text, "\n[preload]\nleft_atrial_pressure_mmHg = {}", number(preload.left_atrial_pressure_mmhg, 3));
+        let _ = writeln!(
+            text,
+            "\n[preload]\nleft_atrial_pressure_mmHg = {}",
+            number(preload.left_atrial_pressure_mmhg, 3)
+        );
     }
     text
 }
@@ -158,5 +228,9 @@ fn quoted(text: &str) -> String {
 /// A number with so many decimals at most.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
 }

@@ -42,19 +42,33 @@ pub fn of(steps: &RawSteps) -> Settings {
             cycle_length_ms: steps.average.cycle_length_ms,
             beat: steps.average.beat.map(|number| number as usize),
         },
-        volume: match (steps.volume.enabled, steps.volume.factor, steps.volume.adjust) {
+        volume: match (
+            steps.volume.enabled,
+            steps.volume.factor,
+            steps.volume.adjust,
+        ) {
             (false, ..) => Adjust::Off,
             (true, Some(factor), _) => Adjust::By(factor),
             (true, None, VolumeAdjustment::Scale) => Adjust::Scale,
             (true, None, VolumeAdjustment::Shift) => Adjust::Shift,
         },
-        cycle: CycleSettings { enabled: steps.cycle.enabled, systole_factor: steps.cycle.systole_factor },
-        synchronise: SynchroniseSettings { enabled: steps.synchronise.enabled, lag_ms: steps.synchronise.lag_ms },
+        cycle: CycleSettings {
+            enabled: steps.cycle.enabled,
+            systole_factor: steps.cycle.systole_factor,
+        },
+        synchronise: SynchroniseSettings {
+            enabled: steps.synchronise.enabled,
+            lag_ms: steps.synchronise.lag_ms,
+        },
     }
 }
 
 /// The whole-heart image.
 pub fn whole_heart(file: &RawFile) -> Option<WholeHeart> {
     let image = file.whole_heart.as_ref()?;
-    Some(WholeHeart { time_ms: image.time_ms, volume_ml: image.volume_ml, sd_ml: image.sd_ml })
+    Some(WholeHeart {
+        time_ms: image.time_ms,
+        volume_ml: image.volume_ml,
+        sd_ml: image.sd_ml,
+    })
 }

@@ -25,7 +25,10 @@ const EVENTS_APART_MS: f64 = 25.0;
 
 /// What beats begin with.
 pub fn source_in_words(folder: &RawFolder, prepared: &Prepared) -> &'static str {
-    match (prepared.found.source, folder.recording.lv_pressure_mmhg.is_some()) {
+    match (
+        prepared.found.source,
+        folder.recording.lv_pressure_mmhg.is_some(),
+    ) {
         (Source::RWave, _) => "R wave",
         (Source::PressureRise, true) => "rise of the ventricle's pressure",
         (Source::PressureRise, false) => "rise of the aorta's pressure",
@@ -44,26 +47,46 @@ pub fn done(folder: &RawFolder, prepared: &Prepared, facts: &Facts, load: &Load)
         noise(prepared, facts, settings),
     ];
     match &prepared.volume {
-        Some(volume) => {
-            steps.extend([adjusted(volume, settings), cycle(volume, settings), synchronise(volume, prepared, settings)])
-        }
+        Some(volume) => steps.extend([
+            adjusted(volume, settings),
+            cycle(volume, settings),
+            synchronise(volume, prepared, settings),
+        ]),
         None => steps.extend(
-            ["volume", "cycle", "synchronise"].map(|name| step(name, StepState::Lacking, "no cine series", [])),
+            ["volume", "cycle", "synchronise"]
+                .map(|name| step(name, StepState::Lacking, "no cine series", [])),
         ),
     }
     steps.push(afterload(load));
     steps
 }
 
-fn step<const N: usize>(name: &str, state: StepState, what: impl Into<String>, numbers: [(&str, f64); N]) -> StepDone {
-    let numbers: BTreeMap<String, f64> =
-        numbers.into_iter().filter(|(_, v)| v.is_finite()).map(|(k, v)| (k.to_owned(), v)).collect();
-    StepDone { step: name.to_owned(), state, what: what.into(), numbers }
+fn step<const N: usize>(
+    name: &str,
+    state: StepState,
+    what: impl Into<String>,
+    numbers: [(&str, f64); N],
+) -> StepDone {
+    let numbers: BTreeMap<String, f64> = numbers
+        .into_iter()
+        .filter(|(_, v)| v.is_finite())
+        .map(|(k, v)| (k.to_owned(), v))
+        .collect();
+    StepDone {
+        step: name.to_owned(),
+        state,
+        what: what.into(),
+        numbers,
+    }
 }
 
 fn beats(folder: &RawFolder, prepared: &Prepared) -> StepDone {
     let found = &prepared.found;
-    let state = if found.source == Source::Given { StepState::Given } else { StepState::Done };
+    let state = if found.source == Source::Given {
+        StepState::Given
+    } else {
+        StepState::Done
+    };
     let lengths = found.beats.iter().map(|beat| beat.length_ms);
     let (low, high) = lengths.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(v), h.max(v)));
     let what = format!(
@@ -86,7 +109,11 @@ fn beats(folder: &RawFolder, prepared: &Prepared) -> StepDone {
 }
 
 fn reject(prepared: &Prepared, settings: &RawSteps) -> StepDone {
-    let n = prepared.reasons.iter().filter(|reasons| !reasons.is_empty()).count();
+    let n = prepared
+        .reasons
+        .iter()
+        .filter(|reasons| !reasons.is_empty())
+        .count();
     let state = match (settings.reject.enabled, n) {
         (false, _) => StepState::Off,
         (true, 0) => StepState::Unchanged,
@@ -97,12 +124,26 @@ fn reject(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         1 => format!("1 beat is left out: {}", counts(&prepared.reasons)),
         n => format!("{n} beats are left out: {}", counts(&prepared.reasons)),
     };
-    step("reject", state, what, [("left_out", n as f64), ("kept", (prepared.reasons.len() - n) as f64)])
+    step(
+        "reject",
+        state,
+        what,
+        [
+            ("left_out", n as f64),
+            ("kept", (prepared.reasons.len() - n) as f64),
+        ],
+    )
 }
 
 fn drift(prepared: &Prepared, settings: &RawSteps) -> StepDone {
-    let named = [("ventricle", prepared.drifts.lv_pressure), ("aorta", prepared.drifts.aortic_pressure)];
-    let seen: Vec<(&str, Drift)> = named.iter().filter_map(|(name, drift)| Some((*name, (*drift)?))).collect();
+    let named = [
+        ("ventricle", prepared.drifts.lv_pressure),
+        ("aorta", prepared.drifts.aortic_pressure),
+    ];
+    let seen: Vec<(&str, Drift)> = named
+        .iter()
+        .filter_map(|(name, drift)| Some((*name, (*drift)?)))
+        .collect();
     if seen.is_empty() {
         return step("drift", StepState::Lacking, "too few beats to see one", []);
     }
@@ -113,14 +154,29 @@ fn drift(prepared: &Prepared, settings: &RawSteps) -> StepDone {
             drift.mmhg_per_min, drift.standard_error_mmhg_per_min
         )
     };
-    let state = match (settings.drift.enabled, seen.iter().any(|(_, drift)| drift.removed)) {
+    let state = match (
+        settings.drift.enabled,
+        seen.iter().any(|(_, drift)| drift.removed),
+    ) {
         (false, _) => StepState::Off,
         (true, true) => StepState::Done,
         (true, false) => StepState::Unchanged,
     };
     let what = seen.iter().map(words).collect::<Vec<_>>().join("; ");
-    let of = |name: &str| seen.iter().find(|(n, _)| *n == name).map_or(f64::NAN, |(_, d)| d.mmhg_per_min);
-    step("drift", state, what, [("ventricle_mmHg_per_min", of("ventricle")), ("aorta_mmHg_per_min", of("aorta"))])
+    let of = |name: &str| {
+        seen.iter()
+            .find(|(n, _)| *n == name)
+            .map_or(f64::NAN, |(_, d)| d.mmhg_per_min)
+    };
+    step(
+        "drift",
+        state,
+        what,
+        [
+            ("ventricle_mmHg_per_min", of("ventricle")),
+            ("aorta_mmHg_per_min", of("aorta")),
+        ],
+    )
 }
 
 fn average(prepared: &Prepared, settings: &RawSteps) -> StepDone {
@@ -148,14 +204,21 @@ fn average(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         "{} beats of {low:.0} to {high:.0} ms, brought to {:.1} ms; {aligned}",
         average.n_averaged, average.cycle_length_ms
     );
-    let state = if settings.average.cycle_length_ms.is_some() { StepState::Given } else { StepState::Done };
+    let state = if settings.average.cycle_length_ms.is_some() {
+        StepState::Given
+    } else {
+        StepState::Done
+    };
     step("average", state, what, numbers)
 }
 
 fn noise(prepared: &Prepared, facts: &Facts, settings: &RawSteps) -> StepDone {
     let (rms, correlation) = facts.pressure_noise;
-    let given =
-        [settings.noise.pressure_rms_mmhg, settings.noise.pressure_correlation_ms, settings.noise.volume_rms_ml];
+    let given = [
+        settings.noise.pressure_rms_mmhg,
+        settings.noise.pressure_correlation_ms,
+        settings.noise.volume_rms_ml,
+    ];
     let mut words = Vec::new();
     if let Some(seen) = prepared.noise {
         let whose = match settings.noise.of {
@@ -171,17 +234,27 @@ fn noise(prepared: &Prepared, facts: &Facts, settings: &RawSteps) -> StepDone {
             100.0 * seen.strength_sd,
             seen.n_effective
         ));
-        rms.into_iter().for_each(|rms| words.push(format!("stated {whose}: {rms:.2} mmHg")));
+        rms.into_iter()
+            .for_each(|rms| words.push(format!("stated {whose}: {rms:.2} mmHg")));
     }
-    facts.volume_noise_ml.into_iter().for_each(|ml| words.push(format!("frames: {ml:.1} mL")));
+    facts
+        .volume_noise_ml
+        .into_iter()
+        .for_each(|ml| words.push(format!("frames: {ml:.1} mL")));
     let state = match (settings.noise.enabled, given.iter().any(Option::is_some)) {
         (_, true) => StepState::Given,
         (false, false) => StepState::Off,
         (true, false) if words.is_empty() => StepState::Lacking,
         (true, false) => StepState::Done,
     };
-    let what = if words.is_empty() { "too few beats to compare".to_owned() } else { words.join("; ") };
-    let seen = |value: fn(&cardiotwin_recordings::noise::Noise) -> f64| prepared.noise.as_ref().map_or(f64::NAN, value);
+    let what = if words.is_empty() {
+        "too few beats to compare".to_owned()
+    } else {
+        words.join("; ")
+    };
+    let seen = |value: fn(&cardiotwin_recordings::noise::Noise) -> f64| {
+        prepared.noise.as_ref().map_or(f64::NAN, value)
+    };
     step(
         "noise",
         state,
@@ -203,22 +276,45 @@ fn adjusted(volume: &PreparedVolume, settings: &RawSteps) -> StepDone {
         ("factor", a.factor),
         ("shift_mL", a.shift_ml),
         ("cine_volume_at_image_mL", a.before_ml.unwrap_or(f64::NAN)),
-        ("stroke_volume_before_mL", volume.original.stroke_volume_ml()),
+        (
+            "stroke_volume_before_mL",
+            volume.original.stroke_volume_ml(),
+        ),
         ("stroke_volume_mL", a.cine.stroke_volume_ml()),
     ];
-    let stroke =
-        format!("stroke volume {:.1} mL, was {:.1} mL", a.cine.stroke_volume_ml(), volume.original.stroke_volume_ml());
-    let (state, what) = match (settings.volume.enabled, settings.volume.factor, a.before_ml, settings.volume.adjust) {
+    let stroke = format!(
+        "stroke volume {:.1} mL, was {:.1} mL",
+        a.cine.stroke_volume_ml(),
+        volume.original.stroke_volume_ml()
+    );
+    let (state, what) = match (
+        settings.volume.enabled,
+        settings.volume.factor,
+        a.before_ml,
+        settings.volume.adjust,
+    ) {
         (false, ..) => (StepState::Off, "volumes stay as they are".to_owned()),
-        (true, Some(factor), ..) => (StepState::Given, format!("volumes times {factor}; {stroke}")),
-        (true, None, None, _) => (StepState::Lacking, "no whole-heart image: volumes stay as they are".to_owned()),
+        (true, Some(factor), ..) => (
+            StepState::Given,
+            format!("volumes times {factor}; {stroke}"),
+        ),
+        (true, None, None, _) => (
+            StepState::Lacking,
+            "no whole-heart image: volumes stay as they are".to_owned(),
+        ),
         (true, None, Some(before), VolumeAdjustment::Scale) => (
             StepState::Done,
-            format!("volumes times {:.4}: {before:.1} mL at the image's time become its own; {stroke}", a.factor),
+            format!(
+                "volumes times {:.4}: {before:.1} mL at the image's time become its own; {stroke}",
+                a.factor
+            ),
         ),
         (true, None, Some(before), VolumeAdjustment::Shift) => (
             StepState::Done,
-            format!("volumes {:+.2} mL: {before:.1} mL at the image's time become its own; {stroke}", a.shift_ml),
+            format!(
+                "volumes {:+.2} mL: {before:.1} mL at the image's time become its own; {stroke}",
+                a.shift_ml
+            ),
         ),
     };
     step("volume", state, what, numbers)
@@ -235,7 +331,10 @@ fn cycle(volume: &PreparedVolume, settings: &RawSteps) -> StepDone {
         (true, None) => StepState::Done,
     };
     let what = if (r.systole_factor - r.diastole_factor).abs() < 1e-9 {
-        format!("the cine's cycle of {from:.0} ms to {to:.0} ms, all of it by {:.3}", r.systole_factor)
+        format!(
+            "the cine's cycle of {from:.0} ms to {to:.0} ms, all of it by {:.3}",
+            r.systole_factor
+        )
     } else {
         format!(
             "the cine's cycle of {from:.0} ms to {to:.0} ms: systole by {:.3}, diastole by {:.3}",
@@ -259,22 +358,41 @@ fn cycle(volume: &PreparedVolume, settings: &RawSteps) -> StepDone {
 fn synchronise(volume: &PreparedVolume, prepared: &Prepared, settings: &RawSteps) -> StepDone {
     let lag = &volume.lag;
     let [opening, closure] = lag.by_events_ms.unwrap_or([f64::NAN; 2]);
-    let error = volume.ejection.map_or(f64::NAN, |ejection| ejection.middle_error_ms);
+    let error = volume
+        .ejection
+        .map_or(f64::NAN, |ejection| ejection.middle_error_ms);
     let valves = prepared.valves;
     let numbers = [
         ("lag_ms", lag.taken_ms()),
         ("lag_by_opening_ms", opening),
         ("lag_by_closure_ms", closure),
         ("standard_error_ms", error),
-        ("aortic_opening_ms", valves.map_or(f64::NAN, |v| v.aortic_opening_ms)),
-        ("aortic_closure_ms", valves.map_or(f64::NAN, |v| v.aortic_closure_ms)),
+        (
+            "aortic_opening_ms",
+            valves.map_or(f64::NAN, |v| v.aortic_opening_ms),
+        ),
+        (
+            "aortic_closure_ms",
+            valves.map_or(f64::NAN, |v| v.aortic_closure_ms),
+        ),
     ];
-    let (state, what) = match (settings.synchronise.enabled, settings.synchronise.lag_ms, lag.by_events_ms) {
-        (false, ..) => (StepState::Off, "pressure and volume stay as they are".to_owned()),
-        (true, Some(given), _) => (StepState::Given, format!("the volume moved by {:+.1} ms", -given)),
-        (true, None, None) => {
-            (StepState::Lacking, "valves' events are not seen in both: pressure and volume stay as they are".to_owned())
-        }
+    let (state, what) = match (
+        settings.synchronise.enabled,
+        settings.synchronise.lag_ms,
+        lag.by_events_ms,
+    ) {
+        (false, ..) => (
+            StepState::Off,
+            "pressure and volume stay as they are".to_owned(),
+        ),
+        (true, Some(given), _) => (
+            StepState::Given,
+            format!("the volume moved by {:+.1} ms", -given),
+        ),
+        (true, None, None) => (
+            StepState::Lacking,
+            "valves' events are not seen in both: pressure and volume stay as they are".to_owned(),
+        ),
         (true, None, Some(_)) => (
             StepState::Done,
             format!(
@@ -290,7 +408,11 @@ fn synchronise(volume: &PreparedVolume, prepared: &Prepared, settings: &RawSteps
 fn afterload(load: &Load) -> StepDone {
     let parameters = load.parameters();
     let numbers = parameters.as_ref().map_or([f64::NAN; 3], |p| {
-        [p.characteristic_resistance_mmhg_s_per_ml, p.peripheral_resistance_mmhg_s_per_ml, p.compliance_ml_per_mmhg]
+        [
+            p.characteristic_resistance_mmhg_s_per_ml,
+            p.peripheral_resistance_mmhg_s_per_ml,
+            p.compliance_ml_per_mmhg,
+        ]
     });
     let [r1, r2, c] = numbers;
     let (state, what) = match (load, load.how()) {
@@ -299,7 +421,10 @@ fn afterload(load: &Load) -> StepDone {
         (Load::Failed(why), _) => (StepState::Lacking, why.clone()),
         (_, how) => {
             let how = how.unwrap_or_default();
-            (StepState::Done, format!("R1 {r1:.4}, R2 {r2:.4} mmHg s/mL, C {c:.3} mL/mmHg, {how}"))
+            (
+                StepState::Done,
+                format!("R1 {r1:.4}, R2 {r2:.4} mmHg s/mL, C {c:.3} mL/mmHg, {how}"),
+            )
         }
     };
     step(
@@ -318,19 +443,31 @@ fn afterload(load: &Load) -> StepDone {
 pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
     let mut said = Vec::new();
     let n = prepared.reasons.len();
-    let left_out = prepared.reasons.iter().filter(|reasons| !reasons.is_empty()).count();
+    let left_out = prepared
+        .reasons
+        .iter()
+        .filter(|reasons| !reasons.is_empty())
+        .count();
     if left_out as f64 > MANY_LEFT_OUT * n as f64 {
         said.push(format!(
             "{left_out} of {n} beats are left out: look at beats.svg, and at [steps.reject] of prepare.toml"
         ));
     }
     if folder.file.steps.average.enabled && prepared.average.n_averaged < FEW_BEATS {
-        said.push(format!("the mean is of {} only", beats_in_words(prepared.average.n_averaged)));
+        said.push(format!(
+            "the mean is of {} only",
+            beats_in_words(prepared.average.n_averaged)
+        ));
     }
     if prepared.average.lv_pressure.is_none() {
-        said.push("there is no pressure of the ventricle: a patient needs one, or its biomarkers".to_owned());
+        said.push(
+            "there is no pressure of the ventricle: a patient needs one, or its biomarkers"
+                .to_owned(),
+        );
     }
-    let Some(volume) = &prepared.volume else { return said };
+    let Some(volume) = &prepared.volume else {
+        return said;
+    };
     if !LARGE_FACTOR.contains(&volume.adjusted.factor) {
         said.push(format!(
             "volumes are multiplied by {:.3} to meet the whole-heart image: check its time, and both segmentations",
@@ -343,11 +480,20 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         ));
     }
     if prepared.valves.is_some() && volume.ejection.is_none() {
-        said.push("no ejection is seen among the cine's frames: pressure and volume are not synchronised".to_owned());
+        said.push(
+            "no ejection is seen among the cine's frames: pressure and volume are not synchronised"
+                .to_owned(),
+        );
     }
     let given = folder.file.steps.synchronise.lag_ms.is_some();
-    if let Some(ejection) = volume.ejection.filter(|e| !given && e.middle_error_ms > UNCERTAIN_MS) {
-        said.push(format!("the lag is known to {:.0} ms only: the frames are few or noisy", ejection.middle_error_ms));
+    if let Some(ejection) = volume
+        .ejection
+        .filter(|e| !given && e.middle_error_ms > UNCERTAIN_MS)
+    {
+        said.push(format!(
+            "the lag is known to {:.0} ms only: the frames are few or noisy",
+            ejection.middle_error_ms
+        ));
     }
     if let Some([opening, closure]) = volume.lag.by_events_ms
         && (opening - closure).abs() > EVENTS_APART_MS
@@ -360,5 +506,9 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
 }
 
 fn beats_in_words(n: usize) -> String {
-    if n == 1 { "1 beat".to_owned() } else { format!("{n} beats") }
+    if n == 1 {
+        "1 beat".to_owned()
+    } else {
+        format!("{n} beats")
+    }
 }

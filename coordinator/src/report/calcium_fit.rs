@@ -7,14 +7,27 @@ use super::plot::{Axis, Chart, Mark, Scale, Series, SvgText};
 
 /// The file's text. `measured` and `fitted`: time in ms, calcium in µM. None where no sample is finite.
 #[must_use]
-pub fn calcium_fit_svg(answer: &CalciumFitAnswer, measured: &[(f64, f64)], fitted: &[(f64, f64)]) -> Option<String> {
+pub fn calcium_fit_svg(
+    answer: &CalciumFitAnswer,
+    measured: &[(f64, f64)],
+    fitted: &[(f64, f64)],
+) -> Option<String> {
     let (first, last) = (measured.first()?.0, measured.last()?.0);
     let values = measured.iter().chain(fitted).map(|point| point.1);
     let x = Axis::new("time (ms)", "ms", Scale::exact(first, last));
     let y = Axis::new("calcium (µM)", "µM", Scale::linear(values, true)?);
-    let mut chart = Chart::new(format!("calcium transient {} and Rice's curve", answer.trace), x, y);
+    let mut chart = Chart::new(
+        format!("calcium transient {} and Rice's curve", answer.trace),
+        x,
+        y,
+    );
     let samples = format!("{} ({} samples)", answer.trace, answer.n_samples);
-    chart.series.push(Series { class: "measured", name: samples, points: measured.to_vec(), dots: true });
+    chart.series.push(Series {
+        class: "measured",
+        name: samples,
+        points: measured.to_vec(),
+        dots: true,
+    });
     let name = format!(
         "Rice: {} to {} µM, time constants {} and {} ms, residual {} µM",
         significant(answer.ca_res_um, 3),
@@ -23,10 +36,23 @@ pub fn calcium_fit_svg(answer: &CalciumFitAnswer, measured: &[(f64, f64)], fitte
         significant(answer.tau_cd_ms, 3),
         significant(answer.root_mean_square_um, 2)
     );
-    chart.series.push(Series { class: "step2", name, points: fitted.to_vec(), dots: false });
+    chart.series.push(Series {
+        class: "step2",
+        name,
+        points: fitted.to_vec(),
+        dots: false,
+    });
     for (level, sub) in [(answer.ca_res_um, "res"), (answer.ca_max_um, "max")] {
-        let label = SvgText { text: "Ca".into(), sub: sub.into(), after: String::new() };
-        chart.marks.push(Mark::Across { y: level, class: "level", label: Some((label, -5.0)) });
+        let label = SvgText {
+            text: "Ca".into(),
+            sub: sub.into(),
+            after: String::new(),
+        };
+        chart.marks.push(Mark::Across {
+            y: level,
+            class: "level",
+            label: Some((label, -5.0)),
+        });
     }
     Some(chart.file())
 }

@@ -14,7 +14,12 @@ use crate::results::{Biomarker, MeanSd, PatientView, Source, Step};
 pub type Link<'a> = &'a dyn Fn(&PatientRecord) -> String;
 
 /// Mean of the absolute relative differences of a biomarker over patients, percent.
-fn mean_error(patients: &[PatientRecord], step: Step, b: Biomarker, converged_only: bool) -> Option<MeanSd> {
+fn mean_error(
+    patients: &[PatientRecord],
+    step: Step,
+    b: Biomarker,
+    converged_only: bool,
+) -> Option<MeanSd> {
     MeanSd::of(
         patients
             .iter()
@@ -32,30 +37,48 @@ fn sentence(run: &RunRecord) -> String {
         .patients
         .iter()
         .filter_map(|p| match &p.step1 {
-            Some(s) if matches!(s.quality, Step1Quality::Stalled { .. }) => {
-                Some(format!("{} (iteration {} taken)", p.plan.id, s.best_iteration))
-            }
+            Some(s) if matches!(s.quality, Step1Quality::Stalled { .. }) => Some(format!(
+                "{} (iteration {} taken)",
+                p.plan.id, s.best_iteration
+            )),
             _ => None,
         })
         .collect();
     let verified = of(&|p| p.verification.is_some());
     let failed = of(&|p| p.failure.is_some());
-    let mut text = format!("{}: step 1 converged for {converged}", count(run.patients.len(), "patient"));
+    let mut text = format!(
+        "{}: step 1 converged for {converged}",
+        count(run.patients.len(), "patient")
+    );
     if !stalled.is_empty() {
-        let names = if stalled.len() <= 5 { format!(": {}", stalled.join(", ")) } else { String::new() };
+        let names = if stalled.len() <= 5 {
+            format!(": {}", stalled.join(", "))
+        } else {
+            String::new()
+        };
         text += &format!(", stalled for {}{names}", stalled.len());
     }
-    let personalised = of(&|p| p.verdict.as_ref().is_some_and(|verdict| verdict.personalised));
-    text += &format!("; step 2 is verified in the organ for {verified}, of whom {personalised} are personalised");
-    let short_of = of(&|p| p.cell_fit.as_ref().is_some_and(|f| !f.result.unreachable_targets.is_empty()));
+    let personalised = of(&|p| {
+        p.verdict
+            .as_ref()
+            .is_some_and(|verdict| verdict.personalised)
+    });
+    text += &format!(
+        "; step 2 is verified in the organ for {verified}, of whom {personalised} are personalised"
+    );
+    let short_of = of(&|p| {
+        p.cell_fit
+            .as_ref()
+            .is_some_and(|f| !f.result.unreachable_targets.is_empty())
+    });
     if short_of > 0 {
         text += &format!(", with targets out of the cell's reach for {short_of}");
     }
     if failed > 0 {
         text += &format!("; {failed} failed");
     }
-    let open =
-        run.patients.len() - of(&|p| p.failure.is_some() || p.status.state == "done" || p.status.state == "cancelled");
+    let open = run.patients.len()
+        - of(&|p| p.failure.is_some() || p.status.state == "done" || p.status.state == "cancelled");
     if open > 0 {
         text += &format!("; {open} not finished");
     }
@@ -70,13 +93,21 @@ pub fn header(run: &RunRecord) -> Markup {
         .iter()
         .flat_map(|p| PatientView(p).tasks())
         .map(|(_, _, _, p)| match &p.commit {
-            Some(commit) => format!("{} ({})", p.version, commit.chars().take(10).collect::<String>()),
+            Some(commit) => format!(
+                "{} ({})",
+                p.version,
+                commit.chars().take(10).collect::<String>()
+            ),
             None => p.version.clone(),
         })
         .collect();
     versions.sort();
     versions.dedup();
-    let wall: f64 = run.patients.iter().filter_map(|p| PatientView(p).wall_s()).fold(0.0, |a, b| a + b);
+    let wall: f64 = run
+        .patients
+        .iter()
+        .filter_map(|p| PatientView(p).wall_s())
+        .fold(0.0, |a, b| a + b);
     html! {
         header.top {
             h1 { (run.cohort) }
@@ -122,11 +153,19 @@ fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
 #[must_use]
 pub fn against_the_paper(run: &RunRecord) -> Markup {
     let patients = &run.patients;
-    let n = |step: Step| patients.iter().filter(|p| PatientView(p).beat(step).is_some()).count();
+    let n = |step: Step| {
+        patients
+            .iter()
+            .filter(|p| PatientView(p).beat(step).is_some())
+            .count()
+    };
     if n(Step::Step1) == 0 {
         return html! { p.absent { "No simulation has succeeded yet: there are no errors to show." } };
     }
-    let converged = patients.iter().filter(|p| PatientView(p).step1_converged()).count();
+    let converged = patients
+        .iter()
+        .filter(|p| PatientView(p).step1_converged())
+        .count();
     html! {
         h2 id="errors" { "Errors" }
         p.quiet { "Absolute differences to the measured biomarkers, percent of the measured value; the paper is Jung et al. 2022, Table 2 (seven patients)." }
@@ -201,7 +240,9 @@ fn spread_out<'a>(found: &[(&'a PatientRecord, f64)], n: usize) -> Vec<(&'a Pati
     let mut sorted = found.to_vec();
     sorted.sort_by(|a, b| a.1.total_cmp(&b.1));
     // A stride that shares no factor with n scatters neighbours in size across the width.
-    (0..n).map(|i| sorted[(i * 61 % n) * (sorted.len() - 1) / (n - 1)]).collect()
+    (0..n)
+        .map(|i| sorted[(i * 61 % n) * (sorted.len() - 1) / (n - 1)])
+        .collect()
 }
 
 /// A dot per patient and biomarker, the means as bars.
@@ -211,8 +252,16 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
         Step::Step2 => Source::Step2.name(),
         Step::Step3 => Source::Step3.name(),
     };
-    let error = |p: &PatientRecord, b| PatientView(p).relative_difference(step, b).map(|d| 100.0 * d.abs());
-    let all = patients.iter().flat_map(|p| Biomarker::TABLE_2.into_iter().filter_map(move |b| error(p, b)));
+    let error = |p: &PatientRecord, b| {
+        PatientView(p)
+            .relative_difference(step, b)
+            .map(|d| 100.0 * d.abs())
+    };
+    let all = patients.iter().flat_map(|p| {
+        Biomarker::TABLE_2
+            .into_iter()
+            .filter_map(move |b| error(p, b))
+    });
     let Some(scale) = Scale::linear(all.chain(paper.iter().copied()), true) else {
         return html! { p.absent { "No simulation of this step has succeeded yet." } };
     };
@@ -222,18 +271,39 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
             .map(|(n, k)| (f64::from(k), n.to_owned()))
             .collect(),
     );
-    let mut chart = Chart::new("errors of each patient by biomarker", x, Axis::new("error (%)", "%", scale));
+    let mut chart = Chart::new(
+        "errors of each patient by biomarker",
+        x,
+        Axis::new("error (%)", "%", scale),
+    );
     chart.size = (560.0, 240.0);
     chart.margins = [50.0, 10.0, 12.0, 26.0];
     chart.reading = Reading::Off;
     for (k, b) in Biomarker::TABLE_2.into_iter().enumerate() {
         let centre = k as f64 + 1.0;
-        let found: Vec<_> = patients.iter().filter_map(|p| Some((p, error(p, b)?))).collect();
+        let found: Vec<_> = patients
+            .iter()
+            .filter_map(|p| Some((p, error(p, b)?)))
+            .collect();
         let dots = spread_out(&found, DOTS);
         for (i, (p, error)) in dots.iter().enumerate() {
-            let spread = if dots.len() > 1 { i as f64 / (dots.len() - 1) as f64 - 0.5 } else { 0.0 };
-            let title = format!("{}: {} %", p.plan.id, percent(PatientView(p).relative_difference(step, b)));
-            chart.marks.push(Mark::Point { x: centre + 0.36 * spread, y: *error, class, title, label: None });
+            let spread = if dots.len() > 1 {
+                i as f64 / (dots.len() - 1) as f64 - 0.5
+            } else {
+                0.0
+            };
+            let title = format!(
+                "{}: {} %",
+                p.plan.id,
+                percent(PatientView(p).relative_difference(step, b))
+            );
+            chart.marks.push(Mark::Point {
+                x: centre + 0.36 * spread,
+                y: *error,
+                class,
+                title,
+                label: None,
+            });
         }
         let bar = |y: f64, class, label: Option<SvgText>| Mark::Segment {
             from: (centre - 0.34, y),
@@ -279,13 +349,14 @@ struct Column {
 
 fn columns() -> Vec<Column> {
     const GAP: &str = "measured end-diastolic volume minus simulated volume at the beat's end";
-    let column = |step, head: Markup, meaning, show, of: Box<dyn Fn(PatientView) -> Option<f64>>| Column {
-        step,
-        head,
-        meaning,
-        show,
-        of,
-    };
+    let column =
+        |step, head: Markup, meaning, show, of: Box<dyn Fn(PatientView) -> Option<f64>>| Column {
+            step,
+            head,
+            meaning,
+            show,
+            of,
+        };
     let errors = |name, step| {
         Biomarker::TABLE_2.map(|b| {
             column(
@@ -299,11 +370,23 @@ fn columns() -> Vec<Column> {
     };
     let gap = |name, step| {
         let of = move |v: PatientView| v.simulated(step).and_then(|b| b.end_of_beat_gap_ml);
-        column(name, html! { "gap," br; "mL" }, GAP, Show::Tenths, Box::new(of))
+        column(
+            name,
+            html! { "gap," br; "mL" },
+            GAP,
+            Show::Tenths,
+            Box::new(of),
+        )
     };
     let iterations = |v: PatientView| Some(v.0.iterations.len() as f64).filter(|n| *n > 0.0);
     let mut all = vec![
-        column("step 1", html! { "iter." }, "simulations of step 1", Show::Count, Box::new(iterations)),
+        column(
+            "step 1",
+            html! { "iter." },
+            "simulations of step 1",
+            Show::Count,
+            Box::new(iterations),
+        ),
         column(
             "step 1",
             html! { "cost" },
@@ -325,10 +408,22 @@ fn columns() -> Vec<Column> {
     all.extend(errors("step 2", Step::Step2));
     all.push(gap("step 2", Step::Step2));
     let organ = "cost of the verification beat by step 1's formula";
-    all.push(column("step 2", html! { "organ" br; "cost" }, organ, Show::Cost, Box::new(|v| v.0.verification_cost)));
+    all.push(column(
+        "step 2",
+        html! { "organ" br; "cost" },
+        organ,
+        Show::Cost,
+        Box::new(|v| v.0.verification_cost),
+    ));
     all.extend(errors("step 3", Step::Step3));
     all.push(gap("step 3", Step::Step3));
-    all.push(column("", html! { "time" }, "wall time of all tasks", Show::Time, Box::new(|v| v.wall_s())));
+    all.push(column(
+        "",
+        html! { "time" },
+        "wall time of all tasks",
+        Show::Time,
+        Box::new(|v| v.wall_s()),
+    ));
     all
 }
 
@@ -348,14 +443,19 @@ fn cell(column: &Column, first: bool, patient: &PatientRecord) -> Markup {
         (Show::Tenths, value) => fixed(value, 1),
         (Show::Time, Some(s)) => duration(s),
     };
-    let short_of =
-        column.show == Show::Fit && patient.cell_fit.as_ref().is_some_and(|f| !f.result.unreachable_targets.is_empty());
+    let short_of = column.show == Show::Fit
+        && patient
+            .cell_fit
+            .as_ref()
+            .is_some_and(|f| !f.result.unreachable_targets.is_empty());
     html! { td class={ "num" (group) (size) } { (text) @if short_of { span.warn title="not all targets are reachable" { " ▲" } } } }
 }
 
 /// Whether each column opens a group.
 fn opens(columns: &[Column]) -> Vec<bool> {
-    (0..columns.len()).map(|i| i == 0 || columns[i].step != columns[i - 1].step).collect()
+    (0..columns.len())
+        .map(|i| i == 0 || columns[i].step != columns[i - 1].step)
+        .collect()
 }
 
 /// One row per patient; below them mean, SD and the paper's means.
@@ -366,7 +466,15 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
     let spread: Vec<Option<MeanSd>> = columns
         .iter()
         .map(|c| {
-            let value = |p| (c.of)(PatientView(p)).map(|v| if c.show == Show::Error { 100.0 * v.abs() } else { v });
+            let value = |p| {
+                (c.of)(PatientView(p)).map(|v| {
+                    if c.show == Show::Error {
+                        100.0 * v.abs()
+                    } else {
+                        v
+                    }
+                })
+            };
             MeanSd::of(run.patients.iter().map(value))
         })
         .collect();
@@ -377,9 +485,16 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
         (_, v) => fixed(v, 1),
     };
     let paper = |i: usize| {
-        let nth = columns[..i].iter().filter(|c| c.show == Show::Error).count();
-        let all = Biomarker::PAPER_STEP1_PERCENT.into_iter().chain(Biomarker::PAPER_STEP2_PERCENT);
-        all.into_iter().nth(nth).filter(|_| columns[i].show == Show::Error)
+        let nth = columns[..i]
+            .iter()
+            .filter(|c| c.show == Show::Error)
+            .count();
+        let all = Biomarker::PAPER_STEP1_PERCENT
+            .into_iter()
+            .chain(Biomarker::PAPER_STEP2_PERCENT);
+        all.into_iter()
+            .nth(nth)
+            .filter(|_| columns[i].show == Show::Error)
     };
     let group = |open: bool| open.then_some("group");
     scrolling(&html! {

@@ -14,9 +14,18 @@ const SMALL_MARGINS: [f64; 4] = [48.0, 12.0, 14.0, 38.0];
 fn iteration_axis(iterations: &[IterationRecord]) -> Axis {
     let last = iterations.iter().map(|i| i.number).max().unwrap_or(1);
     let first = iterations.iter().map(|i| i.number).min().unwrap_or(1);
-    let mut axis = Axis::new("iteration", "", Scale::exact(f64::from(first) - 0.3, f64::from(last) + 0.3));
+    let mut axis = Axis::new(
+        "iteration",
+        "",
+        Scale::exact(f64::from(first) - 0.3, f64::from(last) + 0.3),
+    );
     let every = (last - first) / 10 + 1;
-    axis.fixed = Some((first..=last).step_by(every as usize).map(|k| (f64::from(k), k.to_string())).collect());
+    axis.fixed = Some(
+        (first..=last)
+            .step_by(every as usize)
+            .map(|k| (f64::from(k), k.to_string()))
+            .collect(),
+    );
     axis
 }
 
@@ -30,7 +39,11 @@ fn small(alt: String, x: Axis, y: Axis) -> Chart {
 }
 
 /// Marks the iterate that was taken and those that failed.
-fn mark_iterations(chart: &mut Chart, patient: &PatientRecord, y_of: impl Fn(&IterationRecord) -> Option<f64>) {
+fn mark_iterations(
+    chart: &mut Chart,
+    patient: &PatientRecord,
+    y_of: impl Fn(&IterationRecord) -> Option<f64>,
+) {
     let taken = PatientView(patient).best_iteration().map(|i| i.number);
     for iteration in &patient.iterations {
         let x = f64::from(iteration.number);
@@ -39,9 +52,20 @@ fn mark_iterations(chart: &mut Chart, patient: &PatientRecord, y_of: impl Fn(&It
         }
         if let Some(failure) = &iteration.failure {
             let (lo, hi, _) = chart.y.scale.ends();
-            let y = y_of(iteration).unwrap_or_else(|| if lo > 0.0 { (lo * hi).sqrt() } else { 0.5 * (lo + hi) });
+            let y = y_of(iteration).unwrap_or_else(|| {
+                if lo > 0.0 {
+                    (lo * hi).sqrt()
+                } else {
+                    0.5 * (lo + hi)
+                }
+            });
             let title = format!("iteration {} failed: {}", iteration.number, failure.message);
-            chart.marks.push(Mark::Cross { x, y, class: "failed", title });
+            chart.marks.push(Mark::Cross {
+                x,
+                y,
+                class: "failed",
+                title,
+            });
         }
     }
 }
@@ -53,23 +77,41 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     let points: Vec<_> = patient
         .iterations
         .iter()
-        .filter_map(|i| i.cost.filter(|c| c.is_finite()).map(|c| (f64::from(i.number), c)))
+        .filter_map(|i| {
+            i.cost
+                .filter(|c| c.is_finite())
+                .map(|c| (f64::from(i.number), c))
+        })
         .collect();
     let promised = |i: &IterationRecord| i.proposal.as_ref().map(|task| task.result.predicted_cost);
     let predicted: Vec<_> = patient
         .iterations
         .iter()
-        .filter_map(|i| promised(i).filter(|c| *c > 0.0).map(|c| (f64::from(i.number), c)))
+        .filter_map(|i| {
+            promised(i)
+                .filter(|c| *c > 0.0)
+                .map(|c| (f64::from(i.number), c))
+        })
         .collect();
-    let shown = points.iter().chain(predicted.iter().filter(|_| !points.is_empty())).map(|p| p.1);
-    let scale = Scale::log(shown.chain((!points.is_empty()).then_some(0.7 * tolerance)), 3.0)?;
+    let shown = points
+        .iter()
+        .chain(predicted.iter().filter(|_| !points.is_empty()))
+        .map(|p| p.1);
+    let scale = Scale::log(
+        shown.chain((!points.is_empty()).then_some(0.7 * tolerance)),
+        3.0,
+    )?;
     let mut chart = small(
         format!("cost of {} by iteration", patient.plan.id),
         iteration_axis(&patient.iterations),
         Axis::new("cost", "", scale),
     );
     let label = SvgText::from(format!("converged at {}", significant(tolerance, 1)).as_str());
-    chart.marks.push(Mark::Across { y: tolerance, class: "level", label: Some((label, 14.0)) });
+    chart.marks.push(Mark::Across {
+        y: tolerance,
+        class: "level",
+        label: Some((label, 14.0)),
+    });
     if !predicted.is_empty() {
         chart.series.push(Series {
             class: "mean",
@@ -78,7 +120,12 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
             dots: true,
         });
     }
-    chart.series.push(Series { class: "measured", name: "cost".into(), points, dots: true });
+    chart.series.push(Series {
+        class: "measured",
+        name: "cost".into(),
+        points,
+        dots: true,
+    });
     mark_iterations(&mut chart, patient, |i| i.cost);
     Some(chart)
 }
@@ -86,22 +133,44 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
 /// One chart per updated parameter, relative to the first guess, all on one logarithmic axis.
 #[must_use]
 pub fn parameters(patient: &PatientRecord) -> Vec<(&'static str, Chart)> {
-    let Some(first) = patient.iterations.first() else { return Vec::new() };
+    let Some(first) = patient.iterations.first() else {
+        return Vec::new();
+    };
     let first_values = first.parameters.updated();
     let relative = |i: &IterationRecord, k: usize| i.parameters.updated()[k] / first_values[k];
-    let all = (0..6).flat_map(|k| patient.iterations.iter().map(move |i| (i, k))).map(|(i, k)| relative(i, k));
-    let Some(scale) = Scale::log(all, 2.0) else { return Vec::new() };
+    let all = (0..6)
+        .flat_map(|k| patient.iterations.iter().map(move |i| (i, k)))
+        .map(|(i, k)| relative(i, k));
+    let Some(scale) = Scale::log(all, 2.0) else {
+        return Vec::new();
+    };
     let charts = STEP1_PARAMETERS.into_iter().enumerate().map(|(k, key)| {
         let label = Label::of(key);
         let mut chart = small(
-            format!("{key} of {} by iteration, relative to the first guess", patient.plan.id),
+            format!(
+                "{key} of {} by iteration, relative to the first guess",
+                patient.plan.id
+            ),
             iteration_axis(&patient.iterations),
             Axis::new("× first guess", "× first guess", scale),
         );
-        chart.marks.push(Mark::Across { y: 1.0, class: "level", label: None });
-        let points = patient.iterations.iter().map(|i| (f64::from(i.number), relative(i, k))).collect();
+        chart.marks.push(Mark::Across {
+            y: 1.0,
+            class: "level",
+            label: None,
+        });
+        let points = patient
+            .iterations
+            .iter()
+            .map(|i| (f64::from(i.number), relative(i, k)))
+            .collect();
         let name = label.map_or(key, |l| l.meaning).to_owned();
-        chart.series.push(Series { class: "step1", name, points, dots: true });
+        chart.series.push(Series {
+            class: "step1",
+            name,
+            points,
+            dots: true,
+        });
         mark_iterations(&mut chart, patient, |i| Some(relative(i, k)));
         (key, chart)
     });
@@ -113,14 +182,25 @@ pub fn parameters(patient: &PatientRecord) -> Vec<(&'static str, Chart)> {
 /// # Errors
 /// The sentence that says why `convergence.csv` cannot be shown.
 pub fn evolution(patient: &PatientRecord) -> Result<Chart, String> {
-    let Some(fit) = &patient.cell_fit else { return Err("Step 2 has not finished.".to_owned()) };
+    let Some(fit) = &patient.cell_fit else {
+        return Err("Step 2 has not finished.".to_owned());
+    };
     let Some(file) = fit.artefact("convergence") else {
         return Err("Step 2 left no convergence.csv.".to_owned());
     };
     let columns = Columns::read(&file).map_err(|e| e.to_string())?;
-    let best = columns.pairs("evaluations", "best_cost").unwrap_or_default();
-    let mean = columns.pairs("evaluations", "mean_cost").unwrap_or_default();
-    let unusable = || format!("{} has no usable columns `evaluations` and `best_cost`.", file.display());
+    let best = columns
+        .pairs("evaluations", "best_cost")
+        .unwrap_or_default();
+    let mean = columns
+        .pairs("evaluations", "mean_cost")
+        .unwrap_or_default();
+    let unusable = || {
+        format!(
+            "{} has no usable columns `evaluations` and `best_cost`.",
+            file.display()
+        )
+    };
     let last = best.last().ok_or_else(unusable)?.0;
     // A population starts with candidates whose cost is that of a failed cell: the axis follows the best cost, and the
     // mean enters the plot once it says something beside it.
@@ -128,11 +208,24 @@ pub fn evolution(patient: &PatientRecord) -> Result<Chart, String> {
     let mean: Vec<_> = mean.into_iter().filter(|p| p.1 <= ceiling).collect();
     let scale = Scale::log(best.iter().chain(&mean).map(|p| p.1), 3.0).ok_or_else(unusable)?;
     let mut chart = Chart::new(
-        format!("convergence of differential evolution of {}", patient.plan.id),
+        format!(
+            "convergence of differential evolution of {}",
+            patient.plan.id
+        ),
         Axis::new("cell evaluations", "evaluations", Scale::exact(0.0, last)),
         Axis::new("cost", "", scale),
     );
-    chart.series.push(Series { class: "mean", name: "population mean".into(), points: mean, dots: false });
-    chart.series.push(Series { class: "step2", name: "best".into(), points: best, dots: false });
+    chart.series.push(Series {
+        class: "mean",
+        name: "population mean".into(),
+        points: mean,
+        dots: false,
+    });
+    chart.series.push(Series {
+        class: "step2",
+        name: "best".into(),
+        points: best,
+        dots: false,
+    });
     Ok(chart)
 }

@@ -9,7 +9,12 @@ use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
 use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
 
 /// Order in which lines are drawn, the measured one on top.
-const SOURCES: [Source; 4] = [Source::Step2, Source::Step1, Source::Step3, Source::Measured];
+const SOURCES: [Source; 4] = [
+    Source::Step2,
+    Source::Step1,
+    Source::Step3,
+    Source::Measured,
+];
 
 /// Name of a source's line.
 #[must_use]
@@ -68,7 +73,11 @@ pub fn at(points: &[(f64, f64)], x: f64) -> Option<f64> {
 }
 
 fn time_axis(patient: &PatientRecord) -> Axis {
-    Axis::new("time (ms)", "ms", Scale::exact(0.0, patient.plan.step0.cycle_length_ms))
+    Axis::new(
+        "time (ms)",
+        "ms",
+        Scale::exact(0.0, patient.plan.step0.cycle_length_ms),
+    )
 }
 
 /// A chart of one kind of signal over time, a line per source. `None` where nothing was read.
@@ -80,9 +89,17 @@ fn over_time(
     from_zero: bool,
 ) -> Option<Chart> {
     let unit = if kind.unit() == "1" { "" } else { kind.unit() };
-    let values = signals.all.iter().filter(|s| s.kind == kind).flat_map(|s| s.points.iter().map(|p| p.1));
+    let values = signals
+        .all
+        .iter()
+        .filter(|s| s.kind == kind)
+        .flat_map(|s| s.points.iter().map(|p| p.1));
     let y = Axis::new(title, unit, Scale::linear(values, from_zero)?);
-    let mut chart = Chart::new(format!("{} of {} over time", kind.name(), patient.plan.id), time_axis(patient), y);
+    let mut chart = Chart::new(
+        format!("{} of {} over time", kind.name(), patient.plan.id),
+        time_axis(patient),
+        y,
+    );
     for source in SOURCES {
         if let Some(points) = signals.get(source, kind) {
             let mut points = points.to_vec();
@@ -91,7 +108,12 @@ fn over_time(
                 points.push((patient.plan.step0.cycle_length_ms, points[0].1));
             }
             points.retain(|p| p.0 <= patient.plan.step0.cycle_length_ms);
-            chart.series.push(Series { class: source.name(), name: line_name(source, patient), points, dots: false });
+            chart.series.push(Series {
+                class: source.name(),
+                name: line_name(source, patient),
+                points,
+                dots: false,
+            });
         }
     }
     Some(chart)
@@ -111,22 +133,45 @@ fn time_points(patient: &PatientRecord, source: Source) -> Option<TimePoints> {
 /// Marks the time points on the lines: with names where measured, as small dots elsewhere.
 fn mark_times(chart: &mut Chart, patient: &PatientRecord, signals: &Signals, kind: SignalKind) {
     for source in SOURCES {
-        let (Some(times), Some(points)) = (time_points(patient, source), signals.get(source, kind)) else { continue };
+        let (Some(times), Some(points)) = (time_points(patient, source), signals.get(source, kind))
+        else {
+            continue;
+        };
         let named: &[(&str, &str, Option<f64>, f64, f64)] = match kind {
             SignalKind::Pressure => &[
-                ("1", "upstroke through 10 % of the amplitude", times.t1_ms, -12.0, -6.0),
+                (
+                    "1",
+                    "upstroke through 10 % of the amplitude",
+                    times.t1_ms,
+                    -12.0,
+                    -6.0,
+                ),
                 ("2", "peak pressure", times.t2_ms, 0.0, -8.0),
-                ("3", "downstroke through 10 % of the amplitude", times.t3_ms, 14.0, -6.0),
+                (
+                    "3",
+                    "downstroke through 10 % of the amplitude",
+                    times.t3_ms,
+                    14.0,
+                    -6.0,
+                ),
             ],
             _ => &[
                 ("4", "ejection begins", times.t4_ms, 12.0, 0.0),
                 ("5", "ejection ends", times.t5_ms, -10.0, 14.0),
                 ("6", "filling begins", times.t6_ms, 10.0, 14.0),
-                ("7", "80 % of the volume is recovered", times.t7_ms, -12.0, -6.0),
+                (
+                    "7",
+                    "80 % of the volume is recovered",
+                    times.t7_ms,
+                    -12.0,
+                    -6.0,
+                ),
             ],
         };
         for (number, meaning, time, dx, dy) in named {
-            let Some((time, y)) = time.and_then(|t| Some((t, at(points, t)?))) else { continue };
+            let Some((time, y)) = time.and_then(|t| Some((t, at(points, t)?))) else {
+                continue;
+            };
             chart.marks.push(Mark::Point {
                 x: time,
                 y,
@@ -138,8 +183,17 @@ fn mark_times(chart: &mut Chart, patient: &PatientRecord, signals: &Signals, kin
                     significant(y, 4),
                     kind.unit()
                 ),
-                label: (source == Source::Measured)
-                    .then(|| (SvgText { text: "t".into(), sub: (*number).into(), after: String::new() }, *dx, *dy)),
+                label: (source == Source::Measured).then(|| {
+                    (
+                        SvgText {
+                            text: "t".into(),
+                            sub: (*number).into(),
+                            after: String::new(),
+                        },
+                        *dx,
+                        *dy,
+                    )
+                }),
             });
         }
     }
@@ -148,22 +202,42 @@ fn mark_times(chart: &mut Chart, patient: &PatientRecord, signals: &Signals, kin
 /// Pressure with t1 to t3, the 10 % level whose crossings they are, and the aortic pressure.
 #[must_use]
 pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
-    let mut chart = over_time(patient, signals, SignalKind::Pressure, "pressure (mmHg)".into(), true)?;
+    let mut chart = over_time(
+        patient,
+        signals,
+        SignalKind::Pressure,
+        "pressure (mmHg)".into(),
+        true,
+    )?;
     // Room above for t2.
     let (lo, hi, _) = chart.y.scale.ends();
     chart.y.scale = Scale::exact(lo, hi + 0.05 * (hi - lo));
     if let Some(points) = signals.get(Source::Step1, SignalKind::AorticPressure) {
-        let series =
-            Series { class: "aortic", name: "aortic pressure, step 1".into(), points: points.to_vec(), dots: false };
+        let series = Series {
+            class: "aortic",
+            name: "aortic pressure, step 1".into(),
+            points: points.to_vec(),
+            dots: false,
+        };
         chart.series.insert(0, series);
     }
-    if let (Some(times), Some(points)) =
-        (time_points(patient, Source::Measured), signals.get(Source::Measured, SignalKind::Pressure))
-        && let (Some(t1), Some(t3)) = (times.t1_ms, times.t3_ms)
+    if let (Some(times), Some(points)) = (
+        time_points(patient, Source::Measured),
+        signals.get(Source::Measured, SignalKind::Pressure),
+    ) && let (Some(t1), Some(t3)) = (times.t1_ms, times.t3_ms)
         && let Some(level) = at(points, t3)
     {
-        let label = SvgText { text: "PTD".into(), sub: "90".into(), after: format!(" {} ms", fixed(Some(t3 - t1), 0)) };
-        chart.marks.push(Mark::Segment { from: (t1, level), to: (t3, level), class: "level", label: Some(label) });
+        let label = SvgText {
+            text: "PTD".into(),
+            sub: "90".into(),
+            after: format!(" {} ms", fixed(Some(t3 - t1), 0)),
+        };
+        chart.marks.push(Mark::Segment {
+            from: (t1, level),
+            to: (t3, level),
+            class: "level",
+            label: Some(label),
+        });
     }
     mark_times(&mut chart, patient, signals, SignalKind::Pressure);
     Some(chart)
@@ -172,15 +246,28 @@ pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
 /// Volume with t4 to t7.
 #[must_use]
 pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
-    let mut chart = over_time(patient, signals, SignalKind::Volume, "volume (mL)".into(), false)?;
+    let mut chart = over_time(
+        patient,
+        signals,
+        SignalKind::Volume,
+        "volume (mL)".into(),
+        false,
+    )?;
     // Room below for t5 and t6, which stand at the smallest volume.
     let (lo, hi, _) = chart.y.scale.ends();
     chart.y.scale = Scale::exact(lo - 0.06 * (hi - lo), hi);
     if let Some(measured) = signals.get(Source::Measured, SignalKind::Volume)
-        && let Some(simulated) = signals.get(Source::Step1, SignalKind::Volume).and_then(<[_]>::last)
+        && let Some(simulated) = signals
+            .get(Source::Step1, SignalKind::Volume)
+            .and_then(<[_]>::last)
     {
         let x = simulated.0.min(patient.plan.step0.cycle_length_ms);
-        chart.marks.push(Mark::Segment { from: (x, measured[0].1), to: (x, simulated.1), class: "gap", label: None });
+        chart.marks.push(Mark::Segment {
+            from: (x, measured[0].1),
+            to: (x, simulated.1),
+            class: "gap",
+            label: None,
+        });
     }
     mark_times(&mut chart, patient, signals, SignalKind::Volume);
     Some(chart)
@@ -189,11 +276,19 @@ pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
 /// What the beat's end leaves open, in words.
 #[must_use]
 pub fn gap_words(patient: &PatientRecord) -> Option<String> {
-    let gap = |step| PatientView(patient).simulated(step).and_then(|b| b.end_of_beat_gap_ml);
-    let words: Vec<String> = [("step 1", gap(Step::Step1)), ("step 2", gap(Step::Step2)), ("step 3", gap(Step::Step3))]
-        .into_iter()
-        .filter_map(|(name, gap)| gap.map(|gap| format!("{name} {} mL", fixed(Some(gap), 1))))
-        .collect();
+    let gap = |step| {
+        PatientView(patient)
+            .simulated(step)
+            .and_then(|b| b.end_of_beat_gap_ml)
+    };
+    let words: Vec<String> = [
+        ("step 1", gap(Step::Step1)),
+        ("step 2", gap(Step::Step2)),
+        ("step 3", gap(Step::Step3)),
+    ]
+    .into_iter()
+    .filter_map(|(name, gap)| gap.map(|gap| format!("{name} {} mL", fixed(Some(gap), 1))))
+    .collect();
     (!words.is_empty()).then(|| format!(": left open at the end, {}", words.join(", ")))
 }
 
@@ -203,32 +298,62 @@ pub fn pv_loop(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let cycle = patient.plan.step0.cycle_length_ms;
     let mut series = Vec::new();
     for source in SOURCES {
-        let (Some(p), Some(v)) = (signals.get(source, SignalKind::Pressure), signals.get(source, SignalKind::Volume))
-        else {
+        let (Some(p), Some(v)) = (
+            signals.get(source, SignalKind::Pressure),
+            signals.get(source, SignalKind::Volume),
+        ) else {
             continue;
         };
         let mut points: Vec<_> = if source == Source::Measured {
             let smooth = Periodic::through(v, cycle);
-            p.iter().map(|(t, pressure)| (smooth.at(*t), *pressure)).collect()
+            p.iter()
+                .map(|(t, pressure)| (smooth.at(*t), *pressure))
+                .collect()
         } else {
-            p.iter().filter_map(|(t, pressure)| Some((at(v, *t)?, *pressure))).collect()
+            p.iter()
+                .filter_map(|(t, pressure)| Some((at(v, *t)?, *pressure)))
+                .collect()
         };
         if source == Source::Measured {
             points.push(points[0]);
         }
-        series.push(Series { class: source.name(), name: line_name(source, patient), points, dots: false });
+        series.push(Series {
+            class: source.name(),
+            name: line_name(source, patient),
+            points,
+            dots: false,
+        });
     }
     let all = || series.iter().flat_map(|s| s.points.iter());
-    let x = Axis::new("volume (mL)", "mL", Scale::linear(all().map(|p| p.0), false)?);
-    let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(all().map(|p| p.1), true)?);
+    let x = Axis::new(
+        "volume (mL)",
+        "mL",
+        Scale::linear(all().map(|p| p.0), false)?,
+    );
+    let y = Axis::new(
+        "pressure (mmHg)",
+        "mmHg",
+        Scale::linear(all().map(|p| p.1), true)?,
+    );
     let mut chart = Chart::new(format!("pressure-volume loop of {}", patient.plan.id), x, y);
     for line in &series {
         if let (Some(first), Some(last)) = (line.points.first(), line.points.last()) {
             let title = format!("{}: the beat begins", line.name);
-            chart.marks.push(Mark::Point { x: first.0, y: first.1, class: line.class, title, label: None });
+            chart.marks.push(Mark::Point {
+                x: first.0,
+                y: first.1,
+                class: line.class,
+                title,
+                label: None,
+            });
             if first != last {
                 let title = format!("{}: the beat ends", line.name);
-                chart.marks.push(Mark::Cross { x: last.0, y: last.1, class: line.class, title });
+                chart.marks.push(Mark::Cross {
+                    x: last.0,
+                    y: last.1,
+                    class: line.class,
+                    title,
+                });
             }
         }
     }
@@ -241,21 +366,48 @@ pub fn pv_loop(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
 #[must_use]
 pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let kinds = [SignalKind::AorticFlow, SignalKind::MitralFlow];
-    let values = signals.all.iter().filter(|s| kinds.contains(&s.kind)).flat_map(|s| s.points.iter().map(|p| p.1));
+    let values = signals
+        .all
+        .iter()
+        .filter(|s| kinds.contains(&s.kind))
+        .flat_map(|s| s.points.iter().map(|p| p.1));
     let y = Axis::new("flow (mL/s)", "mL/s", Scale::linear(values, true)?);
-    let mut chart = Chart::new(format!("valve flows of {} over time", patient.plan.id), time_axis(patient), y);
+    let mut chart = Chart::new(
+        format!("valve flows of {} over time", patient.plan.id),
+        time_axis(patient),
+        y,
+    );
     for source in [Source::Step2, Source::Step1, Source::Step3] {
         for kind in kinds {
             if let Some(points) = signals.get(source, kind) {
-                let valve = if kind == SignalKind::AorticFlow { "aortic valve" } else { "mitral valve" };
+                let valve = if kind == SignalKind::AorticFlow {
+                    "aortic valve"
+                } else {
+                    "mitral valve"
+                };
                 let name = format!("{valve}, {}", line_name(source, patient));
-                chart.series.push(Series { class: source.name(), name, points: points.to_vec(), dots: false });
+                chart.series.push(Series {
+                    class: source.name(),
+                    name,
+                    points: points.to_vec(),
+                    dots: false,
+                });
                 if source == Source::Step1
                     && let Some(peak) = points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))
                 {
-                    let label = Some((SvgText::from(valve.split(' ').next().unwrap_or_default()), 0.0, -8.0));
+                    let label = Some((
+                        SvgText::from(valve.split(' ').next().unwrap_or_default()),
+                        0.0,
+                        -8.0,
+                    ));
                     let title = format!("{valve}: peak {} mL/s", fixed(Some(peak.1), 0));
-                    chart.marks.push(Mark::Point { x: peak.0, y: peak.1, class: "hidden", title, label });
+                    chart.marks.push(Mark::Point {
+                        x: peak.0,
+                        y: peak.1,
+                        class: "hidden",
+                        title,
+                        label,
+                    });
                 }
             }
         }
@@ -267,7 +419,11 @@ pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
 #[must_use]
 pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Option<Chart> {
     let title = match kind {
-        SignalKind::ActiveStress => SvgText { text: "active stress S".into(), sub: "a".into(), after: " (kPa)".into() },
+        SignalKind::ActiveStress => SvgText {
+            text: "active stress S".into(),
+            sub: "a".into(),
+            after: " (kPa)".into(),
+        },
         SignalKind::Calcium => "calcium (µM)".into(),
         _ => "fibre stretch λ".into(),
     };
@@ -279,8 +435,16 @@ pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Opt
         && let Some(targets) = &patient.targets
     {
         let y = targets.result.targets.lambda_min;
-        let label = SvgText { text: "target λ".into(), sub: "min".into(), after: format!(" {}", fixed(Some(y), 3)) };
-        chart.marks.push(Mark::Across { y, class: "level", label: Some((label, -5.0)) });
+        let label = SvgText {
+            text: "target λ".into(),
+            sub: "min".into(),
+            after: format!(" {}", fixed(Some(y), 3)),
+        };
+        chart.marks.push(Mark::Across {
+            y,
+            class: "level",
+            label: Some((label, -5.0)),
+        });
     }
     Some(chart)
 }
@@ -288,13 +452,23 @@ pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Opt
 /// Name of a cell line.
 #[must_use]
 pub fn cell_line_name(target: bool) -> &'static str {
-    if target { "step 1, median over nodes (target)" } else { "step 2, fitted cell" }
+    if target {
+        "step 1, median over nodes (target)"
+    } else {
+        "step 2, fitted cell"
+    }
 }
 
 /// A small pressure plot for the overview: without titles, since there is one per patient.
 #[must_use]
 pub fn small_pressure(patient: &PatientRecord, signals: &Signals, top: f64) -> Option<Chart> {
-    let mut chart = over_time(patient, signals, SignalKind::Pressure, SvgText::default(), true)?;
+    let mut chart = over_time(
+        patient,
+        signals,
+        SignalKind::Pressure,
+        SvgText::default(),
+        true,
+    )?;
     chart.y.scale = Scale::linear([0.0, top], true)?;
     chart.y.ticks = 3;
     chart.x.ticks = 3;
@@ -308,11 +482,16 @@ pub fn small_pressure(patient: &PatientRecord, signals: &Signals, top: f64) -> O
 #[must_use]
 pub fn top_pressure(patient: &PatientRecord) -> f64 {
     let view = PatientView(patient);
-    [Some(view.measured()), view.simulated(Step::Step1), view.simulated(Step::Step2), view.simulated(Step::Step3)]
-        .into_iter()
-        .flatten()
-        .filter_map(|b| Biomarker::PMax.of(b))
-        .fold(0.0, f64::max)
+    [
+        Some(view.measured()),
+        view.simulated(Step::Step1),
+        view.simulated(Step::Step2),
+        view.simulated(Step::Step3),
+    ]
+    .into_iter()
+    .flatten()
+    .filter_map(|b| Biomarker::PMax.of(b))
+    .fold(0.0, f64::max)
 }
 
 /// A smooth periodic curve through samples (cubic Hermite, slopes from neighbours): cine frames are 25 to 40 ms apart,
@@ -324,7 +503,11 @@ struct Periodic {
 
 impl Periodic {
     fn through(points: &[(f64, f64)], period: f64) -> Self {
-        let points = points.iter().copied().filter(|p| p.0 < points[0].0 + period - 1e-9).collect();
+        let points = points
+            .iter()
+            .copied()
+            .filter(|p| p.0 < points[0].0 + period - 1e-9)
+            .collect();
         Self { points, period }
     }
 
@@ -344,7 +527,10 @@ impl Periodic {
         let (ma, mb) = (slope(before, b) * h, slope(a, after) * h);
         let s = (t - a.0) / h;
         let (s2, s3) = (s * s, s * s * s);
-        a.1 * (2.0 * s3 - 3.0 * s2 + 1.0) + ma * (s3 - 2.0 * s2 + s) + b.1 * (3.0 * s2 - 2.0 * s3) + mb * (s3 - s2)
+        a.1 * (2.0 * s3 - 3.0 * s2 + 1.0)
+            + ma * (s3 - 2.0 * s2 + s)
+            + b.1 * (3.0 * s2 - 2.0 * s3)
+            + mb * (s3 - s2)
     }
 }
 
@@ -356,18 +542,26 @@ mod tests {
     fn the_smooth_curve_passes_its_samples_and_follows_a_sine() {
         let period = 800.0;
         let sine = |t: f64| 100.0 + 40.0 * (t * std::f64::consts::TAU / period).cos();
-        let frames: Vec<_> = (0..25).map(|i| (f64::from(i) * 32.0, sine(f64::from(i) * 32.0))).collect();
+        let frames: Vec<_> = (0..25)
+            .map(|i| (f64::from(i) * 32.0, sine(f64::from(i) * 32.0)))
+            .collect();
         let curve = Periodic::through(&frames, period);
         assert!((curve.at(64.0) - frames[2].1).abs() < 1e-9);
         for t in 0..1600 {
-            assert!((curve.at(f64::from(t)) - sine(f64::from(t))).abs() < 0.1, "{t}");
+            assert!(
+                (curve.at(f64::from(t)) - sine(f64::from(t))).abs() < 0.1,
+                "{t}"
+            );
         }
     }
 
     #[test]
     fn a_trace_is_held_outside_its_samples() {
         let points = [(0.0, 1.0), (10.0, 3.0)];
-        assert_eq!([-1.0, 0.0, 5.0, 11.0].map(|t| at(&points, t).unwrap()), [1.0, 1.0, 2.0, 3.0]);
+        assert_eq!(
+            [-1.0, 0.0, 5.0, 11.0].map(|t| at(&points, t).unwrap()),
+            [1.0, 1.0, 2.0, 3.0]
+        );
         assert_eq!(at(&[], 1.0), None);
     }
 }

@@ -16,7 +16,10 @@ pub fn table(patient: &PatientRecord) -> Option<Markup> {
     if patient.step3.is_some() {
         steps.push((Step::Step3, "step 3"));
     }
-    let beats: Vec<_> = steps.iter().map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion)).collect();
+    let beats: Vec<_> = steps
+        .iter()
+        .map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion))
+        .collect();
     if beats.iter().all(Option::is_none) {
         return None;
     }
@@ -49,8 +52,12 @@ fn digits(measure: &MotionMeasure, value: Option<f64>) -> String {
 
 /// The value, and words for where it lies: colour never alone.
 fn value(measure: &MotionMeasure, motion: Option<&MotionMeasures>) -> Markup {
-    let Some(motion) = motion else { return html! { td {} td {} } };
-    let against = measure.against(motion).filter(|against| *against != Against::Within);
+    let Some(motion) = motion else {
+        return html! { td {} td {} };
+    };
+    let against = measure
+        .against(motion)
+        .filter(|against| *against != Against::Within);
     html! {
         td.num { (digits(measure, (measure.of)(motion))) }
         td.flag { @if let Some(against) = against { (against.as_str()) } }

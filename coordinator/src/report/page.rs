@@ -16,11 +16,20 @@ try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.docume
 /// The dark colours stand in two rules of the style sheet: by the system's wish, and by the reader's.
 fn style(content: &Markup) -> String {
     let mark = ("/* dark colours */", "/* end */");
-    let dark = CSS.split(mark.0).nth(1).and_then(|rest| rest.split(mark.1).next()).unwrap_or_default();
-    let by_system =
-        format!("@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}");
+    let dark = CSS
+        .split(mark.0)
+        .nth(1)
+        .and_then(|rest| rest.split(mark.1).next())
+        .unwrap_or_default();
+    let by_system = format!(
+        "@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}"
+    );
     // Pages without a picture do without its colours.
-    let hearts = if content.0.contains("class=\"heart\"") { organ_3d::css() } else { String::new() };
+    let hearts = if content.0.contains("class=\"heart\"") {
+        organ_3d::css()
+    } else {
+        String::new()
+    };
     format!("{CSS}\n{by_system}\n{hearts}")
 }
 

@@ -17,24 +17,44 @@ use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
 #[must_use]
 pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String) {
     if let Some(failure) = &patient.failure {
-        return ("bad", "✕", format!("failed in {} ({})", step_name(&patient.status.step), failure.class.as_str()));
+        return (
+            "bad",
+            "✕",
+            format!(
+                "failed in {} ({})",
+                step_name(&patient.status.step),
+                failure.class.as_str()
+            ),
+        );
     }
     match (patient.status.state.as_str(), &patient.step1) {
         ("done", Some(summary)) => {
-            let stalled = if summary.quality == Step1Quality::Converged { "" } else { "; step 1 stalled" };
+            let stalled = if summary.quality == Step1Quality::Converged {
+                ""
+            } else {
+                "; step 1 stalled"
+            };
             match &patient.verdict {
-                Some(verdict) if verdict.personalised && stalled.is_empty() => ("good", "●", verdict.to_string()),
+                Some(verdict) if verdict.personalised && stalled.is_empty() => {
+                    ("good", "●", verdict.to_string())
+                }
                 Some(verdict) => ("warn", "▲", format!("{verdict}{stalled}")),
                 None => ("quiet", "○", format!("not verified{stalled}")),
             }
         }
         ("done", None) => ("good", "●", "done".to_owned()),
-        (state @ ("failed" | "cancelled"), _) => {
-            ("bad", "✕", format!("{state} in {}", step_name(&patient.status.step)))
-        }
+        (state @ ("failed" | "cancelled"), _) => (
+            "bad",
+            "✕",
+            format!("{state} in {}", step_name(&patient.status.step)),
+        ),
         // Before its first task a patient is in no step.
         (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_owned()),
-        (state, _) => ("quiet", "○", format!("{}: {state}", step_name(&patient.status.step))),
+        (state, _) => (
+            "quiet",
+            "○",
+            format!("{}: {state}", step_name(&patient.status.step)),
+        ),
     }
 }
 
@@ -64,8 +84,10 @@ fn reason_words(reason: StallReason) -> &'static str {
 fn summary(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);
     let errors = |step| {
-        let (pressure, stroke) =
-            (view.relative_difference(step, Biomarker::PMax), view.relative_difference(step, Biomarker::Sv));
+        let (pressure, stroke) = (
+            view.relative_difference(step, Biomarker::PMax),
+            view.relative_difference(step, Biomarker::Sv),
+        );
         html! {
             @if pressure.is_some() { "P" sub { "max" } " " (percent(pressure)) " %" }
             @if pressure.is_some() && stroke.is_some() { ", " }
@@ -114,9 +136,15 @@ fn summary(patient: &PatientRecord) -> Markup {
 fn why_no_beat(patient: &PatientRecord) -> String {
     match (&patient.failure, patient.iterations.is_empty()) {
         (Some(failure), true) => {
-            format!("No simulation: {} failed before step 1 ({}).", patient.plan.id, failure.message)
+            format!(
+                "No simulation: {} failed before step 1 ({}).",
+                patient.plan.id, failure.message
+            )
         }
-        (Some(failure), false) => format!("No simulation of this patient succeeded: {}.", failure.message),
+        (Some(failure), false) => format!(
+            "No simulation of this patient succeeded: {}.",
+            failure.message
+        ),
         (None, _) => "No simulation has finished yet.".to_owned(),
     }
 }
@@ -176,12 +204,24 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
             ));
         }
     }
-    let beats =
-        [("step 1", view.beat(Step::Step1)), ("verification", view.beat(Step::Step2)), ("step 3", view.step3_beat())];
+    let beats = [
+        ("step 1", view.beat(Step::Step1)),
+        ("verification", view.beat(Step::Step2)),
+        ("step 3", view.step3_beat()),
+    ];
     for (what, beat) in beats {
         if let Some(beat) = beat {
-            notes.extend(tables::failed_checks(what, &beat.result).into_iter().map(|m| ("bad", m)));
-            notes.extend(beat.result.remarks.iter().map(|r| ("quiet", html! { b { (what) ": " } (r) })));
+            notes.extend(
+                tables::failed_checks(what, &beat.result)
+                    .into_iter()
+                    .map(|m| ("bad", m)),
+            );
+            notes.extend(
+                beat.result
+                    .remarks
+                    .iter()
+                    .map(|r| ("quiet", html! { b { (what) ": " } (r) })),
+            );
         }
     }
     if let Some(step0) = &patient.step0 {
@@ -193,7 +233,13 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
             let text = html! { b { "step 0: " } "volume at the diastasis pressure minus measured diastasis volume: " (fixed(Some(error), 1)) " mL" };
             notes.push(("quiet", text));
         }
-        notes.extend(step0.result.remarks.iter().map(|r| ("quiet", html! { b { "step 0: " } (r) })));
+        notes.extend(
+            step0
+                .result
+                .remarks
+                .iter()
+                .map(|r| ("quiet", html! { b { "step 0: " } (r) })),
+        );
     }
     if let Some(fit) = &patient.cell_fit {
         notes.extend(
@@ -203,7 +249,12 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
                 .map(|t| ("warn", html! { b { "step 2, target not reachable: " } (t) })),
         );
     }
-    notes.extend(signals.problems.iter().map(|p| ("warn", html! { b { "file: " } (p) })));
+    notes.extend(
+        signals
+            .problems
+            .iter()
+            .map(|p| ("warn", html! { b { "file: " } (p) })),
+    );
     html! {
         @if !notes.is_empty() {
             ul.notes {
@@ -216,16 +267,26 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
 }
 
 fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
-    let drawn: Vec<_> = [Source::Measured, Source::Step1, Source::Step2, Source::Step3]
-        .into_iter()
-        .filter(|s| signals.get(*s, SignalKind::Pressure).or(signals.get(*s, SignalKind::Volume)).is_some())
-        .map(|s| (s.name(), line_name(s, patient)))
-        .chain(
-            signals
-                .get(Source::Step1, SignalKind::AorticPressure)
-                .map(|_| ("aortic", "aortic pressure, step 1".to_owned())),
-        )
-        .collect();
+    let drawn: Vec<_> = [
+        Source::Measured,
+        Source::Step1,
+        Source::Step2,
+        Source::Step3,
+    ]
+    .into_iter()
+    .filter(|s| {
+        signals
+            .get(*s, SignalKind::Pressure)
+            .or(signals.get(*s, SignalKind::Volume))
+            .is_some()
+    })
+    .map(|s| (s.name(), line_name(s, patient)))
+    .chain(
+        signals
+            .get(Source::Step1, SignalKind::AorticPressure)
+            .map(|_| ("aortic", "aortic pressure, step 1".to_owned())),
+    )
+    .collect();
     let none = Markup::default();
     let no_volume = "No volume to draw: none was measured, and no simulation left one.";
     html! {

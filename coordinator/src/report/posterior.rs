@@ -19,7 +19,9 @@ const STRONG: f64 = 0.7;
 /// The part of a patient's section; empty before it was sampled.
 #[must_use]
 pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
-    let Some(task) = &patient.posterior else { return Markup::default() };
+    let Some(task) = &patient.posterior else {
+        return Markup::default();
+    };
     let result = &task.result;
     let none = Markup::default();
     html! {
@@ -43,13 +45,20 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
 
 /// What was assumed, and whether to trust it.
 fn words(result: &PosteriorResult) -> String {
-    let (noise, deviations, sampling) = (&result.deviations.noise, &result.deviations, &result.sampling);
+    let (noise, deviations, sampling) = (
+        &result.deviations.noise,
+        &result.deviations,
+        &result.sampling,
+    );
     let mut text = format!(
         "Ninety of a hundred hearts that agree with the data lie in the shaded bands. Noise of the traces: {} mmHg and {} mL a frame",
         significant(noise.pressure_rms_mmhg, 2),
         significant(noise.volume_rms_ml, 2),
     );
-    let beyond = [(deviations.pressure_discrepancy_mmhg, "mmHg"), (deviations.volume_discrepancy_ml, "mL")];
+    let beyond = [
+        (deviations.pressure_discrepancy_mmhg, "mmHg"),
+        (deviations.volume_discrepancy_ml, "mL"),
+    ];
     let beyond: Vec<String> = beyond
         .iter()
         .filter(|(rms, _)| *rms > 0.0)
@@ -61,7 +70,11 @@ fn words(result: &PosteriorResult) -> String {
             beyond.join(" and ")
         );
     }
-    text += &format!(". {} draws, {} beats of the one-fibre ventricle", result.draws.len(), sampling.evaluations);
+    text += &format!(
+        ". {} draws, {} beats of the one-fibre ventricle",
+        result.draws.len(),
+        sampling.evaluations
+    );
     if let Some(doubt) = sampling.doubt() {
         text += &format!("; take the bands for a guess: {doubt}");
     }
@@ -74,20 +87,49 @@ fn words(result: &PosteriorResult) -> String {
 
 fn timed(patient: &PatientRecord, values: &[f64]) -> Vec<(f64, f64)> {
     let cycle = patient.plan.step0.cycle_length_ms;
-    values.iter().enumerate().map(|(k, value)| (k as f64 * cycle / values.len() as f64, *value)).collect()
+    values
+        .iter()
+        .enumerate()
+        .map(|(k, value)| (k as f64 * cycle / values.len() as f64, *value))
+        .collect()
 }
 
 /// A trace's band with the measured trace and the twin's.
-fn band(patient: &PatientRecord, signals: &Signals, kind: SignalKind, band: &Band) -> Option<Chart> {
-    let twin = if patient.step3.as_ref().is_some_and(|s| s.best_iteration > 0) { Source::Step3 } else { Source::Step2 };
+fn band(
+    patient: &PatientRecord,
+    signals: &Signals,
+    kind: SignalKind,
+    band: &Band,
+) -> Option<Chart> {
+    let twin = if patient.step3.as_ref().is_some_and(|s| s.best_iteration > 0) {
+        Source::Step3
+    } else {
+        Source::Step2
+    };
     let lines = [(Source::Measured, "measured"), (twin, "twin")];
-    let drawn = || lines.iter().filter_map(|(source, name)| Some((*source, *name, signals.get(*source, kind)?)));
+    let drawn = || {
+        lines
+            .iter()
+            .filter_map(|(source, name)| Some((*source, *name, signals.get(*source, kind)?)))
+    };
     let values = band.p5.iter().chain(&band.p95).copied();
     let all = values.chain(drawn().flat_map(|(_, _, points)| points.iter().map(|p| p.1)));
     let title = format!("{} ({})", kind.name(), kind.unit());
-    let y = Axis::new(title.as_str(), kind.unit(), Scale::linear(all, kind == SignalKind::Pressure)?);
-    let x = Axis::new("time (ms)", "ms", Scale::exact(0.0, patient.plan.step0.cycle_length_ms));
-    let mut chart = Chart::new(format!("{} of {}, its 90 % band", kind.name(), patient.plan.id), x, y);
+    let y = Axis::new(
+        title.as_str(),
+        kind.unit(),
+        Scale::linear(all, kind == SignalKind::Pressure)?,
+    );
+    let x = Axis::new(
+        "time (ms)",
+        "ms",
+        Scale::exact(0.0, patient.plan.step0.cycle_length_ms),
+    );
+    let mut chart = Chart::new(
+        format!("{} of {}, its 90 % band", kind.name(), patient.plan.id),
+        x,
+        y,
+    );
     if band.p5.is_empty() {
         return None;
     }
@@ -99,7 +141,12 @@ fn band(patient: &PatientRecord, signals: &Signals, kind: SignalKind, band: &Ban
     for (source, name, points) in drawn() {
         let within = |p: &&(f64, f64)| p.0 <= patient.plan.step0.cycle_length_ms;
         let points = points.iter().filter(within).copied().collect();
-        chart.series.push(Series { class: source.name(), name: name.to_owned(), points, dots: false });
+        chart.series.push(Series {
+            class: source.name(),
+            name: name.to_owned(),
+            points,
+            dots: false,
+        });
     }
     Some(chart)
 }
@@ -108,17 +155,47 @@ fn band(patient: &PatientRecord, signals: &Signals, kind: SignalKind, band: &Ban
 fn pv_loop(patient: &PatientRecord, result: &PosteriorResult) -> Option<Chart> {
     let (p, v) = (&result.pressure_mmhg, &result.volume_ml);
     let n = p.p50.len().min(v.p50.len());
-    let x = Axis::new("volume (mL)", "mL", Scale::linear(v.p5.iter().chain(&v.p95).copied(), false)?);
-    let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(p.p5.iter().chain(&p.p95).copied(), true)?);
-    let mut chart = Chart::new(format!("pressure-volume loop of {} with its 90 % intervals", patient.plan.id), x, y);
+    let x = Axis::new(
+        "volume (mL)",
+        "mL",
+        Scale::linear(v.p5.iter().chain(&v.p95).copied(), false)?,
+    );
+    let y = Axis::new(
+        "pressure (mmHg)",
+        "mmHg",
+        Scale::linear(p.p5.iter().chain(&p.p95).copied(), true)?,
+    );
+    let mut chart = Chart::new(
+        format!(
+            "pressure-volume loop of {} with its 90 % intervals",
+            patient.plan.id
+        ),
+        x,
+        y,
+    );
     for k in 0..n {
         let (from, to) = ((v.p5[k], p.p50[k]), (v.p95[k], p.p50[k]));
-        chart.marks.push(Mark::Segment { from, to, class: "spread", label: None });
+        chart.marks.push(Mark::Segment {
+            from,
+            to,
+            class: "spread",
+            label: None,
+        });
         let (from, to) = ((v.p50[k], p.p5[k]), (v.p50[k], p.p95[k]));
-        chart.marks.push(Mark::Segment { from, to, class: "spread", label: None });
+        chart.marks.push(Mark::Segment {
+            from,
+            to,
+            class: "spread",
+            label: None,
+        });
     }
     let points = (0..n).map(|k| (v.p50[k], p.p50[k])).collect();
-    chart.series.push(Series { class: "step3", name: "median".to_owned(), points, dots: false });
+    chart.series.push(Series {
+        class: "step3",
+        name: "median".to_owned(),
+        points,
+        dots: false,
+    });
     chart.reading = Reading::Nearest;
     Some(chart)
 }
@@ -129,8 +206,12 @@ fn interval(spread: &Spread) -> Markup {
 
 fn biomarkers(patient: &PatientRecord, result: &PosteriorResult) -> Markup {
     let view = PatientView(patient);
-    let twin = view.simulated(Step::Step3).or_else(|| view.simulated(Step::Step2));
-    let rows = Biomarker::ALL.into_iter().filter_map(|b| Some((b, result.biomarkers.get(b.key())?)));
+    let twin = view
+        .simulated(Step::Step3)
+        .or_else(|| view.simulated(Step::Step2));
+    let rows = Biomarker::ALL
+        .into_iter()
+        .filter_map(|b| Some((b, result.biomarkers.get(b.key())?)));
     scrolling(&html! {
         table {
             caption { "Biomarkers, 90 % intervals" }
@@ -180,7 +261,14 @@ fn parameters(result: &PosteriorResult) -> Markup {
 fn picture(spread: &ParameterSpread) -> Markup {
     let (width, height) = PICTURE;
     let log = |value: f64| value.abs().ln();
-    let all = [spread.prior.p5, spread.prior.p95, spread.posterior.p5, spread.posterior.p95, spread.twin].map(log);
+    let all = [
+        spread.prior.p5,
+        spread.prior.p95,
+        spread.posterior.p5,
+        spread.posterior.p95,
+        spread.twin,
+    ]
+    .map(log);
     let low = all.into_iter().fold(f64::INFINITY, f64::min);
     let high = all.into_iter().fold(f64::NEG_INFINITY, f64::max);
     let place = |value: f64| 4.0 + (width - 8.0) * (log(value) - low) / (high - low).max(1e-9);
@@ -203,7 +291,11 @@ fn round(value: f64) -> f64 {
 }
 
 fn class(mark: Determination) -> &'static str {
-    if mark == Determination::Determined { "determined" } else { "loose" }
+    if mark == Determination::Determined {
+        "determined"
+    } else {
+        "loose"
+    }
 }
 
 /// Pairs of parameters that only move together.
@@ -211,8 +303,16 @@ fn strong_pairs(result: &PosteriorResult) -> Vec<String> {
     let names: Vec<&String> = result.parameters.keys().collect();
     let mut pairs: Vec<(f64, String)> = Vec::new();
     for (i, row) in result.correlations.iter().enumerate() {
-        for (j, value) in row.iter().enumerate().take(i).filter(|(_, value)| value.abs() >= STRONG) {
-            pairs.push((*value, format!("{} and {} ({})", names[j], names[i], significant(*value, 2))));
+        for (j, value) in row
+            .iter()
+            .enumerate()
+            .take(i)
+            .filter(|(_, value)| value.abs() >= STRONG)
+        {
+            pairs.push((
+                *value,
+                format!("{} and {} ({})", names[j], names[i], significant(*value, 2)),
+            ));
         }
     }
     pairs.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));

@@ -51,14 +51,27 @@ fn wrapped(text: &[String]) -> Vec<String> {
 #[must_use]
 pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     let last = beats.mean.last()?.0;
-    let all = || beats.kept.iter().chain(beats.left_out.iter().map(|(_, line)| line)).flatten();
-    let values = all().filter(|p| p.0 <= 1.6 * last).map(|p| p.1).filter(|p| (-40.0..300.0).contains(p));
+    let all = || {
+        beats
+            .kept
+            .iter()
+            .chain(beats.left_out.iter().map(|(_, line)| line))
+            .flatten()
+    };
+    let values = all()
+        .filter(|p| p.0 <= 1.6 * last)
+        .map(|p| p.1)
+        .filter(|p| (-40.0..300.0).contains(p));
     let y = Scale::linear(values.chain(beats.mean.iter().map(|p| p.1)), false)?;
     let longest = all().map(|p| p.0).fold(last, f64::max).min(1.6 * last);
     let chart = |alt: &str, end: f64| {
         let mut chart = Chart::new(
             alt,
-            Axis::new("time from the beat's beginning (ms)", "ms", Scale::exact(0.0, end)),
+            Axis::new(
+                "time from the beat's beginning (ms)",
+                "ms",
+                Scale::exact(0.0, end),
+            ),
             Axis::new("pressure (mmHg)", "mmHg", y),
         );
         chart.size = (720.0, 250.0);
@@ -66,30 +79,81 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     };
     let within = |line: &Line| -> Line {
         let (low, high, _) = y.ends();
-        line.iter().filter(|p| p.0 <= longest).map(|p| (p.0, p.1.clamp(low, high))).collect()
+        line.iter()
+            .filter(|p| p.0 <= longest)
+            .map(|p| (p.0, p.1.clamp(low, high)))
+            .collect()
     };
-    let series = |class, name: String, points| Series { class, name, points, dots: false };
+    let series = |class, name: String, points| Series {
+        class,
+        name,
+        points,
+        dots: false,
+    };
     let mut first = chart("beats in the mean, and the mean", longest);
-    first.series.push(series("beat", format!("{} beats in the mean", beats.kept.len()), Vec::new()));
-    first.series.push(series("out", format!("{} left out", beats.left_out.len()), Vec::new()));
-    first.series.extend(beats.kept.iter().map(|line| series("beat", String::new(), within(line))));
-    first.series.push(series("step2", "mean".to_owned(), beats.mean.clone()));
+    first.series.push(series(
+        "beat",
+        format!("{} beats in the mean", beats.kept.len()),
+        Vec::new(),
+    ));
+    first.series.push(series(
+        "out",
+        format!("{} left out", beats.left_out.len()),
+        Vec::new(),
+    ));
+    first.series.extend(
+        beats
+            .kept
+            .iter()
+            .map(|line| series("beat", String::new(), within(line))),
+    );
+    first
+        .series
+        .push(series("step2", "mean".to_owned(), beats.mean.clone()));
     let mut second = chart("beats that are left out, and the mean", longest);
-    second.series.extend(beats.left_out.iter().map(|(name, line)| series("out", name.clone(), within(line))));
-    second.series.push(series("step2", "mean".to_owned(), beats.mean.clone()));
+    second.series.extend(
+        beats
+            .left_out
+            .iter()
+            .map(|(name, line)| series("out", name.clone(), within(line))),
+    );
+    second
+        .series
+        .push(series("step2", "mean".to_owned(), beats.mean.clone()));
     let mut third = chart("mean and spread between beats", last);
     let [lower, upper] = beats.band.clone();
-    third.marks.push(Mark::Between { lower, upper, class: "most" });
-    third.marks.extend(beats.events.iter().map(|(_, x)| Mark::Up { x: *x, class: "phase" }));
-    third.marks.extend(beats.events.iter().enumerate().map(|(i, (name, x))| Mark::Point {
-        x: *x,
-        y: y.ends().1 - (0.05 + 0.09 * i as f64) * (y.ends().1 - y.ends().0),
-        class: "event",
-        title: format!("{name}: {x:.0} ms"),
-        label: Some(((*name).into(), 0.0, -6.0)),
-    }));
-    third.series.push(series("step2", "mean".to_owned(), beats.mean.clone()));
-    Some(stacked(&beats.title, &wrapped(&beats.text), &[first, second, third]))
+    third.marks.push(Mark::Between {
+        lower,
+        upper,
+        class: "most",
+    });
+    third
+        .marks
+        .extend(beats.events.iter().map(|(_, x)| Mark::Up {
+            x: *x,
+            class: "phase",
+        }));
+    third.marks.extend(
+        beats
+            .events
+            .iter()
+            .enumerate()
+            .map(|(i, (name, x))| Mark::Point {
+                x: *x,
+                y: y.ends().1 - (0.05 + 0.09 * i as f64) * (y.ends().1 - y.ends().0),
+                class: "event",
+                title: format!("{name}: {x:.0} ms"),
+                label: Some(((*name).into(), 0.0, -6.0)),
+            }),
+    );
+    third
+        .series
+        .push(series("step2", "mean".to_owned(), beats.mean.clone()));
+    Some(stacked(
+        &beats.title,
+        &wrapped(&beats.text),
+        &[first, second, third],
+    ))
 }
 
 /// The volume and the loop after each step.
@@ -117,7 +181,11 @@ pub struct VolumeLines {
 #[must_use]
 pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
     let lines = [&volume.original, &volume.adjusted, &volume.synchronised];
-    let values = lines.into_iter().flatten().map(|p| p.1).chain(volume.image.map(|p| p.1));
+    let values = lines
+        .into_iter()
+        .flatten()
+        .map(|p| p.1)
+        .chain(volume.image.map(|p| p.1));
     let times = lines.into_iter().flatten().map(|p| p.0);
     let end = times.fold(0.0, f64::max);
     let mut frames = Chart::new(
@@ -126,11 +194,30 @@ pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
         Axis::new("volume (mL)", "mL", Scale::linear(values, false)?),
     );
     frames.size = (720.0, 270.0);
-    let series =
-        |class, name: &str, points: &Line, dots| Series { class, name: name.to_owned(), points: points.clone(), dots };
-    frames.series.push(series("measured", "frames as measured", &volume.original, true));
-    frames.series.push(series("step1", "adjusted; loop before", &volume.adjusted, false));
-    frames.series.push(series("step2", "synchronised; loop after", &volume.synchronised, false));
+    let series = |class, name: &str, points: &Line, dots| Series {
+        class,
+        name: name.to_owned(),
+        points: points.clone(),
+        dots,
+    };
+    frames.series.push(series(
+        "measured",
+        "frames as measured",
+        &volume.original,
+        true,
+    ));
+    frames.series.push(series(
+        "step1",
+        "adjusted; loop before",
+        &volume.adjusted,
+        false,
+    ));
+    frames.series.push(series(
+        "step2",
+        "synchronised; loop after",
+        &volume.synchronised,
+        false,
+    ));
     frames.marks.extend(volume.image.map(|(x, y)| Mark::Cross {
         x,
         y,
@@ -143,13 +230,32 @@ pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
     let both = || volume.sheared_loop.iter().chain(&volume.synchronised_loop);
     let mut loops = Chart::new(
         "loops before and after synchronising",
-        Axis::new("volume (mL)", "mL", Scale::linear(both().map(|p| p.0), false)?),
-        Axis::new("pressure (mmHg)", "mmHg", Scale::linear(both().map(|p| p.1), false)?),
+        Axis::new(
+            "volume (mL)",
+            "mL",
+            Scale::linear(both().map(|p| p.0), false)?,
+        ),
+        Axis::new(
+            "pressure (mmHg)",
+            "mmHg",
+            Scale::linear(both().map(|p| p.1), false)?,
+        ),
     );
     loops.size = (720.0, 380.0);
-    loops.series.push(series("step1", "before synchronising", &volume.sheared_loop, false));
-    loops.series.push(series("step2", "after", &volume.synchronised_loop, false));
-    Some(stacked(&volume.title, &wrapped(&volume.text), &[frames, loops]))
+    loops.series.push(series(
+        "step1",
+        "before synchronising",
+        &volume.sheared_loop,
+        false,
+    ));
+    loops
+        .series
+        .push(series("step2", "after", &volume.synchronised_loop, false));
+    Some(stacked(
+        &volume.title,
+        &wrapped(&volume.text),
+        &[frames, loops],
+    ))
 }
 
 #[cfg(test)]
@@ -158,8 +264,11 @@ mod tests {
 
     #[test]
     fn every_beat_is_drawn_and_named_where_it_is_left_out() {
-        let beat =
-            |top: f64| (0..80).map(|i| (f64::from(10 * i), top * (f64::from(i) / 25.0).sin().abs())).collect::<Line>();
+        let beat = |top: f64| {
+            (0..80)
+                .map(|i| (f64::from(10 * i), top * (f64::from(i) / 25.0).sin().abs()))
+                .collect::<Line>()
+        };
         let beats = BeatLines {
             title: "P <1>".into(),
             kept: vec![beat(100.0), beat(101.0)],
@@ -169,8 +278,16 @@ mod tests {
             ..BeatLines::default()
         };
         let svg = beats_svg(&beats).unwrap();
-        assert_eq!(svg.matches("class=\"line beat\" d=\"M").count(), 3, "two beats and the legend's key");
-        assert!(svg.contains("beat 3: came early") && svg.contains("P &lt;1&gt;") && !svg.contains("NaN"));
+        assert_eq!(
+            svg.matches("class=\"line beat\" d=\"M").count(),
+            3,
+            "two beats and the legend's key"
+        );
+        assert!(
+            svg.contains("beat 3: came early")
+                && svg.contains("P &lt;1&gt;")
+                && !svg.contains("NaN")
+        );
         assert_eq!(beats_svg(&BeatLines::default()), None);
         let volume = VolumeLines {
             original: vec![(0.0, 150.0), (400.0, 80.0)],

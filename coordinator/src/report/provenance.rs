@@ -21,11 +21,19 @@ fn hash(text: &str) -> Markup {
 pub fn details(patient: &PatientRecord) -> Markup {
     let tasks = PatientView(patient).tasks();
     let mut inputs: BTreeMap<&str, &str> = BTreeMap::new();
-    for input in [&patient.plan.step0.pressure, &patient.plan.step0.volume].into_iter().flatten() {
+    for input in [&patient.plan.step0.pressure, &patient.plan.step0.volume]
+        .into_iter()
+        .flatten()
+    {
         inputs.insert(&input.name, &input.sha256);
     }
     for (_, _, _, provenance) in &tasks {
-        inputs.extend(provenance.inputs.iter().map(|(name, sha256)| (name.as_str(), sha256.as_str())));
+        inputs.extend(
+            provenance
+                .inputs
+                .iter()
+                .map(|(name, sha256)| (name.as_str(), sha256.as_str())),
+        );
     }
     let settings = &patient.plan.settings;
     html! {

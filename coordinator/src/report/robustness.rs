@@ -6,7 +6,8 @@ use std::path::Path;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::robustness::{
-    Condition, MemberRole, PatientRobustness, QuantitySpread, RobustnessResult, RobustnessTable, TableKind, Uncertainty,
+    Condition, MemberRole, PatientRobustness, QuantitySpread, RobustnessResult, RobustnessTable,
+    TableKind, Uncertainty,
 };
 use maud::{Markup, html};
 
@@ -32,8 +33,13 @@ type PointsOf<'a> = &'a dyn Fn(&Signals, Source) -> Option<Vec<(f64, f64)>>;
 ///
 /// # Errors
 /// [`WriteError`] when the file cannot be written.
-pub fn write_robustness(result: &RobustnessResult, run: &RunRecord, out: &Path) -> Result<(), WriteError> {
-    let records: HashMap<&PatientId, &PatientRecord> = run.patients.iter().map(|p| (&p.plan.id, p)).collect();
+pub fn write_robustness(
+    result: &RobustnessResult,
+    run: &RunRecord,
+    out: &Path,
+) -> Result<(), WriteError> {
+    let records: HashMap<&PatientId, &PatientRecord> =
+        run.patients.iter().map(|p| (&p.plan.id, p)).collect();
     let title = format!("{} · robustness · cardiotwin", result.cohort);
     let content = html! {
         h1 { (result.cohort) ": robustness against " (words(result.spec.over)) }
@@ -70,7 +76,10 @@ fn lead(result: &RobustnessResult) -> String {
     };
     let seeds = match spec.n_seeds {
         0 => String::new(),
-        n => format!("; {} that differ in step 2's seed alone", count(n as usize, "member")),
+        n => format!(
+            "; {} that differ in step 2's seed alone",
+            count(n as usize, "member")
+        ),
     };
     format!(
         "{} of whole personalisations, a Latin hypercube over ±{} % of {what}{seeds}. Differences are relative to the \
@@ -85,7 +94,11 @@ fn section(
     patient: &PatientRobustness,
     records: &HashMap<&PatientId, &PatientRecord>,
 ) -> Markup {
-    let failed: Vec<_> = patient.members.iter().filter(|m| m.failure.is_some()).collect();
+    let failed: Vec<_> = patient
+        .members
+        .iter()
+        .filter(|m| m.failure.is_some())
+        .collect();
     html! {
         section.patient id={ "p-" (patient.patient) } {
             header { h2 { (patient.patient) } }
@@ -129,18 +142,33 @@ fn conditions(conditions: &[Condition]) -> Markup {
 fn figure_6(patient: &PatientRobustness, records: &HashMap<&PatientId, &PatientRecord>) -> Markup {
     let read = |role: MemberRole| {
         let members = patient.members.iter().filter(move |m| m.role == role);
-        members.filter_map(|m| records.get(&m.id).map(|r| (m.id.to_string(), Signals::read(r)))).collect::<Vec<_>>()
+        members
+            .filter_map(|m| {
+                records
+                    .get(&m.id)
+                    .map(|r| (m.id.to_string(), Signals::read(r)))
+            })
+            .collect::<Vec<_>>()
     };
-    let signals: HashMap<&str, Vec<(String, Signals)>> =
-        [MemberRole::Original, MemberRole::Sample].map(|role| (role.word(), read(role))).into();
-    let cycle =
-        patient.members.iter().find_map(|m| Some(records.get(&m.id)?.plan.step0.cycle_length_ms)).unwrap_or(1.0);
+    let signals: HashMap<&str, Vec<(String, Signals)>> = [MemberRole::Original, MemberRole::Sample]
+        .map(|role| (role.word(), read(role)))
+        .into();
+    let cycle = patient
+        .members
+        .iter()
+        .find_map(|m| Some(records.get(&m.id)?.plan.step0.cycle_length_ms))
+        .unwrap_or(1.0);
     let lines = |points: PointsOf<'_>| {
         let mut series = Vec::new();
         for (role, source, class) in LINES {
             for (id, signals) in &signals[role.word()] {
                 if let Some(points) = points(signals, source) {
-                    series.push(Series { class, name: format!("{id}, {}", source.name()), points, dots: false });
+                    series.push(Series {
+                        class,
+                        name: format!("{id}, {}", source.name()),
+                        points,
+                        dots: false,
+                    });
                 }
             }
         }
@@ -148,10 +176,21 @@ fn figure_6(patient: &PatientRobustness, records: &HashMap<&PatientId, &PatientR
     };
     let over_time = |kind: SignalKind, title: &str| {
         let series = lines(&|signals, source| signals.get(source, kind).map(<[_]>::to_vec));
-        let values: Vec<f64> = series.iter().flat_map(|s| s.points.iter().map(|p| p.1)).collect();
-        let y = Axis::new(title, kind.unit(), Scale::linear(values, kind == SignalKind::Pressure)?);
+        let values: Vec<f64> = series
+            .iter()
+            .flat_map(|s| s.points.iter().map(|p| p.1))
+            .collect();
+        let y = Axis::new(
+            title,
+            kind.unit(),
+            Scale::linear(values, kind == SignalKind::Pressure)?,
+        );
         let x = Axis::new("time (ms)", "ms", Scale::exact(0.0, cycle));
-        let mut chart = Chart::new(format!("{} of {} over time", kind.name(), patient.patient), x, y);
+        let mut chart = Chart::new(
+            format!("{} of {} over time", kind.name(), patient.patient),
+            x,
+            y,
+        );
         chart.series = series;
         chart.reading = Reading::Nearest;
         Some(chart)
@@ -160,12 +199,29 @@ fn figure_6(patient: &PatientRobustness, records: &HashMap<&PatientId, &PatientR
         let series = lines(&|signals, source| {
             let volume = signals.get(source, SignalKind::Volume)?;
             let pressure = signals.get(source, SignalKind::Pressure)?;
-            Some(pressure.iter().filter_map(|(t, p)| Some((at(volume, *t)?, *p))).collect())
+            Some(
+                pressure
+                    .iter()
+                    .filter_map(|(t, p)| Some((at(volume, *t)?, *p)))
+                    .collect(),
+            )
         });
         let all = || series.iter().flat_map(|s| s.points.iter());
-        let x = Axis::new("volume (mL)", "mL", Scale::linear(all().map(|p| p.0), false)?);
-        let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(all().map(|p| p.1), true)?);
-        let mut chart = Chart::new(format!("pressure-volume loops of {}", patient.patient), x, y);
+        let x = Axis::new(
+            "volume (mL)",
+            "mL",
+            Scale::linear(all().map(|p| p.0), false)?,
+        );
+        let y = Axis::new(
+            "pressure (mmHg)",
+            "mmHg",
+            Scale::linear(all().map(|p| p.1), true)?,
+        );
+        let mut chart = Chart::new(
+            format!("pressure-volume loops of {}", patient.patient),
+            x,
+            y,
+        );
         chart.series = series;
         chart.reading = Reading::Nearest;
         Some(chart)
@@ -196,7 +252,11 @@ fn spread_table(found: &RobustnessTable, over: Uncertainty, by_seed: bool) -> Ma
         TableKind::Step2Biomarkers => "Step 2, biomarkers of the verification beat",
     };
     let numbered = format!("{title} (Table {})", found.table.paper(over));
-    table(if by_seed { title } else { &numbered }, &found.quantities, true)
+    table(
+        if by_seed { title } else { &numbered },
+        &found.quantities,
+        true,
+    )
 }
 
 fn table(title: &str, quantities: &[QuantitySpread], results: bool) -> Markup {

@@ -49,9 +49,13 @@ pub fn biomarkers(patient: &PatientRecord) -> Markup {
         steps.push((Step::Step3, "step 3"));
     }
     let rows = Biomarker::ALL.into_iter().filter_map(|b| {
-        let simulated: Vec<_> = steps.iter().map(|(step, _)| view.simulated(*step).and_then(|s| b.of(s))).collect();
+        let simulated: Vec<_> = steps
+            .iter()
+            .map(|(step, _)| view.simulated(*step).and_then(|s| b.of(s)))
+            .collect();
         let measured = b.of(measured);
-        (measured.is_some() || simulated.iter().any(Option::is_some)).then_some((b, measured, simulated))
+        (measured.is_some() || simulated.iter().any(Option::is_some))
+            .then_some((b, measured, simulated))
     });
     scrolling(&html! {
         table {
@@ -83,7 +87,14 @@ fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
 }
 
 /// Where a value and its near-optimal interval lie between its bounds: a bar, and words where it sits on one.
-fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool, interval: Option<[f64; 2]>) -> Markup {
+fn bounds(
+    value: f64,
+    lower: f64,
+    upper: f64,
+    at_bound: bool,
+    log: bool,
+    interval: Option<[f64; 2]>,
+) -> Markup {
     let within = |value: f64| {
         let share = if log && lower > 0.0 {
             (value / lower).ln() / (upper / lower).ln()
@@ -117,7 +128,8 @@ fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool, interva
 }
 
 fn on_bound(value: f64, [lower, upper]: [f64; 2]) -> bool {
-    (value - lower).abs() <= ON_BOUND * lower.abs() || (value - upper).abs() <= ON_BOUND * upper.abs()
+    (value - lower).abs() <= ON_BOUND * lower.abs()
+        || (value - upper).abs() <= ON_BOUND * upper.abs()
 }
 
 /// Parameters that step 1 personalised.
@@ -210,7 +222,12 @@ pub fn cell_fit(fit: &CellFitResult) -> Markup {
     let others: BTreeMap<_, _> = fit
         .cost_terms
         .iter()
-        .filter(|(name, value)| cell_biomarkers(&fit.targets).iter().all(|(key, ..)| key != name) && **value > 0.0)
+        .filter(|(name, value)| {
+            cell_biomarkers(&fit.targets)
+                .iter()
+                .all(|(key, ..)| key != name)
+                && **value > 0.0
+        })
         .collect();
     scrolling(&html! {
         table {
@@ -242,12 +259,20 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
     let result = &patient.step0.as_ref()?.result;
     let load = &result.circulation;
     let mut rows = match &result.organ {
-        OrganSpec::Reduced { passive, activation } => one_fibre(passive, activation),
+        OrganSpec::Reduced {
+            passive,
+            activation,
+        } => one_fibre(passive, activation),
         OrganSpec::External(organ) => one_fibre(&organ.passive, &organ.activation),
         OrganSpec::FiniteElement(organ) => finite_element(&organ.figures),
     };
     rows.extend([
-        ("left atrial pressure", load.left_atrial_pressure_mmhg, "mmHg", "left_atrial_pressure_mmHg"),
+        (
+            "left atrial pressure",
+            load.left_atrial_pressure_mmhg,
+            "mmHg",
+            "left_atrial_pressure_mmHg",
+        ),
         (
             "characteristic resistance",
             load.afterload.characteristic_resistance_mmhg_s_per_ml,
@@ -260,7 +285,12 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
             "mmHg·s/mL",
             "peripheral_resistance_mmHg_s_per_mL",
         ),
-        ("compliance", load.afterload.compliance_ml_per_mmhg, "mL/mmHg", "compliance_mL_per_mmHg"),
+        (
+            "compliance",
+            load.afterload.compliance_ml_per_mmhg,
+            "mL/mmHg",
+            "compliance_mL_per_mmHg",
+        ),
         (
             "Windkessel pressure at the start",
             load.initial_windkessel_pressure_mmhg,
@@ -302,11 +332,36 @@ type Row = (&'static str, f64, &'static str, &'static str);
 
 fn one_fibre(passive: &OneFibrePassive, activation: &ActivationSpec) -> Vec<Row> {
     vec![
-        ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
-        ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
-        ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
-        ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
-        ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
+        (
+            "wall volume",
+            passive.wall_volume_ml,
+            "mL",
+            "wall_volume_mL",
+        ),
+        (
+            "unloaded volume",
+            passive.unloaded_volume_ml,
+            "mL",
+            "unloaded_volume_mL",
+        ),
+        (
+            "end-diastolic volume",
+            passive.end_diastolic_volume_ml,
+            "mL",
+            "end_diastolic_volume_mL",
+        ),
+        (
+            "end-diastolic pressure",
+            passive.end_diastolic_pressure_mmhg,
+            "mmHg",
+            "end_diastolic_pressure_mmHg",
+        ),
+        (
+            "passive stiffness",
+            passive.stiffness_kpa,
+            "kPa",
+            "stiffness_kPa",
+        ),
         ("passive exponent", passive.exponent, "", "passive_exponent"),
         ("activation onset", activation.onset_ms, "ms", "onset_ms"),
         ("activation spread", activation.spread_ms, "ms", "spread_ms"),
@@ -318,14 +373,54 @@ fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
         ("nodes of the mesh", figures.nodes as f64, "", "nodes"),
         ("tetrahedra", figures.elements as f64, "", "elements"),
         ("mean edge", figures.mean_edge_mm, "mm", "mean_edge_mm"),
-        ("wall volume", figures.wall_volume_ml, "mL", "wall_volume_mL"),
-        ("image volume", figures.image_volume_ml, "mL", "image_volume_mL"),
-        ("image pressure", figures.image_pressure_mmhg, "mmHg", "image_pressure_mmHg"),
-        ("unloaded volume", figures.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
-        ("end-diastolic volume", figures.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
-        ("end-diastolic pressure", figures.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
-        ("passive stiffness", figures.stiffness_kpa, "kPa", "stiffness_kPa"),
-        ("factor of the exponents", figures.exponent_factor, "", "exponent_factor"),
+        (
+            "wall volume",
+            figures.wall_volume_ml,
+            "mL",
+            "wall_volume_mL",
+        ),
+        (
+            "image volume",
+            figures.image_volume_ml,
+            "mL",
+            "image_volume_mL",
+        ),
+        (
+            "image pressure",
+            figures.image_pressure_mmhg,
+            "mmHg",
+            "image_pressure_mmHg",
+        ),
+        (
+            "unloaded volume",
+            figures.unloaded_volume_ml,
+            "mL",
+            "unloaded_volume_mL",
+        ),
+        (
+            "end-diastolic volume",
+            figures.end_diastolic_volume_ml,
+            "mL",
+            "end_diastolic_volume_mL",
+        ),
+        (
+            "end-diastolic pressure",
+            figures.end_diastolic_pressure_mmhg,
+            "mmHg",
+            "end_diastolic_pressure_mmHg",
+        ),
+        (
+            "passive stiffness",
+            figures.stiffness_kpa,
+            "kPa",
+            "stiffness_kPa",
+        ),
+        (
+            "factor of the exponents",
+            figures.exponent_factor,
+            "",
+            "exponent_factor",
+        ),
         ("activation onset", figures.onset_ms, "ms", "onset_ms"),
         ("activation spread", figures.spread_ms, "ms", "spread_ms"),
     ]
@@ -346,7 +441,11 @@ mod tests {
 
     #[test]
     fn a_value_on_a_bound_is_told_from_one_beside_it() {
-        assert!(on_bound(1e-4, [1e-4, 1.0]) && on_bound(1.0005, [1e-4, 1.0]) && on_bound(-1.2, [-3.6, -1.2]));
+        assert!(
+            on_bound(1e-4, [1e-4, 1.0])
+                && on_bound(1.0005, [1e-4, 1.0])
+                && on_bound(-1.2, [-3.6, -1.2])
+        );
         assert!(!on_bound(1.1e-4, [1e-4, 1.0]) && !on_bound(0.5, [1e-4, 1.0]));
     }
 }

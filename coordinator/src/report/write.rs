@@ -35,12 +35,24 @@ pub fn write_report(
     discovered: Option<&DiscoverCases>,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
-    if run.patients.len() <= ONE_FILE { one_file(run, discovered, out) } else { index(run, discovered, out) }
+    if run.patients.len() <= ONE_FILE {
+        one_file(run, discovered, out)
+    } else {
+        index(run, discovered, out)
+    }
 }
 
-fn one_file(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Result<ReportPaths, WriteError> {
+fn one_file(
+    run: &RunRecord,
+    discovered: Option<&DiscoverCases>,
+    out: &Path,
+) -> Result<ReportPaths, WriteError> {
     let link = |p: &PatientRecord| format!("#p-{}", p.plan.id);
-    let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
+    let top = run
+        .patients
+        .iter()
+        .map(figures::top_pressure)
+        .fold(1.0, f64::max);
     let mut tiles = Vec::new();
     let mut sections = Vec::new();
     for p in &run.patients {
@@ -56,23 +68,41 @@ fn one_file(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> 
         @if let Some(cases) = discovered { (discovery::part(cases)) }
     };
     let nav = page::nav(run, "#top", &run.patients, &link);
-    write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;
-    Ok(ReportPaths { main: out.to_owned(), patients: Vec::new() })
+    write(
+        out,
+        &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content),
+    )?;
+    Ok(ReportPaths {
+        main: out.to_owned(),
+        patients: Vec::new(),
+    })
 }
 
-fn index(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Result<ReportPaths, WriteError> {
+fn index(
+    run: &RunRecord,
+    discovered: Option<&DiscoverCases>,
+    out: &Path,
+) -> Result<ReportPaths, WriteError> {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     let folder_name = format!("{stem}-patients");
     let folder = out.with_file_name(&folder_name);
     std::fs::create_dir_all(&folder).map_err(WriteError::folder(&folder))?;
     let names: Vec<String> = file_names(&run.patients);
-    let of: std::collections::HashMap<&str, &str> =
-        std::iter::zip(&run.patients, &names).map(|(p, name)| (p.plan.id.as_str(), name.as_str())).collect();
+    let of: std::collections::HashMap<&str, &str> = std::iter::zip(&run.patients, &names)
+        .map(|(p, name)| (p.plan.id.as_str(), name.as_str()))
+        .collect();
     let from_index = |p: &PatientRecord| format!("{folder_name}/{}", of[p.plan.id.as_str()]);
-    let home = format!("../{}", out.file_name().unwrap_or_default().to_string_lossy());
+    let home = format!(
+        "../{}",
+        out.file_name().unwrap_or_default().to_string_lossy()
+    );
 
     let shown = most_telling(&run.patients, TILES);
-    let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
+    let top = run
+        .patients
+        .iter()
+        .map(figures::top_pressure)
+        .fold(1.0, f64::max);
     let mut tiles = Vec::new();
     let mut written = Vec::new();
     for (i, p) in run.patients.iter().enumerate() {
@@ -87,7 +117,10 @@ fn index(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Res
         let nav = page::nav(run, &home, near, &|p| of[p.plan.id.as_str()].to_owned());
         let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
         let file = folder.join(&names[i]);
-        write(&file, &page::page(&title, &nav, &patient::section(p, &signals)))?;
+        write(
+            &file,
+            &page::page(&title, &nav, &patient::section(p, &signals)),
+        )?;
         written.push(file);
     }
     let left_out = run.patients.len() - tiles.len();
@@ -95,13 +128,28 @@ fn index(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Res
         (overview(run, &from_index, &tiles, left_out))
         @if let Some(cases) = discovered { h2 id="missing" { "What the model misses" } (discovery::cohort(cases)) }
     };
-    let unfinished: Vec<PatientRecord> = shown.iter().take(ONE_FILE).map(|i| run.patients[*i].clone()).collect();
+    let unfinished: Vec<PatientRecord> = shown
+        .iter()
+        .take(ONE_FILE)
+        .map(|i| run.patients[*i].clone())
+        .collect();
     let nav = page::nav(run, "#top", &unfinished, &from_index);
-    write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;
-    Ok(ReportPaths { main: out.to_owned(), patients: written })
+    write(
+        out,
+        &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content),
+    )?;
+    Ok(ReportPaths {
+        main: out.to_owned(),
+        patients: written,
+    })
 }
 
-fn overview(run: &RunRecord, link: cohort::Link, tiles: &[(String, String, Markup)], left_out: usize) -> Markup {
+fn overview(
+    run: &RunRecord,
+    link: cohort::Link,
+    tiles: &[(String, String, Markup)],
+    left_out: usize,
+) -> Markup {
     html! {
         div id="top" {}
         (cohort::header(run))
@@ -122,7 +170,12 @@ pub(super) fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
 /// Patients that one wants to see first: failures, then the largest costs of step 1; in the cohort's order.
 fn most_telling(patients: &[PatientRecord], n: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..patients.len()).collect();
-    let cost = |i: &usize| patients[*i].step1.as_ref().map_or(f64::NEG_INFINITY, |s| s.cost);
+    let cost = |i: &usize| {
+        patients[*i]
+            .step1
+            .as_ref()
+            .map_or(f64::NEG_INFINITY, |s| s.cost)
+    };
     order.sort_by(|a, b| {
         let failed = |i: &usize| patients[*i].failure.is_some();
         failed(b).cmp(&failed(a)).then(cost(b).total_cmp(&cost(a)))
@@ -136,7 +189,13 @@ fn most_telling(patients: &[PatientRecord], n: usize) -> Vec<usize> {
 fn file_names(patients: &[PatientRecord]) -> Vec<String> {
     let mut taken = HashSet::new();
     let names = patients.iter().map(|p| {
-        let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+        let plain = |c: char| {
+            if c.is_ascii_alphanumeric() || "-_.".contains(c) {
+                c
+            } else {
+                '_'
+            }
+        };
         let base: String = p.plan.id.as_str().chars().map(plain).collect();
         let mut name = format!("{base}.html");
         let mut k = 2;

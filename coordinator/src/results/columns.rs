@@ -40,15 +40,30 @@ impl Columns {
     /// # Errors
     /// [`ColumnsError`] names file, line and column.
     pub fn read(file: &Path) -> Result<Self, ColumnsError> {
-        let failed = |source| ColumnsError::Read { file: file.to_owned(), source };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_path(file).map_err(failed)?;
-        let names: Vec<String> = reader.headers().map_err(failed)?.iter().map(str::to_owned).collect();
+        let failed = |source| ColumnsError::Read {
+            file: file.to_owned(),
+            source,
+        };
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_path(file)
+            .map_err(failed)?;
+        let names: Vec<String> = reader
+            .headers()
+            .map_err(failed)?
+            .iter()
+            .map(str::to_owned)
+            .collect();
         let mut values = vec![Vec::new(); names.len()];
         for record in reader.records() {
             let record = record.map_err(failed)?;
             for ((cell, name), column) in record.iter().zip(&names).zip(&mut values) {
-                let number = if cell.is_empty() { Some(f64::NAN) } else { cell.parse().ok() };
+                let number = if cell.is_empty() {
+                    Some(f64::NAN)
+                } else {
+                    cell.parse().ok()
+                };
                 column.push(number.ok_or_else(|| ColumnsError::NotANumber {
                     file: file.to_owned(),
                     line: record.position().map_or(0, csv::Position::line),
@@ -63,7 +78,10 @@ impl Columns {
     /// A column by name.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&[f64]> {
-        self.names.iter().position(|n| n == name).map(|i| self.values[i].as_slice())
+        self.names
+            .iter()
+            .position(|n| n == name)
+            .map(|i| self.values[i].as_slice())
     }
 
     /// Two columns side by side, rows with a missing value left out; `None` where a column is absent or empty.
@@ -90,13 +108,21 @@ mod tests {
     #[test]
     fn absent_columns_and_empty_cells_are_left_out() {
         let columns = read("time_ms,Sa_kPa\n0,1\n1,\n2,3.5\n").unwrap();
-        assert_eq!(columns.pairs("time_ms", "Sa_kPa"), Some(vec![(0.0, 1.0), (2.0, 3.5)]));
+        assert_eq!(
+            columns.pairs("time_ms", "Sa_kPa"),
+            Some(vec![(0.0, 1.0), (2.0, 3.5)])
+        );
         assert_eq!(columns.pairs("time_ms", "Ca_uM"), None);
     }
 
     #[test]
     fn a_word_among_numbers_is_named_with_its_line() {
-        let message = read("time_ms,Sa_kPa\n0,1\n1,high\n").unwrap_err().to_string();
-        assert!(message.ends_with(":3: column Sa_kPa holds `high`, expected a number"), "{message}");
+        let message = read("time_ms,Sa_kPa\n0,1\n1,high\n")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.ends_with(":3: column Sa_kPa holds `high`, expected a number"),
+            "{message}"
+        );
     }
 }

@@ -73,7 +73,13 @@ biomarkers! {
 
 impl Biomarker {
     /// The five of the paper's Table 2, in its order.
-    pub const TABLE_2: [Self; 5] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::Sv];
+    pub const TABLE_2: [Self; 5] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::Sv,
+    ];
     /// All, in the order of tables.
     pub const ALL: [Self; 11] = [
         Self::PMax,
@@ -116,13 +122,19 @@ impl MeanSd {
     /// Of the values that are there; `None` without any.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = Option<f64>>) -> Option<Self> {
-        let values: Vec<f64> = values.into_iter().flatten().filter(|v| v.is_finite()).collect();
+        let values: Vec<f64> = values
+            .into_iter()
+            .flatten()
+            .filter(|v| v.is_finite())
+            .collect();
         let n = values.len();
         if n == 0 {
             return None;
         }
         let mean = values.iter().sum::<f64>() / n as f64;
-        let sd = (n > 1).then(|| (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt());
+        let sd = (n > 1).then(|| {
+            (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt()
+        });
         // Equal values spread by the mean's last bit: that is zero.
         let sd = sd.map(|sd| if sd < 1e-14 * mean.abs() { 0.0 } else { sd });
         Some(Self { mean, sd, n })
@@ -139,12 +151,22 @@ impl<'a> PatientView<'a> {
     pub fn best_iteration(self) -> Option<&'a IterationRecord> {
         let iterations = &self.0.iterations;
         match &self.0.step1 {
-            Some(summary) => iterations.iter().find(|i| i.number == summary.best_iteration),
+            Some(summary) => iterations
+                .iter()
+                .find(|i| i.number == summary.best_iteration),
             None => iterations
                 .iter()
-                .filter(|i| i.run.as_ref().is_some_and(|run| run.result.failed_valve().is_none()))
+                .filter(|i| {
+                    i.run
+                        .as_ref()
+                        .is_some_and(|run| run.result.failed_valve().is_none())
+                })
                 .filter(|i| i.cost.is_some_and(f64::is_finite))
-                .min_by(|a, b| a.cost.unwrap_or(f64::INFINITY).total_cmp(&b.cost.unwrap_or(f64::INFINITY))),
+                .min_by(|a, b| {
+                    a.cost
+                        .unwrap_or(f64::INFINITY)
+                        .total_cmp(&b.cost.unwrap_or(f64::INFINITY))
+                }),
         }
     }
 
@@ -155,7 +177,12 @@ impl<'a> PatientView<'a> {
             Step::Step1 => self.best_iteration()?.run.as_ref(),
             Step::Step1FirstConverged => {
                 let first = self.0.step1.as_ref()?.first_converged?;
-                self.0.iterations.iter().find(|i| i.number == first)?.run.as_ref()
+                self.0
+                    .iterations
+                    .iter()
+                    .find(|i| i.number == first)?
+                    .run
+                    .as_ref()
             }
             Step::Step2 => self.0.verification.as_ref(),
             Step::Step3 => self.0.step3.as_ref().and_then(|_| self.0.twin()),
@@ -165,7 +192,10 @@ impl<'a> PatientView<'a> {
     /// Measured biomarkers: from the traces once step 0 has read them, else as they were given.
     #[must_use]
     pub fn measured(self) -> &'a Biomarkers {
-        self.0.step0.as_ref().map_or(&self.0.plan.step0.biomarkers, |r| &r.result.measured)
+        self.0
+            .step0
+            .as_ref()
+            .map_or(&self.0.plan.step0.biomarkers, |r| &r.result.measured)
     }
 
     /// Simulated biomarkers of a step.
@@ -177,37 +207,71 @@ impl<'a> PatientView<'a> {
     /// Relative difference of one biomarker, signed; 0.1 is 10 %.
     #[must_use]
     pub fn relative_difference(self, step: Step, biomarker: Biomarker) -> Option<f64> {
-        relative_difference(biomarker.of(self.simulated(step)?)?, biomarker.of(self.measured())?)
+        relative_difference(
+            biomarker.of(self.simulated(step)?)?,
+            biomarker.of(self.measured())?,
+        )
     }
 
     /// The beat that step 3 took, where that is not the verification beat.
     #[must_use]
     pub fn step3_beat(self) -> Option<&'a TaskRecord<OrganBeatResult>> {
-        self.beat(Step::Step3).filter(|_| self.0.step3.as_ref().is_some_and(|step3| step3.best_iteration > 0))
+        self.beat(Step::Step3).filter(|_| {
+            self.0
+                .step3
+                .as_ref()
+                .is_some_and(|step3| step3.best_iteration > 0)
+        })
     }
 
     /// Whether step 1's result is within the tolerance.
     #[must_use]
     pub fn step1_converged(self) -> bool {
-        self.0.step1.as_ref().is_some_and(|s| s.quality == Step1Quality::Converged)
+        self.0
+            .step1
+            .as_ref()
+            .is_some_and(|s| s.quality == Step1Quality::Converged)
     }
 
     /// Provenance of every published task, with a name for each, in the order of the workflow.
     #[must_use]
     pub fn tasks(self) -> Vec<(String, &'a str, u32, &'a Provenance)> {
-        fn entry<'a, T>(name: &str, record: &'a TaskRecord<T>) -> (String, &'a str, u32, &'a Provenance) {
-            (name.to_owned(), record.key.as_str(), record.generation, &record.provenance)
+        fn entry<'a, T>(
+            name: &str,
+            record: &'a TaskRecord<T>,
+        ) -> (String, &'a str, u32, &'a Provenance) {
+            (
+                name.to_owned(),
+                record.key.as_str(),
+                record.generation,
+                &record.provenance,
+            )
         }
         let mut tasks = Vec::new();
         tasks.extend(self.0.step0.as_ref().map(|r| entry("step 0", r)));
         for iteration in &self.0.iterations {
-            tasks.extend(iteration.run.as_ref().map(|r| entry(&format!("step 1, iteration {}", iteration.number), r)));
+            tasks.extend(
+                iteration
+                    .run
+                    .as_ref()
+                    .map(|r| entry(&format!("step 1, iteration {}", iteration.number), r)),
+            );
         }
         tasks.extend(self.0.targets.as_ref().map(|r| entry("targets", r)));
         tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
-        tasks.extend(self.0.verification.as_ref().map(|r| entry("verification", r)));
+        tasks.extend(
+            self.0
+                .verification
+                .as_ref()
+                .map(|r| entry("verification", r)),
+        );
         for iteration in &self.0.step3_iterations {
-            tasks.extend(iteration.run.as_ref().map(|r| entry(&format!("step 3, iteration {}", iteration.number), r)));
+            tasks.extend(
+                iteration
+                    .run
+                    .as_ref()
+                    .map(|r| entry(&format!("step 3, iteration {}", iteration.number), r)),
+            );
         }
         tasks
     }
@@ -215,7 +279,10 @@ impl<'a> PatientView<'a> {
     /// Wall time of all published tasks, seconds; `None` where none is published.
     #[must_use]
     pub fn wall_s(self) -> Option<f64> {
-        self.tasks().iter().map(|(_, _, _, p)| p.wall_s).reduce(|a, b| a + b)
+        self.tasks()
+            .iter()
+            .map(|(_, _, _, p)| p.wall_s)
+            .reduce(|a, b| a + b)
     }
 }
 
@@ -228,7 +295,14 @@ mod tests {
         let found = MeanSd::of([Some(2.0), None, Some(4.0), Some(f64::NAN), Some(9.0)]).unwrap();
         assert_eq!((found.mean, found.n), (5.0, 3));
         assert!((found.sd.unwrap() - 13.0_f64.sqrt()).abs() < 1e-12);
-        assert_eq!(MeanSd::of([Some(3.0)]), Some(MeanSd { mean: 3.0, sd: None, n: 1 }));
+        assert_eq!(
+            MeanSd::of([Some(3.0)]),
+            Some(MeanSd {
+                mean: 3.0,
+                sd: None,
+                n: 1
+            })
+        );
         assert_eq!(MeanSd::of([None]), None);
     }
 

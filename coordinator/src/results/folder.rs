@@ -18,19 +18,31 @@ impl WholeFolder {
     /// # Errors
     /// [`WriteError::Folder`].
     pub fn begin(place: &Path) -> Result<Self, WriteError> {
-        let parent = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+        let parent = place
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or_else(|| Path::new("."));
         fs::create_dir_all(parent).map_err(WriteError::folder(parent))?;
-        let beside =
-            tempfile::Builder::new().prefix(".preparing-").tempdir_in(parent).map_err(WriteError::folder(parent))?;
+        let beside = tempfile::Builder::new()
+            .prefix(".preparing-")
+            .tempdir_in(parent)
+            .map_err(WriteError::folder(parent))?;
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt as _;
             // A temporary folder is its maker's alone; this one will be as readable as the folder that it lies in.
-            let mode = fs::metadata(parent).map_err(WriteError::folder(place))?.permissions().mode() & 0o777;
+            let mode = fs::metadata(parent)
+                .map_err(WriteError::folder(place))?
+                .permissions()
+                .mode()
+                & 0o777;
             fs::set_permissions(beside.path(), fs::Permissions::from_mode(mode | 0o700))
                 .map_err(WriteError::folder(place))?;
         }
-        Ok(Self { beside, place: place.to_owned() })
+        Ok(Self {
+            beside,
+            place: place.to_owned(),
+        })
     }
 
     /// Where it is filled.
@@ -48,8 +60,8 @@ impl WholeFolder {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
         }
-        let written =
-            fs::File::create_new(&path).and_then(|mut file| file.write_all(content).and_then(|()| file.sync_all()));
+        let written = fs::File::create_new(&path)
+            .and_then(|mut file| file.write_all(content).and_then(|()| file.sync_all()));
         written.map_err(WriteError::file(&self.place.join(name)))
     }
 
@@ -62,7 +74,8 @@ impl WholeFolder {
         if occupied {
             // Both folders change places at once, so that there is a whole one at every moment; the old one goes with `beside`.
             use rustix::fs::{CWD, RenameFlags, renameat_with};
-            let exchanged = renameat_with(CWD, self.path(), CWD, &self.place, RenameFlags::EXCHANGE);
+            let exchanged =
+                renameat_with(CWD, self.path(), CWD, &self.place, RenameFlags::EXCHANGE);
             return exchanged.map_err(|error| WriteError::folder(&self.place)(error.into()));
         }
         fs::rename(self.path(), &self.place).map_err(WriteError::folder(&self.place))?;
@@ -93,6 +106,10 @@ mod tests {
         folder.write("a/b.txt", b"third").unwrap();
         folder.publish().unwrap();
         assert_eq!(content(), "third");
-        assert_eq!(fs::read_dir(place.parent().unwrap()).unwrap().count(), 1, "no litter");
+        assert_eq!(
+            fs::read_dir(place.parent().unwrap()).unwrap().count(),
+            1,
+            "no litter"
+        );
     }
 }

@@ -52,8 +52,12 @@ impl HeartFile {
     /// # Errors
     /// [`HeartError`] naming the file.
     pub fn read(patient: &PatientRecord) -> Result<Option<Self>, HeartError> {
-        let Some(iteration) = PatientView(patient).best_iteration() else { return Ok(None) };
-        let Some(file) = iteration.run.as_ref().and_then(|run| run.artefact("heart")) else { return Ok(None) };
+        let Some(iteration) = PatientView(patient).best_iteration() else {
+            return Ok(None);
+        };
+        let Some(file) = iteration.run.as_ref().and_then(|run| run.artefact("heart")) else {
+            return Ok(None);
+        };
         let bytes = match std::fs::read(&file) {
             Ok(bytes) => bytes,
             Err(source) => return Err(HeartError::Read { file, source }),
@@ -64,7 +68,10 @@ impl HeartFile {
         };
         match wrong(&heart) {
             Some(what) => Err(HeartError::Content { file, what }),
-            None => Ok(Some(Self { name: format!("step 1, iteration {}", iteration.number), heart })),
+            None => Ok(Some(Self {
+                name: format!("step 1, iteration {}", iteration.number),
+                heart,
+            })),
         }
     }
 }
@@ -77,13 +84,20 @@ fn wrong(heart: &HeartSurface) -> Option<String> {
         return Some(format!("{} states, expected 2", heart.states.len()));
     }
     let n = heart.states[0].points_mm.len();
-    let even =
-        |s: &cardiotwin_schemas::heart::HeartState| [s.points_mm.len(), s.sa_kpa.len(), s.lambda.len()] == [n; 3];
+    let even = |s: &cardiotwin_schemas::heart::HeartState| {
+        [s.points_mm.len(), s.sa_kpa.len(), s.lambda.len()] == [n; 3]
+    };
     if !heart.states.iter().all(even) {
         return Some(format!("a state with other than {n} corners"));
     }
-    let corners = heart.parts.iter().flat_map(|part| part.triangles.as_flattened());
-    corners.max().filter(|last| **last as usize >= n).map(|last| format!("corner {last} of {n}"))
+    let corners = heart
+        .parts
+        .iter()
+        .flat_map(|part| part.triangles.as_flattened());
+    corners
+        .max()
+        .filter(|last| **last as usize >= n)
+        .map(|last| format!("corner {last} of {n}"))
 }
 
 #[cfg(test)]
@@ -102,7 +116,11 @@ mod tests {
             sa_kpa: vec![None; 3],
             lambda: vec![None; 3],
         };
-        let part = HeartPart { surface: "cut".into(), contracts: true, triangles: vec![[0, 1, 2]] };
+        let part = HeartPart {
+            surface: "cut".into(),
+            contracts: true,
+            triangles: vec![[0, 1, 2]],
+        };
         let good = HeartSurface {
             schema_version: SCHEMA_VERSION,
             long_axis: [0.0, 0.0, 1.0],

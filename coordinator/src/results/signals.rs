@@ -81,7 +81,11 @@ const BEAT: [SignalKind; 5] = [
     SignalKind::AorticFlow,
     SignalKind::MitralFlow,
 ];
-const CELL: [SignalKind; 3] = [SignalKind::ActiveStress, SignalKind::Calcium, SignalKind::Stretch];
+const CELL: [SignalKind; 3] = [
+    SignalKind::ActiveStress,
+    SignalKind::Calcium,
+    SignalKind::Stretch,
+];
 
 /// One trace: time in ms from the beat's start, and the value.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,22 +114,55 @@ impl Signals {
     pub fn read(patient: &PatientRecord) -> Self {
         let mut signals = Self::default();
         let step0 = &patient.plan.step0;
-        let measured = [(&step0.pressure, SignalKind::Pressure), (&step0.volume, SignalKind::Volume)];
+        let measured = [
+            (&step0.pressure, SignalKind::Pressure),
+            (&step0.volume, SignalKind::Volume),
+        ];
         // Traces that were corrected for artefacts are shown as they were used.
-        let corrected = patient.step0.as_ref().and_then(|record| record.artefact("measured"));
+        let corrected = patient
+            .step0
+            .as_ref()
+            .and_then(|record| record.artefact("measured"));
         for (input, kind) in measured {
             if let Some(input) = input {
-                signals.add(Source::Measured, corrected.as_deref().unwrap_or(&input.path), &[kind]);
+                signals.add(
+                    Source::Measured,
+                    corrected.as_deref().unwrap_or(&input.path),
+                    &[kind],
+                );
             }
         }
-        let step1 =
-            PatientView(patient).best_iteration().and_then(|i| i.run.as_ref()).and_then(|r| r.artefact("traces"));
+        let step1 = PatientView(patient)
+            .best_iteration()
+            .and_then(|i| i.run.as_ref())
+            .and_then(|r| r.artefact("traces"));
         let parts = [
             (Source::Step1, step1, &BEAT[..]),
-            (Source::Step2, patient.verification.as_ref().and_then(|r| r.artefact("traces")), &BEAT[..]),
-            (Source::Step3, PatientView(patient).step3_beat().and_then(|r| r.artefact("traces")), &BEAT[..]),
-            (Source::Step1, patient.targets.as_ref().and_then(|r| r.artefact("median")), &CELL[..]),
-            (Source::Step2, patient.cell_fit.as_ref().and_then(|r| r.artefact("cell")), &CELL[..]),
+            (
+                Source::Step2,
+                patient
+                    .verification
+                    .as_ref()
+                    .and_then(|r| r.artefact("traces")),
+                &BEAT[..],
+            ),
+            (
+                Source::Step3,
+                PatientView(patient)
+                    .step3_beat()
+                    .and_then(|r| r.artefact("traces")),
+                &BEAT[..],
+            ),
+            (
+                Source::Step1,
+                patient.targets.as_ref().and_then(|r| r.artefact("median")),
+                &CELL[..],
+            ),
+            (
+                Source::Step2,
+                patient.cell_fit.as_ref().and_then(|r| r.artefact("cell")),
+                &CELL[..],
+            ),
         ];
         for (source, file, kinds) in parts {
             if let Some(file) = file {
@@ -141,7 +178,11 @@ impl Signals {
             Ok(columns) => {
                 for kind in kinds {
                     match columns.pairs("time_ms", kind.column()) {
-                        Some(points) => self.all.push(Signal { source, kind: *kind, points }),
+                        Some(points) => self.all.push(Signal {
+                            source,
+                            kind: *kind,
+                            points,
+                        }),
                         None if matches!(
                             kind,
                             SignalKind::Pressure | SignalKind::ActiveStress | SignalKind::Stretch
@@ -163,6 +204,9 @@ impl Signals {
     /// Samples of a trace.
     #[must_use]
     pub fn get(&self, source: Source, kind: SignalKind) -> Option<&[(f64, f64)]> {
-        self.all.iter().find(|s| s.source == source && s.kind == kind).map(|s| s.points.as_slice())
+        self.all
+            .iter()
+            .find(|s| s.source == source && s.kind == kind)
+            .map(|s| s.points.as_slice())
     }
 }

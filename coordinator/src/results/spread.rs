@@ -30,7 +30,11 @@ impl SpreadFile {
     /// # Errors
     /// [`ColumnsError`] naming the file.
     pub fn read(patient: &PatientRecord) -> Result<Option<Self>, ColumnsError> {
-        let Some(file) = patient.targets.as_ref().and_then(|targets| targets.artefact("spread")) else {
+        let Some(file) = patient
+            .targets
+            .as_ref()
+            .and_then(|targets| targets.artefact("spread"))
+        else {
             return Ok(None);
         };
         let columns = Columns::read(&file)?;
@@ -41,7 +45,13 @@ impl SpreadFile {
             }
             Some(Spread { kind, levels })
         };
-        let kinds = [SignalKind::Stretch, SignalKind::ActiveStress, SignalKind::Calcium];
-        Ok(Some(Self { all: kinds.into_iter().filter_map(of).collect() }))
+        let kinds = [
+            SignalKind::Stretch,
+            SignalKind::ActiveStress,
+            SignalKind::Calcium,
+        ];
+        Ok(Some(Self {
+            all: kinds.into_iter().filter_map(of).collect(),
+        }))
     }
 }

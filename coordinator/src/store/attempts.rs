@@ -76,8 +76,7 @@ FROM json_each(?1) AS new
 WHERE attempts.task = (new.value->>'task') AND attempts.generation = (new.value->>'generation')
   AND attempts.version = (new.value->>'version')";
 
-pub(super) const SELECT_AT_WORK: &str =
-    "SELECT task, generation, directory, version, state FROM attempts WHERE over = 0 ORDER BY planned_ms, task";
+pub(super) const SELECT_AT_WORK: &str = "SELECT task, generation, directory, version, state FROM attempts WHERE over = 0 ORDER BY planned_ms, task";
 
 pub(super) const SELECT_OF_PATIENT: &str = "
 SELECT task, generation, directory, state, external_id, claim, planned_ms, ended_ms FROM attempts

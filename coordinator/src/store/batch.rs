@@ -17,7 +17,8 @@ pub(super) struct Rows {
 impl Rows {
     pub(super) fn push<T: Serialize>(&mut self, row: &T) {
         self.text.push(if self.count == 0 { '[' } else { ',' });
-        self.text.push_str(&serde_json::to_string(row).expect("rows are plain structs: they are JSON"));
+        self.text
+            .push_str(&serde_json::to_string(row).expect("rows are plain structs: they are JSON"));
         self.count += 1;
     }
 
@@ -149,7 +150,8 @@ impl Batch {
 
     /// A single value.
     pub fn put_meta(&mut self, key: &str, value: &str) {
-        self.meta.push(&serde_json::json!({ "key": key, "value": value }));
+        self.meta
+            .push(&serde_json::json!({ "key": key, "value": value }));
     }
 
     /// Actions that were done.
@@ -162,7 +164,11 @@ impl Batch {
         let mut statements = Vec::new();
         let mut add = |rows: &mut Rows, sql: &'static str, guard: Option<&'static str>| {
             if let Some((json, count)) = rows.take() {
-                statements.push(Statement { sql, json, guard: guard.map(|table| (table, count)) });
+                statements.push(Statement {
+                    sql,
+                    json,
+                    guard: guard.map(|table| (table, count)),
+                });
             }
         };
         add(&mut self.new_patients, patients::INSERT, None);
@@ -181,8 +187,13 @@ impl Batch {
         add(&mut self.allotments, cluster_jobs::PUT_ALLOTMENT, None);
         add(&mut self.meta, cluster_jobs::PUT_META, None);
         if !self.done.is_empty() {
-            let json = serde_json::to_string(&std::mem::take(&mut self.done)).expect("numbers are JSON");
-            statements.push(Statement { sql: outbox::DONE, json, guard: None });
+            let json =
+                serde_json::to_string(&std::mem::take(&mut self.done)).expect("numbers are JSON");
+            statements.push(Statement {
+                sql: outbox::DONE,
+                json,
+                guard: None,
+            });
         }
         statements
     }
@@ -199,9 +210,11 @@ pub(super) struct Statement {
 impl Statement {
     pub(super) fn check(&self, changed: u64) -> Result<(), StoreError> {
         match self.guard {
-            Some((table, expected)) if changed != expected as u64 => {
-                Err(StoreError::Guard { table, expected, changed })
-            }
+            Some((table, expected)) if changed != expected as u64 => Err(StoreError::Guard {
+                table,
+                expected,
+                changed,
+            }),
             _ => Ok(()),
         }
     }

@@ -39,9 +39,18 @@ pub(super) fn before(
 ) -> Option<BeforeEffects> {
     let organ = &step0?.organ;
     let simulated = |was: &Was| -> Option<TaskRecord<OrganBeatResult>> {
-        let Some(TaskSpec::OrganBeat(spec)) = &was.spec else { return None };
-        let lacks = |name: &str| spec.circulation.effects.iter().all(|effect| effect.name != name);
-        if !same_ventricle(organ, &spec.organ) || !plan.effects.iter().all(|effect| lacks(&effect.name)) {
+        let Some(TaskSpec::OrganBeat(spec)) = &was.spec else {
+            return None;
+        };
+        let lacks = |name: &str| {
+            spec.circulation
+                .effects
+                .iter()
+                .all(|effect| effect.name != name)
+        };
+        if !same_ventricle(organ, &spec.organ)
+            || !plan.effects.iter().all(|effect| lacks(&effect.name))
+        {
             return None;
         }
         settled.get(&was.key)?.record(&was.key, beat)
@@ -49,9 +58,13 @@ pub(super) fn before(
     let of = |stage: Stage| history.iter().rev().filter(move |was| was.stage == stage);
     // The simulation that step 1 took is the one whose nodal traces became targets.
     let taken = |was: &Was| {
-        let Some(TaskSpec::Targets(targets)) = &was.spec else { return None };
+        let Some(TaskSpec::Targets(targets)) = &was.spec else {
+            return None;
+        };
         of(Stage::Step1).filter_map(&simulated).find(|run| {
-            run.artefacts.iter().any(|artefact| artefact.name == "nodal" && artefact.sha256 == targets.nodal.sha256)
+            run.artefacts
+                .iter()
+                .any(|artefact| artefact.name == "nodal" && artefact.sha256 == targets.nodal.sha256)
         })
     };
     let found = BeforeEffects {
@@ -65,7 +78,9 @@ pub(super) fn before(
 fn same_ventricle(a: &OrganSpec, b: &OrganSpec) -> bool {
     match (a, b) {
         (OrganSpec::Reduced { .. }, OrganSpec::Reduced { .. }) => true,
-        (OrganSpec::FiniteElement(a), OrganSpec::FiniteElement(b)) => a.figures.nodes == b.figures.nodes,
+        (OrganSpec::FiniteElement(a), OrganSpec::FiniteElement(b)) => {
+            a.figures.nodes == b.figures.nodes
+        }
         _ => false,
     }
 }

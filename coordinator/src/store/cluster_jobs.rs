@@ -169,23 +169,35 @@ pub fn id_text(row: &JobRow, element: usize) -> String {
 
 /// What `status` shows of the cluster.
 #[must_use]
-pub fn status(report: &ClusterReport, jobs: &[JobRow], names: &HashMap<i64, String>, now_ms: i64) -> ClusterStatus {
+pub fn status(
+    report: &ClusterReport,
+    jobs: &[JobRow],
+    names: &HashMap<i64, String>,
+    now_ms: i64,
+) -> ClusterStatus {
     let mut alive = Vec::new();
     let mut node_hours = 0.0;
     for row in jobs {
         for (element, seen) in row.seen.iter().enumerate() {
             let state = &row.state.elements[element];
-            let since =
-                seen.start_s.filter(|_| *state == Element::Running).map(|start| (now_ms / 1000 - start).max(0) as f64);
+            let since = seen
+                .start_s
+                .filter(|_| *state == Element::Running)
+                .map(|start| (now_ms / 1000 - start).max(0) as f64);
             let hours = seen.elapsed_s.map(|s| s as f64).or(since).unwrap_or(0.0) / 3600.0;
             node_hours += hours * row.spec.nodes_charged;
             if seen.settled || row.over {
                 continue;
             }
-            let patients =
-                row.spec.elements[element].iter().filter_map(|placed| names.get(&placed.patient_id).cloned());
+            let patients = row.spec.elements[element]
+                .iter()
+                .filter_map(|placed| names.get(&placed.patient_id).cloned());
             alive.push(JobStatus {
-                id: if row.state.submission == Submission::Intended { String::new() } else { id_text(row, element) },
+                id: if row.state.submission == Submission::Intended {
+                    String::new()
+                } else {
+                    id_text(row, element)
+                },
                 name: row.name.clone(),
                 state: row.state.word(element).to_owned(),
                 why: seen.why.clone(),
@@ -196,7 +208,9 @@ pub fn status(report: &ClusterReport, jobs: &[JobRow], names: &HashMap<i64, Stri
     let as_of = report.answered_ms.map(clock::utc_text).unwrap_or_default();
     ClusterStatus {
         site: report.site.clone(),
-        age_s: report.answered_ms.map_or(0.0, |at| (now_ms - at).max(0) as f64 / 1000.0),
+        age_s: report
+            .answered_ms
+            .map_or(0.0, |at| (now_ms - at).max(0) as f64 / 1000.0),
         as_of,
         no_answer: report.no_answer.clone(),
         holds: report.holds.clone(),
@@ -238,8 +252,11 @@ pub struct JobRecord {
 pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -> Vec<JobRecord> {
     let mut records = Vec::new();
     for row in jobs {
-        let is_here = |list: &Vec<Placed>| list.iter().any(|placed| placed.patient_id == patient_id);
-        let Some(element) = row.spec.elements.iter().position(is_here) else { continue };
+        let is_here =
+            |list: &Vec<Placed>| list.iter().any(|placed| placed.patient_id == patient_id);
+        let Some(element) = row.spec.elements.iter().position(is_here) else {
+            continue;
+        };
         let seen = &row.seen[element];
         let why = match &row.state.elements[element] {
             Element::Over { ending } => ending.words.clone(),
@@ -263,9 +280,15 @@ pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -
 fn alive_expected(jobs: &[JobRow]) -> f64 {
     let share = |row: &JobRow| {
         let open = row.seen.iter().filter(|seen| !seen.settled).count();
-        if row.over { 0.0 } else { open as f64 / row.seen.len().max(1) as f64 }
+        if row.over {
+            0.0
+        } else {
+            open as f64 / row.seen.len().max(1) as f64
+        }
     };
-    jobs.iter().map(|row| row.spec.expected_node_hours * share(row)).sum()
+    jobs.iter()
+        .map(|row| row.spec.expected_node_hours * share(row))
+        .sum()
 }
 
 pub(super) const INSERT: &str = "
@@ -287,8 +310,7 @@ pub(super) const PUT_META: &str = "
 INSERT INTO meta (key, value) SELECT value->>'key', value->>'value' FROM json_each(?1) WHERE true
 ON CONFLICT (key) DO UPDATE SET value = excluded.value WHERE value <> excluded.value";
 
-pub(super) const SELECT_AT_WORK: &str =
-    "SELECT name, version, state, spec, seen, intended_ms FROM jobs WHERE over = 0 ORDER BY intended_ms, name";
+pub(super) const SELECT_AT_WORK: &str = "SELECT name, version, state, spec, seen, intended_ms FROM jobs WHERE over = 0 ORDER BY intended_ms, name";
 
 pub(super) const SELECT_ALL: &str =
     "SELECT name, version, state, spec, seen, intended_ms FROM jobs ORDER BY intended_ms, name";

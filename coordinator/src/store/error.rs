@@ -14,7 +14,9 @@ pub enum StoreError {
         file: PathBuf,
     },
     /// The file is something else.
-    #[error("{file} is no database of cardiotwin ({found}); give another run directory with --run-dir")]
+    #[error(
+        "{file} is no database of cardiotwin ({found}); give another run directory with --run-dir"
+    )]
     NotOurs {
         /// The file.
         file: PathBuf,
@@ -60,7 +62,9 @@ pub enum StoreError {
         found: String,
     },
     /// No space left.
-    #[error("no space left for {file}: free some and run again, nothing that was committed is lost")]
+    #[error(
+        "no space left for {file}: free some and run again, nothing that was committed is lost"
+    )]
     DiskFull {
         /// The database.
         file: PathBuf,
@@ -154,15 +158,24 @@ impl StoreError {
     pub(super) fn from_sqlite(file: PathBuf, what: &'static str, source: sqlx::Error) -> Self {
         // Extended result codes keep the primary one in the low byte.
         let code = match &source {
-            sqlx::Error::Database(error) => error.code().and_then(|c| c.parse::<i64>().ok()).map(|c| (c & 0xff, c)),
+            sqlx::Error::Database(error) => error
+                .code()
+                .and_then(|c| c.parse::<i64>().ok())
+                .map(|c| (c & 0xff, c)),
             _ => None,
         };
         match code {
             Some((13, _)) => Self::DiskFull { file, source }, // SQLITE_FULL
             // SQLITE_READONLY and SQLITE_PERM; SQLITE_CANTOPEN of an existing file is a matter of permission, too.
             Some((8 | 3, _)) => Self::ReadOnly { file, source },
-            Some((11, _)) => Self::Corrupted { found: source.to_string(), file }, // SQLITE_CORRUPT
-            Some((26, _)) => Self::NotOurs { found: source.to_string(), file },   // SQLITE_NOTADB
+            Some((11, _)) => Self::Corrupted {
+                found: source.to_string(),
+                file,
+            }, // SQLITE_CORRUPT
+            Some((26, _)) => Self::NotOurs {
+                found: source.to_string(),
+                file,
+            }, // SQLITE_NOTADB
             _ => Self::Sql { file, what, source },
         }
     }

@@ -33,7 +33,10 @@ pub fn shared(directory: &Path) -> Option<&'static str> {
     // The width of the number differs between platforms; magic numbers have 32 bits.
     #[allow(clippy::cast_sign_loss, clippy::unnecessary_cast)]
     let kind = kind as u64 & 0xFFFF_FFFF;
-    SHARED.iter().find(|(magic, _)| *magic == kind).map(|(_, name)| *name)
+    SHARED
+        .iter()
+        .find(|(magic, _)| *magic == kind)
+        .map(|(_, name)| *name)
 }
 
 #[cfg(test)]

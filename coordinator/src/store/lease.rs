@@ -62,15 +62,30 @@ impl Lease {
                 // Half written is as held: its writer is at it, or the time since it was made decides.
                 let found = read(&file(&folder, highest));
                 let held = match &found {
-                    Some(text) => !text.released && now_ms < text.expires_ms && lives(&text.holder) != Some(false),
+                    Some(text) => {
+                        !text.released
+                            && now_ms < text.expires_ms
+                            && lives(&text.holder) != Some(false)
+                    }
                     None => is_young(&file(&folder, highest), now_ms),
                 };
                 if held {
                     let holder = found.map_or_else(
-                        || LockHolder { host: "an unknown host".into(), pid: 0, since: "a moment ago".into() },
-                        |text| LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at },
+                        || LockHolder {
+                            host: "an unknown host".into(),
+                            pid: 0,
+                            since: "a moment ago".into(),
+                        },
+                        |text| LockHolder {
+                            host: text.holder.host,
+                            pid: text.holder.pid,
+                            since: text.holder.at,
+                        },
                     );
-                    return Err(LockError::Held { dir: run_dir.to_owned(), holder });
+                    return Err(LockError::Held {
+                        dir: run_dir.to_owned(),
+                        holder,
+                    });
                 }
             }
             let generation = highest + 1;
@@ -79,9 +94,20 @@ impl Lease {
             match fs::File::options().write(true).create_new(true).open(&path) {
                 Ok(mut created) => {
                     // Not before: a lease that is dropped marks its generation's file as released.
-                    let text = Text { holder: holder.clone(), generation, expires_ms, released: false };
-                    let lease = Self { text, folder: folder.clone() };
-                    created.write_all(&lease.json()).and_then(|()| created.sync_all()).map_err(io(&path))?;
+                    let text = Text {
+                        holder: holder.clone(),
+                        generation,
+                        expires_ms,
+                        released: false,
+                    };
+                    let lease = Self {
+                        text,
+                        folder: folder.clone(),
+                    };
+                    created
+                        .write_all(&lease.json())
+                        .and_then(|()| created.sync_all())
+                        .map_err(io(&path))?;
                     lease.forget_older();
                     return Ok(lease);
                 }
@@ -99,11 +125,18 @@ impl Lease {
     pub fn check(&mut self, now_ms: i64) -> Result<(), StoreError> {
         let failed = |folder: &Path| {
             let file = folder.to_owned();
-            move |source| StoreError::File { what: "look into", file, source }
+            move |source| StoreError::File {
+                what: "look into",
+                file,
+                source,
+            }
         };
         let highest = highest(&self.folder).map_err(failed(&self.folder))?;
         if highest != self.text.generation || now_ms >= self.text.expires_ms {
-            return Err(StoreError::LeaseLost { generation: self.text.generation, now: highest });
+            return Err(StoreError::LeaseLost {
+                generation: self.text.generation,
+                now: highest,
+            });
         }
         if self.text.expires_ms - now_ms < HOLDS_MS / 2 {
             self.text.expires_ms = now_ms + HOLDS_MS;
@@ -125,7 +158,9 @@ impl Lease {
 
     fn forget_older(&self) {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
-            if generation_of(&entry.path()).is_some_and(|generation| generation < self.text.generation) {
+            if generation_of(&entry.path())
+                .is_some_and(|generation| generation < self.text.generation)
+            {
                 let _ = fs::remove_file(entry.path()); // a trace of the past, no more
             }
         }
@@ -172,7 +207,11 @@ pub fn holder(run_dir: &Path) -> Option<LockHolder> {
     let folder = run_dir.join(FOLDER);
     let text = read(&file(&folder, highest(&folder).ok()?))?;
     let held = !text.released && clock::now_ms() < text.expires_ms;
-    held.then_some(LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at })
+    held.then_some(LockHolder {
+        host: text.holder.host,
+        pid: text.holder.pid,
+        since: text.holder.at,
+    })
 }
 
 #[cfg(test)]
@@ -180,7 +219,13 @@ mod tests {
     use super::*;
 
     fn claim(host: &str, pid: u32) -> Claim {
-        Claim { host: host.into(), boot_id: "b".into(), pid, pid_start_ticks: 1, at: "T".into() }
+        Claim {
+            host: host.into(),
+            boot_id: "b".into(),
+            pid,
+            pid_start_ticks: 1,
+            at: "T".into(),
+        }
     }
 
     #[test]
@@ -193,9 +238,18 @@ mod tests {
         assert!(error.to_string().contains("process 1 on a"), "{error}");
         // It slept: expired, and taken over from another host.
         let later = 1000 + HOLDS_MS;
-        assert!(matches!(first.check(later), Err(StoreError::LeaseLost { .. })));
+        assert!(matches!(
+            first.check(later),
+            Err(StoreError::LeaseLost { .. })
+        ));
         let mut second = Lease::acquire(dir.path(), &claim("b", 2), elsewhere, later).unwrap();
-        assert!(matches!(first.check(2000), Err(StoreError::LeaseLost { generation: 1, now: 2 })));
+        assert!(matches!(
+            first.check(2000),
+            Err(StoreError::LeaseLost {
+                generation: 1,
+                now: 2
+            })
+        ));
         drop(first);
         second.check(later + 1).unwrap();
         // Released: free at once.
@@ -229,7 +283,10 @@ mod tests {
                     })
                 })
                 .collect();
-            threads.into_iter().filter_map(|thread| thread.join().unwrap()).collect()
+            threads
+                .into_iter()
+                .filter_map(|thread| thread.join().unwrap())
+                .collect()
         });
         assert_eq!(held.len(), 1);
     }

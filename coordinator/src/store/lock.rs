@@ -26,7 +26,11 @@ pub struct LockHolder {
 
 impl std::fmt::Display for LockHolder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "process {} on {} since {}", self.pid, self.host, self.since)
+        write!(
+            f,
+            "process {} on {} since {}",
+            self.pid, self.host, self.since
+        )
     }
 }
 
@@ -34,7 +38,9 @@ impl std::fmt::Display for LockHolder {
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another coordinator runs.
-    #[error("{dir} is being worked on by {holder}; watch it with `cardiotwin status`, or stop that process first")]
+    #[error(
+        "{dir} is being worked on by {holder}; watch it with `cardiotwin status`, or stop that process first"
+    )]
     Held {
         /// The run directory.
         dir: PathBuf,
@@ -64,23 +70,40 @@ impl RunLock {
     /// [`LockError::Held`] naming the holder, [`LockError::Io`] for the rest.
     pub fn acquire(dir: &Path) -> Result<Self, LockError> {
         let path = dir.join(LOCK_FILE);
-        let io = |source| LockError::Io { file: path.clone(), source };
-        let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
+        let io = |source| LockError::Io {
+            file: path.clone(),
+            source,
+        };
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path)
+            .map_err(io)?;
         for attempt in 0.. {
             match file.try_lock() {
                 Ok(()) => break,
-                Err(TryLockError::WouldBlock) if attempt < 20 || (attempt < 1000 && only_readers_hold(&file)) => {
+                Err(TryLockError::WouldBlock)
+                    if attempt < 20 || (attempt < 1000 && only_readers_hold(&file)) =>
+                {
                     std::thread::sleep(Duration::from_millis(10));
                 }
                 Err(TryLockError::WouldBlock) => {
                     let holder = read_holder(&mut file).unwrap_or_else(unnamed);
-                    return Err(LockError::Held { dir: dir.to_owned(), holder });
+                    return Err(LockError::Held {
+                        dir: dir.to_owned(),
+                        holder,
+                    });
                 }
                 Err(TryLockError::Error(source)) => return Err(io(source)),
             }
         }
-        let holder = LockHolder { host: host_name(), pid: std::process::id(), since: clock::now_utc() };
+        let holder = LockHolder {
+            host: host_name(),
+            pid: std::process::id(),
+            since: clock::now_utc(),
+        };
         let text = serde_json::to_string(&holder).expect("three plain fields are JSON");
         file.set_len(0).map_err(io)?;
         file.rewind().map_err(io)?;
@@ -99,7 +122,8 @@ fn only_readers_hold(file: &File) -> bool {
 #[must_use]
 pub fn is_held(dir: &Path) -> bool {
     // A lock taken shared through a read-only handle needs no permission to write.
-    File::open(dir.join(LOCK_FILE)).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    File::open(dir.join(LOCK_FILE))
+        .is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 fn read_holder(file: &mut File) -> Option<LockHolder> {
@@ -110,13 +134,20 @@ fn read_holder(file: &mut File) -> Option<LockHolder> {
 }
 
 fn unnamed() -> LockHolder {
-    LockHolder { host: "an unknown host".into(), pid: 0, since: "an unknown time".into() }
+    LockHolder {
+        host: "an unknown host".into(),
+        pid: 0,
+        since: "an unknown time".into(),
+    }
 }
 
 /// This machine's name.
 #[must_use]
 pub fn host_name() -> String {
-    rustix::system::uname().nodename().to_string_lossy().into_owned()
+    rustix::system::uname()
+        .nodename()
+        .to_string_lossy()
+        .into_owned()
 }
 
 #[cfg(test)]
@@ -129,7 +160,12 @@ mod tests {
         let first = RunLock::acquire(dir.path()).unwrap();
         assert!(is_held(dir.path()));
         let error = RunLock::acquire(dir.path()).unwrap_err();
-        assert!(error.to_string().contains(&format!("process {}", std::process::id())), "{error}");
+        assert!(
+            error
+                .to_string()
+                .contains(&format!("process {}", std::process::id())),
+            "{error}"
+        );
         drop(first);
         assert!(!is_held(dir.path()));
         RunLock::acquire(dir.path()).unwrap();

@@ -34,10 +34,10 @@ pub struct NotablePatient {
     pub mark: String,
 }
 
-const COUNTS: &str = "SELECT word, count(*), max(since_ms) FROM patients WHERE active GROUP BY word";
+const COUNTS: &str =
+    "SELECT word, count(*), max(since_ms) FROM patients WHERE active GROUP BY word";
 
-const FAILED: &str =
-    "SELECT patient, step, failure_class, since_ms FROM patients WHERE active AND word = 'failed' ORDER BY position";
+const FAILED: &str = "SELECT patient, step, failure_class, since_ms FROM patients WHERE active AND word = 'failed' ORDER BY position";
 
 const STALLED: &str = "SELECT patient, step, step1_quality, step1_cost FROM patients
                        WHERE active AND step1_quality LIKE 'stalled%' ORDER BY position";
@@ -53,7 +53,9 @@ pub async fn read(connection: &mut SqliteConnection) -> Result<Notable, sqlx::Er
         let word: String = row.get(0);
         over &= ["done", "failed", "cancelled"].contains(&word.as_str());
         since_ms = since_ms.max(row.get::<i64, _>(2));
-        notable.counts.insert(word, u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
+        notable
+            .counts
+            .insert(word, u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
     }
     notable.over_since_ms = (over && !notable.counts.is_empty()).then_some(since_ms);
     let failed = |row: SqliteRow| {
@@ -66,14 +68,32 @@ pub async fn read(connection: &mut SqliteConnection) -> Result<Notable, sqlx::Er
             mark: row.get::<i64, _>(3).to_string(),
         }
     };
-    notable.patients.extend(sqlx::query(FAILED).fetch_all(&mut *connection).await?.into_iter().map(failed));
+    notable.patients.extend(
+        sqlx::query(FAILED)
+            .fetch_all(&mut *connection)
+            .await?
+            .into_iter()
+            .map(failed),
+    );
     let stalled = |row: SqliteRow| {
         let (quality, cost): (String, Option<f64>) = (row.get(2), row.get(3));
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
         let quality: String = quality.chars().map(plain).take(60).collect();
         let mark = format!("{quality}-{:016x}", cost.unwrap_or_default().to_bits());
-        NotablePatient { patient: row.get(0), step: row.get(1), failed: false, class: None, mark }
+        NotablePatient {
+            patient: row.get(0),
+            step: row.get(1),
+            failed: false,
+            class: None,
+            mark,
+        }
     };
-    notable.patients.extend(sqlx::query(STALLED).fetch_all(connection).await?.into_iter().map(stalled));
+    notable.patients.extend(
+        sqlx::query(STALLED)
+            .fetch_all(connection)
+            .await?
+            .into_iter()
+            .map(stalled),
+    );
     Ok(notable)
 }

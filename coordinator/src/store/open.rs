@@ -39,7 +39,11 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         .filename(&file)
         .create_if_missing(true)
         // Every commit is on disk before an action runs: intents are written before they are acted on.
-        .journal_mode(if shared { SqliteJournalMode::Delete } else { SqliteJournalMode::Wal })
+        .journal_mode(if shared {
+            SqliteJournalMode::Delete
+        } else {
+            SqliteJournalMode::Wal
+        })
         .synchronous(SqliteSynchronous::Full)
         .busy_timeout(Duration::from_secs(10))
         .foreign_keys(true)
@@ -48,12 +52,25 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         .row_buffer_size(ROWS_IN_FLIGHT)
         .disable_statement_logging();
     // SQLite would open a file that it may not write for reading and fail later, at the first commit.
-    if let Err(source) = std::fs::OpenOptions::new().append(true).create(true).open(&file) {
-        let read_only =
-            matches!(source.kind(), std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem);
+    if let Err(source) = std::fs::OpenOptions::new()
+        .append(true)
+        .create(true)
+        .open(&file)
+    {
+        let read_only = matches!(
+            source.kind(),
+            std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
+        );
         return Err(match read_only {
-            true => StoreError::ReadOnly { file, source: sqlx::Error::Io(source) },
-            false => StoreError::File { what: "open", file, source },
+            true => StoreError::ReadOnly {
+                file,
+                source: sqlx::Error::Io(source),
+            },
+            false => StoreError::File {
+                what: "open",
+                file,
+                source,
+            },
         });
     }
     let mut connection = options.connect().await.map_err(sql(&file, "opening"))?;
@@ -63,7 +80,11 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
     }
     if format > 0 && format < FORMAT {
         // A migration that goes wrong leaves what was there before.
-        copy_to(&mut connection, &run_dir.join(format!("cardiotwin.format-{format}.db"))).await?;
+        copy_to(
+            &mut connection,
+            &run_dir.join(format!("cardiotwin.format-{format}.db")),
+        )
+        .await?;
     }
     MIGRATIONS.run(&mut connection).await.map_err(|error| {
         let source = match error {
@@ -82,23 +103,31 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
 
 /// The file's format; 0 for a new file. Refuses what is not ours and what is newer than we are.
 async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64, StoreError> {
-    let application: i64 =
-        sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await.map_err(sql(file, "reading"))?;
-    let format: i64 =
-        sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut *connection).await.map_err(sql(file, "reading"))?;
+    let application: i64 = sqlx::query_scalar("PRAGMA application_id")
+        .fetch_one(&mut *connection)
+        .await
+        .map_err(sql(file, "reading"))?;
+    let format: i64 = sqlx::query_scalar("PRAGMA user_version")
+        .fetch_one(&mut *connection)
+        .await
+        .map_err(sql(file, "reading"))?;
     let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master WHERE name NOT LIKE '\\_sqlx%' ESCAPE '\\' AND name NOT LIKE 'sqlite\\_%' ESCAPE '\\'")
         .fetch_one(&mut *connection)
         .await
         .map_err(sql(file, "reading"))?;
     if application != APPLICATION_ID && (application != 0 || tables != 0) {
         let found = format!("SQLite application id {application}, {tables} tables");
-        return Err(StoreError::NotOurs { file: file.to_owned(), found });
+        return Err(StoreError::NotOurs {
+            file: file.to_owned(),
+            found,
+        });
     }
     if format > FORMAT {
-        let written_by: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = 'written_by'")
-            .fetch_optional(connection)
-            .await
-            .unwrap_or_default();
+        let written_by: Option<String> =
+            sqlx::query_scalar("SELECT value FROM meta WHERE key = 'written_by'")
+                .fetch_optional(connection)
+                .await
+                .unwrap_or_default();
         let written_by = written_by.unwrap_or_else(|| "of an unknown version".into());
         return Err(StoreError::Newer {
             file: file.to_owned(),
@@ -113,9 +142,18 @@ async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64
 
 /// SQLite's own check of pages and records, without the comparison of indices: milliseconds.
 async fn check(connection: &mut SqliteConnection, file: &Path) -> Result<(), StoreError> {
-    let found: String =
-        sqlx::query_scalar("PRAGMA quick_check(1)").fetch_one(connection).await.map_err(sql(file, "checking"))?;
-    if found == "ok" { Ok(()) } else { Err(StoreError::Corrupted { file: file.to_owned(), found }) }
+    let found: String = sqlx::query_scalar("PRAGMA quick_check(1)")
+        .fetch_one(connection)
+        .await
+        .map_err(sql(file, "checking"))?;
+    if found == "ok" {
+        Ok(())
+    } else {
+        Err(StoreError::Corrupted {
+            file: file.to_owned(),
+            found,
+        })
+    }
 }
 
 /// A connection that only reads, and the folder of its private copy where one was needed.
@@ -139,26 +177,45 @@ pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
     if snapshot.exists() && file_system::shared(run_dir).is_some() {
         let mut connection = connect_to_read(&snapshot, true).await?;
         return match recognise(&mut connection, &snapshot).await? {
-            FORMAT => Ok(ReadOnly { connection, _copy: None }),
-            found => Err(StoreError::Older { file: snapshot, found, known: FORMAT }),
+            FORMAT => Ok(ReadOnly {
+                connection,
+                _copy: None,
+            }),
+            found => Err(StoreError::Older {
+                file: snapshot,
+                found,
+                known: FORMAT,
+            }),
         };
     }
     let (mut connection, copy) = match connect_to_read(&file, false).await {
         Ok(connection) => (connection, None),
-        Err(error @ (StoreError::NotOurs { .. } | StoreError::Corrupted { .. })) => return Err(error),
+        Err(error @ (StoreError::NotOurs { .. } | StoreError::Corrupted { .. })) => {
+            return Err(error);
+        }
         Err(_) => {
             let log = run_dir.join(format!("{DATABASE_FILE}-wal"));
             if log.metadata().is_ok_and(|m| m.len() > 0) {
                 let copy = private_copy(&file, &log)?;
-                (connect_to_read(&copy.path().join(DATABASE_FILE), false).await?, Some(copy))
+                (
+                    connect_to_read(&copy.path().join(DATABASE_FILE), false).await?,
+                    Some(copy),
+                )
             } else {
                 (connect_to_read(&file, true).await?, None)
             }
         }
     };
     match recognise(&mut connection, &file).await? {
-        FORMAT => Ok(ReadOnly { connection, _copy: copy }),
-        found => Err(StoreError::Older { file, found, known: FORMAT }),
+        FORMAT => Ok(ReadOnly {
+            connection,
+            _copy: copy,
+        }),
+        found => Err(StoreError::Older {
+            file,
+            found,
+            known: FORMAT,
+        }),
     }
 }
 
@@ -182,7 +239,11 @@ async fn connect_to_read(file: &Path, immutable: bool) -> Result<SqliteConnectio
 fn private_copy(file: &Path, log: &Path) -> Result<tempfile::TempDir, StoreError> {
     let failed = |file: &Path| {
         let file: PathBuf = file.to_owned();
-        move |source| StoreError::File { what: "copy", file, source }
+        move |source| StoreError::File {
+            what: "copy",
+            file,
+            source,
+        }
     };
     let copy = tempfile::tempdir().map_err(failed(&std::env::temp_dir()))?;
     std::fs::copy(file, copy.path().join(DATABASE_FILE)).map_err(failed(file))?;
@@ -198,7 +259,9 @@ pub async fn copy_to(connection: &mut SqliteConnection, target: &Path) -> Result
     };
     let draft = target.with_extension("new");
     match std::fs::remove_file(&draft) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(file("remove", &draft)(error)),
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(file("remove", &draft)(error));
+        }
         _ => {}
     }
     sqlx::query("VACUUM INTO ?1")
@@ -206,12 +269,17 @@ pub async fn copy_to(connection: &mut SqliteConnection, target: &Path) -> Result
         .execute(&mut *connection)
         .await
         .map_err(sql(&draft, "copying to"))?;
-    std::fs::File::open(&draft).and_then(|copy| copy.sync_all()).map_err(file("write", &draft))?;
+    std::fs::File::open(&draft)
+        .and_then(|copy| copy.sync_all())
+        .map_err(file("write", &draft))?;
     std::fs::rename(&draft, target).map_err(file("write", target))
 }
 
 /// What a copy holds, to be compared with what it was made from.
-async fn contents(connection: &mut SqliteConnection, file: &Path) -> Result<(i64, i64, i64), StoreError> {
+async fn contents(
+    connection: &mut SqliteConnection,
+    file: &Path,
+) -> Result<(i64, i64, i64), StoreError> {
     sqlx::query_as(
         "SELECT (SELECT count(*) FROM events), (SELECT count(*) FROM tasks WHERE word = 'published'), (SELECT count(*) FROM patients)",
     )

@@ -129,4 +129,5 @@ SELECT id, patient, position, active, version, word, step, iteration, max_iterat
        step2_cost, failure_class, note, since_ms, state
 FROM patients ORDER BY position, id";
 
-pub(super) const SELECT_PLANS: &str = "SELECT patient_id, given, overrides, carried, plan, chain FROM plans";
+pub(super) const SELECT_PLANS: &str =
+    "SELECT patient_id, given, overrides, carried, plan, chain FROM plans";

@@ -22,7 +22,9 @@ use super::patients::PatientRow;
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
-use super::{StoreError, attempts, events, lease, lock, notable, open, patients, screen, steps, writer};
+use super::{
+    StoreError, attempts, events, lease, lock, notable, open, patients, screen, steps, writer,
+};
 use crate::clock;
 use crate::machine::chain::Chain;
 use crate::machine::patient::{Patient, Stage, Step};
@@ -51,7 +53,10 @@ impl Reader {
     pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
         let run_dir = std::path::absolute(run_dir).unwrap_or_else(|_| run_dir.to_owned());
         let database = open::readable(&run_dir).await?;
-        Ok(Self { run_dir, database: Mutex::new(database) })
+        Ok(Self {
+            run_dir,
+            database: Mutex::new(database),
+        })
     }
 
     /// The run, failures first, with every patient.
@@ -69,13 +74,15 @@ impl Reader {
     pub async fn screen(&self, rows: usize) -> Result<Status, StoreError> {
         let now_ms = clock::now_ms();
         let read = screen::read(&mut self.database.lock().await.connection, rows, now_ms).await;
-        let screen::Screen { counts, patients } =
-            read.map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
+        let screen::Screen { counts, patients } = read.map_err(|source| {
+            StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
+        })?;
         Ok(Status {
             schema_version: SCHEMA_VERSION,
             cohort: self.meta("cohort").await?,
             as_of: clock::utc_text(now_ms),
-            coordinator_running: lock::is_held(&self.run_dir) || lease::holder(&self.run_dir).is_some(),
+            coordinator_running: lock::is_held(&self.run_dir)
+                || lease::holder(&self.run_dir).is_some(),
             counts,
             patients,
             cluster: self.cluster(now_ms).await?,
@@ -88,14 +95,20 @@ impl Reader {
     /// The store's.
     pub async fn notable(&self) -> Result<Notable, StoreError> {
         let read = notable::read(&mut self.database.lock().await.connection).await;
-        let read =
-            read.map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
-        Ok(Notable { cohort: self.meta("cohort").await?, ..read })
+        let read = read.map_err(|source| {
+            StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
+        })?;
+        Ok(Notable {
+            cohort: self.meta("cohort").await?,
+            ..read
+        })
     }
 
     /// Jobs on a cluster, where the run ever had any.
     async fn cluster(&self, now_ms: i64) -> Result<Option<ClusterStatus>, StoreError> {
-        let Ok(report) = serde_json::from_str::<ClusterReport>(&self.meta(REPORT).await?) else { return Ok(None) };
+        let Ok(report) = serde_json::from_str::<ClusterReport>(&self.meta(REPORT).await?) else {
+            return Ok(None);
+        };
         let mut jobs = Vec::new();
         for row in self.rows(cluster_jobs::SELECT_ALL, None).await? {
             jobs.push(writer::job_row(&row)?);
@@ -107,7 +120,10 @@ impl Reader {
     /// Patients by their identity inside the store.
     async fn names(&self) -> Result<HashMap<i64, String>, StoreError> {
         let rows = self.rows("SELECT id, patient FROM patients", None).await?;
-        Ok(rows.into_iter().map(|row| (row.get(0), row.get(1))).collect())
+        Ok(rows
+            .into_iter()
+            .map(|row| (row.get(0), row.get(1)))
+            .collect())
     }
 
     /// Everything that reports and exports read.
@@ -157,7 +173,13 @@ impl Reader {
             .map(|(wide, row)| {
                 let (plan, chain) = plan_and_chain(&row, wide)?;
                 let failure = failure_of(&row);
-                Ok(record::member(plan, status_of(row, now_ms), failure, &chain, &settled))
+                Ok(record::member(
+                    plan,
+                    status_of(row, now_ms),
+                    failure,
+                    &chain,
+                    &settled,
+                ))
             })
             .collect()
     }
@@ -187,7 +209,11 @@ impl Reader {
         let rows = self.rows(steps::SELECT_OF_PATIENT, Some(id)).await?;
         let was = |row: &SqliteRow| -> Result<Was, StoreError> {
             let (key, spec): (String, String) = (row.get("task"), row.get("spec"));
-            Ok(Was { stage: step_of(row)?.stage, key: TaskKey(key), spec: serde_json::from_str(&spec).ok() })
+            Ok(Was {
+                stage: step_of(row)?.stage,
+                key: TaskKey(key),
+                spec: serde_json::from_str(&spec).ok(),
+            })
         };
         let history = rows.iter().map(was).collect::<Result<Vec<_>, _>>()?;
         let step0 = record.step0.as_ref().map(|step0| &step0.result);
@@ -203,22 +229,38 @@ impl Reader {
         let id = self.find(patient).await?.id;
         let mut shared: HashMap<String, Vec<PatientId>> = HashMap::new();
         for row in self.rows(steps::SELECT_SHARED, Some(id)).await? {
-            shared.entry(row.get(0)).or_default().push(PatientId(row.get(1)));
+            shared
+                .entry(row.get(0))
+                .or_default()
+                .push(PatientId(row.get(1)));
         }
-        let mut by_step: std::collections::BTreeMap<Step, Vec<SqliteRow>> = std::collections::BTreeMap::new();
+        let mut by_step: std::collections::BTreeMap<Step, Vec<SqliteRow>> =
+            std::collections::BTreeMap::new();
         for row in self.rows(steps::SELECT_OF_PATIENT, Some(id)).await? {
             by_step.entry(step_of(&row)?).or_default().push(row);
         }
-        by_step.into_iter().map(|(step, rows)| view::explanation(step, &rows, &shared)).collect()
+        by_step
+            .into_iter()
+            .map(|(step, rows)| view::explanation(step, &rows, &shared))
+            .collect()
     }
 
     /// The log, oldest first; of one patient and its tasks, or all.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
-    pub async fn history(&self, patient: Option<&PatientId>) -> Result<Vec<EventRecord>, StoreError> {
+    pub async fn history(
+        &self,
+        patient: Option<&PatientId>,
+    ) -> Result<Vec<EventRecord>, StoreError> {
         let rows = match patient {
-            Some(patient) => self.rows(events::SELECT_OF_PATIENT, Some(self.find(patient).await?.id)).await?,
+            Some(patient) => {
+                self.rows(
+                    events::SELECT_OF_PATIENT,
+                    Some(self.find(patient).await?.id),
+                )
+                .await?
+            }
             None => self.rows(events::SELECT_ALL, None).await?,
         };
         rows.iter()
@@ -266,7 +308,10 @@ impl Reader {
     pub async fn jobs(&self, patient: &PatientId) -> Result<(Vec<JobRecord>, String), StoreError> {
         let id = self.find(patient).await?.id;
         let rows = self.rows(cluster_jobs::SELECT_ALL, None).await?;
-        let jobs = rows.iter().map(writer::job_row).collect::<Result<Vec<_>, _>>()?;
+        let jobs = rows
+            .iter()
+            .map(writer::job_row)
+            .collect::<Result<Vec<_>, _>>()?;
         let mut why = String::new();
         for row in self.rows(cluster_jobs::SELECT_ALLOTMENTS, None).await? {
             if row.get::<i64, _>(0) == id {
@@ -293,7 +338,11 @@ impl Reader {
         &self.run_dir
     }
 
-    async fn rows(&self, sql: &'static str, patient_id: Option<i64>) -> Result<Vec<SqliteRow>, StoreError> {
+    async fn rows(
+        &self,
+        sql: &'static str,
+        patient_id: Option<i64>,
+    ) -> Result<Vec<SqliteRow>, StoreError> {
         let mut database = self.database.lock().await;
         let mut query = sqlx::query(sql);
         if let Some(id) = patient_id {
@@ -302,7 +351,9 @@ impl Reader {
         query
             .fetch_all(&mut database.connection)
             .await
-            .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))
+            .map_err(|source| {
+                StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
+            })
     }
 
     async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
@@ -311,13 +362,18 @@ impl Reader {
             .bind(key)
             .fetch_optional(&mut database.connection)
             .await
-            .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
+            .map_err(|source| {
+                StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
+            })?;
         Ok(value.unwrap_or_default())
     }
 
     async fn active_patients(&self) -> Result<Vec<PatientRow>, StoreError> {
         let rows = self.rows(patients::SELECT_ALL, None).await?;
-        let all = rows.iter().map(patient_row).collect::<Result<Vec<_>, _>>()?;
+        let all = rows
+            .iter()
+            .map(patient_row)
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(all.into_iter().filter(|row| row.active).collect())
     }
 
@@ -327,7 +383,10 @@ impl Reader {
         let more = if all.len() > names.len() { ", …" } else { "" };
         all.into_iter()
             .find(|row| row.patient == patient.0)
-            .ok_or_else(|| StoreError::NoPatient { patient: patient.clone(), known: names.join(", ") + more })
+            .ok_or_else(|| StoreError::NoPatient {
+                patient: patient.clone(),
+                known: names.join(", ") + more,
+            })
     }
 
     async fn plan_row(&self, id: i64) -> Result<SqliteRow, StoreError> {
@@ -339,8 +398,16 @@ impl Reader {
             .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))
     }
 
-    async fn settled(&self, sql: &'static str, id: Option<i64>) -> Result<HashMap<TaskKey, Settled>, StoreError> {
-        self.rows(sql, id).await?.iter().map(|row| record::settled(row, &self.run_dir)).collect()
+    async fn settled(
+        &self,
+        sql: &'static str,
+        id: Option<i64>,
+    ) -> Result<HashMap<TaskKey, Settled>, StoreError> {
+        self.rows(sql, id)
+            .await?
+            .iter()
+            .map(|row| record::settled(row, &self.run_dir))
+            .collect()
     }
 }
 
@@ -352,7 +419,10 @@ fn status_of(row: PatientRow, now_ms: i64) -> PatientStatus {
 fn step_of(row: &SqliteRow) -> Result<Step, StoreError> {
     let stage: String = row.get("stage");
     let stage: Stage = parse(&format!("\"{stage}\""), "steps", "stage", &stage)?;
-    Ok(Step { stage, number: row.get("number") })
+    Ok(Step {
+        stage,
+        number: row.get("number"),
+    })
 }
 
 fn patient_of(
@@ -363,13 +433,28 @@ fn patient_of(
 ) -> Result<PatientRecord, StoreError> {
     let (plan, chain) = plan_and_chain(&row, wide)?;
     let failure = failure_of(&row);
-    Ok(record::patient(plan, status_of(row, now_ms), failure, chain, settled))
+    Ok(record::patient(
+        plan,
+        status_of(row, now_ms),
+        failure,
+        chain,
+        settled,
+    ))
 }
 
-fn plan_and_chain(row: &PatientRow, wide: &SqliteRow) -> Result<(ResolvedPatient, Chain), StoreError> {
-    let (plan, chain): (String, String) =
-        (wide.get::<Option<String>, _>("plan").unwrap_or_else(|| wide.get("given")), wide.get("chain"));
-    Ok((parse(&plan, "plans", "plan", &row.patient)?, parse(&chain, "plans", "chain", &row.patient)?))
+fn plan_and_chain(
+    row: &PatientRow,
+    wide: &SqliteRow,
+) -> Result<(ResolvedPatient, Chain), StoreError> {
+    let (plan, chain): (String, String) = (
+        wide.get::<Option<String>, _>("plan")
+            .unwrap_or_else(|| wide.get("given")),
+        wide.get("chain"),
+    );
+    Ok((
+        parse(&plan, "plans", "plan", &row.patient)?,
+        parse(&chain, "plans", "chain", &row.patient)?,
+    ))
 }
 
 fn failure_of(row: &PatientRow) -> Option<Failure> {

@@ -7,7 +7,9 @@ use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::record::{IterationRecord, PatientRecord, Step3IterationRecord, TaskRecord};
+use cardiotwin_schemas::record::{
+    IterationRecord, PatientRecord, Step3IterationRecord, TaskRecord,
+};
 use cardiotwin_schemas::status::PatientStatus;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -42,15 +44,32 @@ pub(super) fn settled(row: &SqliteRow, run_dir: &Path) -> Result<(TaskKey, Settl
     let (key, state): (String, String) = (row.get(0), row.get(1));
     let state = parse(&state, "tasks", "state", &key)?;
     let outcome: Option<String> = row.get(2);
-    let outcome = outcome.map(|text| parse(&text, "tasks", "outcome", &key)).transpose()?;
+    let outcome = outcome
+        .map(|text| parse(&text, "tasks", "outcome", &key))
+        .transpose()?;
     let directory: Option<String> = row.get(3);
-    Ok((TaskKey(key), Settled { state, outcome, directory: run_dir.join(directory.unwrap_or_default()) }))
+    Ok((
+        TaskKey(key),
+        Settled {
+            state,
+            outcome,
+            directory: run_dir.join(directory.unwrap_or_default()),
+        },
+    ))
 }
 
 impl Settled {
-    pub(super) fn record<T>(&self, key: &TaskKey, pick: impl Fn(&TaskResult) -> Option<T>) -> Option<TaskRecord<T>> {
-        let (Task::Published { generation }, Some(outcome)) = (&self.state, &self.outcome) else { return None };
-        let Ending::Succeeded { result } = &outcome.ending else { return None };
+    pub(super) fn record<T>(
+        &self,
+        key: &TaskKey,
+        pick: impl Fn(&TaskResult) -> Option<T>,
+    ) -> Option<TaskRecord<T>> {
+        let (Task::Published { generation }, Some(outcome)) = (&self.state, &self.outcome) else {
+            return None;
+        };
+        let Ending::Succeeded { result } = &outcome.ending else {
+            return None;
+        };
         Some(TaskRecord {
             key: key.clone(),
             generation: *generation,
@@ -77,8 +96,16 @@ pub(super) fn member(
     chain: &Chain,
     settled: &HashMap<TaskKey, Settled>,
 ) -> MemberRecord {
-    let task = chain.task.as_ref().and_then(|key| settled.get(key)?.record(key, |result| Some(result.clone())));
-    MemberRecord { plan, status, failure, task }
+    let task = chain
+        .task
+        .as_ref()
+        .and_then(|key| settled.get(key)?.record(key, |result| Some(result.clone())));
+    MemberRecord {
+        plan,
+        status,
+        failure,
+        task,
+    }
 }
 
 pub(super) fn patient(
@@ -99,30 +126,46 @@ pub(super) fn patient(
         TaskResult::OrganBeat(r) => Some(r.clone()),
         _ => None,
     };
-    let iterations = chain.iterations.iter().zip(1..).map(|(iteration, number)| IterationRecord {
-        number,
-        parameters: iteration.parameters,
-        proposal: find(settled, chain.proposal(number).map(|proposal| &proposal.task), |result| match result {
-            TaskResult::Step1Proposal(r) => Some(r.clone()),
-            _ => None,
-        }),
-        run: find(settled, Some(&iteration.task), organ_beat),
-        failure: settled.get(&iteration.task).and_then(Settled::failure),
-        cost: iteration.cost,
-        relative_differences: iteration.relative_differences.clone(),
-    });
-    let step3_iterations = chain.step3_iterations.iter().zip(1..).map(|(iteration, number)| Step3IterationRecord {
-        number,
-        parameters: iteration.parameters.clone(),
-        proposal: find(settled, chain.step3_proposal(number).map(|proposal| &proposal.task), |result| match result {
-            TaskResult::Step3Proposal(r) => Some(r.clone()),
-            _ => None,
-        }),
-        run: find(settled, Some(&iteration.task), organ_beat),
-        failure: settled.get(&iteration.task).and_then(Settled::failure),
-        misfit: iteration.misfit,
-        verdict: iteration.verdict.clone(),
-    });
+    let iterations = chain
+        .iterations
+        .iter()
+        .zip(1..)
+        .map(|(iteration, number)| IterationRecord {
+            number,
+            parameters: iteration.parameters,
+            proposal: find(
+                settled,
+                chain.proposal(number).map(|proposal| &proposal.task),
+                |result| match result {
+                    TaskResult::Step1Proposal(r) => Some(r.clone()),
+                    _ => None,
+                },
+            ),
+            run: find(settled, Some(&iteration.task), organ_beat),
+            failure: settled.get(&iteration.task).and_then(Settled::failure),
+            cost: iteration.cost,
+            relative_differences: iteration.relative_differences.clone(),
+        });
+    let step3_iterations = chain
+        .step3_iterations
+        .iter()
+        .zip(1..)
+        .map(|(iteration, number)| Step3IterationRecord {
+            number,
+            parameters: iteration.parameters.clone(),
+            proposal: find(
+                settled,
+                chain.step3_proposal(number).map(|proposal| &proposal.task),
+                |result| match result {
+                    TaskResult::Step3Proposal(r) => Some(r.clone()),
+                    _ => None,
+                },
+            ),
+            run: find(settled, Some(&iteration.task), organ_beat),
+            failure: settled.get(&iteration.task).and_then(Settled::failure),
+            misfit: iteration.misfit,
+            verdict: iteration.verdict.clone(),
+        });
     PatientRecord {
         step3_iterations: step3_iterations.collect(),
         step0: find(settled, chain.step0.as_ref(), |result| match result {

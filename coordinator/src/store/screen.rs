@@ -47,13 +47,23 @@ struct Shown(
 ///
 /// # Errors
 /// SQLite's, or what was found where a row was expected.
-pub async fn read(connection: &mut SqliteConnection, rows: usize, now_ms: i64) -> Result<Screen, sqlx::Error> {
+pub async fn read(
+    connection: &mut SqliteConnection,
+    rows: usize,
+    now_ms: i64,
+) -> Result<Screen, sqlx::Error> {
     let counted = sqlx::query(COUNTS).fetch_all(&mut *connection).await?;
-    let count = |row: &sqlx::sqlite::SqliteRow| (row.get(0), u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
+    let count = |row: &sqlx::sqlite::SqliteRow| {
+        (row.get(0), u64::try_from(row.get::<i64, _>(1)).unwrap_or(0))
+    };
     let counts = counted.iter().map(count).collect();
     let rows = i64::try_from(rows).unwrap_or(i64::MAX);
-    let text: String = sqlx::query_scalar(FIRST).bind(rows).fetch_one(connection).await?;
-    let shown: Vec<Shown> = serde_json::from_str(&text).map_err(|error| sqlx::Error::Decode(error.into()))?;
+    let text: String = sqlx::query_scalar(FIRST)
+        .bind(rows)
+        .fetch_one(connection)
+        .await?;
+    let shown: Vec<Shown> =
+        serde_json::from_str(&text).map_err(|error| sqlx::Error::Decode(error.into()))?;
     let patients = shown.into_iter().map(|row| PatientStatus {
         patient: row.0,
         step: row.1,
@@ -66,5 +76,8 @@ pub async fn read(connection: &mut SqliteConnection, rows: usize, now_ms: i64) -
         note: row.9,
         for_s: (now_ms - row.10).max(0) as f64 / 1000.0,
     });
-    Ok(Screen { counts, patients: patients.collect() })
+    Ok(Screen {
+        counts,
+        patients: patients.collect(),
+    })
 }

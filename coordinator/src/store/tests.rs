@@ -19,7 +19,11 @@ fn patient(id: i64, version: i64) -> PatientRow {
         active: true,
         version,
         state: Patient::Waiting,
-        shown: Shown { word: "waiting".into(), step: "-".into(), ..Shown::default() },
+        shown: Shown {
+            word: "waiting".into(),
+            step: "-".into(),
+            ..Shown::default()
+        },
         since_ms: 0,
     }
 }
@@ -27,7 +31,13 @@ fn patient(id: i64, version: i64) -> PatientRow {
 fn plan(patient_id: i64, bytes: usize) -> PlanRow {
     let text = |c: &str| c.to_owned();
     let given = format!("\"{}\"", "x".repeat(bytes));
-    PlanRow { patient_id, given, overrides: text("{}"), carried: text("[]"), plan: None }
+    PlanRow {
+        patient_id,
+        given,
+        overrides: text("{}"),
+        carried: text("[]"),
+        plan: None,
+    }
 }
 
 async fn add(writer: &mut Writer, id: i64, bytes: usize) -> Result<(), StoreError> {
@@ -38,7 +48,9 @@ async fn add(writer: &mut Writer, id: i64, bytes: usize) -> Result<(), StoreErro
 }
 
 async fn raw(dir: &Path) -> SqliteConnection {
-    let options = SqliteConnectOptions::new().filename(dir.join(DATABASE_FILE)).create_if_missing(true);
+    let options = SqliteConnectOptions::new()
+        .filename(dir.join(DATABASE_FILE))
+        .create_if_missing(true);
     SqliteConnection::connect_with(&options).await.unwrap()
 }
 
@@ -62,31 +74,56 @@ async fn run_dir() -> tempfile::TempDir {
 #[tokio::test]
 async fn a_database_of_a_newer_version_is_refused_with_both_versions_and_left_alone() {
     let dir = run_dir().await;
-    execute(dir.path(), "PRAGMA user_version = 7; UPDATE meta SET value = '9.1.0' WHERE key = 'written_by'")
-        .await
-        .unwrap();
+    execute(
+        dir.path(),
+        "PRAGMA user_version = 7; UPDATE meta SET value = '9.1.0' WHERE key = 'written_by'",
+    )
+    .await
+    .unwrap();
     let before = std::fs::read(dir.path().join(DATABASE_FILE)).unwrap();
-    for error in [Writer::open(dir.path()).await.err(), Reader::open(dir.path()).await.err()] {
+    for error in [
+        Writer::open(dir.path()).await.err(),
+        Reader::open(dir.path()).await.err(),
+    ] {
         let text = error.expect("refused").to_string();
-        for part in ["format 7", "9.1.0", env!("CARGO_PKG_VERSION"), "formats up to 2"] {
+        for part in [
+            "format 7",
+            "9.1.0",
+            env!("CARGO_PKG_VERSION"),
+            "formats up to 2",
+        ] {
             assert!(text.contains(part), "{part} is missing: {text}");
         }
     }
-    assert_eq!(std::fs::read(dir.path().join(DATABASE_FILE)).unwrap(), before);
+    assert_eq!(
+        std::fs::read(dir.path().join(DATABASE_FILE)).unwrap(),
+        before
+    );
 }
 
 #[tokio::test]
 async fn what_is_not_ours_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join(DATABASE_FILE);
-    assert!(matches!(Reader::open(dir.path()).await.err(), Some(StoreError::Missing { .. })));
-    std::fs::write(&file, b"this is a letter to my mother, and it is long enough to be looked at\n".repeat(100))
-        .unwrap();
-    assert!(matches!(Reader::open(dir.path()).await.err(), Some(StoreError::NotOurs { .. })));
+    assert!(matches!(
+        Reader::open(dir.path()).await.err(),
+        Some(StoreError::Missing { .. })
+    ));
+    std::fs::write(
+        &file,
+        b"this is a letter to my mother, and it is long enough to be looked at\n".repeat(100),
+    )
+    .unwrap();
+    assert!(matches!(
+        Reader::open(dir.path()).await.err(),
+        Some(StoreError::NotOurs { .. })
+    ));
     let error = Writer::open(dir.path()).await.err().unwrap();
     assert!(matches!(error, StoreError::NotOurs { .. }), "{error:?}");
     std::fs::remove_file(&file).unwrap();
-    execute(dir.path(), "CREATE TABLE addresses (name TEXT)").await.unwrap();
+    execute(dir.path(), "CREATE TABLE addresses (name TEXT)")
+        .await
+        .unwrap();
     let error = Writer::open(dir.path()).await.err().unwrap();
     assert!(matches!(error, StoreError::NotOurs { .. }), "{error:?}");
     assert!(error.to_string().contains("--run-dir"), "{error}");
@@ -119,7 +156,17 @@ async fn a_row_that_somebody_else_changed_stops_the_writer() {
     batch.update_patient(&patient(1, 1));
     batch.update_patient(&patient(2, 8));
     let error = writer.commit(&mut batch).await.unwrap_err();
-    assert!(matches!(error, StoreError::Guard { table: "patients", expected: 2, changed: 1 }), "{error:?}");
+    assert!(
+        matches!(
+            error,
+            StoreError::Guard {
+                table: "patients",
+                expected: 2,
+                changed: 1
+            }
+        ),
+        "{error:?}"
+    );
     // All or nothing: the first row has kept its version, too.
     let mut batch = Batch::default();
     batch.update_patient(&patient(1, 1));
@@ -152,7 +199,12 @@ async fn a_full_disk_is_named_and_what_was_committed_stays() {
 #[tokio::test]
 async fn the_log_cannot_be_rewritten() {
     let dir = run_dir().await;
-    execute(dir.path(), "INSERT INTO events (at_ms, machine, event) VALUES (1, 'task', '{}')").await.unwrap();
+    execute(
+        dir.path(),
+        "INSERT INTO events (at_ms, machine, event) VALUES (1, 'task', '{}')",
+    )
+    .await
+    .unwrap();
     for sql in ["UPDATE events SET at_ms = 2", "DELETE FROM events"] {
         let error = execute(dir.path(), sql).await.unwrap_err();
         assert!(error.to_string().contains("append-only"), "{error}");
@@ -167,8 +219,14 @@ async fn readers_see_commits_while_the_writer_is_at_work() {
     assert_eq!(reader.status().await.unwrap().patients.len(), 2);
     add(&mut writer, 3, 10).await.unwrap();
     assert_eq!(reader.status().await.unwrap().patients.len(), 3);
-    let error = reader.patient_record(&PatientId::from("P9")).await.unwrap_err();
-    assert!(error.to_string().contains("known are P1, P2, P3"), "{error}");
+    let error = reader
+        .patient_record(&PatientId::from("P9"))
+        .await
+        .unwrap_err();
+    assert!(
+        error.to_string().contains("known are P1, P2, P3"),
+        "{error}"
+    );
 }
 
 const READ_ONLY: &str = "CARDIOTWIN_TEST_READ_ONLY";
@@ -204,18 +262,25 @@ async fn a_run_can_be_read_where_nothing_can_be_written() {
                 std::fs::copy(copy.path().join(&file), dir.path().join(&file)).unwrap();
             }
         }
-        let script = r#"mount --bind "$1" "$1" && mount -o remount,bind,ro "$1" && shift && exec "$@""#;
+        let script =
+            r#"mount --bind "$1" "$1" && mount -o remount,bind,ro "$1" && shift && exec "$@""#;
         let run = Command::new("unshare")
             .args(mount)
             .args([script, "sh"])
             .arg(dir.path())
             .arg(std::env::current_exe().unwrap())
-            .args(["--exact", "store::tests::a_run_can_be_read_where_nothing_can_be_written"])
+            .args([
+                "--exact",
+                "store::tests::a_run_can_be_read_where_nothing_can_be_written",
+            ])
             .env(READ_ONLY, dir.path())
             .output()
             .unwrap();
         let said = String::from_utf8_lossy(&run.stdout);
-        assert!(run.status.success() && said.contains("1 passed"), "killed: {killed}\n{said}");
+        assert!(
+            run.status.success() && said.contains("1 passed"),
+            "killed: {killed}\n{said}"
+        );
     }
 }
 
@@ -230,22 +295,49 @@ async fn run_of_format_1() -> tempfile::TempDir {
 async fn number(file: &Path, sql: &'static str) -> i64 {
     let options = SqliteConnectOptions::new().filename(file).read_only(true);
     let mut connection = SqliteConnection::connect_with(&options).await.unwrap();
-    sqlx::query_scalar(sql).fetch_one(&mut connection).await.unwrap()
+    sqlx::query_scalar(sql)
+        .fetch_one(&mut connection)
+        .await
+        .unwrap()
 }
 
 #[tokio::test]
 async fn a_database_of_an_older_format_is_copied_before_it_is_brought_up_to_date() {
     let dir = run_of_format_1().await;
-    let reading = Reader::open(dir.path()).await.err().expect("readers change nothing").to_string();
+    let reading = Reader::open(dir.path())
+        .await
+        .err()
+        .expect("readers change nothing")
+        .to_string();
     assert!(reading.contains("format 1"), "{reading}");
     let mut writer = Writer::open(dir.path()).await.unwrap();
     add(&mut writer, 3, 10).await.unwrap();
     writer.close("none", 0).await.unwrap();
-    let (now, copy) = (dir.path().join(DATABASE_FILE), dir.path().join("cardiotwin.format-1.db"));
-    assert_eq!((number(&now, "PRAGMA user_version").await, number(&copy, "PRAGMA user_version").await), (2, 1));
+    let (now, copy) = (
+        dir.path().join(DATABASE_FILE),
+        dir.path().join("cardiotwin.format-1.db"),
+    );
+    assert_eq!(
+        (
+            number(&now, "PRAGMA user_version").await,
+            number(&copy, "PRAGMA user_version").await
+        ),
+        (2, 1)
+    );
     let patients = "SELECT count(*) FROM patients";
-    assert_eq!((number(&now, patients).await, number(&copy, patients).await), (3, 2), "the copy is as it was before");
-    assert_eq!(number(&copy, "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'").await, 0);
+    assert_eq!(
+        (number(&now, patients).await, number(&copy, patients).await),
+        (3, 2),
+        "the copy is as it was before"
+    );
+    assert_eq!(
+        number(
+            &copy,
+            "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'"
+        )
+        .await,
+        0
+    );
     // The copy is a database that an older version goes on with.
     let back = tempfile::tempdir().unwrap();
     std::fs::copy(&copy, back.path().join(DATABASE_FILE)).unwrap();
@@ -255,15 +347,32 @@ async fn a_database_of_an_older_format_is_copied_before_it_is_brought_up_to_date
 #[tokio::test]
 async fn a_migration_that_fails_leaves_the_database_and_its_copy_as_they_were() {
     let dir = run_of_format_1().await;
-    execute(dir.path(), "CREATE TABLE allotments (in_the_way INTEGER)").await.unwrap();
-    let error = Writer::open(dir.path()).await.expect_err("the table is in the way").to_string();
-    assert!(error.contains("allotments") || error.contains("up to date"), "{error}");
+    execute(dir.path(), "CREATE TABLE allotments (in_the_way INTEGER)")
+        .await
+        .unwrap();
+    let error = Writer::open(dir.path())
+        .await
+        .expect_err("the table is in the way")
+        .to_string();
+    assert!(
+        error.contains("allotments") || error.contains("up to date"),
+        "{error}"
+    );
     for file in [DATABASE_FILE, "cardiotwin.format-1.db"] {
         let file = dir.path().join(file);
-        assert_eq!(number(&file, "PRAGMA user_version").await, 1, "{}", file.display());
+        assert_eq!(
+            number(&file, "PRAGMA user_version").await,
+            1,
+            "{}",
+            file.display()
+        );
         assert_eq!(number(&file, "SELECT count(*) FROM patients").await, 2);
         assert_eq!(
-            number(&file, "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'").await,
+            number(
+                &file,
+                "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'"
+            )
+            .await,
             0,
             "nothing half done"
         );

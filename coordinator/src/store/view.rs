@@ -122,7 +122,11 @@ pub(super) fn explanation(
 }
 
 /// A row of `attempts` for people.
-pub(super) fn attempt(step: Step, row: &SqliteRow, run_dir: &Path) -> Result<AttemptRecord, StoreError> {
+pub(super) fn attempt(
+    step: Step,
+    row: &SqliteRow,
+    run_dir: &Path,
+) -> Result<AttemptRecord, StoreError> {
     let (task, state): (String, String) = (row.get("task"), row.get("state"));
     let claim: Option<String> = row.get("claim");
     let directory: String = row.get("directory");
@@ -132,7 +136,9 @@ pub(super) fn attempt(step: Step, row: &SqliteRow, run_dir: &Path) -> Result<Att
         state: parse(&state, "attempts", "state", &task)?,
         directory: run_dir.join(directory),
         external_id: row.get("external_id"),
-        claim: claim.map(|text| parse(&text, "attempts", "claim", &task)).transpose()?,
+        claim: claim
+            .map(|text| parse(&text, "attempts", "claim", &task))
+            .transpose()?,
         planned: clock::utc_text(row.get("planned_ms")),
         ended: row.get::<Option<i64>, _>("ended_ms").map(clock::utc_text),
         task: TaskKey(task),
@@ -154,7 +160,13 @@ fn compare(
     changes: &mut Vec<LeafChange>,
 ) {
     use serde_json::Value;
-    let child = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    let child = |key: &str| {
+        if path.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{path}.{key}")
+        }
+    };
     match (old, new) {
         (old, new) if old == new => {}
         (Some(Value::Object(a)), Some(Value::Object(b))) => {
@@ -168,7 +180,11 @@ fn compare(
                 compare(format!("{path}[{i}]"), a.get(i), b.get(i), changes);
             }
         }
-        (old, new) => changes.push(LeafChange { path, old: old.cloned(), new: new.cloned() }),
+        (old, new) => changes.push(LeafChange {
+            path,
+            old: old.cloned(),
+            new: new.cloned(),
+        }),
     }
 }
 
@@ -183,7 +199,13 @@ mod tests {
         let new = json!({"a": {"b": 2, "c": [1, 5]}, "same": true, "come": 4});
         let named: Vec<_> = leaf_changes(&old, &new)
             .into_iter()
-            .map(|c| (c.path, c.old.map(|v| v.to_string()), c.new.map(|v| v.to_string())))
+            .map(|c| {
+                (
+                    c.path,
+                    c.old.map(|v| v.to_string()),
+                    c.new.map(|v| v.to_string()),
+                )
+            })
             .collect();
         let text = |v: &str| Some(v.to_owned());
         assert_eq!(

@@ -16,7 +16,9 @@ use super::open::DATABASE_FILE;
 use super::outbox::Action;
 use super::patients::{PatientRow, PlanRow, Shown};
 use super::tasks::TaskRow;
-use super::{StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks};
+use super::{
+    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks,
+};
 use crate::clock;
 use crate::machine::chain::Chain;
 use crate::machine::patient::{Stage, Step};
@@ -60,7 +62,12 @@ impl Writer {
     pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
         let shared = file_system::shared(run_dir);
         let connection = open::writable(run_dir, shared.is_some()).await?;
-        Ok(Self { file: run_dir.join(DATABASE_FILE), connection, lease: None, shared })
+        Ok(Self {
+            file: run_dir.join(DATABASE_FILE),
+            connection,
+            lease: None,
+            shared,
+        })
     }
 
     /// What the database of a run holds, without writing to it; nothing where there is none.
@@ -72,7 +79,14 @@ impl Writer {
             Err(StoreError::Missing { .. }) => return Ok(Loaded::default()),
             opened => opened?,
         };
-        Self { file: run_dir.join(DATABASE_FILE), connection, lease: None, shared: None }.load().await
+        Self {
+            file: run_dir.join(DATABASE_FILE),
+            connection,
+            lease: None,
+            shared: None,
+        }
+        .load()
+        .await
     }
 
     /// Commits from now on only while this lease holds.
@@ -108,10 +122,17 @@ impl Writer {
             lease.check(clock::now_ms())?;
         }
         let statements = batch.statements();
-        let mut transaction = self.connection.begin_with("BEGIN IMMEDIATE").await.map_err(failed)?;
+        let mut transaction = self
+            .connection
+            .begin_with("BEGIN IMMEDIATE")
+            .await
+            .map_err(failed)?;
         for statement in &statements {
-            let done =
-                sqlx::query(statement.sql).bind(&statement.json).execute(&mut *transaction).await.map_err(failed)?;
+            let done = sqlx::query(statement.sql)
+                .bind(&statement.json)
+                .execute(&mut *transaction)
+                .await
+                .map_err(failed)?;
             statement.check(done.rows_affected())?;
         }
         transaction.commit().await.map_err(failed)
@@ -123,7 +144,10 @@ impl Writer {
     /// The store's.
     pub async fn meta(&mut self) -> Result<HashMap<String, String>, StoreError> {
         let rows = self.rows("SELECT key, value FROM meta").await?;
-        Ok(rows.into_iter().map(|row| (row.get(0), row.get(1))).collect())
+        Ok(rows
+            .into_iter()
+            .map(|row| (row.get(0), row.get(1)))
+            .collect())
     }
 
     /// Sets single values.
@@ -178,8 +202,10 @@ impl Writer {
     /// The store's.
     pub async fn cluster_allocation(&mut self, host: &str, at_ms: i64) -> Result<i64, StoreError> {
         let failed = |source| StoreError::from_sqlite(self.file.clone(), "reading", source);
-        let open =
-            sqlx::query_scalar(attempts::OPEN_CLUSTER).fetch_optional(&mut self.connection).await.map_err(failed)?;
+        let open = sqlx::query_scalar(attempts::OPEN_CLUSTER)
+            .fetch_optional(&mut self.connection)
+            .await
+            .map_err(failed)?;
         match open {
             Some(id) => Ok(id),
             None => self.open_allocation("slurm", "", host, at_ms).await,
@@ -200,18 +226,26 @@ impl Writer {
     /// # Errors
     /// The store's; what was committed stays.
     pub async fn close(mut self, kind: &str, at_ms: i64) -> Result<(), StoreError> {
-        let closed =
-            sqlx::query(attempts::CLOSE_ALLOCATIONS).bind(at_ms).bind(kind).execute(&mut self.connection).await;
+        let closed = sqlx::query(attempts::CLOSE_ALLOCATIONS)
+            .bind(at_ms)
+            .bind(kind)
+            .execute(&mut self.connection)
+            .await;
         self.publish_snapshot().await?;
         open::close(self.connection, &self.file).await?;
-        closed.map(|_| ()).map_err(|source| StoreError::from_sqlite(self.file, "closing", source))
+        closed
+            .map(|_| ())
+            .map_err(|source| StoreError::from_sqlite(self.file, "closing", source))
     }
 
     /// Lets the database grow no further: a full disk for tests.
     #[cfg(test)]
     pub(super) async fn limit_pages(&mut self, pages: u32) {
         let sql = sqlx::AssertSqlSafe(format!("PRAGMA max_page_count = {pages}"));
-        sqlx::query(sql).execute(&mut self.connection).await.unwrap();
+        sqlx::query(sql)
+            .execute(&mut self.connection)
+            .await
+            .unwrap();
     }
 
     /// Everything that a coordinator must know.
@@ -219,13 +253,29 @@ impl Writer {
     /// # Errors
     /// The store's.
     pub async fn load(&mut self) -> Result<Loaded, StoreError> {
-        let mut loaded = Loaded { meta: self.meta().await?, ..Loaded::default() };
+        let mut loaded = Loaded {
+            meta: self.meta().await?,
+            ..Loaded::default()
+        };
         let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
         for row in self.rows(patients::SELECT_PLANS).await? {
             let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
             let chain = parse(&chain, "plans", "chain", &patient_id)?;
-            let (given, overrides, carried, plan) = (row.get(1), row.get(2), row.get(3), row.get(4));
-            plans.insert(patient_id, (PlanRow { patient_id, given, overrides, carried, plan }, chain));
+            let (given, overrides, carried, plan) =
+                (row.get(1), row.get(2), row.get(3), row.get(4));
+            plans.insert(
+                patient_id,
+                (
+                    PlanRow {
+                        patient_id,
+                        given,
+                        overrides,
+                        carried,
+                        plan,
+                    },
+                    chain,
+                ),
+            );
         }
         for row in self.rows(patients::SELECT_ALL).await? {
             let patient = patient_row(&row)?;
@@ -235,30 +285,45 @@ impl Writer {
         }
         for row in self.rows(tasks::SELECT_ALL).await? {
             let rows: String = row.get(0);
-            loaded.tasks.extend(parse::<Vec<TaskRow>>(&rows, "tasks", "state", &"some row")?);
+            loaded
+                .tasks
+                .extend(parse::<Vec<TaskRow>>(&rows, "tasks", "state", &"some row")?);
         }
         for row in self.rows(attempts::SELECT_AT_WORK).await? {
             let (task, state): (String, String) = (row.get(0), row.get(4));
             let state = parse(&state, "attempts", "state", &task)?;
             let (generation, directory, version) = (row.get(1), row.get(2), row.get(3));
-            loaded.attempts.push(AttemptRow { task, generation, directory, version, state });
+            loaded.attempts.push(AttemptRow {
+                task,
+                generation,
+                directory,
+                version,
+                state,
+            });
         }
         for row in self.rows(steps::SELECT_PRESENT).await? {
             let (patient, steps): (i64, String) = (row.get(0), row.get(1));
             let steps: Vec<(Stage, u32, TaskKey)> = parse(&steps, "steps", "stage", &patient)?;
-            let steps = steps.into_iter().map(|(stage, number, task)| (Step { stage, number }, task));
+            let steps = steps
+                .into_iter()
+                .map(|(stage, number, task)| (Step { stage, number }, task));
             loaded.steps.insert(patient, steps.collect());
         }
         for row in self.rows(outbox::SELECT_PENDING).await? {
             let (id, action): (i64, String) = (row.get(0), row.get(1));
-            loaded.outbox.push((id, parse(&action, "outbox", "action", &id)?));
+            loaded
+                .outbox
+                .push((id, parse(&action, "outbox", "action", &id)?));
         }
         for row in self.rows(cluster_jobs::SELECT_AT_WORK).await? {
             loaded.jobs.push(job_row(&row)?);
         }
         for row in self.rows(cluster_jobs::SELECT_ALLOTMENTS).await? {
             let (patient, allotment): (i64, String) = (row.get(0), row.get(1));
-            loaded.allotments.insert(patient, parse(&allotment, "allotments", "allotment", &patient)?);
+            loaded.allotments.insert(
+                patient,
+                parse(&allotment, "allotments", "allotment", &patient)?,
+            );
         }
         Ok(loaded)
     }
@@ -277,13 +342,19 @@ pub(super) fn parse<T: DeserializeOwned>(
     column: &'static str,
     row: &dyn std::fmt::Display,
 ) -> Result<T, StoreError> {
-    serde_json::from_str(text).map_err(|source| StoreError::Content { table, column, row: row.to_string(), source })
+    serde_json::from_str(text).map_err(|source| StoreError::Content {
+        table,
+        column,
+        row: row.to_string(),
+        source,
+    })
 }
 
 pub(super) fn job_row(row: &SqliteRow) -> Result<JobRow, StoreError> {
     let name: String = row.get("name");
     let column = |column: &'static str| -> String { row.get(column) };
-    let state: crate::machine::cluster_job::ClusterJob = parse(&column("state"), "jobs", "state", &name)?;
+    let state: crate::machine::cluster_job::ClusterJob =
+        parse(&column("state"), "jobs", "state", &name)?;
     Ok(JobRow {
         version: row.get("version"),
         over: false,
@@ -298,7 +369,9 @@ pub(super) fn job_row(row: &SqliteRow) -> Result<JobRow, StoreError> {
 pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
     let patient: String = row.get("patient");
     let class: Option<String> = row.get("failure_class");
-    let failure_class = class.map(|c| parse(&format!("\"{c}\""), "patients", "failure_class", &patient)).transpose()?;
+    let failure_class = class
+        .map(|c| parse(&format!("\"{c}\""), "patients", "failure_class", &patient))
+        .transpose()?;
     let state: String = row.get("state");
     Ok(PatientRow {
         id: row.get("id"),

@@ -21,7 +21,10 @@ pub enum SweepError {
         source: io::Error,
     },
     /// `sweep.json` is not one of ours.
-    #[error("{path}: not the file of a sweep in format {}", cardiotwin_schemas::SCHEMA_VERSION)]
+    #[error(
+        "{path}: not the file of a sweep in format {}",
+        cardiotwin_schemas::SCHEMA_VERSION
+    )]
     Format {
         /// Which file.
         path: PathBuf,

@@ -21,12 +21,25 @@ pub fn find(folder: &Path) -> Result<Option<SweepFile>, SweepError> {
     let path = folder.join(FILE);
     let text = match std::fs::read(&path) {
         Ok(text) => text,
-        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::NotFound | io::ErrorKind::NotADirectory
+            ) =>
+        {
             return Ok(None);
         }
-        Err(source) => return Err(SweepError::File { what: "read", path, source }),
+        Err(source) => {
+            return Err(SweepError::File {
+                what: "read",
+                path,
+                source,
+            });
+        }
     };
-    serde_json::from_slice(&text).map(Some).map_err(|source| SweepError::Format { path, source })
+    serde_json::from_slice(&text)
+        .map(Some)
+        .map_err(|source| SweepError::Format { path, source })
 }
 
 /// As [`find`], where there must be one.
@@ -34,7 +47,9 @@ pub fn find(folder: &Path) -> Result<Option<SweepFile>, SweepError> {
 /// # Errors
 /// [`SweepError::NoSweep`] and those of [`find`].
 pub fn read(folder: &Path) -> Result<SweepFile, SweepError> {
-    find(folder)?.ok_or_else(|| SweepError::NoSweep { path: folder.to_owned() })
+    find(folder)?.ok_or_else(|| SweepError::NoSweep {
+        path: folder.to_owned(),
+    })
 }
 
 /// Makes the folder if need be, and writes its file.
@@ -45,7 +60,10 @@ pub fn write(folder: &Path, file: &SweepFile) -> Result<(), SweepError> {
     let path = folder.join(FILE);
     let occupied = |name: &str, holds| {
         (folder.join(name).exists() && !path.exists())
-            .then(|| SweepError::Occupied { path: folder.to_owned(), holds })
+            .then(|| SweepError::Occupied {
+                path: folder.to_owned(),
+                holds,
+            })
             .map_or(Ok(()), Err)
     };
     occupied("cohort.toml", "is a cohort")?;
@@ -75,10 +93,12 @@ pub fn write_result(folder: &Path, name: &str, text: &str) -> Result<PathBuf, Sw
         source,
     })?;
     let path = results.join(name);
-    atomic::replace(&path, |out| out.write_all(text.as_bytes())).map_err(|source| SweepError::File {
-        what: "write",
-        path: path.clone(),
-        source,
+    atomic::replace(&path, |out| out.write_all(text.as_bytes())).map_err(|source| {
+        SweepError::File {
+            what: "write",
+            path: path.clone(),
+            source,
+        }
     })?;
     Ok(path)
 }

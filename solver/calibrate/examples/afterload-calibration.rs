@@ -4,14 +4,22 @@
 //! Flows are the measured ones of `examples/afterload`, with noise of 1.5 % of their peak that the fit does not know;
 //! pressures are simulated by the same equations (an inverse crime), with coloured noise of 1 mmHg or 2 % of the pulse.
 
-use cardiotwin_calibrate::afterload::{DiscoverySettings, EFFECTS, Record, discover, fit_windkessel, simulate};
+use cardiotwin_calibrate::afterload::{
+    DiscoverySettings, EFFECTS, Record, discover, fit_windkessel, simulate,
+};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 const FLOWS: [(&str, &str); 3] = [
     ("human-1999/flow.csv", "human-1999/pressure.csv"),
-    ("porcine-in-vivo/flow-1.csv", "porcine-in-vivo/pressure-1.csv"),
-    ("porcine-ex-vivo/flow-1.csv", "porcine-ex-vivo/pressure-1.csv"),
+    (
+        "porcine-in-vivo/flow-1.csv",
+        "porcine-in-vivo/pressure-1.csv",
+    ),
+    (
+        "porcine-ex-vivo/flow-1.csv",
+        "porcine-ex-vivo/pressure-1.csv",
+    ),
 ];
 const N_NULL: usize = 30;
 const N_EACH: usize = 2;
@@ -34,12 +42,20 @@ const STRENGTHS: [(&str, &[f64], &[f64]); 10] = [
 ];
 
 fn read(file: &str) -> (Vec<f64>, Vec<f64>) {
-    let path = format!("{}/../../examples/afterload/{file}", env!("CARGO_MANIFEST_DIR"));
+    let path = format!(
+        "{}/../../examples/afterload/{file}",
+        env!("CARGO_MANIFEST_DIR")
+    );
     let text = std::fs::read_to_string(&path).expect(&path);
-    let rows = text.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit() || c == '-'));
+    let rows = text
+        .lines()
+        .filter(|line| line.starts_with(|c: char| c.is_ascii_digit() || c == '-'));
     let row = |line: &str| {
         let (time, value) = line.split_once(',').expect("two columns");
-        (time.parse::<f64>().expect("a time"), value.parse::<f64>().expect("a value"))
+        (
+            time.parse::<f64>().expect("a time"),
+            value.parse::<f64>().expect("a value"),
+        )
     };
     rows.map(row).unzip()
 }
@@ -83,17 +99,30 @@ struct Scene {
 
 fn scene(idx: usize, random: &mut Pcg64) -> Scene {
     let (flow, pressure) = (read(FLOWS[idx % 3].0), read(FLOWS[idx % 3].1));
-    let record = Record::new(&flow.0, &flow.1, &pressure.0, &pressure.1).expect("a record of the examples");
+    let record =
+        Record::new(&flow.0, &flow.1, &pressure.0, &pressure.1).expect("a record of the examples");
     let fit = fit_windkessel(&record, Default::default()).expect("a record of the examples");
     let mut vary = |x: f64| x * (0.75 + 0.5 * random.random::<f64>());
-    let three = [vary(fit.r1.value), vary(fit.r2.value), vary(fit.compliance.value)];
-    Scene { flow, pressure_time_ms: pressure.0, three, start: fit.start.value, record }
+    let three = [
+        vary(fit.r1.value),
+        vary(fit.r2.value),
+        vary(fit.compliance.value),
+    ];
+    Scene {
+        flow,
+        pressure_time_ms: pressure.0,
+        three,
+        start: fit.start.value,
+        record,
+    }
 }
 
 impl Scene {
     fn measured(&self, exact: Vec<f64>, outside: Option<Outside>, random: &mut Pcg64) -> Record {
         let span = |v: &[f64]| {
-            let (low, high) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+            let (low, high) = v
+                .iter()
+                .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
             high - low
         };
         let pulse = span(&exact);
@@ -101,17 +130,26 @@ impl Scene {
         let n = exact.len();
         let time = &self.pressure_time_ms[..n];
         let cycle = self.record.cycle_ms();
-        let mut pressure: Vec<f64> =
-            exact.iter().zip(noise(time, PRESSURE_NOISE * pulse, random)).map(|(p, e)| p + e).collect();
-        let mut flow: Vec<f64> =
-            self.flow.1.iter().zip(noise(&self.flow.0, FLOW_NOISE * top, random)).map(|(q, e)| q + e).collect();
+        let mut pressure: Vec<f64> = exact
+            .iter()
+            .zip(noise(time, PRESSURE_NOISE * pulse, random))
+            .map(|(p, e)| p + e)
+            .collect();
+        let mut flow: Vec<f64> = self
+            .flow
+            .1
+            .iter()
+            .zip(noise(&self.flow.0, FLOW_NOISE * top, random))
+            .map(|(q, e)| q + e)
+            .collect();
         match outside {
             Some(Outside::Rattle) => pressure.iter_mut().zip(time).for_each(|(p, t)| {
                 let since = (t - 0.4 * cycle).rem_euclid(cycle);
                 *p += 0.25 * pulse * (-since / 60.0).exp() * (since * 0.157).sin();
             }),
             Some(Outside::Saturation) => {
-                flow.iter_mut().for_each(|q| *q = 0.5 * top * (*q / (0.5 * top)).tanh());
+                flow.iter_mut()
+                    .for_each(|q| *q = 0.5 * top * (*q / (0.5 * top)).tanh());
             }
             Some(Outside::Drift) => pressure.iter_mut().enumerate().for_each(|(i, p)| {
                 *p += 0.3 * pulse * (4.0 * i as f64 / n as f64).sin();
@@ -145,22 +183,39 @@ fn main() {
         let named = names(&scene.measured(exact, None, &mut random));
         false_alarms.extend(named.first().copied());
     }
-    println!("nothing missing: {} of {N_NULL} named {false_alarms:?}", false_alarms.len());
-    println!("{:32}{:>8}{:>8}{:>8}{:>8}", "effect", "", "right", "class", "named");
+    println!(
+        "nothing missing: {} of {N_NULL} named {false_alarms:?}",
+        false_alarms.len()
+    );
+    println!(
+        "{:32}{:>8}{:>8}{:>8}{:>8}",
+        "effect", "", "right", "class", "named"
+    );
     for (name, weak, clear) in STRENGTHS {
-        let effect = EFFECTS.iter().find(|e| e.name == name).expect("a candidate");
+        let effect = EFFECTS
+            .iter()
+            .find(|e| e.name == name)
+            .expect("a candidate");
         for (level, strength) in [("weak", weak), ("clear", clear)] {
             let (mut right, mut alike, mut named) = (0, 0, 0);
             for i in 0..3 * N_EACH {
                 let scene = scene(i, &mut random);
-                let exact = simulate(&scene.record, scene.three, scene.start, &[(effect, strength)]);
+                let exact = simulate(
+                    &scene.record,
+                    scene.three,
+                    scene.start,
+                    &[(effect, strength)],
+                );
                 if let Some(first) = names(&scene.measured(exact, None, &mut random)).first() {
                     named += 1;
                     right += usize::from(*first == name);
                     alike += usize::from(class(first) == class(name));
                 }
             }
-            println!("{name:32}{level:>8}{right:>8}{alike:>8}{named:>8}  of {}", 3 * N_EACH);
+            println!(
+                "{name:32}{level:>8}{right:>8}{alike:>8}{named:>8}  of {}",
+                3 * N_EACH
+            );
         }
     }
     for outside in [Outside::Rattle, Outside::Saturation, Outside::Drift] {
@@ -168,8 +223,16 @@ fn main() {
         for i in 0..3 * N_EACH {
             let scene = scene(i, &mut random);
             let exact = simulate(&scene.record, scene.three, scene.start, &[]);
-            named.extend(names(&scene.measured(exact, Some(outside), &mut random)).first().copied());
+            named.extend(
+                names(&scene.measured(exact, Some(outside), &mut random))
+                    .first()
+                    .copied(),
+            );
         }
-        println!("outside, {outside:?}: {} of {} named {named:?}", named.len(), 3 * N_EACH);
+        println!(
+            "outside, {outside:?}: {} of {} named {named:?}",
+            named.len(),
+            3 * N_EACH
+        );
     }
 }

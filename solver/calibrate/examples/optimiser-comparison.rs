@@ -19,11 +19,17 @@ fn sphere(x: &[f64]) -> f64 {
 }
 
 fn rosenbrock(x: &[f64]) -> f64 {
-    1.0 + x.windows(2).map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2)).sum::<f64>()
+    1.0 + x
+        .windows(2)
+        .map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2))
+        .sum::<f64>()
 }
 
 fn rastrigin(x: &[f64]) -> f64 {
-    1.0 + x.iter().map(|v| 10.0 + (v - 1.0).powi(2) - 10.0 * (TAU * (v - 1.0)).cos()).sum::<f64>()
+    1.0 + x
+        .iter()
+        .map(|v| 10.0 + (v - 1.0).powi(2) - 10.0 * (TAU * (v - 1.0)).cos())
+        .sum::<f64>()
 }
 
 fn ackley(x: &[f64]) -> f64 {
@@ -38,7 +44,10 @@ fn run(strategy: &str, f: Function, bounds: &[Interval], seed: u64) -> (f64, usi
     let costs = |points: Vec<Vec<f64>>| points.iter().map(|p| f(p)).collect::<Vec<_>>();
     match strategy {
         "L-SHADE" => {
-            let settings = adaptive_evolution::Settings { seed, ..Default::default() };
+            let settings = adaptive_evolution::Settings {
+                seed,
+                ..Default::default()
+            };
             let mut o = AdaptiveEvolution::new(bounds, &[], settings).unwrap();
             while !o.is_ended() {
                 o.tell(&costs(o.ask())).unwrap();
@@ -46,15 +55,31 @@ fn run(strategy: &str, f: Function, bounds: &[Interval], seed: u64) -> (f64, usi
             (o.best().1, o.n_evaluations())
         }
         "CMA-ES" => {
-            let mut o = CmaEs::new(bounds, &[], cma_es::Settings { seed, ..Default::default() }).unwrap();
+            let mut o = CmaEs::new(
+                bounds,
+                &[],
+                cma_es::Settings {
+                    seed,
+                    ..Default::default()
+                },
+            )
+            .unwrap();
             while !o.is_ended() {
                 o.tell(&costs(o.ask())).unwrap();
             }
             (o.best().1, o.n_evaluations())
         }
         _ => {
-            let updating = if strategy == "DE immediate" { Updating::Immediate } else { Updating::Deferred };
-            let settings = differential_evolution::Settings { seed, updating, ..Default::default() };
+            let updating = if strategy == "DE immediate" {
+                Updating::Immediate
+            } else {
+                Updating::Deferred
+            };
+            let settings = differential_evolution::Settings {
+                seed,
+                updating,
+                ..Default::default()
+            };
             let mut o = DifferentialEvolution::new(bounds, &[], settings).unwrap();
             while o.stage() != Stage::Ended {
                 o.tell(&costs(o.ask())).unwrap();
@@ -71,15 +96,23 @@ fn main() {
         ("rastrigin", rastrigin, [-5.12, 5.12]),
         ("ackley", ackley, [-30.0, 32.0]),
     ];
-    println!("{:<12}{:<14}{:>8}{:>20}{:>14}", "function", "strategy", "found", "median evaluations", "largest");
+    println!(
+        "{:<12}{:<14}{:>8}{:>20}{:>14}",
+        "function", "strategy", "found", "median evaluations", "largest"
+    );
     for (name, f, [low, high]) in functions {
         let bounds = [Interval::new(low, high); DIMENSION];
         for strategy in ["DE deferred", "DE immediate", "L-SHADE", "CMA-ES"] {
-            let runs: Vec<(f64, usize)> = (0..N_SEEDS).map(|seed| run(strategy, f, &bounds, seed)).collect();
+            let runs: Vec<(f64, usize)> = (0..N_SEEDS)
+                .map(|seed| run(strategy, f, &bounds, seed))
+                .collect();
             let found = runs.iter().filter(|r| r.0 - 1.0 < 1e-6).count();
             let evaluations: Vec<f64> = runs.iter().map(|r| r.1 as f64).collect();
             let largest = evaluations.iter().copied().fold(0.0, f64::max);
-            println!("{name:<12}{strategy:<14}{found:>5}/{N_SEEDS}{:>20}{largest:>14}", median(&evaluations));
+            println!(
+                "{name:<12}{strategy:<14}{found:>5}/{N_SEEDS}{:>20}{largest:>14}",
+                median(&evaluations)
+            );
         }
     }
 }

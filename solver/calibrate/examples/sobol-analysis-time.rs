@@ -3,18 +3,31 @@
 //! `cargo run --release -p cardiotwin-calibrate --example sobol-analysis-time`
 
 use cardiotwin_calibrate::Interval;
-use cardiotwin_calibrate::sobol::{AnalysisSettings, DesignSettings, Ranking, SaltelliDesign, analyse};
+use cardiotwin_calibrate::sobol::{
+    AnalysisSettings, DesignSettings, Ranking, SaltelliDesign, analyse,
+};
 use std::time::Instant;
 
 fn main() {
     let start = Instant::now();
-    let design = SaltelliDesign::new(&[Interval::new(-1.0, 2.0); 21], DesignSettings::default()).unwrap();
+    let design =
+        SaltelliDesign::new(&[Interval::new(-1.0, 2.0); 21], DesignSettings::default()).unwrap();
     let rows = design.rows(0..design.n_blocks());
-    println!("{} rows: {:.1} ms", rows.len(), 1e3 * start.elapsed().as_secs_f64());
+    println!(
+        "{} rows: {:.1} ms",
+        rows.len(),
+        1e3 * start.elapsed().as_secs_f64()
+    );
     let output = |x: &[f64], o: usize| -> f64 {
-        x.iter().enumerate().map(|(i, v)| v / (1 + i) as f64 + 0.3 * v * x[(i + 1 + o) % 21]).sum()
+        x.iter()
+            .enumerate()
+            .map(|(i, v)| v / (1 + i) as f64 + 0.3 * v * x[(i + 1 + o) % 21])
+            .sum()
     };
-    let values: Vec<f64> = rows.iter().flat_map(|x| (0..6).map(|o| output(x, o))).collect();
+    let values: Vec<f64> = rows
+        .iter()
+        .flat_map(|x| (0..6).map(|o| output(x, o)))
+        .collect();
     for share_of_failures in [0.0, 0.001, 0.05] {
         let mut values = values.clone();
         for (idx, row) in values.chunks_mut(6).enumerate() {
@@ -23,7 +36,10 @@ fn main() {
             }
         }
         for n_resamples in [0, 100, 1000] {
-            let settings = AnalysisSettings { n_resamples, ..AnalysisSettings::default() };
+            let settings = AnalysisSettings {
+                n_resamples,
+                ..AnalysisSettings::default()
+            };
             let start = Instant::now();
             let analysis = analyse(21, 6, &values, settings).unwrap();
             let ranking = Ranking::of(&analysis);

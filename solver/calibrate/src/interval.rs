@@ -52,7 +52,11 @@ impl Interval {
     /// The nearest value inside; the middle for one that is not a number.
     #[must_use]
     pub fn clamp(&self, value: f64) -> f64 {
-        if value.is_nan() { 0.5 * (self.lower + self.upper) } else { value.clamp(self.lower, self.upper) }
+        if value.is_nan() {
+            0.5 * (self.lower + self.upper)
+        } else {
+            value.clamp(self.lower, self.upper)
+        }
     }
 
     /// From a coordinate in [0, 1] to a value, as `SciPy` computes it: the optimum's last digits depend on it.
@@ -80,10 +84,15 @@ impl Interval {
         if intervals.is_empty() {
             return Err(IntervalError::Empty);
         }
-        match intervals.iter().position(|i| !(i.lower.is_finite() && i.upper.is_finite() && i.lower <= i.upper)) {
-            Some(idx) => {
-                Err(IntervalError::Disordered { idx, lower: intervals[idx].lower, upper: intervals[idx].upper })
-            }
+        match intervals
+            .iter()
+            .position(|i| !(i.lower.is_finite() && i.upper.is_finite() && i.lower <= i.upper))
+        {
+            Some(idx) => Err(IntervalError::Disordered {
+                idx,
+                lower: intervals[idx].lower,
+                upper: intervals[idx].upper,
+            }),
             None => Ok(()),
         }
     }
@@ -102,7 +111,10 @@ mod tests {
         }
         assert_eq!((i.clamp(-5.0), i.clamp(500.0)), (-1.2, 192.5));
         assert!(i.contains(i.clamp(f64::NAN)));
-        assert_eq!(Interval::new(3.0, 3.0).from_unit(Interval::new(3.0, 3.0).to_unit(3.0)), 3.0);
+        assert_eq!(
+            Interval::new(3.0, 3.0).from_unit(Interval::new(3.0, 3.0).to_unit(3.0)),
+            3.0
+        );
     }
 
     #[test]

@@ -28,10 +28,23 @@ pub fn unit(n_points: usize, n_dimensions: usize, seed: u64) -> Vec<Vec<f64>> {
 ///
 /// # Errors
 /// [`IntervalError`] for a box that makes no sense.
-pub fn sample(intervals: &[Interval], n_points: usize, seed: u64) -> Result<Vec<Vec<f64>>, IntervalError> {
+pub fn sample(
+    intervals: &[Interval],
+    n_points: usize,
+    seed: u64,
+) -> Result<Vec<Vec<f64>>, IntervalError> {
     Interval::validate(intervals)?;
-    let scale = |point: Vec<f64>| point.iter().zip(intervals).map(|(u, i)| i.from_unit(*u)).collect();
-    Ok(unit(n_points, intervals.len(), seed).into_iter().map(scale).collect())
+    let scale = |point: Vec<f64>| {
+        point
+            .iter()
+            .zip(intervals)
+            .map(|(u, i)| i.from_unit(*u))
+            .collect()
+    };
+    Ok(unit(n_points, intervals.len(), seed)
+        .into_iter()
+        .map(scale)
+        .collect())
 }
 
 #[cfg(test)]
@@ -58,8 +71,10 @@ mod tests {
         let intervals = [Interval::new(0.9, 1.1), Interval::new(-5.0, 5.0)];
         let points = sample(&intervals, 10, 7).unwrap();
         for (d, interval) in intervals.iter().enumerate() {
-            let mut strata: Vec<usize> =
-                points.iter().map(|p| ((p[d] - interval.lower) / interval.width() * 10.0) as usize).collect();
+            let mut strata: Vec<usize> = points
+                .iter()
+                .map(|p| ((p[d] - interval.lower) / interval.width() * 10.0) as usize)
+                .collect();
             strata.sort_unstable();
             assert_eq!(strata, (0..10).collect::<Vec<_>>());
         }

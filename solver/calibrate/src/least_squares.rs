@@ -24,7 +24,12 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { cost_tolerance: 1e-12, step_tolerance: 1e-10, max_steps: 200, difference_step: 1e-5 }
+        Self {
+            cost_tolerance: 1e-12,
+            step_tolerance: 1e-10,
+            max_steps: 200,
+            difference_step: 1e-5,
+        }
     }
 }
 
@@ -79,7 +84,9 @@ impl Fit {
     /// not tell the free ones apart. Holds for residuals that are independent of each other.
     #[must_use]
     pub fn standard_errors(&self) -> Vec<Option<f64>> {
-        let free: Vec<usize> = (0..self.at_bound.len()).filter(|i| !self.at_bound[*i]).collect();
+        let free: Vec<usize> = (0..self.at_bound.len())
+            .filter(|i| !self.at_bound[*i])
+            .collect();
         let jacobian = self.jacobian.select_columns(&free);
         let mut errors = vec![None; self.at_bound.len()];
         // Scaled to columns of length one first: parameters have units of their own.
@@ -87,11 +94,17 @@ impl Fit {
         if lengths.iter().any(|l| l.is_nan() || *l <= 0.0) {
             return errors;
         }
-        let scaled = DMatrix::from_fn(jacobian.nrows(), free.len(), |r, c| jacobian[(r, c)] / lengths[c]);
-        if let Some(inverse) = (scaled.transpose() * scaled).cholesky().map(|c| c.inverse()) {
+        let scaled = DMatrix::from_fn(jacobian.nrows(), free.len(), |r, c| {
+            jacobian[(r, c)] / lengths[c]
+        });
+        if let Some(inverse) = (scaled.transpose() * scaled)
+            .cholesky()
+            .map(|c| c.inverse())
+        {
             for (position, parameter) in free.iter().enumerate() {
                 let variance = inverse[(position, position)] * self.residual_variance();
-                errors[*parameter] = Some(variance.sqrt() / lengths[position]).filter(|e: &f64| e.is_finite());
+                errors[*parameter] =
+                    Some(variance.sqrt() / lengths[position]).filter(|e: &f64| e.is_finite());
             }
         }
         errors
@@ -110,7 +123,10 @@ pub fn fit(
 ) -> Result<Fit, LeastSquaresError> {
     Interval::validate(bounds)?;
     if start.len() != bounds.len() {
-        return Err(LeastSquaresError::Dimension { n_start: start.len(), n_bounds: bounds.len() });
+        return Err(LeastSquaresError::Dimension {
+            n_start: start.len(),
+            n_bounds: bounds.len(),
+        });
     }
     let evaluate = |x: &[f64]| DVector::from_vec(residuals(x));
     let mut x: Vec<f64> = start.iter().zip(bounds).map(|(x, b)| b.clamp(*x)).collect();
@@ -130,9 +146,17 @@ pub fn fit(
             converged = true;
             break;
         };
-        let trial: Vec<f64> = x.iter().zip(step.iter()).zip(bounds).map(|((x, s), b)| b.clamp(x + s)).collect();
-        let moved =
-            x.iter().zip(&trial).zip(bounds).map(|((a, b), i)| (a - b).abs() / i.width().max(f64::MIN_POSITIVE));
+        let trial: Vec<f64> = x
+            .iter()
+            .zip(step.iter())
+            .zip(bounds)
+            .map(|((x, s), b)| b.clamp(x + s))
+            .collect();
+        let moved = x
+            .iter()
+            .zip(&trial)
+            .zip(bounds)
+            .map(|((a, b), i)| (a - b).abs() / i.width().max(f64::MIN_POSITIVE));
         let moves = moved.fold(0.0, f64::max);
         let trial_r = evaluate(&trial);
         let trial_cost = trial_r.norm_squared();
@@ -158,7 +182,14 @@ pub fn fit(
         }
     }
     let at_bound = held(&x, jacobian.tr_mul(&r).as_slice(), bounds);
-    Ok(Fit { parameters: x, sum_of_squares: cost, n_residuals: r.len(), at_bound, converged, jacobian })
+    Ok(Fit {
+        parameters: x,
+        sum_of_squares: cost,
+        n_residuals: r.len(),
+        at_bound,
+        converged,
+        jacobian,
+    })
 }
 
 /// Parameters at a bound (to a millionth of the width) that the gradient pushes against, or without any width.
@@ -168,14 +199,23 @@ fn held(x: &[f64], gradient: &[f64], bounds: &[Interval]) -> Vec<bool> {
         .zip(bounds)
         .map(|((x, g), b)| {
             let near = 1e-6 * b.width();
-            (x - b.lower <= near && *g > 0.0) || (b.upper - x <= near && *g < 0.0) || b.width() == 0.0
+            (x - b.lower <= near && *g > 0.0)
+                || (b.upper - x <= near && *g < 0.0)
+                || b.width() == 0.0
         })
         .collect()
 }
 
 /// The damped step; zero for held parameters. None if nothing can move.
-fn step(jacobian: &DMatrix<f64>, gradient: &DVector<f64>, held: &[bool], damping: f64) -> Option<DVector<f64>> {
-    let free: Vec<usize> = (0..held.len()).filter(|i| !held[*i] && jacobian.column(*i).norm_squared() > 0.0).collect();
+fn step(
+    jacobian: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    held: &[bool],
+    damping: f64,
+) -> Option<DVector<f64>> {
+    let free: Vec<usize> = (0..held.len())
+        .filter(|i| !held[*i] && jacobian.column(*i).norm_squared() > 0.0)
+        .collect();
     if free.is_empty() {
         return None;
     }
@@ -212,7 +252,11 @@ fn differences(
         let derivative = if interval.contains(x[i] - h) && interval.contains(x[i] + h) {
             (at(x[i] + h) - at(x[i] - h)) / (2.0 * h)
         } else {
-            let inward = if interval.contains(x[i] + 2.0 * h) { h } else { -h };
+            let inward = if interval.contains(x[i] + 2.0 * h) {
+                h
+            } else {
+                -h
+            };
             (4.0 * at(x[i] + inward) - at(x[i] + 2.0 * inward) - 3.0 * r) / (2.0 * inward)
         };
         jacobian.set_column(i, &derivative.map(|d| if d.is_finite() { d } else { 0.0 }));
@@ -235,8 +279,18 @@ mod tests {
 
     #[test]
     fn finds_the_parameters_of_a_decay() {
-        let bounds = [Interval::new(0.0, 10.0), Interval::new(0.01, 5.0), Interval::new(-1.0, 1.0)];
-        let fit = fit(&exponential, &[9.0, 4.0, -0.9], &bounds, Settings::default()).unwrap();
+        let bounds = [
+            Interval::new(0.0, 10.0),
+            Interval::new(0.01, 5.0),
+            Interval::new(-1.0, 1.0),
+        ];
+        let fit = fit(
+            &exponential,
+            &[9.0, 4.0, -0.9],
+            &bounds,
+            Settings::default(),
+        )
+        .unwrap();
         assert!(fit.converged && fit.sum_of_squares < 1e-18, "{fit:?}");
         for (x, expected) in fit.parameters.iter().zip([2.0, 0.7, 0.3]) {
             assert!((x - expected).abs() < 1e-8);
@@ -249,10 +303,16 @@ mod tests {
         let valley = |x: &[f64]| vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]];
         let wide = [Interval::new(-3.0, 3.0); 2];
         let free = fit(&valley, &[-1.2, 1.0], &wide, Settings::default()).unwrap();
-        assert!(free.sum_of_squares < 1e-18 && free.at_bound == [false, false], "{free:?}");
+        assert!(
+            free.sum_of_squares < 1e-18 && free.at_bound == [false, false],
+            "{free:?}"
+        );
         let narrow = [Interval::new(-3.0, 0.5), Interval::new(-3.0, 3.0)];
         let cut = fit(&valley, &[-1.2, 1.0], &narrow, Settings::default()).unwrap();
-        assert!((cut.sum_of_squares - 0.25).abs() < 1e-12 && cut.at_bound == [true, false], "{cut:?}");
+        assert!(
+            (cut.sum_of_squares - 0.25).abs() < 1e-12 && cut.at_bound == [true, false],
+            "{cut:?}"
+        );
         assert!((cut.parameters[1] - 0.25).abs() < 1e-8);
     }
 
@@ -260,14 +320,24 @@ mod tests {
     #[test]
     fn errors_of_a_line() {
         let y = [1.0, 2.9, 5.2, 6.8, 9.1, 11.0];
-        let line = |x: &[f64]| y.iter().enumerate().map(|(i, y)| x[0] + x[1] * i as f64 - y).collect();
+        let line = |x: &[f64]| {
+            y.iter()
+                .enumerate()
+                .map(|(i, y)| x[0] + x[1] * i as f64 - y)
+                .collect()
+        };
         let bounds = [Interval::new(-100.0, 100.0); 2];
         let fit = fit(&line, &[50.0, -50.0], &bounds, Settings::default()).unwrap();
         let n = y.len() as f64;
         let centre = (n - 1.0) / 2.0;
         let spread: f64 = (0..6).map(|i| (f64::from(i) - centre).powi(2)).sum();
         let mean = y.iter().sum::<f64>() / n;
-        let slope: f64 = y.iter().enumerate().map(|(i, y)| (i as f64 - centre) * (y - mean)).sum::<f64>() / spread;
+        let slope: f64 = y
+            .iter()
+            .enumerate()
+            .map(|(i, y)| (i as f64 - centre) * (y - mean))
+            .sum::<f64>()
+            / spread;
         assert!((fit.parameters[1] - slope).abs() < 1e-9);
         let variance = fit.sum_of_squares / (n - 2.0);
         let errors = fit.standard_errors();
@@ -279,9 +349,18 @@ mod tests {
     #[test]
     fn parameters_that_act_alike_have_no_errors() {
         let sum = |x: &[f64]| (0..5).map(|i| (x[0] + x[1]) * f64::from(i) - 2.0).collect();
-        let fit = fit(&sum, &[0.1, 0.2], &[Interval::new(-5.0, 5.0); 2], Settings::default()).unwrap();
+        let fit = fit(
+            &sum,
+            &[0.1, 0.2],
+            &[Interval::new(-5.0, 5.0); 2],
+            Settings::default(),
+        )
+        .unwrap();
         let errors = fit.standard_errors();
-        assert!(errors.iter().all(|e| e.is_none_or(|e| e > 1e4)), "{errors:?}");
+        assert!(
+            errors.iter().all(|e| e.is_none_or(|e| e > 1e4)),
+            "{errors:?}"
+        );
     }
 
     #[test]
@@ -289,10 +368,21 @@ mod tests {
         let box1 = [Interval::new(0.0, 4.0)];
         assert!(fit(&|_| vec![f64::NAN], &[1.0], &box1, Settings::default()).is_err());
         assert!(fit(&|_| vec![0.0], &[1.0, 2.0], &box1, Settings::default()).is_err());
-        let walled = |x: &[f64]| vec![if x[0] > 3.0 { f64::INFINITY } else { x[0] - 2.9 }];
+        let walled = |x: &[f64]| {
+            vec![if x[0] > 3.0 {
+                f64::INFINITY
+            } else {
+                x[0] - 2.9
+            }]
+        };
         let best = fit(&walled, &[0.5], &box1, Settings::default()).unwrap();
         assert!((best.parameters[0] - 2.9).abs() < 1e-6, "{best:?}");
         let fixed = [Interval::new(1.0, 1.0)];
-        assert_eq!(fit(&|x| vec![x[0]], &[7.0], &fixed, Settings::default()).unwrap().parameters, [1.0]);
+        assert_eq!(
+            fit(&|x| vec![x[0]], &[7.0], &fixed, Settings::default())
+                .unwrap()
+                .parameters,
+            [1.0]
+        );
     }
 }

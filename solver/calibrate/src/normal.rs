@@ -10,9 +10,17 @@ pub fn quantile(probability: f64) -> f64 {
         let r = 0.180_625 - q * q;
         return q * polynomial(&CENTRE_UPPER, r) / polynomial(&CENTRE_LOWER, r);
     }
-    let tail = if q < 0.0 { probability } else { 1.0 - probability };
+    let tail = if q < 0.0 {
+        probability
+    } else {
+        1.0 - probability
+    };
     if tail <= 0.0 {
-        return if tail < 0.0 || tail.is_nan() { f64::NAN } else { f64::INFINITY.copysign(q) };
+        return if tail < 0.0 || tail.is_nan() {
+            f64::NAN
+        } else {
+            f64::INFINITY.copysign(q)
+        };
     }
     let r = (-tail.ln()).sqrt();
     let value = if r <= 5.0 {
@@ -94,7 +102,10 @@ mod tests {
     use super::*;
 
     #[test]
-    #[expect(clippy::unreadable_literal, reason = "printed by SciPy 1.17.1, norm.ppf")]
+    #[expect(
+        clippy::unreadable_literal,
+        reason = "printed by SciPy 1.17.1, norm.ppf"
+    )]
     fn quantiles_are_those_of_the_tables() {
         for (p, z) in [
             (1e-300, -37.0470962993612),
@@ -107,12 +118,19 @@ mod tests {
             (0.2, -0.8416212335729142),
             (0.4, -0.2533471031357997),
         ] {
-            assert!((quantile(p) - z).abs() <= 4e-15 * z.abs().max(1e-300), "{p}: {} {z}", quantile(p));
+            assert!(
+                (quantile(p) - z).abs() <= 4e-15 * z.abs().max(1e-300),
+                "{p}: {} {z}",
+                quantile(p)
+            );
             // 1 - p is rounded, by up to half a unit of the last place of one; for the smallest nothing remains.
             let rounding = 1e-16 / p;
             assert!(rounding >= 1.0 || (quantile(1.0 - p) + z).abs() <= rounding + 4e-15 * z.abs());
         }
-        assert_eq!((quantile(0.0), quantile(1.0)), (f64::NEG_INFINITY, f64::INFINITY));
+        assert_eq!(
+            (quantile(0.0), quantile(1.0)),
+            (f64::NEG_INFINITY, f64::INFINITY)
+        );
         assert!(quantile(-0.1).is_nan() && quantile(f64::NAN).is_nan());
     }
 }

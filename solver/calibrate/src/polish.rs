@@ -76,7 +76,11 @@ impl Polish {
         match &self.current {
             None => Vec::new(),
             Some((Coordinates::OwnUnits, search)) => search.ask(),
-            Some((Coordinates::Shares, search)) => search.ask().iter().map(|p| scale(p, &self.bounds)).collect(),
+            Some((Coordinates::Shares, search)) => search
+                .ask()
+                .iter()
+                .map(|p| scale(p, &self.bounds))
+                .collect(),
         }
     }
 
@@ -105,7 +109,10 @@ impl Polish {
     fn begin_next(&mut self) -> Result<(), LbfgsbError> {
         self.current = match self.waiting.pop() {
             None => None,
-            Some(LocalSearch { coordinates, settings }) => {
+            Some(LocalSearch {
+                coordinates,
+                settings,
+            }) => {
                 let search = match coordinates {
                     Coordinates::OwnUnits => Lbfgsb::new(&self.best, &self.bounds, settings)?,
                     Coordinates::Shares => {
@@ -134,7 +141,11 @@ impl Polish {
     /// Evaluations told: a multiple of D + 1.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
-        self.n_evaluations + self.current.as_ref().map_or(0, |(_, search)| search.n_evaluations())
+        self.n_evaluations
+            + self
+                .current
+                .as_ref()
+                .map_or(0, |(_, search)| search.n_evaluations())
     }
 }
 
@@ -149,17 +160,34 @@ mod tests {
         1.0 + (x - 1.0 - 0.5 * y * y).powi(2) + 1e-3 * (y - 12.0).powi(2)
     }
 
-    const BOX: [Interval; 2] = [Interval { lower: 0.0, upper: 1e-3 }, Interval { lower: 0.0, upper: 100.0 }];
+    const BOX: [Interval; 2] = [
+        Interval {
+            lower: 0.0,
+            upper: 1e-3,
+        },
+        Interval {
+            lower: 0.0,
+            upper: 100.0,
+        },
+    ];
 
     fn searches(of: &[Coordinates]) -> Vec<LocalSearch> {
-        let search = |coordinates| LocalSearch { coordinates, ..LocalSearch::default() };
+        let search = |coordinates| LocalSearch {
+            coordinates,
+            ..LocalSearch::default()
+        };
         of.iter().copied().map(search).collect()
     }
 
     fn finish(mut polish: Polish) -> Polish {
         while !polish.is_ended() {
             let points = polish.ask();
-            assert!(points.iter().all(|p| p.iter().zip(BOX).all(|(x, b)| b.contains(*x))), "{points:?}");
+            assert!(
+                points
+                    .iter()
+                    .all(|p| p.iter().zip(BOX).all(|(x, b)| b.contains(*x))),
+                "{points:?}"
+            );
             let costs: Vec<f64> = points.iter().map(|p| valley(p)).collect();
             polish.tell(&costs).unwrap();
         }
@@ -170,10 +198,17 @@ mod tests {
     #[test]
     fn shares_find_what_own_units_leave_and_end_on_the_bound() {
         let start = [5e-4, 30.0];
-        let begin = |of: &[Coordinates]| Polish::new(&start, valley(&start), &BOX, &searches(of)).unwrap().unwrap();
+        let begin = |of: &[Coordinates]| {
+            Polish::new(&start, valley(&start), &BOX, &searches(of))
+                .unwrap()
+                .unwrap()
+        };
         let own = finish(begin(&[Coordinates::OwnUnits]));
         let both = finish(begin(&[Coordinates::OwnUnits, Coordinates::Shares]));
-        let (own, best) = (own.gain().map_or(valley(&start), |g| g.1), both.gain().unwrap());
+        let (own, best) = (
+            own.gain().map_or(valley(&start), |g| g.1),
+            both.gain().unwrap(),
+        );
         assert!(best.1 < own, "{} {own}", best.1);
         assert_eq!(best.0[1], 100.0, "{best:?}");
         assert_eq!(best.1, valley(best.0));
@@ -182,7 +217,16 @@ mod tests {
     #[test]
     fn there_is_none_without_a_search_or_a_cost() {
         assert_eq!(Polish::new(&[1e-4, 1.0], 1.0, &BOX, &[]).unwrap(), None);
-        assert_eq!(Polish::new(&[1e-4, 1.0], f64::INFINITY, &BOX, &searches(&[Coordinates::Shares])).unwrap(), None);
+        assert_eq!(
+            Polish::new(
+                &[1e-4, 1.0],
+                f64::INFINITY,
+                &BOX,
+                &searches(&[Coordinates::Shares])
+            )
+            .unwrap(),
+            None
+        );
         assert!(Polish::new(&[1e-4], 1.0, &BOX, &searches(&[Coordinates::OwnUnits])).is_err());
     }
 

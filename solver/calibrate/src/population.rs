@@ -20,7 +20,9 @@ pub enum PopulationError {
         expected: &'static str,
     },
     /// A guess that does not fit the box, or more guesses than can begin.
-    #[error("guess {idx} has {n_guess} parameters of {n_bounds}, and {n_guesses} guesses can begin")]
+    #[error(
+        "guess {idx} has {n_guess} parameters of {n_bounds}, and {n_guesses} guesses can begin"
+    )]
     Guess {
         /// Position of the guess.
         idx: usize,
@@ -48,8 +50,21 @@ pub enum PopulationError {
 }
 
 /// Looks at one setting.
-pub(crate) fn check(key: &'static str, value: f64, ok: bool, expected: &'static str) -> Result<(), PopulationError> {
-    if ok { Ok(()) } else { Err(PopulationError::Setting { key, value, expected }) }
+pub(crate) fn check(
+    key: &'static str,
+    value: f64,
+    ok: bool,
+    expected: &'static str,
+) -> Result<(), PopulationError> {
+    if ok {
+        Ok(())
+    } else {
+        Err(PopulationError::Setting {
+            key,
+            value,
+            expected,
+        })
+    }
 }
 
 /// Guesses in unit coordinates, cut to the box.
@@ -64,7 +79,12 @@ pub(crate) fn unit_guesses(
         .map(|(idx, guess)| {
             if guess.len() != bounds.len() || idx >= n_guesses {
                 let (n_guess, n_bounds) = (guess.len(), bounds.len());
-                return Err(PopulationError::Guess { idx, n_guess, n_bounds, n_guesses });
+                return Err(PopulationError::Guess {
+                    idx,
+                    n_guess,
+                    n_bounds,
+                    n_guesses,
+                });
             }
             Ok(to_unit(guess, bounds))
         })
@@ -73,12 +93,19 @@ pub(crate) fn unit_guesses(
 
 /// From the parameters' units to unit coordinates, cut to the box.
 pub(crate) fn to_unit(point: &[f64], bounds: &[Interval]) -> Vec<f64> {
-    point.iter().zip(bounds).map(|(x, b)| b.to_unit(b.clamp(*x))).collect()
+    point
+        .iter()
+        .zip(bounds)
+        .map(|(x, b)| b.to_unit(b.clamp(*x)))
+        .collect()
 }
 
 /// From unit coordinates to the parameters' units.
 pub(crate) fn scale(unit: &[f64], bounds: &[Interval]) -> Vec<f64> {
-    unit.iter().zip(bounds).map(|(u, b)| b.from_unit(*u)).collect()
+    unit.iter()
+        .zip(bounds)
+        .map(|(u, b)| b.from_unit(*u))
+        .collect()
 }
 
 #[cfg(test)]
@@ -88,9 +115,15 @@ mod tests {
     #[test]
     fn guesses_are_cut_to_the_box_and_refused_by_name() {
         let bounds = [Interval::new(0.0, 2.0), Interval::new(-1.0, 1.0)];
-        assert_eq!(unit_guesses(&[vec![1.0, -9.0]], &bounds, 1).unwrap(), [[0.5, 0.0]]);
+        assert_eq!(
+            unit_guesses(&[vec![1.0, -9.0]], &bounds, 1).unwrap(),
+            [[0.5, 0.0]]
+        );
         assert!(
-            unit_guesses(&[vec![1.0]], &bounds, 3).unwrap_err().to_string().contains("guess 0 has 1 parameters of 2")
+            unit_guesses(&[vec![1.0]], &bounds, 3)
+                .unwrap_err()
+                .to_string()
+                .contains("guess 0 has 1 parameters of 2")
         );
         assert!(unit_guesses(&[vec![1.0, 1.0], vec![1.0, 1.0]], &bounds, 1).is_err());
         assert_eq!(scale(&[0.5, 1.0], &bounds), [1.0, 1.0]);

@@ -26,15 +26,23 @@ impl Profile<'_> {
     /// How far beyond the threshold a value is: -1 at the optimum, 0 at an end, almost linear between, since the sum of
     /// squares is almost quadratic. Not a number where the model fails.
     fn beyond(&self, value: f64, warm: &mut Vec<f64>) -> f64 {
-        let Some((cost, at)) = (self.at)(value, warm) else { return f64::NAN };
+        let Some((cost, at)) = (self.at)(value, warm) else {
+            return f64::NAN;
+        };
         if cost <= self.threshold {
             *warm = at;
         }
-        ((cost - self.least).max(0.0) / (self.threshold - self.least).max(f64::MIN_POSITIVE)).sqrt() - 1.0
+        ((cost - self.least).max(0.0) / (self.threshold - self.least).max(f64::MIN_POSITIVE)).sqrt()
+            - 1.0
     }
 
     /// Lower and upper end; none where the limit is reached below the threshold.
-    pub(crate) fn interval(&self, best: f64, first_step: f64, limits: Interval) -> [Option<f64>; 2] {
+    pub(crate) fn interval(
+        &self,
+        best: f64,
+        first_step: f64,
+        limits: Interval,
+    ) -> [Option<f64>; 2] {
         // An exact trace has a step of zero; any positive one crosses its threshold.
         let step = first_step.max(1e-9 * limits.width());
         [-1.0, 1.0].map(|side| self.end(best, side * step, limits))

@@ -49,7 +49,11 @@ pub fn perturbed_data(
     n_samples: usize,
     seed: u64,
 ) -> Result<Vec<Vec<f64>>, RobustnessError> {
-    Ok(latin_hypercube::sample(&around(measured, range), n_samples, seed)?)
+    Ok(latin_hypercube::sample(
+        &around(measured, range),
+        n_samples,
+        seed,
+    )?)
 }
 
 /// Samples around initial guesses, shape (samples, guesses), in their units, cut to the bounds that there are.
@@ -67,11 +71,18 @@ pub fn perturbed_guesses(
     seed: u64,
 ) -> Result<Vec<Vec<f64>>, RobustnessError> {
     if bounds.len() != guesses.len() {
-        return Err(RobustnessError::Bounds { n_bounds: bounds.len(), n_guesses: guesses.len() });
+        return Err(RobustnessError::Bounds {
+            n_bounds: bounds.len(),
+            n_guesses: guesses.len(),
+        });
     }
     for (idx, (guess, bounds)) in guesses.iter().zip(bounds).enumerate() {
         if let Some(bounds) = bounds.filter(|b| !b.contains(*guess)) {
-            return Err(RobustnessError::OutsideBounds { idx, guess: *guess, bounds });
+            return Err(RobustnessError::OutsideBounds {
+                idx,
+                guess: *guess,
+                bounds,
+            });
         }
     }
     let mut samples = latin_hypercube::sample(&around(guesses, range), n_samples, seed)?;
@@ -85,7 +96,10 @@ pub fn perturbed_guesses(
 
 /// Intervals of a fraction around values of either sign.
 fn around(values: &[f64], range: f64) -> Vec<Interval> {
-    values.iter().map(|v| Interval::new(v - range * v.abs(), v + range * v.abs())).collect()
+    values
+        .iter()
+        .map(|v| Interval::new(v - range * v.abs(), v + range * v.abs()))
+        .collect()
 }
 
 /// Mean, standard deviation, minimum and maximum of some values, in their unit.
@@ -141,7 +155,10 @@ impl Spread {
     pub fn of(original: f64, values: &[f64]) -> Option<Self> {
         let results: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         let moments = Moments::of(&results)?;
-        let relative: Vec<f64> = results.iter().map(|v| relative_error(*v, original)).collect();
+        let relative: Vec<f64> = results
+            .iter()
+            .map(|v| relative_error(*v, original))
+            .collect();
         Some(Self {
             original,
             n_samples: results.len(),
@@ -174,8 +191,12 @@ pub fn relative_error(value: f64, target: f64) -> f64 {
 /// - `values`, `targets`: one for each sample, of one biomarker; pairs that are not finite are left out
 #[must_use]
 pub fn errors_to_targets(values: &[f64], targets: &[f64]) -> Option<Moments> {
-    let errors: Vec<f64> =
-        values.iter().zip(targets).map(|(v, t)| relative_error(*v, *t)).filter(|e| e.is_finite()).collect();
+    let errors: Vec<f64> = values
+        .iter()
+        .zip(targets)
+        .map(|(v, t)| relative_error(*v, *t))
+        .filter(|e| e.is_finite())
+        .collect();
     Moments::of(&errors)
 }
 
@@ -189,7 +210,10 @@ mod tests {
         let measured = [138.0, -2041.0, 0.0112];
         let samples = perturbed_data(&measured, DATA_RANGE, 10, 3).unwrap();
         for (d, m) in measured.iter().enumerate() {
-            let mut strata: Vec<usize> = samples.iter().map(|s| ((s[d] / m - 0.9) / 0.2 * 10.0) as usize).collect();
+            let mut strata: Vec<usize> = samples
+                .iter()
+                .map(|s| ((s[d] / m - 0.9) / 0.2 * 10.0) as usize)
+                .collect();
             strata.sort_unstable();
             assert_eq!(strata, (0..10).collect::<Vec<_>>());
         }
@@ -215,8 +239,12 @@ mod tests {
 
     #[test]
     fn guesses_outside_their_bounds_are_refused() {
-        let refused = perturbed_guesses(&[5.0], &[Some(Interval::new(0.0, 4.0))], 0.5, 5, 0).unwrap_err();
-        assert_eq!(refused.to_string(), "guess 0 of 5 lies outside its bounds 0 to 4");
+        let refused =
+            perturbed_guesses(&[5.0], &[Some(Interval::new(0.0, 4.0))], 0.5, 5, 0).unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "guess 0 of 5 lies outside its bounds 0 to 4"
+        );
         assert!(perturbed_guesses(&[5.0], &[], 0.5, 5, 0).is_err());
     }
 
@@ -225,8 +253,17 @@ mod tests {
     fn a_column_of_the_tables() {
         let spread = Spread::of(-100.0, &[-90.0, -120.0, f64::NAN, -100.0, -110.0]).unwrap();
         assert_eq!((spread.n_samples, spread.n_missing), (4, 1));
-        assert_eq!((spread.values.mean, spread.values.minimum, spread.values.maximum), (-105.0, -120.0, -90.0));
-        assert!((spread.values.standard_deviation.unwrap() - (500.0f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert_eq!(
+            (
+                spread.values.mean,
+                spread.values.minimum,
+                spread.values.maximum
+            ),
+            (-105.0, -120.0, -90.0)
+        );
+        assert!(
+            (spread.values.standard_deviation.unwrap() - (500.0f64 / 3.0).sqrt()).abs() < 1e-12
+        );
         let relative = spread.relative_differences.unwrap();
         assert!((relative.mean - 0.1).abs() < 1e-15 && (relative.maximum - 0.2).abs() < 1e-15);
         assert_eq!(relative.minimum, 0.0);
@@ -234,9 +271,15 @@ mod tests {
 
         assert_eq!(Spread::of(1.0, &[f64::NAN]), None);
         let zero = Spread::of(0.0, &[1.0, 2.0]).unwrap();
-        assert_eq!((zero.relative_differences, zero.relative_spread), (None, None));
+        assert_eq!(
+            (zero.relative_differences, zero.relative_spread),
+            (None, None)
+        );
         let single = Spread::of(2.0, &[3.0]).unwrap();
-        assert_eq!((single.values.standard_deviation, single.relative_spread), (None, None));
+        assert_eq!(
+            (single.values.standard_deviation, single.relative_spread),
+            (None, None)
+        );
     }
 
     #[test]
@@ -245,7 +288,13 @@ mod tests {
         let output = Spread::of(-2.0, &[-1.9, -2.0, -2.1]).unwrap();
         assert!((output.amplification(&input).unwrap() - 0.5).abs() < 1e-12);
         let constant = Spread::of(1.0, &[1.0, 1.0]).unwrap();
-        assert_eq!((constant.amplification(&input), input.amplification(&constant)), (Some(0.0), None));
+        assert_eq!(
+            (
+                constant.amplification(&input),
+                input.amplification(&constant)
+            ),
+            (Some(0.0), None)
+        );
     }
 
     #[test]

@@ -4,21 +4,33 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// What is not finite is as bad as can be.
 pub(crate) fn worst_if_not_finite(cost: f64) -> f64 {
-    if cost.is_finite() { cost } else { f64::INFINITY }
+    if cost.is_finite() {
+        cost
+    } else {
+        f64::INFINITY
+    }
 }
 
 /// A list of costs, infinite ones as null.
 pub(crate) mod costs {
     use super::*;
 
-    pub(crate) fn serialize<S: Serializer>(costs: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(
+        costs: &[f64],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         let finite: Vec<Option<f64>> = costs.iter().map(|c| c.is_finite().then_some(*c)).collect();
         finite.serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vec<f64>, D::Error> {
         let costs = Vec::<Option<f64>>::deserialize(deserializer)?;
-        Ok(costs.into_iter().map(|c| c.unwrap_or(f64::INFINITY)).collect())
+        Ok(costs
+            .into_iter()
+            .map(|c| c.unwrap_or(f64::INFINITY))
+            .collect())
     }
 }
 

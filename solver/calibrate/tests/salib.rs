@@ -2,7 +2,9 @@
 //! `data/salib.json`; its header describes the script.
 
 use cardiotwin_calibrate::Interval;
-use cardiotwin_calibrate::sobol::{AnalysisSettings, DesignSettings, Index, SaltelliDesign, SobolPoints, analyse};
+use cardiotwin_calibrate::sobol::{
+    AnalysisSettings, DesignSettings, Index, SaltelliDesign, SobolPoints, analyse,
+};
 use serde::Deserialize;
 
 /// Largest difference of an index or a half-width, dimensionless.
@@ -68,7 +70,9 @@ fn evaluate(function: &str, x: &[f64]) -> f64 {
             .product(),
         "synthetic" => {
             let n = x.len();
-            let sum: f64 = (0..n).map(|i| x[i] / (1 + i) as f64 + 0.5 * x[i] * x[(i + 1) % n]).sum();
+            let sum: f64 = (0..n)
+                .map(|i| x[i] / (1 + i) as f64 + 0.5 * x[i] * x[(i + 1) % n])
+                .sum();
             100.0 + sum + (x[0] * x[20]).exp()
         }
         other => panic!("no function {other}"),
@@ -80,7 +84,10 @@ fn points_are_scipy_s_bit_for_bit() {
     for case in reference().points {
         let sequence = SobolPoints::new(case.n_dimensions, case.scramble).unwrap();
         for (idx, expected) in case.point_idx.iter().zip(&case.points) {
-            let expected: Vec<f64> = expected.iter().map(|digits| digits / (1u64 << 30) as f64).collect();
+            let expected: Vec<f64> = expected
+                .iter()
+                .map(|digits| digits / (1u64 << 30) as f64)
+                .collect();
             assert_eq!(sequence.point(case.skip_points + idx).unwrap(), expected);
         }
     }
@@ -90,8 +97,16 @@ fn points_are_scipy_s_bit_for_bit() {
 fn the_older_sampler_differs_in_what_it_skips_alone() {
     let legacy = reference().legacy;
     let settings = DesignSettings::older_sampler(8);
-    assert_eq!((settings.skip_points, DesignSettings::older_sampler(1000).skip_points), (legacy.skip_points, 1024));
-    let rows = SaltelliDesign::new(&[Interval::new(0.0, 1.0); 4], settings).unwrap().rows(0..8);
+    assert_eq!(
+        (
+            settings.skip_points,
+            DesignSettings::older_sampler(1000).skip_points
+        ),
+        (legacy.skip_points, 1024)
+    );
+    let rows = SaltelliDesign::new(&[Interval::new(0.0, 1.0); 4], settings)
+        .unwrap()
+        .rows(0..8);
     for (idx, expected) in legacy.row_idx.iter().zip(&legacy.rows) {
         assert_eq!(&rows[*idx], expected);
     }
@@ -101,8 +116,11 @@ fn the_older_sampler_differs_in_what_it_skips_alone() {
 fn designs_indices_and_half_widths_are_salib_s() {
     for case in reference().analyses {
         let intervals = vec![Interval::new(case.bounds[0], case.bounds[1]); case.n_parameters];
-        let settings =
-            DesignSettings { n_blocks: case.n_blocks, skip_points: case.skip_points, scramble: case.scramble };
+        let settings = DesignSettings {
+            n_blocks: case.n_blocks,
+            skip_points: case.skip_points,
+            scramble: case.scramble,
+        };
         let design = SaltelliDesign::new(&intervals, settings).unwrap();
         let rows = design.rows(0..case.n_blocks);
         assert_eq!(rows.len(), design.n_rows());
@@ -111,13 +129,20 @@ fn designs_indices_and_half_widths_are_salib_s() {
         }
         for (d, expected) in case.column_sums.iter().enumerate() {
             let sum: f64 = rows.iter().map(|r| r[d]).sum();
-            assert!((sum - expected).abs() < 1e-9, "column {d} of {}: {sum} {expected}", case.function);
+            assert!(
+                (sum - expected).abs() < 1e-9,
+                "column {d} of {}: {sum} {expected}",
+                case.function
+            );
         }
         let values: Vec<f64> = rows.iter().map(|x| evaluate(&case.function, x)).collect();
         assert!((values.iter().sum::<f64>() / case.output_sum - 1.0).abs() < 1e-12);
 
-        let settings =
-            AnalysisSettings { n_resamples: case.n_resamples, seed: case.seed, ..AnalysisSettings::default() };
+        let settings = AnalysisSettings {
+            n_resamples: case.n_resamples,
+            seed: case.seed,
+            ..AnalysisSettings::default()
+        };
         let analysis = analyse(case.n_parameters, 1, &values, settings).unwrap();
         let output = &analysis.outputs[0];
         let second: Vec<Option<Index>> = output.second.iter().map(|p| p.index).collect();
@@ -131,10 +156,15 @@ fn designs_indices_and_half_widths_are_salib_s() {
             for (ours, (value, half_width)) in ours.iter().zip(values.iter().zip(half_widths)) {
                 let ours = ours.unwrap();
                 assert_eq!(ours.n_blocks, case.n_blocks);
-                largest = largest.max((ours.value - value).abs()).max((ours.half_width.unwrap() - half_width).abs());
+                largest = largest
+                    .max((ours.value - value).abs())
+                    .max((ours.half_width.unwrap() - half_width).abs());
             }
         }
-        println!("{}, {} blocks: largest difference {largest:.1e}", case.function, case.n_blocks);
+        println!(
+            "{}, {} blocks: largest difference {largest:.1e}",
+            case.function, case.n_blocks
+        );
         assert!(largest <= TOLERANCE, "{}: {largest}", case.function);
     }
 }

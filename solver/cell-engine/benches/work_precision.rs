@@ -11,14 +11,20 @@ use cardiotwin_cell_engine::{
 use common::{references, sensitivity_cells, step_2_cells, thread_seconds};
 
 fn engine(tolerance: f64) -> CellEngine {
-    let settings = EngineSettings { tolerance, negative_kwu: NegativeKwu::Keep, ..EngineSettings::default() };
+    let settings = EngineSettings {
+        tolerance,
+        negative_kwu: NegativeKwu::Keep,
+        ..EngineSettings::default()
+    };
     CellEngine::new(settings).unwrap()
 }
 
 fn beats(cells: &[CellInput], tolerance: f64) -> (Vec<CellOutput>, Vec<CellTrace>) {
     let mut outputs = vec![CellOutput::default(); cells.len()];
     let mut traces = vec![CellTrace::default(); cells.len()];
-    engine(tolerance).evaluate_with_traces(cells, &mut Workspace::new(), &mut outputs, &mut traces).unwrap();
+    engine(tolerance)
+        .evaluate_with_traces(cells, &mut Workspace::new(), &mut outputs, &mut traces)
+        .unwrap();
     (outputs, traces)
 }
 
@@ -31,7 +37,9 @@ fn microseconds(cells: &[CellInput], tolerance: f64) -> f64 {
     let mut time = || {
         let start = thread_seconds();
         for _ in 0..rounds {
-            engine.evaluate(cells, &mut workspace, &mut outputs).unwrap();
+            engine
+                .evaluate(cells, &mut workspace, &mut outputs)
+                .unwrap();
         }
         (thread_seconds() - start) * 1e6 / (rounds * cells.len()) as f64
     };
@@ -41,7 +49,10 @@ fn microseconds(cells: &[CellInput], tolerance: f64) -> f64 {
 }
 
 fn largest(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+    a.iter()
+        .zip(b)
+        .map(|(x, y)| (x - y).abs())
+        .fold(0.0, f64::max)
 }
 
 const TOLERANCES: [f64; 7] = [3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 1e-6];
@@ -50,12 +61,19 @@ const TOLERANCES: [f64; 7] = [3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 1e-6];
 fn csv() {
     let references = references();
     let cells: Vec<CellInput> = references.iter().map(|r| r.input).collect();
-    println!("solver,right_hand_side,tolerance,us_per_cell,steps_per_beat,beats,error_median_kPa,error_largest_kPa");
+    println!(
+        "solver,right_hand_side,tolerance,us_per_cell,steps_per_beat,beats,error_median_kPa,error_largest_kPa"
+    );
     for tolerance in TOLERANCES {
         let (outputs, traces) = beats(&cells, tolerance);
-        let mut sa: Vec<f64> = traces.iter().zip(&references).map(|(t, r)| largest(&t.sa_kpa, &r.sa_kpa)).collect();
+        let mut sa: Vec<f64> = traces
+            .iter()
+            .zip(&references)
+            .map(|(t, r)| largest(&t.sa_kpa, &r.sa_kpa))
+            .collect();
         sa.sort_by(f64::total_cmp);
-        let sum = |f: &dyn Fn(&CellOutput) -> u32| outputs.iter().map(|o| f64::from(f(o))).sum::<f64>();
+        let sum =
+            |f: &dyn Fn(&CellOutput) -> u32| outputs.iter().map(|o| f64::from(f(o))).sum::<f64>();
         let (steps, n_beats) = (sum(&|o| o.steps + o.steps_refused), sum(&|o| o.beats));
         println!(
             "cell engine,compiled,{tolerance:.0e},{:.1},{:.0},{:.2},{:.1e},{:.1e}",
@@ -74,8 +92,11 @@ fn main() {
     }
     println!("instructions: {:?}", SimdPath::best());
     let stored: Vec<_> = references().iter().map(|r| r.input).collect();
-    let boxes =
-        [("stored sets", stored), ("step-2 box", step_2_cells(512, 1)), ("sensitivity box", sensitivity_cells(512, 1))];
+    let boxes = [
+        ("stored sets", stored),
+        ("step-2 box", step_2_cells(512, 1)),
+        ("sensitivity box", sensitivity_cells(512, 1)),
+    ];
     println!(
         "| cells | tolerance | µs | steps tried | beats | Sa median | Sa 95 % | Sa 99 % | Sa largest | λ largest |"
     );
@@ -84,12 +105,22 @@ fn main() {
         let (_, exact) = beats(cells, 1e-9);
         for tolerance in TOLERANCES {
             let (outputs, traces) = beats(cells, tolerance);
-            let mut sa: Vec<f64> = traces.iter().zip(&exact).map(|(a, b)| largest(&a.sa_kpa, &b.sa_kpa)).collect();
-            let lambda = traces.iter().zip(&exact).map(|(a, b)| largest(&a.lambda, &b.lambda)).fold(0.0, f64::max);
+            let mut sa: Vec<f64> = traces
+                .iter()
+                .zip(&exact)
+                .map(|(a, b)| largest(&a.sa_kpa, &b.sa_kpa))
+                .collect();
+            let lambda = traces
+                .iter()
+                .zip(&exact)
+                .map(|(a, b)| largest(&a.lambda, &b.lambda))
+                .fold(0.0, f64::max);
             sa.sort_by(f64::total_cmp);
             let n = cells.len() as f64;
             let share = |x: f64| sa[((x * n) as usize).min(sa.len() - 1)];
-            let mean = |f: &dyn Fn(&CellOutput) -> u32| outputs.iter().map(|o| f64::from(f(o))).sum::<f64>() / n;
+            let mean = |f: &dyn Fn(&CellOutput) -> u32| {
+                outputs.iter().map(|o| f64::from(f(o))).sum::<f64>() / n
+            };
             println!(
                 "| {name} | {tolerance:.0e} | {:.1} | {:.0} | {:.2} | {:.1e} | {:.1e} | {:.1e} | {:.1e} | {lambda:.1e} |",
                 microseconds(cells, tolerance),

@@ -90,14 +90,20 @@ pub fn calcium_penalty(ctd50: f64, ctd90: f64) -> Penalty {
 /// Biomarkers and penalty of a beat on the 1 ms grid; calcium's part is filled in by the caller. Only samples of segments
 /// whose bounds say that they can matter are computed, so that this costs a fraction of the whole grid.
 pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
-    let Some(n) = segments.last().map(|s| s.end) else { return Default::default() };
+    let Some(n) = segments.last().map(|s| s.end) else {
+        return Default::default();
+    };
     let grid = Grid { segments, n };
     let first = grid.sa(0, 0);
     let (peak, peak_at, top) = grid.peak();
     let (rise, rise_sum) = grid.rise_after(peak, peak_at);
     let (lowest, negative) = grid.negative(first);
     let level = |share: f64| {
-        if top > 0.0 { grid.duration(peak, peak_at, share * top) } else { Duration { ms: 0.0, cut: true } }
+        if top > 0.0 {
+            grid.duration(peak, peak_at, share * top)
+        } else {
+            Duration { ms: 0.0, cut: true }
+        }
     };
     let biomarkers = CellBiomarkers {
         sa_max_kpa: top,
@@ -113,8 +119,12 @@ pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
         ctd50_ms: 0.0,
         ctd90_ms: 0.0,
     };
-    let penalty =
-        Penalty { sa_res: first * first, negative_stress: negative, rise_after_peak: rise_sum, ..Penalty::default() };
+    let penalty = Penalty {
+        sa_res: first * first,
+        negative_stress: negative,
+        rise_after_peak: rise_sum,
+        ..Penalty::default()
+    };
     (biomarkers, penalty)
 }
 
@@ -138,7 +148,10 @@ impl Grid<'_> {
     }
 
     /// All segments, the one with the largest `key` first: what it yields lets most of the others be passed over.
-    fn from_largest<K: Fn(&Segment) -> f64>(segments: &[Segment], key: K) -> impl Iterator<Item = usize> + use<K> {
+    fn from_largest<K: Fn(&Segment) -> f64>(
+        segments: &[Segment],
+        key: K,
+    ) -> impl Iterator<Item = usize> + use<K> {
         let mut best = 0;
         for (i, segment) in segments.iter().enumerate() {
             if key(segment) > key(&segments[best]) {
@@ -174,7 +187,9 @@ impl Grid<'_> {
             let segment = &self.segments[i];
             if segment.lambda_low < best {
                 let stretch = segment.lambda();
-                best = (segment.first..segment.end).map(|k| stretch.at(k)).fold(best, f64::min);
+                best = (segment.first..segment.end)
+                    .map(|k| stretch.at(k))
+                    .fold(best, f64::min);
             }
         }
         best
@@ -188,7 +203,9 @@ impl Grid<'_> {
             let segment = &self.segments[i];
             if segment.sa_low < lowest {
                 let stress = segment.sa();
-                lowest = (segment.first..segment.end).map(|k| stress.at(k)).fold(lowest, f64::min);
+                lowest = (segment.first..segment.end)
+                    .map(|k| stress.at(k))
+                    .fold(lowest, f64::min);
             }
         }
         if lowest < 0.0 {
@@ -205,7 +222,10 @@ impl Grid<'_> {
 
     /// Whether the stress may rise faster than `rate` somewhere between the times `from` and `to`, around segment `i`.
     fn may_rise(&self, i: usize, from: f64, to: f64, rate: f64) -> bool {
-        let before = self.segments[..i].iter().rev().take_while(|s| s.to.t > from);
+        let before = self.segments[..i]
+            .iter()
+            .rev()
+            .take_while(|s| s.to.t > from);
         let after = self.segments[i + 1..].iter().take_while(|s| s.from.t < to);
         self.segments[i].rise_high > rate || before.chain(after).any(|s| s.rise_high > rate)
     }
@@ -222,7 +242,11 @@ impl Grid<'_> {
             let stress = segment.sa();
             let (mut before, mut here) = (self.sa(first - 1, i), stress.at(first));
             for k in first..end {
-                let next = if k + 1 < segment.end { stress.at(k + 1) } else { self.sa(k + 1, i) };
+                let next = if k + 1 < segment.end {
+                    stress.at(k + 1)
+                } else {
+                    self.sa(k + 1, i)
+                };
                 best = f64::max(best, 0.5 * (next - before));
                 (before, here) = (here, next);
             }
@@ -235,7 +259,9 @@ impl Grid<'_> {
         let (mut steepest, mut sum) = (0.0, 0.0);
         for (i, segment) in self.segments.iter().enumerate().skip(peak_at) {
             let first = segment.first.max(peak + 1);
-            if first >= segment.end || !self.may_rise(i, first as f64 - 1.0, segment.end as f64, 0.0) {
+            if first >= segment.end
+                || !self.may_rise(i, first as f64 - 1.0, segment.end as f64, 0.0)
+            {
                 continue;
             }
             let stress = segment.sa();
@@ -254,7 +280,12 @@ impl Grid<'_> {
     /// Time above `level` around the peak: from the last upward crossing before it to the first downward one after it.
     fn duration(&self, peak: usize, peak_at: usize, level: f64) -> Duration {
         let mut up = None;
-        for (i, segment) in self.segments[..=peak_at].iter().enumerate().rev().filter(|(_, s)| s.sa_low < level) {
+        for (i, segment) in self.segments[..=peak_at]
+            .iter()
+            .enumerate()
+            .rev()
+            .filter(|(_, s)| s.sa_low < level)
+        {
             let stress = segment.sa();
             let below = |k: usize| Some((k, stress.at(k))).filter(|&(_, x)| x < level);
             if let Some((k, x)) = (segment.first..segment.end.min(peak)).rev().find_map(below) {
@@ -263,7 +294,13 @@ impl Grid<'_> {
             }
         }
         let mut down = None;
-        for (i, segment) in self.segments.iter().enumerate().skip(peak_at).filter(|(_, s)| s.sa_low < level) {
+        for (i, segment) in self
+            .segments
+            .iter()
+            .enumerate()
+            .skip(peak_at)
+            .filter(|(_, s)| s.sa_low < level)
+        {
             let stress = segment.sa();
             let below = |k: usize| Some((k, stress.at(k))).filter(|&(_, x)| x < level);
             if let Some((k, x)) = (segment.first.max(peak + 1)..segment.end).find_map(below) {
@@ -272,7 +309,10 @@ impl Grid<'_> {
             }
         }
         let end = (self.n - 1) as f64;
-        Duration { ms: down.unwrap_or(end) - up.unwrap_or(0.0), cut: up.is_none() || down.is_none() }
+        Duration {
+            ms: down.unwrap_or(end) - up.unwrap_or(0.0),
+            cut: up.is_none() || down.is_none(),
+        }
     }
 }
 
@@ -286,18 +326,33 @@ mod tests {
     fn of_samples(sa: &[f64], lambda: &[f64]) -> (CellBiomarkers, Penalty) {
         let peak = (0..sa.len()).fold(0, |best, k| if sa[k] > sa[best] { k } else { best });
         let duration = |level: f64| {
-            let cross = |a: usize, b: usize| a as f64 + (level - sa[a]) / (sa[b] - sa[a]) * (b as f64 - a as f64);
-            let up = (0..peak).rev().find(|&k| sa[k] < level).map(|k| cross(k, k + 1));
-            let down = (peak + 1..sa.len()).find(|&k| sa[k] < level).map(|k| cross(k, k - 1));
+            let cross = |a: usize, b: usize| {
+                a as f64 + (level - sa[a]) / (sa[b] - sa[a]) * (b as f64 - a as f64)
+            };
+            let up = (0..peak)
+                .rev()
+                .find(|&k| sa[k] < level)
+                .map(|k| cross(k, k + 1));
+            let down = (peak + 1..sa.len())
+                .find(|&k| sa[k] < level)
+                .map(|k| cross(k, k - 1));
             let ms = down.unwrap_or((sa.len() - 1) as f64) - up.unwrap_or(0.0);
-            Duration { ms, cut: up.is_none() || down.is_none() }
+            Duration {
+                ms,
+                cut: up.is_none() || down.is_none(),
+            }
         };
-        let rises: Vec<f64> = sa[peak..].windows(2).map(|w| (w[1] - w[0]).max(0.0)).collect();
+        let rises: Vec<f64> = sa[peak..]
+            .windows(2)
+            .map(|w| (w[1] - w[0]).max(0.0))
+            .collect();
         let square = |k: usize| sa[k].min(0.0).powi(2);
         let biomarkers = CellBiomarkers {
             sa_max_kpa: sa[peak],
             t_sa_max_ms: peak as f64,
-            dsa_dt_max_kpa_per_ms: (1..peak).map(|k| 0.5 * (sa[k + 1] - sa[k - 1])).fold(0.0, f64::max),
+            dsa_dt_max_kpa_per_ms: (1..peak)
+                .map(|k| 0.5 * (sa[k + 1] - sa[k - 1]))
+                .fold(0.0, f64::max),
             std30: duration(0.7 * sa[peak]),
             std50: duration(0.5 * sa[peak]),
             std90: duration(0.1 * sa[peak]),
@@ -309,7 +364,9 @@ mod tests {
         };
         let penalty = Penalty {
             sa_res: sa[0] * sa[0],
-            negative_stress: (1..sa.len()).map(|k| 0.5 * (square(k - 1) + square(k))).sum(),
+            negative_stress: (1..sa.len())
+                .map(|k| 0.5 * (square(k - 1) + square(k)))
+                .sum(),
             rise_after_peak: rises.iter().map(|r| r * r).sum(),
             ..Penalty::default()
         };

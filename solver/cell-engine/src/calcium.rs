@@ -31,7 +31,13 @@ pub(crate) fn calcium_shape(tau_cr_ms: f64, tau_cd_ms: f64) -> CalciumShape {
     }
     let peak_ms = 2.0 * ratio.atanh() / gap;
     let gap_scale = (slow * peak_ms).exp() / -(-gap * peak_ms).exp_m1();
-    CalciumShape { slow, gap, gap_scale, limit_scale: 0.0, peak_ms }
+    CalciumShape {
+        slow,
+        gap,
+        gap_scale,
+        limit_scale: 0.0,
+        peak_ms,
+    }
 }
 
 impl CalciumShape {
@@ -54,14 +60,19 @@ impl CalciumShape {
             let (slow, fast) = ((-self.slow * t).exp(), (-self.gap * t).exp());
             let inner = self.gap_scale * (1.0 - fast) + self.limit_scale * t;
             let value = slow * inner - level;
-            let slope = slow * (self.gap_scale * self.gap * fast + self.limit_scale - self.slow * inner);
+            let slope =
+                slow * (self.gap_scale * self.gap * fast + self.limit_scale - self.slow * inner);
             if value > 0.0 {
                 low = t;
             } else {
                 high = t;
             }
             let newton = t - value / slope;
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
             if (next - t).abs() <= 1e-12 * t {
                 return next;
             }
@@ -85,16 +96,33 @@ impl SampledCalcium {
     /// # Errors
     /// [`InputProblem::Range`] for fewer than three samples, a bad interval, or a sample that is not positive.
     pub fn new(interval_ms: f64, samples_um: Vec<f64>) -> Result<Self, InputProblem> {
-        let range = |name, value, expected| Err(InputProblem::Range { name, value, expected });
+        let range = |name, value, expected| {
+            Err(InputProblem::Range {
+                name,
+                value,
+                expected,
+            })
+        };
         if !(1e-3..=1e3).contains(&interval_ms) {
-            return range("interval_ms of the calcium samples", interval_ms, "0.001 to 1000");
+            return range(
+                "interval_ms of the calcium samples",
+                interval_ms,
+                "0.001 to 1000",
+            );
         }
         if samples_um.len() < 3 {
-            return range("number of calcium samples", samples_um.len() as f64, "3 or more");
+            return range(
+                "number of calcium samples",
+                samples_um.len() as f64,
+                "3 or more",
+            );
         }
         match samples_um.iter().find(|x| !(1e-9..1e9).contains(*x)) {
             Some(&value) => range("a calcium sample", value, "1e-9 to 1e9 uM"),
-            None => Ok(Self { interval_ms, samples_um }),
+            None => Ok(Self {
+                interval_ms,
+                samples_um,
+            }),
         }
     }
 
@@ -119,7 +147,10 @@ impl SampledCalcium {
         };
         let (a, b, d0, d1) = (s[k], s[k + 1], slope(k), slope(k + 1));
         let (c2, c3) = (3.0 * (b - a) - 2.0 * d0 - d1, 2.0 * (a - b) + d0 + d1);
-        (a + x * (d0 + x * (c2 + x * c3)), (d0 + x * (2.0 * c2 + x * 3.0 * c3)) / self.interval_ms)
+        (
+            a + x * (d0 + x * (c2 + x * c3)),
+            (d0 + x * (2.0 * c2 + x * 3.0 * c3)) / self.interval_ms,
+        )
     }
 
     /// What the transient is within a cycle.
@@ -132,7 +163,9 @@ impl SampledCalcium {
         let decay_time = |fraction: f64| {
             let level = first + (1.0 - fraction) * amplitude;
             let down = (peak..end).find(|&k| grid(k) >= level && grid(k + 1) < level);
-            down.map_or(end as f64, |k| k as f64 + (grid(k) - level) / (grid(k) - grid(k + 1)))
+            down.map_or(end as f64, |k| {
+                k as f64 + (grid(k) - level) / (grid(k) - grid(k + 1))
+            })
         };
         Transient {
             source: Source::Samples(self),
@@ -170,7 +203,14 @@ impl Transient<'_> {
         let shape = calcium_shape(tau_cr_ms, tau_cd_ms);
         let (ctd50_ms, ctd90_ms) = (shape.decay_time(0.5), shape.decay_time(0.9));
         let source = Source::Rice(shape);
-        Self { source, rest, amplitude: peak - rest, peak_ms: shape.peak_ms, ctd50_ms, ctd90_ms }
+        Self {
+            source,
+            rest,
+            amplitude: peak - rest,
+            peak_ms: shape.peak_ms,
+            ctd50_ms,
+            ctd90_ms,
+        }
     }
 
     /// Calcium \[µM\] at time `t` after activation.

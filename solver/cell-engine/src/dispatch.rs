@@ -54,7 +54,10 @@ impl SimdPath {
     /// The fastest that this processor has.
     #[must_use]
     pub fn best() -> Self {
-        [Self::Avx512, Self::Avx2].into_iter().find(|path| path.is_available()).unwrap_or(Self::Portable)
+        [Self::Avx512, Self::Avx2]
+            .into_iter()
+            .find(|path| path.is_available())
+            .unwrap_or(Self::Portable)
     }
 }
 
@@ -71,7 +74,10 @@ impl Available {
         match pinned {
             None => Ok(Self(SimdPath::best())),
             Some(path) if path.is_available() => Ok(Self(path)),
-            Some(wanted) => Err(PathMissing { wanted, best: SimdPath::best() }),
+            Some(wanted) => Err(PathMissing {
+                wanted,
+                best: SimdPath::best(),
+            }),
         }
     }
 
@@ -96,12 +102,20 @@ mod x86 {
     }
 
     #[target_feature(enable = "avx2,fma")]
-    pub fn prepare_avx2(constants: &ConstantLanes, start: &StartTimeLanes, prepared: &mut Prepared) {
+    pub fn prepare_avx2(
+        constants: &ConstantLanes,
+        start: &StartTimeLanes,
+        prepared: &mut Prepared,
+    ) {
         prepare::<true>(constants, start, prepared);
     }
 
     #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-    pub fn prepare_avx512(constants: &ConstantLanes, start: &StartTimeLanes, prepared: &mut Prepared) {
+    pub fn prepare_avx512(
+        constants: &ConstantLanes,
+        start: &StartTimeLanes,
+        prepared: &mut Prepared,
+    ) {
         prepare::<true>(constants, start, prepared);
     }
 }
@@ -109,7 +123,10 @@ mod x86 {
 /// Tries one step in every lane.
 #[cfg_attr(
     target_arch = "x86_64",
-    expect(unsafe_code, reason = "functions with target features may only be called where the features are known")
+    expect(
+        unsafe_code,
+        reason = "functions with target features may only be called where the features are known"
+    )
 )]
 pub(crate) fn step_lanes(path: Available, lanes: &mut Lanes, samples: Option<&SampledCalcium>) {
     match path.0 {
@@ -126,7 +143,10 @@ pub(crate) fn step_lanes(path: Available, lanes: &mut Lanes, samples: Option<&Sa
 /// Prepares every lane.
 #[cfg_attr(
     target_arch = "x86_64",
-    expect(unsafe_code, reason = "functions with target features may only be called where the features are known")
+    expect(
+        unsafe_code,
+        reason = "functions with target features may only be called where the features are known"
+    )
 )]
 pub(crate) fn prepare_lanes(
     path: Available,

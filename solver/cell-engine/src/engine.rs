@@ -114,24 +114,59 @@ impl CellEngine {
         let ranges = [
             ("tolerance", settings.tolerance, 1e-10, 0.1, "1e-10 to 0.1"),
             ("run_in_ms", settings.run_in_ms, 0.0, 1e5, "0 to 1e5"),
-            ("run_in_tolerance", settings.run_in_tolerance, 1.0, 1e6, "1 to 1e6"),
-            ("oscillation_tolerance", settings.oscillation_tolerance, 1e-6, 1.0, "1e-6 to 1"),
-            ("max_beats", f64::from(settings.max_beats), 1.0, 1e6, "1 to 1e6"),
-            ("max_steps_per_beat", f64::from(settings.max_steps_per_beat), 10.0, 1e9, "10 to 1e9"),
+            (
+                "run_in_tolerance",
+                settings.run_in_tolerance,
+                1.0,
+                1e6,
+                "1 to 1e6",
+            ),
+            (
+                "oscillation_tolerance",
+                settings.oscillation_tolerance,
+                1e-6,
+                1.0,
+                "1e-6 to 1",
+            ),
+            (
+                "max_beats",
+                f64::from(settings.max_beats),
+                1.0,
+                1e6,
+                "1 to 1e6",
+            ),
+            (
+                "max_steps_per_beat",
+                f64::from(settings.max_steps_per_beat),
+                10.0,
+                1e9,
+                "10 to 1e9",
+            ),
         ];
         for (name, value, low, high, expected) in ranges {
             if !(low..=high).contains(&value) {
-                return Err(EngineError::Setting { name, value, expected });
+                return Err(EngineError::Setting {
+                    name,
+                    value,
+                    expected,
+                });
             }
         }
-        Ok(Self { settings, path: Available::choose(settings.path)?, calcium: None })
+        Ok(Self {
+            settings,
+            path: Available::choose(settings.path)?,
+            calcium: None,
+        })
     }
 
     /// The same engine with these samples as the calcium of every cell: Rice's four parameters then have no effect (they
     /// are checked all the same). Calcium's durations are those of the samples within the cycle.
     #[must_use]
     pub fn with_calcium(self, samples: SampledCalcium) -> Self {
-        Self { calcium: Some(Arc::new(samples)), ..self }
+        Self {
+            calcium: Some(Arc::new(samples)),
+            ..self
+        }
     }
 
     /// The instruction set in use, for the provenance of results.
@@ -203,13 +238,17 @@ impl CellEngine {
             same_length(inputs.len(), bound.bounds.len(), "bounds")?;
         }
         let chunk = chunk.max(4 * LANES);
-        inputs.par_chunks(chunk).zip(outputs.par_chunks_mut(chunk)).enumerate().try_for_each_init(
-            Workspace::new,
-            |workspace, (k, (inputs, outputs))| {
-                let part = bound.map(|b| CostBound { bounds: &b.bounds[k * chunk..][..inputs.len()], ..*b });
+        inputs
+            .par_chunks(chunk)
+            .zip(outputs.par_chunks_mut(chunk))
+            .enumerate()
+            .try_for_each_init(Workspace::new, |workspace, (k, (inputs, outputs))| {
+                let part = bound.map(|b| CostBound {
+                    bounds: &b.bounds[k * chunk..][..inputs.len()],
+                    ..*b
+                });
                 self.run(inputs, part.as_ref(), None, workspace, outputs)
-            },
-        )
+            })
     }
 
     fn run(
@@ -229,11 +268,28 @@ impl CellEngine {
         }
         let slots = workspace.slots.get_or_insert_with(Slots::new);
         let samples = self.calcium.as_deref();
-        Run { settings: &self.settings, path: self.path, samples, inputs, bound, outputs, traces }.all(slots);
+        Run {
+            settings: &self.settings,
+            path: self.path,
+            samples,
+            inputs,
+            bound,
+            outputs,
+            traces,
+        }
+        .all(slots);
         Ok(())
     }
 }
 
 fn same_length(inputs: usize, others: usize, name: &'static str) -> Result<(), EngineError> {
-    if inputs == others { Ok(()) } else { Err(EngineError::Lengths { inputs, others, name }) }
+    if inputs == others {
+        Ok(())
+    } else {
+        Err(EngineError::Lengths {
+            inputs,
+            others,
+            name,
+        })
+    }
 }

@@ -36,8 +36,8 @@ pub const PARAMETER_NAMES: [&str; N_PARAMETERS] = [
 
 /// Tables A2, A3 and A4 of Jung et al. 2022, in the order of [`PARAMETER_NAMES`].
 pub const DEFAULT_PARAMETERS: [f64; N_PARAMETERS] = [
-    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4, 120.0, 0.15, 0.6,
-    129.0, 128.0, 2.1,
+    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4,
+    120.0, 0.15, 0.6, 129.0, 128.0, 2.1,
 ];
 
 /// Position of k_UW and the others that a check names.
@@ -82,7 +82,12 @@ pub struct PassiveConstants {
 impl Default for PassiveConstants {
     /// Table A3.
     fn default() -> Self {
-        Self { b: 9.1, k: 7.0, eta_l_ms: 200.0, eta_s_ms: 20.0 }
+        Self {
+            b: 9.1,
+            k: 7.0,
+            eta_l_ms: 200.0,
+            eta_s_ms: 20.0,
+        }
     }
 }
 
@@ -103,7 +108,12 @@ impl CellInput {
     /// A cell with the passive model's published constants.
     #[must_use]
     pub fn new(parameters: [f64; N_PARAMETERS], cycle_length_ms: f64, lambda_0: f64) -> Self {
-        Self { parameters, cycle_length_ms, lambda_0, passive: PassiveConstants::default() }
+        Self {
+            parameters,
+            cycle_length_ms,
+            lambda_0,
+            passive: PassiveConstants::default(),
+        }
     }
 }
 
@@ -140,7 +150,9 @@ pub enum InputProblem {
         value_per_ms: f64,
     },
     /// Calcium sensitivity is lost at the initial stretch.
-    #[error("Ca50 at the initial stretch is {value_um} uM, expected more than 0: raise Ca50_ref or beta_1")]
+    #[error(
+        "Ca50 at the initial stretch is {value_um} uM, expected more than 0: raise Ca50_ref or beta_1"
+    )]
     Ca50 {
         /// Ca50_ref + beta_1 (min(lambda_0, 1.2) - 1) \[µM\].
         value_um: f64,
@@ -222,7 +234,11 @@ impl CellInput {
         let p = &self.parameters;
         for (name, &value) in PARAMETER_NAMES.iter().zip(p) {
             if !value.is_finite() || value.abs() > 1e9 {
-                return Err(InputProblem::Range { name, value, expected: "a finite number below 1e9" });
+                return Err(InputProblem::Range {
+                    name,
+                    value,
+                    expected: "a finite number below 1e9",
+                });
             }
         }
         let positive = [
@@ -245,17 +261,29 @@ impl CellInput {
         ];
         for i in positive {
             if p[i] < 1e-9 {
-                return Err(InputProblem::Range { name: PARAMETER_NAMES[i], value: p[i], expected: "at least 1e-9" });
+                return Err(InputProblem::Range {
+                    name: PARAMETER_NAMES[i],
+                    value: p[i],
+                    expected: "at least 1e-9",
+                });
             }
         }
         for i in [at::R_W, at::R_S, at::TRPN50] {
             if p[i] >= 1.0 {
-                return Err(InputProblem::Range { name: PARAMETER_NAMES[i], value: p[i], expected: "less than 1" });
+                return Err(InputProblem::Range {
+                    name: PARAMETER_NAMES[i],
+                    value: p[i],
+                    expected: "less than 1",
+                });
             }
         }
         for i in [at::GAMMA_S, at::GAMMA_W, at::PHI, at::A_EFF, at::BETA_0] {
             if p[i] < 0.0 {
-                return Err(InputProblem::Range { name: PARAMETER_NAMES[i], value: p[i], expected: "0 or more" });
+                return Err(InputProblem::Range {
+                    name: PARAMETER_NAMES[i],
+                    value: p[i],
+                    expected: "0 or more",
+                });
             }
         }
         if p[at::CA_MAX] < p[at::CA_RES] {
@@ -267,21 +295,47 @@ impl CellInput {
         }
         for i in [at::N_TRPN, at::N_TM] {
             if p[i] > 50.0 {
-                return Err(InputProblem::Range { name: PARAMETER_NAMES[i], value: p[i], expected: "50 or less" });
+                return Err(InputProblem::Range {
+                    name: PARAMETER_NAMES[i],
+                    value: p[i],
+                    expected: "50 or less",
+                });
             }
         }
         let passive = self.passive;
         let others = [
-            ("cycle_length_ms", self.cycle_length_ms, 10.0, 1e5, "10 to 100000"),
+            (
+                "cycle_length_ms",
+                self.cycle_length_ms,
+                10.0,
+                1e5,
+                "10 to 100000",
+            ),
             ("lambda_0", self.lambda_0, 0.2, 5.0, "0.2 to 5"),
             ("passive b", passive.b, 1e-3, 100.0, "0.001 to 100"),
             ("passive k", passive.k, 1e-3, 1e4, "0.001 to 10000"),
-            ("passive eta_l_ms", passive.eta_l_ms, 1e-3, 1e6, "0.001 to 1e6"),
-            ("passive eta_s_ms", passive.eta_s_ms, 1e-3, 1e6, "0.001 to 1e6"),
+            (
+                "passive eta_l_ms",
+                passive.eta_l_ms,
+                1e-3,
+                1e6,
+                "0.001 to 1e6",
+            ),
+            (
+                "passive eta_s_ms",
+                passive.eta_s_ms,
+                1e-3,
+                1e6,
+                "0.001 to 1e6",
+            ),
         ];
         for (name, value, low, high, expected) in others {
             if !(low..=high).contains(&value) {
-                return Err(InputProblem::Range { name, value, expected });
+                return Err(InputProblem::Range {
+                    name,
+                    value,
+                    expected,
+                });
             }
         }
         Ok(())

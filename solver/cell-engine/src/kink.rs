@@ -17,7 +17,11 @@ pub fn slopes(p: &Constants, x: &State, low: f64) -> Slopes {
 
 /// The lane stands on the kink: when it is about to leave its side, the other side's slope of h takes over.
 pub fn turn_at_kink(lanes: &mut Lanes, job: &mut Job, i: usize) {
-    let (p, x, low) = (lanes.constants.get(i), lanes.state.get(i), lanes.clock.low[i]);
+    let (p, x, low) = (
+        lanes.constants.get(i),
+        lanes.state.get(i),
+        lanes.clock.low[i],
+    );
     let here = slopes(&p, &x, low);
     if (low > 0.5) == (here.dl > 0.0) {
         turn(lanes, job, i, Node::new(lanes.clock.t[i], x.l, &here));
@@ -39,10 +43,17 @@ fn turn(lanes: &mut Lanes, job: &mut Job, i: usize, node: Node) {
 
 /// The lane's accurate step went across the kink: the next try ends where its cubic meets it.
 pub fn aim_at_kink(lanes: &mut Lanes, job: &mut Job, i: usize) {
-    let (p, y, low) = (lanes.constants.get(i), lanes.candidate.get(i), lanes.clock.low[i]);
+    let (p, y, low) = (
+        lanes.constants.get(i),
+        lanes.candidate.get(i),
+        lanes.clock.low[i],
+    );
     let r = lanes.report.get(i);
     let (d0, d1) = (r.h * r.dl, r.h * slopes(&p, &y, low).dl);
-    let (c2, c3) = (3.0 * (y.l - r.l) - 2.0 * d0 - d1, d0 + d1 - 2.0 * (y.l - r.l));
+    let (c2, c3) = (
+        3.0 * (y.l - r.l) - 2.0 * d0 - d1,
+        d0 + d1 - 2.0 * (y.l - r.l),
+    );
     let sign = if low > 0.5 { 1.0 } else { -1.0 };
     let beyond = |s: f64| sign * (r.l + s * (d0 + s * (c2 + s * c3)) - KINK);
     let (mut before, mut after) = (0.0, 1.0);
@@ -59,7 +70,18 @@ pub fn aim_at_kink(lanes: &mut Lanes, job: &mut Job, i: usize) {
     }
     if before * r.h < SHORTEST_AIM_MS {
         // The kink is here, to within what the residual of the balance moves λ by in a step of any length.
-        turn(lanes, job, i, Node { t: r.t, sa: r.sa, dsa: r.dsa, l: r.l, dl: r.dl });
+        turn(
+            lanes,
+            job,
+            i,
+            Node {
+                t: r.t,
+                sa: r.sa,
+                dsa: r.dsa,
+                l: r.l,
+                dl: r.dl,
+            },
+        );
     } else {
         lanes.clock.h[i] = before * r.h;
     }

@@ -34,6 +34,7 @@ pub use calcium::SampledCalcium;
 pub use dispatch::{PathMissing, SimdPath};
 pub use engine::{CellEngine, EngineError, EngineSettings, Workspace};
 pub use input::{
-    CellInput, DEFAULT_PARAMETERS, InputProblem, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES, PassiveConstants,
+    CellInput, DEFAULT_PARAMETERS, InputProblem, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES,
+    PassiveConstants,
 };
 pub use output::{CellOutput, CellStatus, CellTrace, CostBound, Objective};

@@ -71,7 +71,11 @@ impl State {
 
     /// Whether every entry is a finite number.
     pub fn is_finite(&self) -> bool {
-        [self.c, self.u, self.w, self.s, self.z_w, self.z_s, self.v, self.l].iter().all(|x| x.is_finite())
+        [
+            self.c, self.u, self.w, self.s, self.z_w, self.z_s, self.v, self.l,
+        ]
+        .iter()
+        .all(|x| x.is_finite())
     }
 }
 
@@ -81,7 +85,11 @@ pub fn overlap<const FMA: bool>(p: &Constants, l: f64, low: f64) -> (f64, f64) {
     let cut = min(l, LONGEST);
     let second = fma::<FMA>(low, cut - KINK, KINK);
     let h = fma::<FMA>(p.beta_0, cut + second - 1.87, 1.0);
-    let slope = if l < LONGEST { fma::<FMA>(p.beta_0, low, p.beta_0) } else { 0.0 };
+    let slope = if l < LONGEST {
+        fma::<FMA>(p.beta_0, low, p.beta_0)
+    } else {
+        0.0
+    };
     if h > 0.0 { (h, slope) } else { (0.0, 0.0) }
 }
 
@@ -138,7 +146,9 @@ pub fn rates<const FMA: bool>(p: &Constants, x: &State, ca: f64, low: f64) -> St
 pub fn active_stress<const FMA: bool>(p: &Constants, x: &State, low: f64) -> f64 {
     let zeta_w = fma::<FMA>(p.a, x.l, x.z_w);
     let zeta_s = fma::<FMA>(p.a, x.l, x.z_s);
-    overlap::<FMA>(p, x.l, low).0 * p.s_scale * fma::<FMA>(zeta_w, x.w, fma::<FMA>(zeta_s, x.s, x.s))
+    overlap::<FMA>(p, x.l, low).0
+        * p.s_scale
+        * fma::<FMA>(zeta_w, x.w, fma::<FMA>(zeta_s, x.s, x.s))
 }
 
 /// What a plot needs at one time: stress, stretch and their rates.
@@ -171,7 +181,13 @@ impl Kinks {
     /// than g times the smaller end of ξ.
     #[inline(always)]
     pub fn between<const FMA: bool>(p: &Constants, x: &State, y: &State, h: f64) -> Self {
-        let smaller = |a: f64, b: f64| if a * b < 0.0 { min(a.abs(), b.abs()) } else { 0.0 };
+        let smaller = |a: f64, b: f64| {
+            if a * b < 0.0 {
+                min(a.abs(), b.abs())
+            } else {
+                0.0
+            }
+        };
         let zeta_w = smaller(fma::<FMA>(p.a, x.l, x.z_w), fma::<FMA>(p.a, y.l, y.z_w));
         let zeta_s = smaller(fma::<FMA>(p.a, x.l, x.z_s), fma::<FMA>(p.a, y.l, y.z_s));
         let strain = |x: &State| fma::<FMA>(x.l, p.inv_lambda_0, -1.0) - x.v;
@@ -290,7 +306,11 @@ pub fn linearise<const FMA: bool>(
 
     let driven = p.k_trpn * (1.0 - x.c) * bound * p.n_trpn;
     let f_t = driven * ca_rate / ca;
-    let c_l = if x.l < LONGEST { -driven * p.beta_1 / ca50 } else { 0.0 };
+    let c_l = if x.l < LONGEST {
+        -driven * p.beta_1 / ca50
+    } else {
+        0.0
+    };
     let i_c = 1.0 / (shift + p.k_trpn * (bound + 1.0));
     let i_zw = 1.0 / (shift + p.c_w);
     let i_zs = 1.0 / (shift + p.c_s);
@@ -325,12 +345,28 @@ pub fn linearise<const FMA: bool>(
     let active_l = fma::<FMA>(h_slope * p.s_scale, bridges, p.a * (g_zw + g_zs));
     let passive_l = fma::<FMA>(p.a_p * p.b, stretched, p.a_p_k) * p.inv_lambda_0;
     let g_l = active_l + passive_l;
-    let along = fma::<FMA>(g_w, l_w, fma::<FMA>(g_s, l_s, fma::<FMA>(g_zw, l_zw, fma::<FMA>(g_zs, l_zs, g_v * l_v))));
+    let along = fma::<FMA>(
+        g_w,
+        l_w,
+        fma::<FMA>(
+            g_s,
+            l_s,
+            fma::<FMA>(g_zw, l_zw, fma::<FMA>(g_zs, l_zs, g_v * l_v)),
+        ),
+    );
     let i_l = -1.0 / (g_l + along);
 
-    let active_rate = fma::<FMA>(g_w, f.w, fma::<FMA>(g_s, f.s, fma::<FMA>(g_zw, f.z_w, g_zs * f.z_s)));
+    let active_rate = fma::<FMA>(
+        g_w,
+        f.w,
+        fma::<FMA>(g_s, f.s, fma::<FMA>(g_zw, f.z_w, g_zs * f.z_s)),
+    );
     let dl = -fma::<FMA>(g_v, f.v, active_rate) / g_l;
-    let slopes = Slopes { sa: stress, dsa: fma::<FMA>(active_l, dl, active_rate), dl };
+    let slopes = Slopes {
+        sa: stress,
+        dsa: fma::<FMA>(active_l, dl, active_rate),
+        dl,
+    };
     let eliminated = Eliminated {
         i_c,
         i_zw,
@@ -374,13 +410,18 @@ impl Eliminated {
         let r_w = (r.w - y_w) * self.i_w;
         let r_s = r.s - y_s;
         let r_u = fma::<FMA>(self.u_c, c, r.u) + y_w + y_s;
-        let u = (r_u - self.u_w * r_w - self.u_s * fma::<FMA>(p.k_ws, r_w, r_s) * self.i_s) * self.i_u;
+        let u =
+            (r_u - self.u_w * r_w - self.u_s * fma::<FMA>(p.k_ws, r_w, r_s) * self.i_s) * self.i_u;
         let w = fma::<FMA>(p.k_uw * u, self.i_w, r_w);
         let s = fma::<FMA>(p.k_ws, w, r_s) * self.i_s;
         let along = fma::<FMA>(
             self.g_w,
             w,
-            fma::<FMA>(self.g_s, s, fma::<FMA>(self.g_zw, z_w, fma::<FMA>(self.g_zs, z_s, self.g_v * v))),
+            fma::<FMA>(
+                self.g_s,
+                s,
+                fma::<FMA>(self.g_zw, z_w, fma::<FMA>(self.g_zs, z_s, self.g_v * v)),
+            ),
         );
         let l = (r.l + along) * self.i_l;
         State {
@@ -408,7 +449,16 @@ mod tests {
 
     fn state(e: [f64; 8]) -> State {
         let [c, u, w, s, z_w, z_s, v, l] = e;
-        State { c, u, w, s, z_w, z_s, v, l }
+        State {
+            c,
+            u,
+            w,
+            s,
+            z_w,
+            z_s,
+            v,
+            l,
+        }
     }
 
     proptest! {

@@ -78,14 +78,24 @@ impl Objective {
     /// The paper's weights: 5, 1, 5, 1, 1 and 100.
     #[must_use]
     pub fn new(targets: [f64; 6]) -> Self {
-        Self { targets, weights: [5.0, 1.0, 5.0, 1.0, 1.0, 100.0] }
+        Self {
+            targets,
+            weights: [5.0, 1.0, 5.0, 1.0, 1.0, 100.0],
+        }
     }
 
     /// Σ w ((target − value)/target)² + penalty.
     #[must_use]
     pub fn cost(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> f64 {
         let b = biomarkers;
-        let values = [b.sa_max_kpa, b.dsa_dt_max_kpa_per_ms, b.std30.ms, b.std50.ms, b.std90.ms, b.lambda_min];
+        let values = [
+            b.sa_max_kpa,
+            b.dsa_dt_max_kpa_per_ms,
+            b.std30.ms,
+            b.std50.ms,
+            b.std90.ms,
+            b.lambda_min,
+        ];
         let misfit: f64 = values
             .iter()
             .zip(&self.targets)

@@ -22,14 +22,20 @@ pub fn change(p: &Constants, floors: &Floors, a: &State, b: &State, low: f64) ->
         p.a_p_k * (b.v - a.v).abs() / stress,
     ];
     // Not f64::max, which would pass over a NaN.
-    terms.into_iter().fold(0.0, |largest, x| if x <= largest { largest } else { x })
+    terms
+        .into_iter()
+        .fold(0.0, |largest, x| if x <= largest { largest } else { x })
 }
 
 /// Where to start the next beat: ζ relaxes at the known rates c over a beat, so what is left of it is known too; C_V then
 /// closes the balance of stresses.
 pub fn extrapolate(p: &Constants, start: &State, end: &State, low: f64) -> State {
     let ahead = |x: f64, y: f64, rate: f64| x + (y - x) / -(-rate * p.cycle).exp_m1().min(-1e-3);
-    let mut next = State { z_w: ahead(start.z_w, end.z_w, p.c_w), z_s: ahead(start.z_s, end.z_s, p.c_s), ..*end };
+    let mut next = State {
+        z_w: ahead(start.z_w, end.z_w, p.c_w),
+        z_s: ahead(start.z_s, end.z_s, p.c_s),
+        ..*end
+    };
     let strain = next.l * p.inv_lambda_0 - 1.0;
     let spring = p.a_p * (p.b * strain).exp_m1();
     next.v = strain + (active_stress::<false>(p, &next, low) + spring) / p.a_p_k;

@@ -18,7 +18,9 @@ use crate::model::{KINK, State, StateLanes};
 use crate::output::{CellOutput, CellStatus, CellTrace, CostBound};
 use crate::periodic::{change, extrapolate, oscillates};
 use crate::start::{Prepared, StartTime, StartTimeLanes};
-use crate::step::{Clock, ClockLanes, FloorLanes, Floors, Lanes, ON_KINK, Report, ReportLanes, Scratch, outcome};
+use crate::step::{
+    Clock, ClockLanes, FloorLanes, Floors, Lanes, ON_KINK, Report, ReportLanes, Scratch, outcome,
+};
 use crate::trace::{Node, Segment, sample, segments};
 
 /// First step of a beat and of the run-in \[ms\].
@@ -79,9 +81,28 @@ impl Slots {
     pub fn new() -> Box<Self> {
         let cell = CellInput::new(DEFAULT_PARAMETERS, 1000.0, 1.0);
         let constants = cell.constants(NegativeKwu::Keep).unwrap_or_default();
-        let clock = Clock { slow: 1.0, fast: 1.0, h: 1.0, growth: 1.0, tolerance: 1.0, ..Clock::default() };
-        let floors = Floors { c: 1.0, u: 1.0, w: 1.0, s: 1.0, sa: 1.0 };
-        let state = State { c: 0.1, l: 1.0, z_w: -constants.a, z_s: -constants.a, ..State::default() };
+        let clock = Clock {
+            slow: 1.0,
+            fast: 1.0,
+            h: 1.0,
+            growth: 1.0,
+            tolerance: 1.0,
+            ..Clock::default()
+        };
+        let floors = Floors {
+            c: 1.0,
+            u: 1.0,
+            w: 1.0,
+            s: 1.0,
+            sa: 1.0,
+        };
+        let state = State {
+            c: 0.1,
+            l: 1.0,
+            z_w: -constants.a,
+            z_s: -constants.a,
+            ..State::default()
+        };
         Box::new(Self {
             lanes: Lanes {
                 constants: ConstantLanes::filled(&constants),
@@ -95,8 +116,14 @@ impl Slots {
             jobs: std::array::from_fn(|_| Job::default()),
             waiting: Waiting {
                 constants: ConstantLanes::filled(&constants),
-                start: StartTimeLanes::filled(&StartTime { t: 0.0, ca: constants.ca_res }),
-                prepared: Prepared { state: StateLanes::filled(&state), floors: FloorLanes::filled(&floors) },
+                start: StartTimeLanes::filled(&StartTime {
+                    t: 0.0,
+                    ca: constants.ca_res,
+                }),
+                prepared: Prepared {
+                    state: StateLanes::filled(&state),
+                    floors: FloorLanes::filled(&floors),
+                },
                 input: [0; LANES],
                 n: 0,
                 next: 0,
@@ -159,7 +186,13 @@ impl Run<'_> {
             job.steps += 1;
             if job.record {
                 let r = &lanes.report;
-                job.nodes.push(Node { t: r.t[i], sa: r.sa[i], dsa: r.dsa[i], l: r.l[i], dl: r.dl[i] });
+                job.nodes.push(Node {
+                    t: r.t[i],
+                    sa: r.sa[i],
+                    dsa: r.dsa[i],
+                    l: r.l[i],
+                    dl: r.dl[i],
+                });
             }
             if (lanes.state.l[i] - KINK).abs() <= ON_KINK {
                 turn_at_kink(lanes, job, i);
@@ -175,7 +208,8 @@ impl Run<'_> {
             }
         }
         let job = &slots.jobs[i];
-        if slots.lanes.clock.h[i] < SHORTEST_STEP_MS || job.tries > self.settings.max_steps_per_beat {
+        if slots.lanes.clock.h[i] < SHORTEST_STEP_MS || job.tries > self.settings.max_steps_per_beat
+        {
             let t_ms = slots.lanes.clock.t[i];
             self.outputs[job.input] = CellOutput {
                 status: CellStatus::Stuck { t_ms },
@@ -190,11 +224,21 @@ impl Run<'_> {
 
     /// The lane has reached the end of its cycle; true when its cell is finished.
     fn end_of_beat(&mut self, slots: &mut Slots, i: usize) -> bool {
-        let Slots { lanes, jobs, segments, .. } = slots;
+        let Slots {
+            lanes,
+            jobs,
+            segments,
+            ..
+        } = slots;
         let job = &mut jobs[i];
-        let (p, x, low) = (lanes.constants.get(i), lanes.state.get(i), lanes.clock.low[i]);
+        let (p, x, low) = (
+            lanes.constants.get(i),
+            lanes.state.get(i),
+            lanes.clock.low[i],
+        );
         if job.record {
-            job.nodes.push(Node::new(p.cycle, x.l, &slopes(&p, &x, low)));
+            job.nodes
+                .push(Node::new(p.cycle, x.l, &slopes(&p, &x, low)));
         }
         let settings = self.settings;
         if job.phase == Phase::RunIn {
@@ -219,7 +263,11 @@ impl Run<'_> {
                 return true;
             }
             // Every fourth time: a cell that oscillates by itself does not settle under constant correction.
-            let next = if job.beats % 4 == 1 { extrapolate(&p, &job.start, &x, low) } else { x };
+            let next = if job.beats % 4 == 1 {
+                extrapolate(&p, &job.start, &x, low)
+            } else {
+                x
+            };
             job.begin_beat(lanes, i, next);
             return false;
         };
@@ -228,7 +276,14 @@ impl Run<'_> {
     }
 
     /// Biomarkers of the recorded beat into the output.
-    fn report(&mut self, job: &Job, p: &Constants, status: CellStatus, change: f64, cut: &mut Vec<Segment>) {
+    fn report(
+        &mut self,
+        job: &Job,
+        p: &Constants,
+        status: CellStatus,
+        change: f64,
+        cut: &mut Vec<Segment>,
+    ) {
         let n = (p.cycle + 1e-9).floor() as usize + 1;
         segments(&job.nodes, n, cut);
         let (biomarkers, penalty) = of_segments(cut);
@@ -255,13 +310,17 @@ impl Run<'_> {
             trace.lambda.resize(n, 0.0);
             sample(cut, &mut trace.sa_kpa, &mut trace.lambda);
             trace.calcium_um.clear();
-            trace.calcium_um.extend((0..n).map(|k| transient.at(k as f64)));
+            trace
+                .calcium_um
+                .extend((0..n).map(|k| transient.at(k as f64)));
         }
     }
 
     /// Whether the transient beat just recorded shows that the cell is of no use; the output is then filled.
     fn is_hopeless(&mut self, job: &Job, p: &Constants, cut: &mut Vec<Segment>) -> bool {
-        let Some(bound) = self.bound else { return false };
+        let Some(bound) = self.bound else {
+            return false;
+        };
         let limit = bound.margin * bound.bounds[job.input];
         self.report(job, p, CellStatus::Hopeless, f64::INFINITY, cut);
         let output = &mut self.outputs[job.input];
@@ -274,7 +333,12 @@ impl Run<'_> {
         if slots.waiting.next == slots.waiting.n {
             self.prepare(&mut slots.waiting, taken);
         }
-        let Slots { lanes, jobs, waiting, .. } = slots;
+        let Slots {
+            lanes,
+            jobs,
+            waiting,
+            ..
+        } = slots;
         let job = &mut jobs[i];
         if waiting.next == waiting.n {
             job.phase = Phase::Idle;
@@ -349,7 +413,10 @@ impl Run<'_> {
             output.biomarkers.ctd90_ms = transient.ctd90_ms;
             output.penalty = calcium_penalty(transient.ctd50_ms, transient.ctd90_ms);
             output.negative_kwu = p.k_wu < 0.0;
-            if self.bound.is_some_and(|b| output.penalty.total() > b.bounds[index]) {
+            if self
+                .bound
+                .is_some_and(|b| output.penalty.total() > b.bounds[index])
+            {
                 output.status = CellStatus::Hopeless;
                 continue;
             }
@@ -363,7 +430,12 @@ impl Run<'_> {
         }
         if waiting.n > 0 {
             // The rest of the vector keeps the cells of an earlier round.
-            prepare_lanes(self.path, &waiting.constants, &waiting.start, &mut waiting.prepared);
+            prepare_lanes(
+                self.path,
+                &waiting.constants,
+                &waiting.start,
+                &mut waiting.prepared,
+            );
         }
     }
 }

@@ -49,7 +49,20 @@ fn isometric<const FMA: bool>(p: &Constants, ca: f64, l: f64) -> (State, f64, f6
     let low = if l < KINK { 1.0 } else { 0.0 };
     let stress = overlap::<FMA>(p, l, low).0 * p.s_scale * s;
     let spring = p.a_p * (exp::<FMA>(p.b * strain) - 1.0);
-    (State { c, u, w: w_per_u * u, s, z_w: -p.a * l, z_s: -p.a * l, v: strain, l }, stress, spring)
+    (
+        State {
+            c,
+            u,
+            w: w_per_u * u,
+            s,
+            z_w: -p.a * l,
+            z_s: -p.a * l,
+            v: strain,
+            l,
+        },
+        stress,
+        spring,
+    )
 }
 
 lanes! {
@@ -73,12 +86,22 @@ impl Bracket {
     #[inline(always)]
     fn new<const FMA: bool>(p: &Constants, ca: f64) -> Self {
         let beta = max(p.beta_0, 1e-3);
-        let bare = if beta > 1.0 / 0.13 { 1.0 - 1.0 / beta } else { 0.5 * (1.87 - 1.0 / beta) };
+        let bare = if beta > 1.0 / 0.13 {
+            1.0 - 1.0 / beta
+        } else {
+            0.5 * (1.87 - 1.0 / beta)
+        };
         let low = min(max(bare, 0.1 * p.lambda_0), p.lambda_0);
         let (_, stress, spring) = isometric::<FMA>(p, ca, low);
         let f_low = min(stress + spring, 0.0);
         let (_, stress, spring) = isometric::<FMA>(p, ca, p.lambda_0);
-        Self { low, high: p.lambda_0, f_low, f_high: max(stress + spring, 1e-300), last: 0.0 }
+        Self {
+            low,
+            high: p.lambda_0,
+            f_low,
+            f_high: max(stress + spring, 1e-300),
+            last: 0.0,
+        }
     }
 
     /// Where the secant meets zero.
@@ -127,7 +150,11 @@ fn equilibria<const FMA: bool>(constants: &ConstantLanes, ca: &[f64; LANES]) -> 
 
 /// Prepares every lane.
 #[inline(always)]
-pub fn prepare<const FMA: bool>(constants: &ConstantLanes, start: &StartTimeLanes, prepared: &mut Prepared) {
+pub fn prepare<const FMA: bool>(
+    constants: &ConstantLanes,
+    start: &StartTimeLanes,
+    prepared: &mut Prepared,
+) {
     let rest = equilibria::<FMA>(constants, &start.ca);
     let peak = equilibria::<FMA>(constants, &constants.ca_max);
     for i in 0..LANES {

@@ -3,7 +3,9 @@
 use crate::calcium::SampledCalcium;
 use crate::input::{ConstantLanes, Constants};
 use crate::lanes::{LANES, lanes};
-use crate::model::{Eliminated, EliminatedLanes, KINK, Kinks, Slopes, State, StateLanes, linearise, rates};
+use crate::model::{
+    Eliminated, EliminatedLanes, KINK, Kinks, Slopes, State, StateLanes, linearise, rates,
+};
 use crate::tableau::{A2, A3, A4, A5, C2, C3, D, G2, G3, G4, G5, G6, GAMMA};
 use cardiotwin_vector_math::{exp, fma, max, min};
 
@@ -156,13 +158,20 @@ impl Scratch {
 /// Calcium from its two exponentials.
 #[inline(always)]
 fn calcium<const FMA: bool>(p: &Constants, slow: f64, fast: f64, t: f64) -> f64 {
-    fma::<FMA>(slow, fma::<FMA>(p.ca_limit_scale, t, p.ca_gap_scale * (1.0 - fast)), p.ca_res)
+    fma::<FMA>(
+        slow,
+        fma::<FMA>(p.ca_limit_scale, t, p.ca_gap_scale * (1.0 - fast)),
+        p.ca_res,
+    )
 }
 
 /// Adds a stage's couplings `k · factor` to the seven rates (the residual has none).
 #[inline(always)]
 fn couple<const FMA: bool>(r: State, factor: f64, k: &State) -> State {
-    State { l: r.l, ..r.plus::<FMA>(factor, k) }
+    State {
+        l: r.l,
+        ..r.plus::<FMA>(factor, k)
+    }
 }
 
 /// Largest error in units of its weight.
@@ -202,7 +211,14 @@ fn weighted_error<const FMA: bool>(
 /// Calcium at the stages, then the rates, the matrix and stage 1 at the start.
 #[inline(always)]
 fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalcium>) {
-    let Lanes { constants, state, clock, scratch: Scratch { frame, matrix, k }, report, .. } = lanes;
+    let Lanes {
+        constants,
+        state,
+        clock,
+        scratch: Scratch { frame, matrix, k },
+        report,
+        ..
+    } = lanes;
     for i in 0..LANES {
         let (p, clock) = (constants.get(i), clock.get(i));
         let t = clock.t;
@@ -214,12 +230,30 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
         let (slow_3, fast_3) = (exp::<FMA>(C3 * decay), exp::<FMA>(C3 * close));
         let (slow_4, fast_4) = (slow_3 * slow_3 * slow_3, fast_3 * fast_3 * fast_3);
         let (slow_2, fast_2) = (exp::<FMA>(C2 * decay), exp::<FMA>(C2 * close));
-        let (slow_end, fast_end) = (clock.slow * exp::<FMA>(decay), clock.fast * exp::<FMA>(close));
+        let (slow_end, fast_end) = (
+            clock.slow * exp::<FMA>(decay),
+            clock.fast * exp::<FMA>(close),
+        );
         frame.h[i] = h;
         frame.inv_h[i] = inv_h;
-        frame.ca_2[i] = calcium::<FMA>(&p, clock.slow * slow_2, clock.fast * fast_2, fma::<FMA>(C2, h, t));
-        frame.ca_3[i] = calcium::<FMA>(&p, clock.slow * slow_3, clock.fast * fast_3, fma::<FMA>(C3, h, t));
-        frame.ca_4[i] = calcium::<FMA>(&p, clock.slow * slow_4, clock.fast * fast_4, fma::<FMA>(3.0 * C3, h, t));
+        frame.ca_2[i] = calcium::<FMA>(
+            &p,
+            clock.slow * slow_2,
+            clock.fast * fast_2,
+            fma::<FMA>(C2, h, t),
+        );
+        frame.ca_3[i] = calcium::<FMA>(
+            &p,
+            clock.slow * slow_3,
+            clock.fast * fast_3,
+            fma::<FMA>(C3, h, t),
+        );
+        frame.ca_4[i] = calcium::<FMA>(
+            &p,
+            clock.slow * slow_4,
+            clock.fast * fast_4,
+            fma::<FMA>(3.0 * C3, h, t),
+        );
         frame.ca_end[i] = calcium::<FMA>(&p, slow_end, fast_end, t + h);
         frame.slow_end[i] = slow_end;
         frame.fast_end[i] = fast_end;
@@ -246,7 +280,10 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
         let drift = frame.h[i] * f_t;
         frame.drift[i] = drift;
         frame.passive_l[i] = passive_l;
-        let r = State { c: fma::<FMA>(D[0], drift, f.c), ..f };
+        let r = State {
+            c: fma::<FMA>(D[0], drift, f.c),
+            ..f
+        };
         k[0].set(i, &m.solve::<FMA>(&p, &r));
         matrix.set(i, &m);
         report.sa[i] = sa;
@@ -267,7 +304,13 @@ fn middle_stage<const FMA: bool, const BEFORE: usize>(
     d: f64,
     ca: impl Fn(&FrameLanes) -> &[f64; LANES],
 ) {
-    let Lanes { constants, state, clock, scratch: Scratch { frame, matrix, k }, .. } = lanes;
+    let Lanes {
+        constants,
+        state,
+        clock,
+        scratch: Scratch { frame, matrix, k },
+        ..
+    } = lanes;
     let (before, now) = k.split_at_mut(BEFORE);
     let ca = ca(frame);
     for (i, &ca) in ca.iter().enumerate() {
@@ -289,7 +332,14 @@ fn middle_stage<const FMA: bool, const BEFORE: usize>(
 /// Stages 5 and 6 stand at the end of the step; the error estimate is the last.
 #[inline(always)]
 fn fifth_stage<const FMA: bool>(lanes: &mut Lanes) {
-    let Lanes { constants, state, clock, candidate, scratch: Scratch { frame, matrix, k }, .. } = lanes;
+    let Lanes {
+        constants,
+        state,
+        clock,
+        candidate,
+        scratch: Scratch { frame, matrix, k },
+        ..
+    } = lanes;
     let (before, now) = k.split_at_mut(4);
     for i in 0..LANES {
         let p = constants.get(i);
@@ -311,7 +361,15 @@ fn fifth_stage<const FMA: bool>(lanes: &mut Lanes) {
 /// Stage 6, the error, and what follows from it.
 #[inline(always)]
 fn last_stage<const FMA: bool>(lanes: &mut Lanes) {
-    let Lanes { constants, state, clock, candidate, floors, report, scratch: Scratch { frame, matrix, k } } = lanes;
+    let Lanes {
+        constants,
+        state,
+        clock,
+        candidate,
+        floors,
+        report,
+        scratch: Scratch { frame, matrix, k },
+    } = lanes;
     for i in 0..LANES {
         let p = constants.get(i);
         let (clock_now, inv_h) = (clock.get(i), frame.inv_h[i]);
@@ -328,29 +386,59 @@ fn last_stage<const FMA: bool>(lanes: &mut Lanes) {
 
         let h = frame.h[i];
         let kinks = Kinks::between::<FMA>(&p, &x, &y, h);
-        let error = weighted_error::<FMA>(&k6, &kinks, &y, &floors.get(i), report.sa[i], frame.passive_l[i]);
+        let error = weighted_error::<FMA>(
+            &k6,
+            &kinks,
+            &y,
+            &floors.get(i),
+            report.sa[i],
+            frame.passive_l[i],
+        );
         let error = error / clock_now.tolerance;
         // A number that is not finite fails this comparison too.
         let accurate = error <= 1.0;
         let beyond = |l: f64| if low > 0.5 { l - KINK } else { KINK - l };
         // A lane that was turned a little early comes from beyond: only going further counts.
         let crossed = beyond(y.l) > max(beyond(x.l), ON_KINK);
-        let outcome = if crossed { outcome::CROSSED } else { outcome::ACCEPTED };
+        let outcome = if crossed {
+            outcome::CROSSED
+        } else {
+            outcome::ACCEPTED
+        };
         let outcome = if accurate { outcome } else { outcome::REFUSED };
-        let outcome = if clock_now.running > 0.5 { outcome } else { outcome::IDLE };
+        let outcome = if clock_now.running > 0.5 {
+            outcome
+        } else {
+            outcome::IDLE
+        };
         let commit = outcome == outcome::ACCEPTED;
 
         // The estimate is of order 4 in h: next step by its fourth root, between a fifth and the allowed growth.
         let bounded = max(if error < 1e8 { error } else { 1e8 }, 1e-8);
         let wanted = 0.9 / bounded.sqrt().sqrt();
-        let factor = min(max(wanted, 0.2), if accurate { clock_now.growth } else { 1.0 });
+        let factor = min(
+            max(wanted, 0.2),
+            if accurate { clock_now.growth } else { 1.0 },
+        );
         let h_next = min(h * factor, LONGEST_STEP_MS);
         let next = Clock {
             t: if commit { clock_now.t + h } else { clock_now.t },
-            slow: if commit { frame.slow_end[i] } else { clock_now.slow },
-            fast: if commit { frame.fast_end[i] } else { clock_now.fast },
+            slow: if commit {
+                frame.slow_end[i]
+            } else {
+                clock_now.slow
+            },
+            fast: if commit {
+                frame.fast_end[i]
+            } else {
+                clock_now.fast
+            },
             // An idle lane keeps its step: it must not shrink until arithmetic becomes slow.
-            h: if clock_now.running > 0.5 { h_next } else { clock_now.h },
+            h: if clock_now.running > 0.5 {
+                h_next
+            } else {
+                clock_now.h
+            },
             growth: if accurate { 5.0 } else { 1.0 },
             ..clock_now
         };
@@ -397,15 +485,34 @@ mod tests {
         let mut parameters = DEFAULT_PARAMETERS;
         // A slow k_U: the default's stiffness hides the order at steps that are worth taking (3.3 at 0.5 ms, 3.5 at 0.25).
         (parameters[3], parameters[21]) = (0.03, 42.0);
-        let p = CellInput::new(parameters, 1000.0, 1.1).constants(NegativeKwu::Refuse).unwrap();
+        let p = CellInput::new(parameters, 1000.0, 1.1)
+            .constants(NegativeKwu::Refuse)
+            .unwrap();
         let mut lanes = Slots::new().into_lanes();
         lanes.constants = ConstantLanes::filled(&p);
         let l = 1.1;
-        let rest = State { c: 0.07, u: 1e-4, w: 1e-4, s: 1e-4, z_w: -p.a * l, z_s: -p.a * l, v: 0.0, l };
+        let rest = State {
+            c: 0.07,
+            u: 1e-4,
+            w: 1e-4,
+            s: 1e-4,
+            z_w: -p.a * l,
+            z_s: -p.a * l,
+            v: 0.0,
+            l,
+        };
         let v = rest.v + active_stress::<true>(&p, &rest, 0.0) / p.a_p_k;
         lanes.state = StateLanes::filled(&State { v, ..rest });
-        let clock =
-            Clock { t: 0.0, slow: 1.0, fast: 1.0, h: 0.0, growth: 1.0, low: 0.0, tolerance: 1e30, running: 1.0 };
+        let clock = Clock {
+            t: 0.0,
+            slow: 1.0,
+            fast: 1.0,
+            h: 0.0,
+            growth: 1.0,
+            low: 0.0,
+            tolerance: 1e30,
+            running: 1.0,
+        };
         lanes.clock = ClockLanes::filled(&clock);
         for h in std::iter::repeat_n(0.01, 2000).chain(std::iter::repeat_n(25.0 / n as f64, n)) {
             lanes.clock.h = [h; LANES];
@@ -424,11 +531,23 @@ mod tests {
         assert!(exact_sa > 0.1 && exact.l > 0.95 && exact.l < 1.0999);
         let error = |n: usize| {
             let x = integrate(n).0;
-            let differences = [x.c - exact.c, x.u - exact.u, x.w - exact.w, x.s - exact.s, x.l - exact.l];
+            let differences = [
+                x.c - exact.c,
+                x.u - exact.u,
+                x.w - exact.w,
+                x.s - exact.s,
+                x.l - exact.l,
+            ];
             differences.iter().fold(0.0, |m: f64, e| m.max(e.abs()))
         };
         let errors = [error(5), error(10), error(20)];
-        let orders = [(errors[0] / errors[1]).log2(), (errors[1] / errors[2]).log2()];
-        assert!(orders.iter().all(|o| (o - 4.0).abs() < 0.2), "errors {errors:?}, orders {orders:?}");
+        let orders = [
+            (errors[0] / errors[1]).log2(),
+            (errors[1] / errors[2]).log2(),
+        ];
+        assert!(
+            orders.iter().all(|o| (o - 4.0).abs() < 0.2),
+            "errors {errors:?}, orders {orders:?}"
+        );
     }
 }

@@ -21,7 +21,13 @@ pub struct Node {
 impl Node {
     /// A node from stress, stretch and their rates.
     pub fn new(t: f64, l: f64, slopes: &Slopes) -> Self {
-        Self { t, sa: slopes.sa, dsa: slopes.dsa, l, dl: slopes.dl }
+        Self {
+            t,
+            sa: slopes.sa,
+            dsa: slopes.dsa,
+            l,
+            dl: slopes.dl,
+        }
     }
 }
 
@@ -37,7 +43,15 @@ impl Cubic {
     fn new(from: f64, h: f64, y0: f64, d0: f64, y1: f64, d1: f64) -> Self {
         let inv = 1.0 / h;
         let slope = (y1 - y0) * inv;
-        Self { from, a: [y0, d0, (3.0 * slope - 2.0 * d0 - d1) * inv, (d0 + d1 - 2.0 * slope) * inv * inv] }
+        Self {
+            from,
+            a: [
+                y0,
+                d0,
+                (3.0 * slope - 2.0 * d0 - d1) * inv,
+                (d0 + d1 - 2.0 * slope) * inv * inv,
+            ],
+        }
     }
 
     /// Value at sample `k`.

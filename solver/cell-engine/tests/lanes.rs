@@ -3,18 +3,25 @@
 mod common;
 
 use cardiotwin_cell_engine::{
-    CellBiomarkers, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, CostBound, DEFAULT_PARAMETERS,
-    EngineError, EngineSettings, InputProblem, N_PARAMETERS, NegativeKwu, Objective, SimdPath, Workspace,
+    CellBiomarkers, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, CostBound,
+    DEFAULT_PARAMETERS, EngineError, EngineSettings, InputProblem, N_PARAMETERS, NegativeKwu,
+    Objective, SimdPath, Workspace,
 };
 use common::{HIGH, LOW, Random, sensitivity_cells, step_2_cells};
 
 fn engine(settings: EngineSettings) -> CellEngine {
-    CellEngine::new(EngineSettings { negative_kwu: NegativeKwu::Keep, ..settings }).unwrap()
+    CellEngine::new(EngineSettings {
+        negative_kwu: NegativeKwu::Keep,
+        ..settings
+    })
+    .unwrap()
 }
 
 fn evaluate(engine: &CellEngine, cells: &[CellInput]) -> Vec<CellOutput> {
     let mut outputs = vec![CellOutput::default(); cells.len()];
-    engine.evaluate(cells, &mut Workspace::new(), &mut outputs).unwrap();
+    engine
+        .evaluate(cells, &mut Workspace::new(), &mut outputs)
+        .unwrap();
     outputs
 }
 
@@ -34,7 +41,9 @@ fn a_lane_has_the_same_bits_alone_in_a_batch_and_in_any_order() {
     let mut workspace = Workspace::new();
     for (cell, expected) in cells.iter().zip(&together).step_by(7) {
         let mut alone = [CellOutput::default()];
-        engine.evaluate(&[*cell], &mut workspace, &mut alone).unwrap();
+        engine
+            .evaluate(&[*cell], &mut workspace, &mut alone)
+            .unwrap();
         assert_eq!(alone[0], *expected);
     }
 }
@@ -46,7 +55,9 @@ fn threads_and_chunks_change_nothing() {
     let expected = evaluate(&engine, &cells);
     for chunk in [1, 100, 1000] {
         let mut outputs = vec![CellOutput::default(); cells.len()];
-        engine.evaluate_parallel(&cells, None, chunk, &mut outputs).unwrap();
+        engine
+            .evaluate_parallel(&cells, None, chunk, &mut outputs)
+            .unwrap();
         assert_eq!(outputs, expected);
     }
 }
@@ -54,9 +65,21 @@ fn threads_and_chunks_change_nothing() {
 #[test]
 fn instruction_sets_agree() {
     let cells = mixed_cells(200);
-    let on = |path| evaluate(&engine(EngineSettings { path: Some(path), ..EngineSettings::default() }), &cells);
+    let on = |path| {
+        evaluate(
+            &engine(EngineSettings {
+                path: Some(path),
+                ..EngineSettings::default()
+            }),
+            &cells,
+        )
+    };
     let portable = on(SimdPath::Portable);
-    let fused: Vec<_> = [SimdPath::Avx2, SimdPath::Avx512].into_iter().filter(|p| p.is_available()).map(on).collect();
+    let fused: Vec<_> = [SimdPath::Avx2, SimdPath::Avx512]
+        .into_iter()
+        .filter(|p| p.is_available())
+        .map(on)
+        .collect();
     for outputs in &fused {
         // Fused multiply-adds are the same in both sets; without them rounding differs, and where a step is accepted or
         // refused on a knife's edge its neighbour's error is what remains: below a tenth of the tolerance of step 2.
@@ -67,20 +90,30 @@ fn instruction_sets_agree() {
             assert!(relative < 1e-4, "{a:?} {b:?}");
             assert!((a.biomarkers.lambda_min - b.biomarkers.lambda_min).abs() < 2e-6);
         }
-        let same = outputs.iter().zip(&portable).filter(|(a, b)| a.steps == b.steps).count();
+        let same = outputs
+            .iter()
+            .zip(&portable)
+            .filter(|(a, b)| a.steps == b.steps)
+            .count();
         assert!(same >= 190, "only {same} of 200 cells take the same steps");
     }
 }
 
 #[test]
 fn the_path_is_pinned_and_reported() {
-    let pinned =
-        CellEngine::new(EngineSettings { path: Some(SimdPath::Portable), ..EngineSettings::default() }).unwrap();
+    let pinned = CellEngine::new(EngineSettings {
+        path: Some(SimdPath::Portable),
+        ..EngineSettings::default()
+    })
+    .unwrap();
     assert_eq!(pinned.path(), SimdPath::Portable);
     let open = CellEngine::new(EngineSettings::default()).unwrap();
     assert_eq!(open.path(), SimdPath::best());
     for path in [SimdPath::Avx2, SimdPath::Avx512] {
-        let made = CellEngine::new(EngineSettings { path: Some(path), ..EngineSettings::default() });
+        let made = CellEngine::new(EngineSettings {
+            path: Some(path),
+            ..EngineSettings::default()
+        });
         assert_eq!(made.is_ok(), path.is_available());
     }
 }
@@ -99,16 +132,35 @@ fn refusals_are_values_and_leave_the_others_alone() {
     returning.parameters[7] = 0.048;
     let mut insensitive = CellInput::new(with(2, 0.5).parameters, 1000.0, 1.3);
     insensitive.parameters[15] = -3.6;
-    let cells = [good, with(0, f64::NAN), with(9, 1.5), with(17, 0.7), returning, insensitive, good];
+    let cells = [
+        good,
+        with(0, f64::NAN),
+        with(9, 1.5),
+        with(17, 0.7),
+        returning,
+        insensitive,
+        good,
+    ];
     let strict = CellEngine::new(EngineSettings::default()).unwrap();
     let outputs = evaluate(&strict, &cells);
     assert!(outputs[0].is_periodic() && outputs[0] == outputs[6]);
     for refused in [1, 2, 3] {
-        assert!(matches!(outputs[refused].status, CellStatus::Refused(InputProblem::Range { .. })), "{refused}");
+        assert!(
+            matches!(
+                outputs[refused].status,
+                CellStatus::Refused(InputProblem::Range { .. })
+            ),
+            "{refused}"
+        );
         assert_eq!(outputs[refused].biomarkers, CellBiomarkers::default());
     }
-    assert!(matches!(outputs[4].status, CellStatus::Refused(InputProblem::NegativeKwu { .. })));
-    let CellStatus::Refused(problem) = outputs[4].status else { unreachable!() };
+    assert!(matches!(
+        outputs[4].status,
+        CellStatus::Refused(InputProblem::NegativeKwu { .. })
+    ));
+    let CellStatus::Refused(problem) = outputs[4].status else {
+        unreachable!()
+    };
     assert_eq!(
         problem.to_string(),
         "k_WU = k_UW (1/r_W - 1) - k_WS is -0.039333 per ms, negative: lower k_WS or r_W, \
@@ -116,7 +168,10 @@ fn refusals_are_values_and_leave_the_others_alone() {
     );
     let kept = evaluate(&engine(EngineSettings::default()), &cells);
     assert!(kept[4].is_periodic() && kept[4].negative_kwu && !kept[0].negative_kwu);
-    assert!(matches!(outputs[5].status, CellStatus::Refused(InputProblem::Ca50 { .. })));
+    assert!(matches!(
+        outputs[5].status,
+        CellStatus::Refused(InputProblem::Ca50 { .. })
+    ));
 }
 
 #[test]
@@ -126,11 +181,18 @@ fn cells_far_outside_of_the_box_give_finite_numbers_or_say_why_not() {
         .map(|_| {
             let mut p = [0.0; N_PARAMETERS];
             for (i, x) in p.iter_mut().enumerate() {
-                let (low, high) = (LOW[i].abs().min(HIGH[i].abs()) / 3.0, LOW[i].abs().max(HIGH[i].abs()) * 3.0);
+                let (low, high) = (
+                    LOW[i].abs().min(HIGH[i].abs()) / 3.0,
+                    LOW[i].abs().max(HIGH[i].abs()) * 3.0,
+                );
                 *x = low * (high / low).powf(random.uniform());
             }
             p[15] = -p[15];
-            CellInput::new(p, 200.0 + 1500.0 * random.uniform(), 0.85 + 0.4 * random.uniform())
+            CellInput::new(
+                p,
+                200.0 + 1500.0 * random.uniform(),
+                0.85 + 0.4 * random.uniform(),
+            )
         })
         .collect();
     let outputs = evaluate(&engine(EngineSettings::default()), &cells);
@@ -158,7 +220,10 @@ fn cells_far_outside_of_the_box_give_finite_numbers_or_say_why_not() {
     }
     // Soft cells with three times the largest distortion A_eff collapse: the balance of stresses has no root to follow.
     // Others oscillate by themselves and never return.
-    assert!(stuck <= 3 && done >= 240, "{done} periodic, {stuck} stuck, {refused} refused");
+    assert!(
+        stuck <= 3 && done >= 240,
+        "{done} periodic, {stuck} stuck, {refused} refused"
+    );
 }
 
 #[test]
@@ -167,13 +232,25 @@ fn a_bound_gives_up_only_what_is_above_it() {
     let cells = step_2_cells(300, 21);
     let objective = Objective::new([48.0, 0.8, 250.0, 300.0, 400.0, 0.86]);
     let full = evaluate(&engine, &cells);
-    let costs: Vec<f64> = full.iter().map(|o| objective.cost(&o.biomarkers, &o.penalty)).collect();
+    let costs: Vec<f64> = full
+        .iter()
+        .map(|o| objective.cost(&o.biomarkers, &o.penalty))
+        .collect();
     for share in [0.5, 1.001] {
         let bounds: Vec<f64> = costs.iter().map(|c| c * share).collect();
-        let bound = CostBound { objective: &objective, bounds: &bounds, margin: 1.5 };
+        let bound = CostBound {
+            objective: &objective,
+            bounds: &bounds,
+            margin: 1.5,
+        };
         let mut outputs = vec![CellOutput::default(); cells.len()];
-        engine.evaluate_bounded(&cells, &bound, &mut Workspace::new(), &mut outputs).unwrap();
-        let given_up = outputs.iter().filter(|o| o.status == CellStatus::Hopeless).count();
+        engine
+            .evaluate_bounded(&cells, &bound, &mut Workspace::new(), &mut outputs)
+            .unwrap();
+        let given_up = outputs
+            .iter()
+            .filter(|o| o.status == CellStatus::Hopeless)
+            .count();
         if share > 1.0 {
             assert_eq!(given_up, 0);
             for (o, cost) in outputs.iter().zip(&costs) {
@@ -191,12 +268,30 @@ fn traces_and_lengths() {
     let engine = engine(EngineSettings::default());
     let cells = [CellInput::new(DEFAULT_PARAMETERS, 700.5, 1.0)];
     let (mut outputs, mut traces) = ([CellOutput::default()], [CellTrace::default()]);
-    engine.evaluate_with_traces(&cells, &mut Workspace::new(), &mut outputs, &mut traces).unwrap();
+    engine
+        .evaluate_with_traces(&cells, &mut Workspace::new(), &mut outputs, &mut traces)
+        .unwrap();
     assert_eq!(traces[0].sa_kpa.len(), 701);
     let largest = traces[0].sa_kpa.iter().copied().fold(0.0, f64::max);
     assert_eq!(largest, outputs[0].biomarkers.sa_max_kpa);
     let refused = engine.evaluate(&cells, &mut Workspace::new(), &mut []);
-    assert_eq!(refused, Err(EngineError::Lengths { inputs: 1, others: 0, name: "outputs" }));
-    let refused = CellEngine::new(EngineSettings { tolerance: 0.0, ..EngineSettings::default() });
-    assert!(matches!(refused, Err(EngineError::Setting { name: "tolerance", .. })));
+    assert_eq!(
+        refused,
+        Err(EngineError::Lengths {
+            inputs: 1,
+            others: 0,
+            name: "outputs"
+        })
+    );
+    let refused = CellEngine::new(EngineSettings {
+        tolerance: 0.0,
+        ..EngineSettings::default()
+    });
+    assert!(matches!(
+        refused,
+        Err(EngineError::Setting {
+            name: "tolerance",
+            ..
+        })
+    ));
 }

@@ -2,21 +2,32 @@
 
 mod common;
 
-use cardiotwin_cell_engine::{CellEngine, CellOutput, CellTrace, EngineSettings, NegativeKwu, Objective, Workspace};
+use cardiotwin_cell_engine::{
+    CellEngine, CellOutput, CellTrace, EngineSettings, NegativeKwu, Objective, Workspace,
+};
 use common::{Reference, file, references};
 
 fn evaluate(sets: &[Reference], settings: EngineSettings) -> (Vec<CellOutput>, Vec<CellTrace>) {
-    let engine = CellEngine::new(EngineSettings { negative_kwu: NegativeKwu::Keep, ..settings }).unwrap();
+    let engine = CellEngine::new(EngineSettings {
+        negative_kwu: NegativeKwu::Keep,
+        ..settings
+    })
+    .unwrap();
     let inputs: Vec<_> = sets.iter().map(|s| s.input).collect();
     let mut outputs = vec![CellOutput::default(); inputs.len()];
     let mut traces = vec![CellTrace::default(); inputs.len()];
-    engine.evaluate_with_traces(&inputs, &mut Workspace::new(), &mut outputs, &mut traces).unwrap();
+    engine
+        .evaluate_with_traces(&inputs, &mut Workspace::new(), &mut outputs, &mut traces)
+        .unwrap();
     (outputs, traces)
 }
 
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+    a.iter()
+        .zip(b)
+        .map(|(x, y)| (x - y).abs())
+        .fold(0.0, f64::max)
 }
 
 #[test]
@@ -37,7 +48,10 @@ fn every_trajectory_within_the_suggested_tolerance() {
         }
     }
     assert_eq!(sets.len(), 31);
-    assert!(failed.is_empty(), "(set, Sa, lambda) beyond 0.005 kPa or 2e-5: {failed:?}");
+    assert!(
+        failed.is_empty(),
+        "(set, Sa, lambda) beyond 0.005 kPa or 2e-5: {failed:?}"
+    );
 }
 
 #[test]
@@ -49,7 +63,11 @@ fn calcium_is_the_analytic_transient() {
         let (ca_res, ca_max) = (set.input.parameters[17], set.input.parameters[18]);
         assert_eq!(trace.calcium_um.len(), set.sa_kpa.len());
         assert!((trace.calcium_um[0] - ca_res).abs() < 1e-15);
-        assert!(peak <= ca_max && peak > ca_max - 1e-3 * (ca_max - ca_res), "{}: {peak}", set.name);
+        assert!(
+            peak <= ca_max && peak > ca_max - 1e-3 * (ca_max - ca_res),
+            "{}: {peak}",
+            set.name
+        );
     }
 }
 
@@ -70,23 +88,43 @@ fn biomarkers_of_the_1_ms_grid() {
         ];
         for (key, found, tolerance) in relative {
             let expected = value(key).unwrap();
-            assert!((found / expected - 1.0).abs() <= tolerance, "{}: {key} {found}, expected {expected}", set.name);
+            assert!(
+                (found / expected - 1.0).abs() <= tolerance,
+                "{}: {key} {found}, expected {expected}",
+                set.name
+            );
         }
-        for (key, found) in [("STD30_ms", b.std30), ("STD50_ms", b.std50), ("STD90_ms", b.std90)] {
+        for (key, found) in [
+            ("STD30_ms", b.std30),
+            ("STD50_ms", b.std50),
+            ("STD90_ms", b.std90),
+        ] {
             match value(key) {
                 Some(expected) => {
                     assert!(!found.cut, "{}: {key}", set.name);
-                    assert!((found.ms - expected).abs() <= 0.2, "{}: {key} {found:?}, expected {expected}", set.name);
+                    assert!(
+                        (found.ms - expected).abs() <= 0.2,
+                        "{}: {key} {found:?}, expected {expected}",
+                        set.name
+                    );
                 }
                 None => assert!(found.cut, "{}: {key} should not be crossed", set.name),
             }
         }
         for (key, found) in [("Sa_res_kPa", b.sa_res_kpa), ("Sa_min_kPa", b.sa_min_kpa)] {
             let expected = value(key).unwrap();
-            assert!((found - expected).abs() <= 0.005, "{}: {key} {found}, expected {expected}", set.name);
+            assert!(
+                (found - expected).abs() <= 0.005,
+                "{}: {key} {found}, expected {expected}",
+                set.name
+            );
         }
         let rise = value("max_rise_after_max_kPa_per_ms").unwrap();
-        assert!((b.max_rise_after_peak_kpa_per_ms - rise).abs() <= 1e-6 + 5e-3 * rise, "{}: {b:?}", set.name);
+        assert!(
+            (b.max_rise_after_peak_kpa_per_ms - rise).abs() <= 1e-6 + 5e-3 * rise,
+            "{}: {b:?}",
+            set.name
+        );
     }
 }
 
@@ -95,13 +133,27 @@ fn penalty_and_cost() {
     let sets = references();
     let (outputs, _) = evaluate(&sets, EngineSettings::default());
     let target = &file()["target_of_the_cost"];
-    let keys = ["Sa_max_kPa", "dSa_dt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms", "lambda_min"];
+    let keys = [
+        "Sa_max_kPa",
+        "dSa_dt_max_kPa_per_ms",
+        "STD30_ms",
+        "STD50_ms",
+        "STD90_ms",
+        "lambda_min",
+    ];
     let objective = Objective::new(keys.map(|key| target[key].as_f64().unwrap()));
     for (set, output) in sets.iter().zip(&outputs) {
         let p = &output.penalty;
         // A stress that is right to 0.001 kPa.
-        let residual = set.entry["penalty_terms_1ms_grid"]["Sa_res"].as_f64().unwrap();
-        assert!((p.sa_res.sqrt() - residual.sqrt()).abs() <= 1e-3, "{}: Sa_res {}, not {residual}", set.name, p.sa_res);
+        let residual = set.entry["penalty_terms_1ms_grid"]["Sa_res"]
+            .as_f64()
+            .unwrap();
+        assert!(
+            (p.sa_res.sqrt() - residual.sqrt()).abs() <= 1e-3,
+            "{}: Sa_res {}, not {residual}",
+            set.name,
+            p.sa_res
+        );
         let terms = [
             ("negative_stress", p.negative_stress),
             ("rise_after_max", p.rise_after_peak),
@@ -112,12 +164,20 @@ fn penalty_and_cost() {
         ];
         for (key, found) in terms {
             let expected = set.entry["penalty_terms_1ms_grid"][key].as_f64().unwrap();
-            assert!((found - expected).abs() <= 1e-5 + 2e-3 * expected, "{}: {key} {found}, not {expected}", set.name);
+            assert!(
+                (found - expected).abs() <= 1e-5 + 2e-3 * expected,
+                "{}: {key} {found}, not {expected}",
+                set.name
+            );
         }
         if let Some(expected) = set.entry["cost_total_1ms_grid"].as_f64() {
             // The reference keeps the penalty apart.
             let found = objective.cost(&output.biomarkers, p) - p.total();
-            assert!((found / expected - 1.0).abs() <= 2e-3, "{}: cost {found}, not {expected}", set.name);
+            assert!(
+                (found / expected - 1.0).abs() <= 2e-3,
+                "{}: cost {found}, not {expected}",
+                set.name
+            );
         }
     }
 }
@@ -127,10 +187,23 @@ fn the_periodic_state_does_not_depend_on_where_it_was_sought() {
     let sets = references();
     let (usual, _) = evaluate(&sets, EngineSettings::default());
     // From equilibrium at t = 0 without a run-in, and held to a hundredth of the usual change of state.
-    let other = EngineSettings { run_in_ms: 0.0, tolerance: 1e-6, ..EngineSettings::default() };
+    let other = EngineSettings {
+        run_in_ms: 0.0,
+        tolerance: 1e-6,
+        ..EngineSettings::default()
+    };
     let (sharp, _) = evaluate(&sets, other);
     for ((set, a), b) in sets.iter().zip(&usual).zip(&sharp) {
-        assert!(b.is_periodic() && b.state_change <= 1e-6, "{}: {:?}", set.name, b.status);
-        assert!((a.biomarkers.sa_res_kpa - b.biomarkers.sa_res_kpa).abs() <= 0.003, "{}: {a:?} {b:?}", set.name);
+        assert!(
+            b.is_periodic() && b.state_change <= 1e-6,
+            "{}: {:?}",
+            set.name,
+            b.status
+        );
+        assert!(
+            (a.biomarkers.sa_res_kpa - b.biomarkers.sa_res_kpa).abs() <= 0.003,
+            "{}: {a:?} {b:?}",
+            set.name
+        );
     }
 }

@@ -57,7 +57,10 @@ impl ActivationCurve {
         let mut table = vec![0.0; total + 1];
         let cumulative = |x: f64| x * x * (3.0 - 2.0 * x);
         for k in 0..SPREAD_POINTS {
-            let (left, right) = (k as f64 / SPREAD_POINTS as f64, (k + 1) as f64 / SPREAD_POINTS as f64);
+            let (left, right) = (
+                k as f64 / SPREAD_POINTS as f64,
+                (k + 1) as f64 / SPREAD_POINTS as f64,
+            );
             let weight = p.smax_kpa * (cumulative(right) - cumulative(left));
             let delay = 0.5 * (left + right) * p.spread_ms;
             let (whole, share) = (delay.floor() as usize, delay.fract());
@@ -69,12 +72,21 @@ impl ActivationCurve {
         if !log_factors.is_empty() {
             let width = (p.duration_ms + 0.5 * p.spread_ms) / log_factors.len() as f64;
             for (i, value) in table.iter_mut().enumerate() {
-                let at = |k: usize| ((i as f64 - (k as f64 + 0.5) * width) / width).clamp(-1.0, 1.0);
+                let at =
+                    |k: usize| ((i as f64 - (k as f64 + 0.5) * width) / width).clamp(-1.0, 1.0);
                 let bump = |k: usize, b: f64| 0.5 * b * (1.0 + (PI * at(k)).cos());
-                *value *= log_factors.iter().enumerate().map(|(k, b)| bump(k, *b)).sum::<f64>().exp();
+                *value *= log_factors
+                    .iter()
+                    .enumerate()
+                    .map(|(k, b)| bump(k, *b))
+                    .sum::<f64>()
+                    .exp();
             }
         }
-        Self { table_kpa: table, least_stretch: p.least_stretch }
+        Self {
+            table_kpa: table,
+            least_stretch: p.least_stretch,
+        }
     }
 }
 
@@ -91,12 +103,23 @@ impl Contraction for ActivationCurve {
 
     fn length_factor(&self, lambda: f64) -> (f64, f64) {
         let raw = 1.0 - 2.0 / ((2.0 * SLOPE * (lambda - self.least_stretch)).exp() + 1.0);
-        if raw > 0.0 { (raw, SLOPE * (1.0 - raw * raw)) } else { (0.0, 0.0) }
+        if raw > 0.0 {
+            (raw, SLOPE * (1.0 - raw * raw))
+        } else {
+            (0.0, 0.0)
+        }
     }
 
-    fn try_step(&self, step: &NodeStep, _: &[f64], _: &mut [f64]) -> Result<ActiveStress, ContractionError> {
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        _: &[f64],
+        _: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError> {
         if !(step.lambda > 0.0 && step.lambda.is_finite()) {
-            return Err(ContractionError::Stretch { lambda: step.lambda });
+            return Err(ContractionError::Stretch {
+                lambda: step.lambda,
+            });
         }
         let since = step.since_activation_ms;
         if since <= 0.0 || since as usize + 1 >= self.table_kpa.len() {
@@ -105,6 +128,9 @@ impl Contraction for ActivationCurve {
         let (i, share) = (since as usize, since.fract());
         let activation = self.table_kpa[i] * (1.0 - share) + self.table_kpa[i + 1] * share;
         let (phi, dphi) = self.length_factor(step.lambda);
-        Ok(ActiveStress { sa_kpa: activation * phi, dsa_dlambda_kpa: activation * dphi })
+        Ok(ActiveStress {
+            sa_kpa: activation * phi,
+            dsa_dlambda_kpa: activation * dphi,
+        })
     }
 }

@@ -42,7 +42,11 @@ impl Tangent {
     #[must_use]
     pub fn score(&self, residuals: &DVector<f64>) -> f64 {
         let projection = -self.direction.rows(0, residuals.len()).dot(residuals);
-        let side = if projection < 0.0 { self.sides.0 } else { self.sides.1 };
+        let side = if projection < 0.0 {
+            self.sides.0
+        } else {
+            self.sides.1
+        };
         (if side { projection * projection } else { 0.0 }) - 2.0 * self.length.ln()
     }
 
@@ -50,7 +54,11 @@ impl Tangent {
     fn evidence(&self, noise: &DVector<f64>) -> f64 {
         let projection = self.direction.dot(noise);
         let strength = projection / self.length;
-        let side = if strength < 0.0 { self.sides.0 } else { self.sides.1 };
+        let side = if strength < 0.0 {
+            self.sides.0
+        } else {
+            self.sides.1
+        };
         if !side || strength.abs() < self.floor {
             return 0.0;
         }
@@ -64,13 +72,20 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
     let n_data = at.minimum.residuals.len() - at.z.len();
     let n = at.z.len();
     // Orthonormal basis of what is fitted anyway, priors as data of their own; one more row for the strength's prior.
-    let jacobian =
-        DMatrix::from_fn(n_data + n + 1, n, |r, c| if r < n_data + n { at.minimum.jacobian[(r, c)] } else { 0.0 });
+    let jacobian = DMatrix::from_fn(n_data + n + 1, n, |r, c| {
+        if r < n_data + n {
+            at.minimum.jacobian[(r, c)]
+        } else {
+            0.0
+        }
+    });
     let basis = jacobian.qr().q();
     let tasks: Vec<(usize, usize)> = among
         .iter()
         .filter(|term| !at.structure.terms.contains(term))
-        .flat_map(|term| (0..problem.forward.candidates()[*term].starts.len()).map(move |start| (*term, start)))
+        .flat_map(|term| {
+            (0..problem.forward.candidates()[*term].starts.len()).map(move |start| (*term, start))
+        })
         .collect();
     tasks
         .par_iter()
@@ -86,8 +101,21 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
             let step = typical / 3.0;
             let mut z = at.z.clone();
             z.push(step);
-            z.extend(candidate.parameters.iter().zip(values).skip(1).map(|(p, v)| p.z(*v)));
-            let (there, _) = problem.residuals(&structure, &parameters, &z, at.weights, Some(&at.minimum.warm))?;
+            z.extend(
+                candidate
+                    .parameters
+                    .iter()
+                    .zip(values)
+                    .skip(1)
+                    .map(|(p, v)| p.z(*v)),
+            );
+            let (there, _) = problem.residuals(
+                &structure,
+                &parameters,
+                &z,
+                at.weights,
+                Some(&at.minimum.warm),
+            )?;
             let mut direction = DVector::zeros(n_data + n + 1);
             for i in 0..n_data {
                 direction[i] = (there[i] - at.minimum.residuals[i]) / step;
@@ -111,7 +139,9 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
 /// Largest evidence of any candidate in each of `n` draws of noise, sorted.
 #[must_use]
 pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
-    let Some(first) = tangents.first() else { return vec![0.0; n] };
+    let Some(first) = tangents.first() else {
+        return vec![0.0; n];
+    };
     let size = first.direction.len();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut normal = move || {
@@ -119,9 +149,18 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
         let (u, v): (f64, f64) = (random.random(), random.random());
         (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     };
-    let draws: Vec<DVector<f64>> = (0..n).map(|_| DVector::from_fn(size, |_, _| normal())).collect();
-    let mut maxima: Vec<f64> =
-        draws.par_iter().map(|noise| tangents.iter().map(|t| t.evidence(noise)).fold(0.0, f64::max)).collect();
+    let draws: Vec<DVector<f64>> = (0..n)
+        .map(|_| DVector::from_fn(size, |_, _| normal()))
+        .collect();
+    let mut maxima: Vec<f64> = draws
+        .par_iter()
+        .map(|noise| {
+            tangents
+                .iter()
+                .map(|t| t.evidence(noise))
+                .fold(0.0, f64::max)
+        })
+        .collect();
     maxima.sort_by(f64::total_cmp);
     maxima
 }
@@ -136,7 +175,10 @@ pub fn p_value(maxima: &[f64], evidence: f64) -> f64 {
 /// Quantile of sorted values.
 #[must_use]
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted.get(((share * sorted.len() as f64) as usize).min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
+    sorted
+        .get(((share * sorted.len() as f64) as usize).min(sorted.len().saturating_sub(1)))
+        .copied()
+        .unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -146,27 +188,46 @@ mod tests {
     fn tangent(axis: usize, length: f64, floor: f64, sides: (bool, bool)) -> Tangent {
         let mut direction = DVector::zeros(40);
         direction[axis] = 1.0;
-        Tangent { term: axis, direction, length, floor, sides, typical: 1.0 }
+        Tangent {
+            term: axis,
+            direction,
+            length,
+            floor,
+            sides,
+            typical: 1.0,
+        }
     }
 
     /// One free direction: evidence is chi² of one degree of freedom less its price.
     #[test]
     fn maxima_of_one_direction_are_chi_squared() {
         let maxima = null_maxima(&[tangent(3, 1.0, 0.0, (true, true))], 20_000, 5);
-        assert!((quantile(&maxima, 0.95) - 3.84).abs() < 0.2, "{}", quantile(&maxima, 0.95));
+        assert!(
+            (quantile(&maxima, 0.95) - 3.84).abs() < 0.2,
+            "{}",
+            quantile(&maxima, 0.95)
+        );
         let priced = null_maxima(&[tangent(3, 10.0, 0.0, (true, true))], 20_000, 5);
-        assert!((quantile(&maxima, 0.99) - quantile(&priced, 0.99) - 2.0 * 10.0f64.ln()).abs() < 1e-9);
+        assert!(
+            (quantile(&maxima, 0.99) - quantile(&priced, 0.99) - 2.0 * 10.0f64.ln()).abs() < 1e-9
+        );
     }
 
     #[test]
     fn more_candidates_need_more_and_floors_and_sides_less() {
-        let free: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 0.0, (true, true))).collect();
+        let free: Vec<Tangent> = (0..10)
+            .map(|i| tangent(i, 1.0, 0.0, (true, true)))
+            .collect();
         let ten = quantile(&null_maxima(&free, 20_000, 1), 0.95);
         // P(max of ten chi² ≤ x) = 0.95: x = 7.87.
         assert!((ten - 7.87).abs() < 0.4, "{ten}");
-        let half: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 0.0, (false, true))).collect();
+        let half: Vec<Tangent> = (0..10)
+            .map(|i| tangent(i, 1.0, 0.0, (false, true)))
+            .collect();
         assert!(quantile(&null_maxima(&half, 20_000, 1), 0.95) < ten - 0.5);
-        let floored: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 6.0, (true, true))).collect();
+        let floored: Vec<Tangent> = (0..10)
+            .map(|i| tangent(i, 1.0, 6.0, (true, true)))
+            .collect();
         assert_eq!(quantile(&null_maxima(&floored, 20_000, 1), 0.99), 0.0);
     }
 

@@ -36,14 +36,24 @@ impl Calibration {
     #[must_use]
     pub fn of(data: &Data, beat: &Prediction) -> Self {
         let residual = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
-            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect()
+            signal
+                .time_ms
+                .iter()
+                .zip(&signal.value)
+                .map(|(t, v)| v - beat.at(trace, *t))
+                .collect()
         };
         let (p, v) = (&data.pressure, &data.volume);
-        let (rp, rv) = (residual(p, &beat.pressure_mmhg), residual(v, &beat.volume_ml));
+        let (rp, rv) = (
+            residual(p, &beat.pressure_mmhg),
+            residual(v, &beat.volume_ml),
+        );
         let tolerance = &data.tolerance;
         // A delay of the frames moves them by less its slope.
-        let delayed: Vec<f64> =
-            slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS).iter().map(|s| -s).collect();
+        let delayed: Vec<f64> = slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS)
+            .iter()
+            .map(|s| -s)
+            .collect();
         Self {
             pressure_offset_mmHg: amplitude(p, &vec![1.0; p.len()], &rp, tolerance.offset_mmhg),
             volume_delay_ms: amplitude(v, &delayed, &rv, tolerance.shift_ms),
@@ -55,10 +65,21 @@ impl Calibration {
     #[must_use]
     pub fn apply(&self, beat: &Prediction) -> Prediction {
         let n = beat.volume_ml.len();
-        let delayed = |i: usize| beat.at(&beat.volume_ml, i as f64 * beat.step_ms - self.volume_delay_ms);
+        let delayed = |i: usize| {
+            beat.at(
+                &beat.volume_ml,
+                i as f64 * beat.step_ms - self.volume_delay_ms,
+            )
+        };
         Prediction {
-            pressure_mmhg: beat.pressure_mmhg.iter().map(|p| p + self.pressure_offset_mmHg).collect(),
-            volume_ml: (0..n).map(|i| delayed(i) * (1.0 + self.volume_excess)).collect(),
+            pressure_mmhg: beat
+                .pressure_mmhg
+                .iter()
+                .map(|p| p + self.pressure_offset_mmHg)
+                .collect(),
+            volume_ml: (0..n)
+                .map(|i| delayed(i) * (1.0 + self.volume_excess))
+                .collect(),
             ..beat.clone()
         }
     }

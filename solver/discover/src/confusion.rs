@@ -16,8 +16,12 @@ fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     let beat = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm))?;
     let mut data = problem.data.clone();
     let sample = |times: &[f64], trace: &[f64]| times.iter().map(|t| beat.at(trace, *t)).collect();
-    data.pressure = data.pressure.with_values(sample(&data.pressure.time_ms, &beat.pressure_mmhg));
-    data.volume = data.volume.with_values(sample(&data.volume.time_ms, &beat.volume_ml));
+    data.pressure = data
+        .pressure
+        .with_values(sample(&data.pressure.time_ms, &beat.pressure_mmhg));
+    data.volume = data
+        .volume
+        .with_values(sample(&data.volume.time_ms, &beat.volume_ml));
     let side = &mut data.measured.side;
     if let Some(cuff) = &mut side.cuff {
         cuff.systolic.value = beat.systolic_mmhg;
@@ -44,8 +48,13 @@ pub fn confusables(
     fits: &[Option<Fit>],
     settings: &Settings,
 ) -> Vec<Confusable> {
-    let Some(data) = noise_free(problem, fit) else { return Vec::new() };
-    let inner = Problem { forward: problem.forward, data: &data };
+    let Some(data) = noise_free(problem, fit) else {
+        return Vec::new();
+    };
+    let inner = Problem {
+        forward: problem.forward,
+        data: &data,
+    };
     let candidates = problem.forward.candidates();
     let n_base = problem.forward.base().len();
     let mut own = Vec::new();
@@ -73,18 +82,34 @@ pub fn confusables(
             with.terms.push(*rival);
             let start = |values: &[f64]| {
                 let mut z = z.clone();
-                z.extend(candidates[*rival].parameters.iter().zip(values).map(|(p, v)| p.z(*v)));
+                z.extend(
+                    candidates[*rival]
+                        .parameters
+                        .iter()
+                        .zip(values)
+                        .map(|(p, v)| p.z(*v)),
+                );
                 z
             };
-            let mut starts: Vec<Vec<f64>> = candidates[*rival].starts.iter().map(|v| start(v)).collect();
-            if let Some(Some(known)) = fits.get(*rival).filter(|f| f.as_ref().is_some_and(|f| f.structure == with)) {
+            let mut starts: Vec<Vec<f64>> =
+                candidates[*rival].starts.iter().map(|v| start(v)).collect();
+            if let Some(Some(known)) = fits
+                .get(*rival)
+                .filter(|f| f.as_ref().is_some_and(|f| f.structure == with))
+            {
                 starts.insert(0, known.z.clone());
                 starts.truncate(2);
             }
-            let tries = starts.iter().map(|z| inner.fit(&with, z, Some(fit), settings)).collect::<Vec<_>>();
+            let tries = starts
+                .iter()
+                .map(|z| inner.fit(&with, z, Some(fit), settings))
+                .collect::<Vec<_>>();
             let best = best(tries)?;
             let m = &best.misfit;
-            Some((*rival, (m.pressure + m.volume + m.side + m.prior - itself).max(0.0)))
+            Some((
+                *rival,
+                (m.pressure + m.volume + m.side + m.prior - itself).max(0.0),
+            ))
         })
         .collect();
     let mut list: Vec<Confusable> = found
@@ -102,11 +127,21 @@ pub fn confusables(
 
 /// Candidates that `term` may be confused with: declared either way, and the best of the ranking.
 #[must_use]
-pub fn rivals(candidates: &[Candidate], term: usize, ranked: &[usize], n: usize, taken: &[usize]) -> Vec<usize> {
+pub fn rivals(
+    candidates: &[Candidate],
+    term: usize,
+    ranked: &[usize],
+    n: usize,
+    taken: &[usize],
+) -> Vec<usize> {
     let mut list: Vec<usize> = (0..candidates.len())
         .filter(|i| {
-            candidates[term].confused_with.contains(&candidates[*i].name)
-                || candidates[*i].confused_with.contains(&candidates[term].name)
+            candidates[term]
+                .confused_with
+                .contains(&candidates[*i].name)
+                || candidates[*i]
+                    .confused_with
+                    .contains(&candidates[term].name)
         })
         .collect();
     list.extend(ranked.iter().take(n));

@@ -71,7 +71,9 @@ pub enum DiscoverError {
         known: String,
     },
     /// No start of the base fit gave a beat.
-    #[error("the base model has no periodic beat at any start of its fit; check cycle length, pressure and volume")]
+    #[error(
+        "the base model has no periodic beat at any start of its fit; check cycle length, pressure and volume"
+    )]
     NoBaseFit,
 }
 
@@ -79,46 +81,91 @@ pub enum DiscoverError {
 ///
 /// # Errors
 /// [`DiscoverError`] for bad data, unknown candidates, or a model without an answer anywhere.
-pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings) -> Result<Discovery, DiscoverError> {
+pub fn discover(
+    measured: &Measured,
+    forward: &dyn Forward,
+    settings: &Settings,
+) -> Result<Discovery, DiscoverError> {
     measured.validate()?;
     let candidates = forward.candidates();
     let among = chosen(forward, &settings.effects)?;
     let views = Views::new(measured, &settings.tolerance);
     let data = &views.plain;
-    let search = Search { views: &views, forward, settings, among };
+    let search = Search {
+        views: &views,
+        forward,
+        settings,
+        among,
+    };
     let problem = search.plain();
     let base = fit_base(&problem, &settings.fit).ok_or(DiscoverError::NoBaseFit)?;
-    let Found { levels, current, losses, held_out: (held_before, held_after), n_evaluations_left } =
-        find(&search, &base);
+    let Found {
+        levels,
+        current,
+        losses,
+        held_out: (held_before, held_after),
+        n_evaluations_left,
+    } = find(&search, &base);
     let current = current.plain().clone();
-    let base = if losses.is_empty() { current.clone() } else { levels[0].wide.plain().clone() };
+    let base = if losses.is_empty() {
+        current.clone()
+    } else {
+        levels[0].wide.plain().clone()
+    };
     let nameless = levels[0].wide.nameless();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
-    let beat_of = |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
-    let (before, after) =
-        (beat_of(&base).ok_or(DiscoverError::NoBaseFit)?, beat_of(&current).ok_or(DiscoverError::NoBaseFit)?);
+    let beat_of =
+        |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
+    let (before, after) = (
+        beat_of(&base).ok_or(DiscoverError::NoBaseFit)?,
+        beat_of(&current).ok_or(DiscoverError::NoBaseFit)?,
+    );
     // Traces are compared as measured, small errors of the calibration included.
     let calibration = Calibration::of(data, &after);
-    let (seen_before, seen_after) = (Calibration::of(data, &before).apply(&before), calibration.apply(&after));
+    let (seen_before, seen_after) = (
+        Calibration::of(data, &before).apply(&before),
+        calibration.apply(&after),
+    );
     let n_evaluations = base.n_evaluations
         + n_evaluations_left
         + levels.iter().map(Level::n_evaluations).sum::<usize>()
-        + losses.iter().flat_map(|l| &l.without.fits).map(|(_, f)| f.n_evaluations).sum::<usize>();
+        + losses
+            .iter()
+            .flat_map(|l| &l.without.fits)
+            .map(|(_, f)| f.n_evaluations)
+            .sum::<usize>();
     let effects = ranked_effects(&search, &levels, &current, &losses);
     let mut confusable = Vec::new();
     let plain_of = |with: &Option<Wide>| with.as_ref().map(|wide| wide.plain().clone());
-    let known: Vec<Option<Fit>> =
-        levels[accepted.len().saturating_sub(1).min(levels.len() - 1)].with.iter().map(plain_of).collect();
+    let known: Vec<Option<Fit>> = levels[accepted.len().saturating_sub(1).min(levels.len() - 1)]
+        .with
+        .iter()
+        .map(plain_of)
+        .collect();
     for term in &accepted {
         let ranked: Vec<usize> = search.ranking(&levels[0]).iter().map(|(t, _)| *t).collect();
-        let list: Vec<usize> =
-            rivals(candidates, *term, &ranked, 3, &accepted).into_iter().filter(|t| search.among.contains(t)).collect();
-        confusable.extend(confusables(&problem, &current, *term, &list, &known, &settings.fit));
+        let list: Vec<usize> = rivals(candidates, *term, &ranked, 3, &accepted)
+            .into_iter()
+            .filter(|t| search.among.contains(t))
+            .collect();
+        confusable.extend(confusables(
+            &problem,
+            &current,
+            *term,
+            &list,
+            &known,
+            &settings.fit,
+        ));
     }
     confusable.retain(|c| c.expected_misfit < SEPARABLE);
     let mut deciding: Vec<String> = Vec::new();
     for c in &confusable {
-        let of = |name: &str| candidates.iter().find(|k| k.name == name).map(|k| k.separated_by.clone());
+        let of = |name: &str| {
+            candidates
+                .iter()
+                .find(|k| k.name == name)
+                .map(|k| k.separated_by.clone())
+        };
         deciding.extend(of(&c.effect).into_iter().chain(of(&c.rival)).flatten());
     }
     let mut seen = std::collections::BTreeSet::new();
@@ -126,18 +173,30 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
 
     let threshold = search.threshold(&levels[0]);
     let unexplained = (accepted.is_empty() && nameless.1 >= threshold.max(10.0)).then(|| {
-        let worst = locate(&problem, &before).into_iter().max_by(|a, b| a.share.total_cmp(&b.share));
+        let worst = locate(&problem, &before)
+            .into_iter()
+            .max_by(|a, b| a.share.total_cmp(&b.share));
         Unexplained {
-            kind: if nameless.0 == Nameless::Activation { "activation" } else { "discrepancy" }.to_owned(),
+            kind: if nameless.0 == Nameless::Activation {
+                "activation"
+            } else {
+                "discrepancy"
+            }
+            .to_owned(),
             log_evidence: nameless.1,
             place: worst.expect("the table has rows"),
             depends_on: depends_on(data, &before),
         }
     });
-    let best_gain = (0..candidates.len()).filter_map(|term| levels[0].gain(term)).fold(0.0, f64::max);
+    let best_gain = (0..candidates.len())
+        .filter_map(|term| levels[0].gain(term))
+        .fold(0.0, f64::max);
     Ok(Discovery {
         none: accepted.is_empty(),
-        accepted: accepted.iter().map(|t| candidates[*t].name.clone()).collect(),
+        accepted: accepted
+            .iter()
+            .map(|t| candidates[*t].name.clone())
+            .collect(),
         effects,
         confusable,
         deciding_measurement: deciding,
@@ -157,12 +216,23 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
         located_after: locate(&problem, &after),
         noise_seen_over_stated: data.levels.seen_over_stated,
         n_evaluations,
-        series: Series::of(data, &seen_before, &seen_after, held_before.as_ref(), held_after.as_ref()),
+        series: Series::of(
+            data,
+            &seen_before,
+            &seen_after,
+            held_before.as_ref(),
+            held_after.as_ref(),
+        ),
     })
 }
 
 fn base_values(forward: &dyn Forward, fit: &Fit) -> BTreeMap<String, f64> {
-    forward.base().iter().zip(fit.values()).map(|(p, value)| (p.name.clone(), value)).collect()
+    forward
+        .base()
+        .iter()
+        .zip(fit.values())
+        .map(|(p, value)| (p.name.clone(), value))
+        .collect()
 }
 
 /// Positions of the candidates asked for.
@@ -172,10 +242,17 @@ fn chosen(forward: &dyn Forward, names: &[String]) -> Result<Vec<usize>, Discove
         return Ok((0..candidates.len()).collect());
     }
     let find = |name: &String| {
-        candidates.iter().position(|c| c.name == *name).ok_or_else(|| DiscoverError::UnknownEffect {
-            found: name.clone(),
-            known: candidates.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
-        })
+        candidates
+            .iter()
+            .position(|c| c.name == *name)
+            .ok_or_else(|| DiscoverError::UnknownEffect {
+                found: name.clone(),
+                known: candidates
+                    .iter()
+                    .map(|c| c.name.as_str())
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })
     };
     names.iter().map(find).collect()
 }

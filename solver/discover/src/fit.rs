@@ -10,7 +10,10 @@ use nalgebra::{DMatrix, DVector};
 /// Most times that the noise scales are profiled anew; a start with a large misfit needs some.
 const ROUNDS: usize = 12;
 /// Weights before anything is known of the misfit.
-const UNIT: Weights = Weights { pressure: 1.0, volume: 1.0 };
+const UNIT: Weights = Weights {
+    pressure: 1.0,
+    volume: 1.0,
+};
 
 /// A fitted structure.
 #[derive(Debug, Clone)]
@@ -39,7 +42,11 @@ impl Fit {
     /// Fitted values.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
-        self.parameters.iter().zip(&self.z).map(|(p, z)| p.value(*z)).collect()
+        self.parameters
+            .iter()
+            .zip(&self.z)
+            .map(|(p, z)| p.value(*z))
+            .collect()
     }
 
     /// Curvature JᵀJ at the optimum, priors included.
@@ -52,15 +59,26 @@ impl Fit {
     #[must_use]
     pub fn effective_parameters(&self) -> f64 {
         let n = self.z.len() as f64;
-        self.curvature().cholesky().map_or(n, |c| n - c.inverse().trace())
+        self.curvature()
+            .cholesky()
+            .map_or(n, |c| n - c.inverse().trace())
     }
 
     /// Standard deviation of every value by the linearised model; infinite where the curvature is singular.
     #[must_use]
     pub fn standard_deviations(&self) -> Vec<f64> {
         let inverse = self.curvature().cholesky().map(|c| c.inverse());
-        let sd = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| m[(i, i)].max(0.0).sqrt());
-        self.parameters.iter().zip(&self.z).enumerate().map(|(i, (p, z))| sd(i) * p.slope(*z).abs()).collect()
+        let sd = |i: usize| {
+            inverse
+                .as_ref()
+                .map_or(f64::INFINITY, |m| m[(i, i)].max(0.0).sqrt())
+        };
+        self.parameters
+            .iter()
+            .zip(&self.z)
+            .enumerate()
+            .map(|(i, (p, z))| sd(i) * p.slope(*z).abs())
+            .collect()
     }
 }
 
@@ -82,9 +100,18 @@ impl Problem<'_> {
     }
 
     /// Residuals and derivatives made with some weights as they are with others.
-    fn reweighted(&self, mut r: DVector<f64>, mut jacobian: DMatrix<f64>, from: Weights, to: Weights) -> Known {
+    fn reweighted(
+        &self,
+        mut r: DVector<f64>,
+        mut jacobian: DMatrix<f64>,
+        from: Weights,
+        to: Weights,
+    ) -> Known {
         let (n_p, n_v) = (self.data.pressure.len(), self.data.volume.len());
-        let (p, v) = ((to.pressure / from.pressure).sqrt(), (to.volume / from.volume).sqrt());
+        let (p, v) = (
+            (to.pressure / from.pressure).sqrt(),
+            (to.volume / from.volume).sqrt(),
+        );
         r.rows_mut(0, n_p).scale_mut(p);
         r.rows_mut(n_p, n_v).scale_mut(v);
         jacobian.rows_mut(0, n_p).scale_mut(p);
@@ -107,7 +134,13 @@ impl Problem<'_> {
 
     /// Fits a structure from one start, with noise scales and orbit of a fit that is near; none when the model has no answer there.
     #[must_use]
-    pub fn fit(&self, structure: &Structure, start: &[f64], near: Option<&Fit>, settings: &Settings) -> Option<Fit> {
+    pub fn fit(
+        &self,
+        structure: &Structure,
+        start: &[f64],
+        near: Option<&Fit>,
+        settings: &Settings,
+    ) -> Option<Fit> {
         let parameters = self.parameters(structure);
         let bounds: Vec<(f64, f64)> = parameters.iter().map(Parameter::z_bounds).collect();
         let mut weights = near.map_or(UNIT, |fit| fit.weights);
@@ -117,18 +150,31 @@ impl Problem<'_> {
         let mut n_evaluations = 0;
         let mut round = 0;
         loop {
-            let residuals = |z: &[f64], warm: Option<&Orbit>| self.residuals(structure, &parameters, z, weights, warm);
-            let minimum = minimise_from(&residuals, &z, warm.as_ref(), known.take(), &bounds, settings)?;
+            let residuals = |z: &[f64], warm: Option<&Orbit>| {
+                self.residuals(structure, &parameters, z, weights, warm)
+            };
+            let minimum = minimise_from(
+                &residuals,
+                &z,
+                warm.as_ref(),
+                known.take(),
+                &bounds,
+                settings,
+            )?;
             n_evaluations += minimum.n_evaluations;
             let misfit = self.misfit(&minimum.residuals, weights);
             let next = self.weights(&misfit);
-            let change = (next.pressure / weights.pressure).ln().abs().max((next.volume / weights.volume).ln().abs());
+            let change = (next.pressure / weights.pressure)
+                .ln()
+                .abs()
+                .max((next.volume / weights.volume).ln().abs());
             round += 1;
             if change < 0.03 || round == ROUNDS {
                 let deviance = self.deviance(&misfit);
                 let normal = minimum.jacobian.tr_mul(&minimum.jacobian);
-                let log_det =
-                    normal.cholesky().map_or(0.0, |c| 2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+                let log_det = normal.cholesky().map_or(0.0, |c| {
+                    2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>()
+                });
                 let evidence = deviance + log_det;
                 let z = minimum.z.clone();
                 let structure = structure.clone();

@@ -23,7 +23,8 @@ fn mean_square(signal: &Signal, beat: &Prediction, trace: &[f64]) -> Option<f64>
 
 /// Sum of squared standardised residuals and its weight: pressure counts as often as it is independent.
 fn squares(data: &Data, beat: &Prediction) -> (f64, f64) {
-    let n_pressure = data.pressure.len() as f64 * BIN_MS / (2.0 * data.levels.pressure_correlation_ms);
+    let n_pressure =
+        data.pressure.len() as f64 * BIN_MS / (2.0 * data.levels.pressure_correlation_ms);
     let n_volume = data.volume.len() as f64;
     let p = mean_square(&data.pressure, beat, &beat.pressure_mmhg).unwrap_or(0.0);
     let v = mean_square(&data.volume, beat, &beat.volume_ml).unwrap_or(0.0);
@@ -64,9 +65,13 @@ pub fn held_out(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option
         .into_par_iter()
         .map(|fold| {
             let fitted = problem.data.part(&|t| fold_of(t) != fold);
-            let inner = Problem { forward: problem.forward, data: &fitted };
+            let inner = Problem {
+                forward: problem.forward,
+                data: &fitted,
+            };
             let refit = inner.fit(&fit.structure, &fit.z, Some(fit), settings)?;
-            let beat = inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))?;
+            let beat =
+                inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))?;
             Some(Calibration::of(&fitted, &beat).apply(&beat))
         })
         .collect();

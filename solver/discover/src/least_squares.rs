@@ -19,7 +19,11 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { tolerance: 0.05, max_iterations: 25, difference: 3e-3 }
+        Self {
+            tolerance: 0.05,
+            max_iterations: 25,
+            difference: 3e-3,
+        }
     }
 }
 
@@ -76,7 +80,11 @@ pub fn minimise_from<S: Clone>(
     settings: &Settings,
 ) -> Option<Minimum<S>> {
     let n = start.len();
-    let mut z: Vec<f64> = start.iter().zip(bounds).map(|(z, b)| z.clamp(b.0, b.1)).collect();
+    let mut z: Vec<f64> = start
+        .iter()
+        .zip(bounds)
+        .map(|(z, b)| z.clamp(b.0, b.1))
+        .collect();
     let mut n_evaluations = 0;
     // Steps since the derivatives were taken, none while there are none.
     let mut age = None;
@@ -103,7 +111,13 @@ pub fn minimise_from<S: Clone>(
                 break;
             }
             n_jacobians += 1;
-            n_evaluations += differences(residuals, (&z, &r, &warm), bounds, settings.difference, &mut jacobian);
+            n_evaluations += differences(
+                residuals,
+                (&z, &r, &warm),
+                bounds,
+                settings.difference,
+                &mut jacobian,
+            );
             age = Some(0);
         }
         let steps = age.unwrap_or(0);
@@ -112,7 +126,9 @@ pub fn minimise_from<S: Clone>(
         let mut fall = None;
         let mut trusted = false;
         for _ in 0..if steps == 0 { 8 } else { 2 } {
-            let Some(trial) = step(&normal, &gradient, &z, bounds, damping) else { break };
+            let Some(trial) = step(&normal, &gradient, &z, bounds, damping) else {
+                break;
+            };
             let taken = DVector::from_fn(n, |i, _| trial[i] - z[i]);
             let predicted = -(2.0 * gradient.dot(&taken) + (&normal * &taken).dot(&taken));
             if predicted < 0.1 * settings.tolerance {
@@ -121,11 +137,14 @@ pub fn minimise_from<S: Clone>(
             }
             n_evaluations += 1;
             let answer = residuals(&trial, Some(&warm));
-            let better = answer.map(|(r, state)| (r.norm_squared(), r, state)).filter(|(c, ..)| *c < cost);
+            let better = answer
+                .map(|(r, state)| (r.norm_squared(), r, state))
+                .filter(|(c, ..)| *c < cost);
             if let Some((trial_cost, trial_r, state)) = better {
                 let gain = cost - trial_cost;
                 let agreement = (gain / predicted).clamp(0.0, 1.0);
-                damping = (damping * (1.0 - (2.0 * agreement - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-7);
+                damping =
+                    (damping * (1.0 - (2.0 * agreement - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-7);
                 growth = 2.0;
                 trusted = agreement > TRUSTED;
                 let missed = &trial_r - &r - &jacobian * &taken;
@@ -147,7 +166,11 @@ pub fn minimise_from<S: Clone>(
             None | Some(0.0) => age = None,
             Some(fall) => {
                 // One small fall may be a badly damped step; two in a row are the end.
-                small = if fall < settings.tolerance { small + 1 } else { 0 };
+                small = if fall < settings.tolerance {
+                    small + 1
+                } else {
+                    0
+                };
                 if small == 2 {
                     converged = true;
                     break;
@@ -156,7 +179,15 @@ pub fn minimise_from<S: Clone>(
             }
         }
     }
-    Some(Minimum { z, residuals: r, cost, jacobian, warm, converged, n_evaluations })
+    Some(Minimum {
+        z,
+        residuals: r,
+        cost,
+        jacobian,
+        warm,
+        converged,
+        n_evaluations,
+    })
 }
 
 /// One-sided differences into the box; returns the number of evaluations. A parameter whose neighbour has no answer is
@@ -215,15 +246,26 @@ fn step(
     let mut change = vec![0.0; n];
     loop {
         if free.is_empty() {
-            return change.iter().any(|c| *c != 0.0).then(|| z.iter().zip(&change).map(|(z, c)| z + c).collect());
+            return change
+                .iter()
+                .any(|c| *c != 0.0)
+                .then(|| z.iter().zip(&change).map(|(z, c)| z + c).collect());
         }
         let matrix = DMatrix::from_fn(free.len(), free.len(), |r, c| {
             let value = normal[(free[r], free[c])];
-            if r == c { value * (1.0 + damping) + 1e-12 } else { value }
+            if r == c {
+                value * (1.0 + damping) + 1e-12
+            } else {
+                value
+            }
         });
         let right = DVector::from_fn(free.len(), |r, _| {
             let i = free[r];
-            -gradient[i] - (0..n).filter(|k| !free.contains(k)).map(|k| normal[(i, k)] * change[k]).sum::<f64>()
+            -gradient[i]
+                - (0..n)
+                    .filter(|k| !free.contains(k))
+                    .map(|k| normal[(i, k)] * change[k])
+                    .sum::<f64>()
         });
         let solution = matrix.cholesky()?.solve(&right);
         let outside = free.iter().position(|i| {
@@ -241,7 +283,11 @@ fn step(
                 for (position, i) in free.iter().enumerate() {
                     change[*i] = solution[position];
                 }
-                return Some((0..n).map(|i| (z[i] + change[i]).clamp(bounds[i].0, bounds[i].1)).collect());
+                return Some(
+                    (0..n)
+                        .map(|i| (z[i] + change[i]).clamp(bounds[i].0, bounds[i].1))
+                        .collect(),
+                );
             }
         }
     }
@@ -252,7 +298,11 @@ mod tests {
     use super::*;
 
     fn tight() -> Settings {
-        Settings { tolerance: 1e-14, max_iterations: 200, difference: 1e-6 }
+        Settings {
+            tolerance: 1e-14,
+            max_iterations: 200,
+            difference: 1e-6,
+        }
     }
 
     #[test]
@@ -269,8 +319,14 @@ mod tests {
                 (),
             ))
         };
-        let fit =
-            minimise(&decay, &[9.0, 4.0, -0.9], None, &[(0.0, 10.0), (0.01, 5.0), (-1.0, 1.0)], &tight()).unwrap();
+        let fit = minimise(
+            &decay,
+            &[9.0, 4.0, -0.9],
+            None,
+            &[(0.0, 10.0), (0.01, 5.0), (-1.0, 1.0)],
+            &tight(),
+        )
+        .unwrap();
         for (x, expected) in fit.z.iter().zip([2.0, 0.7, 0.3]) {
             assert!((x - expected).abs() < 1e-4, "{:?}", fit.z);
         }
@@ -279,17 +335,33 @@ mod tests {
     /// Rosenbrock's valley, with its minimum in the box and outside.
     #[test]
     fn stays_in_the_box_and_finds_the_constrained_minimum() {
-        let valley =
-            |x: &[f64], _: Option<&()>| Some((DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]), ()));
+        let valley = |x: &[f64], _: Option<&()>| {
+            Some((
+                DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]),
+                (),
+            ))
+        };
         let free = minimise(&valley, &[-1.2, 1.0], None, &[(-3.0, 3.0); 2], &tight()).unwrap();
         assert!(free.cost < 1e-8, "{free:?}");
-        let cut = minimise(&valley, &[-1.2, 1.0], None, &[(-3.0, 0.5), (-3.0, 3.0)], &tight()).unwrap();
-        assert!((cut.cost - 0.25).abs() < 1e-6 && (cut.z[1] - 0.25).abs() < 1e-3, "{cut:?}");
+        let cut = minimise(
+            &valley,
+            &[-1.2, 1.0],
+            None,
+            &[(-3.0, 0.5), (-3.0, 3.0)],
+            &tight(),
+        )
+        .unwrap();
+        assert!(
+            (cut.cost - 0.25).abs() < 1e-6 && (cut.z[1] - 0.25).abs() < 1e-3,
+            "{cut:?}"
+        );
     }
 
     #[test]
     fn a_model_without_an_answer_is_a_wall() {
-        let walled = |x: &[f64], _: Option<&()>| (x[0] <= 3.0).then(|| (DVector::from_vec(vec![x[0] - 2.9]), ()));
+        let walled = |x: &[f64], _: Option<&()>| {
+            (x[0] <= 3.0).then(|| (DVector::from_vec(vec![x[0] - 2.9]), ()))
+        };
         let best = minimise(&walled, &[0.5], None, &[(0.0, 4.0)], &tight()).unwrap();
         assert!((best.z[0] - 2.9).abs() < 1e-6);
         assert!(minimise(&walled, &[3.5], None, &[(0.0, 4.0)], &tight()).is_none());

@@ -48,13 +48,22 @@ impl Level {
     /// Evaluations of its fits.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
-        let of = |wide: &Wide| wide.fits.iter().map(|(_, fit)| fit.n_evaluations).sum::<usize>();
+        let of = |wide: &Wide| {
+            wide.fits
+                .iter()
+                .map(|(_, fit)| fit.n_evaluations)
+                .sum::<usize>()
+        };
         of(&self.wide) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
     /// Competitors that are candidates which may not be named.
     pub fn unnamed(&self) -> impl Iterator<Item = Nameless> {
-        self.wide.fits.iter().map(|(kind, _)| *kind).filter(|kind| matches!(kind, Nameless::Unnamed(_)))
+        self.wide
+            .fits
+            .iter()
+            .map(|(kind, _)| *kind)
+            .filter(|kind| matches!(kind, Nameless::Unnamed(_)))
     }
 
     /// Evidence for a candidate, no competitor on either side.
@@ -82,21 +91,32 @@ impl Search<'_> {
     pub fn level(&self, current: &Fit, index: u64) -> Level {
         let fit = &self.settings.fit;
         let plain = self.plain();
-        let among = if index == 0 { self.among.clone() } else { self.worth_a_fit(&plain, current) };
+        let among = if index == 0 {
+            self.among.clone()
+        } else {
+            self.worth_a_fit(&plain, current)
+        };
         let mut fits = self.crossed(scan(&plain, current, &among, fit));
         let current = &self.unbent(current, &fits);
         for (term, found) in fits.iter_mut().enumerate() {
-            if found.as_ref().is_some_and(|f| f.deviance > current.deviance + RISE) {
+            if found
+                .as_ref()
+                .is_some_and(|f| f.deviance > current.deviance + RISE)
+            {
                 *found = best([found.take(), add_term(&plain, current, term, fit)]);
             }
         }
-        let only = Wide { fits: vec![(Nameless::Nothing, current.clone())] };
+        let only = Wide {
+            fits: vec![(Nameless::Nothing, current.clone())],
+        };
         let mut wide = widen(self.views, self.forward, only, &ALWAYS, fit);
         // A candidate that is clearly seen but may not be named is a competitor.
         let gain = |f: &Fit| current.evidence - f.evidence;
         let unnamed = (fits.iter().enumerate())
             .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
-            .filter(|(term, f)| gain(f) >= self.settings.least_evidence && !self.plausible(f, *term))
+            .filter(|(term, f)| {
+                gain(f) >= self.settings.least_evidence && !self.plausible(f, *term)
+            })
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
             .map(|(term, f)| (Nameless::Unnamed(term), f.clone()));
         wide.fits.extend(unnamed);
@@ -113,15 +133,30 @@ impl Search<'_> {
             .into_par_iter()
             .map(|term| {
                 let plain = fits[term].clone()?;
-                let mut known = Wide { fits: vec![(Nameless::Nothing, plain)] };
+                let mut known = Wide {
+                    fits: vec![(Nameless::Nothing, plain)],
+                };
                 known.fits.extend(beside[term].clone().map(|f| (kind, f)));
                 let wide = list.contains(&term);
-                Some(if wide { widen(self.views, self.forward, known, &kinds, fit) } else { known })
+                Some(if wide {
+                    widen(self.views, self.forward, known, &kinds, fit)
+                } else {
+                    known
+                })
             })
             .collect();
         let tangents = tangents(&plain, current, &self.among);
-        let maxima = null_maxima(&tangents, self.settings.n_bootstrap, self.settings.seed ^ (index << 32));
-        Level { wide, with, tangents, maxima }
+        let maxima = null_maxima(
+            &tangents,
+            self.settings.n_bootstrap,
+            self.settings.seed ^ (index << 32),
+        );
+        Level {
+            wide,
+            with,
+            tangents,
+            maxima,
+        }
     }
 
     /// Candidates that may improve a fit, by their scores.
@@ -139,13 +174,19 @@ impl Search<'_> {
     fn short_list(&self, wide: &Wide, fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
         let mut list = Vec::new();
         for found in [fits, beside] {
-            let mut order: Vec<(usize, f64)> =
-                found.iter().enumerate().filter_map(|(t, f)| Some((t, f.as_ref()?.evidence))).collect();
+            let mut order: Vec<(usize, f64)> = found
+                .iter()
+                .enumerate()
+                .filter_map(|(t, f)| Some((t, f.as_ref()?.evidence)))
+                .collect();
             order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
             list.extend(order.into_iter().take(SHORT_LIST).map(|(t, _)| t));
         }
         list.retain(|t| {
-            fits[*t].as_ref().is_some_and(|f| wide.plain().evidence - f.evidence > 0.0) || beside[*t].is_some()
+            fits[*t]
+                .as_ref()
+                .is_some_and(|f| wide.plain().evidence - f.evidence > 0.0)
+                || beside[*t].is_some()
         });
         list.sort_unstable();
         list.dedup();
@@ -163,21 +204,37 @@ impl Search<'_> {
             .map(|fit| {
                 let mut z = current.z.clone();
                 z[..n_base].copy_from_slice(&fit.z[..n_base]);
-                refit(&self.plain(), &current.structure, &z, current, &self.settings.fit)
+                refit(
+                    &self.plain(),
+                    &current.structure,
+                    &z,
+                    current,
+                    &self.settings.fit,
+                )
             })
             .collect();
-        best(tries).filter(|fit| fit.deviance < current.deviance - RISE).unwrap_or_else(|| current.clone())
+        best(tries)
+            .filter(|fit| fit.deviance < current.deviance - RISE)
+            .unwrap_or_else(|| current.clone())
     }
 
     /// The best candidates refitted from the base values of one another: optima that a start missed.
     fn crossed(&self, mut fits: Vec<Option<Fit>>) -> Vec<Option<Fit>> {
         let n_base = self.forward.base().len();
-        let mut order: Vec<(usize, f64)> =
-            fits.iter().enumerate().filter_map(|(t, f)| Some((t, f.as_ref()?.evidence))).collect();
+        let mut order: Vec<(usize, f64)> = fits
+            .iter()
+            .enumerate()
+            .filter_map(|(t, f)| Some((t, f.as_ref()?.evidence)))
+            .collect();
         order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         order.truncate(CROSSED);
         let pairs: Vec<(usize, usize)> = (order.iter())
-            .flat_map(|(to, _)| order.iter().filter(move |(from, _)| from != to).map(move |(from, _)| (*to, *from)))
+            .flat_map(|(to, _)| {
+                order
+                    .iter()
+                    .filter(move |(from, _)| from != to)
+                    .map(move |(from, _)| (*to, *from))
+            })
             .collect();
         let plain = self.plain();
         let found: Vec<(usize, Option<Fit>)> = pairs
@@ -202,7 +259,9 @@ impl Search<'_> {
     /// Evidence that a name needs.
     #[must_use]
     pub fn threshold(&self, level: &Level) -> f64 {
-        self.settings.least_evidence.max(quantile(&level.maxima, 1.0 - self.settings.false_alarm))
+        self.settings
+            .least_evidence
+            .max(quantile(&level.maxima, 1.0 - self.settings.false_alarm))
     }
 
     /// Position of a term's first parameter in a fit that has it.
@@ -210,7 +269,10 @@ impl Search<'_> {
     pub fn offset(&self, fit: &Fit, term: usize) -> usize {
         let candidates = self.forward.candidates();
         let before = fit.structure.terms.iter().take_while(|t| **t != term);
-        self.forward.base().len() + before.map(|t| candidates[*t].parameters.len()).sum::<usize>()
+        self.forward.base().len()
+            + before
+                .map(|t| candidates[*t].parameters.len())
+                .sum::<usize>()
     }
 
     /// Whether the strength of a term of a fit is inside its range and large enough for a name.
@@ -220,8 +282,10 @@ impl Search<'_> {
         let strength = fit.values()[self.offset(fit, term)];
         let parameter = &candidate.parameters[0];
         let margin = 1e-3 * (parameter.upper - parameter.lower);
-        let inside = (strength - parameter.lower > margin || (parameter.lower - candidate.off).abs() < margin)
-            && (parameter.upper - strength > margin || (parameter.upper - candidate.off).abs() < margin);
+        let inside = (strength - parameter.lower > margin
+            || (parameter.lower - candidate.off).abs() < margin)
+            && (parameter.upper - strength > margin
+                || (parameter.upper - candidate.off).abs() < margin);
         (strength - candidate.off).abs() >= candidate.smallest && inside
     }
 

@@ -45,10 +45,15 @@ impl Phases {
         let (t, p) = (&data.pressure.time_ms, &data.pressure.value);
         let cycle = data.measured.cycle_ms;
         let rate = slopes(t, p, 8.0);
-        let extreme =
-            |sign: f64| (0..t.len()).max_by(|a, b| (sign * rate[*a]).total_cmp(&(sign * rate[*b]))).unwrap_or(0);
+        let extreme = |sign: f64| {
+            (0..t.len())
+                .max_by(|a, b| (sign * rate[*a]).total_cmp(&(sign * rate[*b])))
+                .unwrap_or(0)
+        };
         let (up, down) = (extreme(1.0), extreme(-1.0));
-        let (low, high) = p.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let (low, high) = p
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
         let level = |share: f64| low + share * (high - low);
         // From an index backwards or forwards, around the cycle, until the condition holds.
         let walk = |from: usize, step: isize, stop: &dyn Fn(usize) -> bool| -> f64 {
@@ -65,19 +70,27 @@ impl Phases {
         let foot = walk(up, -1, &|i| rate[i] < 0.1 * rate[up]);
         let opening = walk(up, 1, &|i| rate[i] < 0.5 * rate[up]);
         let closing = walk(down, -1, &|i| rate[i] > 0.5 * rate[down]);
-        let filling = walk(down, 1, &|i| p[i] < level(0.12) || rate[i] > 0.1 * rate[down]);
+        let filling = walk(down, 1, &|i| {
+            p[i] < level(0.12) || rate[i] > 0.1 * rate[down]
+        });
         let after = |a: f64, b: f64| (b - a).rem_euclid(cycle);
         let half = (opening + 0.5 * after(opening, closing)).rem_euclid(cycle);
         let atrial = (foot - ATRIAL_LEAD_MS).rem_euclid(cycle);
         // Rapid filling: until 70 % of the stroke volume is back, at most two thirds of the way to atrial systole.
         let (vt, v) = (&data.volume.time_ms, &data.volume.value);
-        let (v_low, v_high) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let (v_low, v_high) = v
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
         let way = after(filling, atrial);
         let back = (vt.iter().zip(v))
             .filter(|(t, v)| after(filling, **t) < way && **v > v_low + 0.7 * (v_high - v_low))
             .map(|(t, _)| after(filling, *t))
             .fold(way, f64::min);
-        let rapid = if way > 0.0 { back.clamp(way.min(60.0), 0.67 * way.max(90.0)).min(way) } else { 0.0 };
+        let rapid = if way > 0.0 {
+            back.clamp(way.min(60.0), 0.67 * way.max(90.0)).min(way)
+        } else {
+            0.0
+        };
         Self {
             isovolumic_contraction_ms: foot,
             early_ejection_ms: opening,
@@ -108,7 +121,9 @@ impl Phases {
     pub fn at(&self, time_ms: f64, cycle_ms: f64) -> usize {
         let begin = self.beginnings();
         let since = |i: usize| (time_ms - begin[i]).rem_euclid(cycle_ms);
-        (0..7).min_by(|a, b| since(*a).total_cmp(&since(*b))).unwrap_or(0)
+        (0..7)
+            .min_by(|a, b| since(*a).total_cmp(&since(*b)))
+            .unwrap_or(0)
     }
 }
 
@@ -154,16 +169,22 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
     let phases = Phases::of(data);
     let cycle = data.measured.cycle_ms;
     let mut places = Vec::new();
-    for (name, signal, trace) in
-        [("pressure", &data.pressure, &beat.pressure_mmhg), ("volume", &data.volume, &beat.volume_ml)]
-    {
-        let residual: Vec<f64> =
-            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect();
+    for (name, signal, trace) in [
+        ("pressure", &data.pressure, &beat.pressure_mmhg),
+        ("volume", &data.volume, &beat.volume_ml),
+    ] {
+        let residual: Vec<f64> = signal
+            .time_ms
+            .iter()
+            .zip(&signal.value)
+            .map(|(t, v)| v - beat.at(trace, *t))
+            .collect();
         let mut white = Vec::new();
         signal.whiten(&residual, &mut white);
         for (phase, phase_name) in PHASES.iter().enumerate() {
-            let inside: Vec<usize> =
-                (0..signal.len()).filter(|i| phases.at(signal.time_ms[*i], cycle) == phase).collect();
+            let inside: Vec<usize> = (0..signal.len())
+                .filter(|i| phases.at(signal.time_ms[*i], cycle) == phase)
+                .collect();
             if inside.is_empty() {
                 continue;
             }
@@ -192,17 +213,43 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
         });
     };
     if let Some(cuff) = side.cuff {
-        scalar("cuff_systolic", cuff.systolic.value, beat.systolic_mmhg, cuff.systolic.sd, &["P_max"]);
-        scalar("cuff_diastolic", cuff.diastolic.value, beat.diastolic_mmhg, cuff.diastolic.sd, &[]);
+        scalar(
+            "cuff_systolic",
+            cuff.systolic.value,
+            beat.systolic_mmhg,
+            cuff.systolic.sd,
+            &["P_max"],
+        );
+        scalar(
+            "cuff_diastolic",
+            cuff.diastolic.value,
+            beat.diastolic_mmhg,
+            cuff.diastolic.sd,
+            &[],
+        );
     }
     if let Some(v) = side.forward_stroke_volume {
-        scalar("forward_stroke_volume", v.value, beat.forward_stroke_volume_ml, v.sd, &["SV"]);
+        scalar(
+            "forward_stroke_volume",
+            v.value,
+            beat.forward_stroke_volume_ml,
+            v.sd,
+            &["SV"],
+        );
     }
     if let Some(w) = side.whole_heart {
-        scalar("whole_heart_volume", w.volume.value, beat.at(&beat.true_volume_ml, w.time_ms), w.volume.sd, &["EDV"]);
+        scalar(
+            "whole_heart_volume",
+            w.volume.value,
+            beat.at(&beat.true_volume_ml, w.time_ms),
+            w.volume.sd,
+            &["EDV"],
+        );
     }
     let total: f64 = places.iter().map(|p| p.share).sum();
-    places.iter_mut().for_each(|p| p.share /= total.max(f64::MIN_POSITIVE));
+    places
+        .iter_mut()
+        .for_each(|p| p.share /= total.max(f64::MIN_POSITIVE));
     places.extend(derived(data, beat, &phases));
     places
 }
@@ -228,27 +275,55 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
         });
     };
     for (name, signal, trace, width, biomarker) in [
-        ("end_diastolic_pressure", &data.pressure, &beat.pressure_mmhg, 12.0, "EDP"),
-        ("end_diastolic_volume", &data.volume, &beat.volume_ml, 35.0, "EDV"),
+        (
+            "end_diastolic_pressure",
+            &data.pressure,
+            &beat.pressure_mmhg,
+            12.0,
+            "EDP",
+        ),
+        (
+            "end_diastolic_volume",
+            &data.volume,
+            &beat.volume_ml,
+            35.0,
+            "EDV",
+        ),
     ] {
-        let inside: Vec<usize> = (0..signal.len()).filter(|i| near(signal.time_ms[*i]) <= width).collect();
+        let inside: Vec<usize> = (0..signal.len())
+            .filter(|i| near(signal.time_ms[*i]) <= width)
+            .collect();
         if !inside.is_empty() {
             let difference = |i: &usize| signal.value[*i] - beat.at(trace, signal.time_ms[*i]);
             let size = inside.iter().map(difference).sum::<f64>() / inside.len() as f64;
             row(name, "beat", size, signal.mean_sd(&inside), biomarker);
         }
     }
-    let model: Vec<f64> = data.pressure.time_ms.iter().map(|t| beat.at(&beat.pressure_mmhg, *t)).collect();
-    let (of_data, of_model) =
-        (slopes(&data.pressure.time_ms, &data.pressure.value, 8.0), slopes(&data.pressure.time_ms, &model, 8.0));
+    let model: Vec<f64> = data
+        .pressure
+        .time_ms
+        .iter()
+        .map(|t| beat.at(&beat.pressure_mmhg, *t))
+        .collect();
+    let (of_data, of_model) = (
+        slopes(&data.pressure.time_ms, &data.pressure.value, 8.0),
+        slopes(&data.pressure.time_ms, &model, 8.0),
+    );
     // Noise of a slope over 16 ms: two ends of coloured noise.
     let tau = data.levels.pressure_correlation_ms;
     let sd = data.levels.pressure_rms_mmhg * (2.0 * (1.0 - (-16.0 / tau).exp())).sqrt() / 16.0;
-    for (phase, sign, biomarker) in
-        [("isovolumic_contraction", 1.0, "dPdt_max"), ("isovolumic_relaxation", -1.0, "dPdt_min")]
-    {
+    for (phase, sign, biomarker) in [
+        ("isovolumic_contraction", 1.0, "dPdt_max"),
+        ("isovolumic_relaxation", -1.0, "dPdt_min"),
+    ] {
         let largest = |v: &[f64]| v.iter().fold(f64::MIN, |m, x| m.max(sign * x));
-        row("pressure_rate", phase, 1e3 * sign * (largest(&of_data) - largest(&of_model)), 1e3 * sd, biomarker);
+        row(
+            "pressure_rate",
+            phase,
+            1e3 * sign * (largest(&of_data) - largest(&of_model)),
+            1e3 * sd,
+            biomarker,
+        );
     }
     rows
 }

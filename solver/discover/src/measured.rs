@@ -131,7 +131,9 @@ pub enum MeasuredError {
         expected: usize,
     },
     /// Times that do not increase within the cycle.
-    #[error("the {trace}: time {time_ms} ms at sample {sample} does not increase within the cycle of {cycle_ms} ms")]
+    #[error(
+        "the {trace}: time {time_ms} ms at sample {sample} does not increase within the cycle of {cycle_ms} ms"
+    )]
     Time {
         /// Which trace.
         trace: &'static str,
@@ -167,33 +169,73 @@ impl Measured {
     pub fn validate(&self) -> Result<(), MeasuredError> {
         positive("the cycle length in ms", self.cycle_ms)?;
         let traces = [
-            ("pressure trace", &self.pressure_time_ms, &self.pressure_mmhg, PRESSURE_SAMPLES),
-            ("volume trace", &self.frame_time_ms, &self.frame_volume_ml, FRAMES),
+            (
+                "pressure trace",
+                &self.pressure_time_ms,
+                &self.pressure_mmhg,
+                PRESSURE_SAMPLES,
+            ),
+            (
+                "volume trace",
+                &self.frame_time_ms,
+                &self.frame_volume_ml,
+                FRAMES,
+            ),
         ];
         for (trace, times, values, expected) in traces {
             if times.len() != values.len() {
-                return Err(MeasuredError::Length { trace, n_times: times.len(), n_values: values.len() });
+                return Err(MeasuredError::Length {
+                    trace,
+                    n_times: times.len(),
+                    n_values: values.len(),
+                });
             }
             if times.len() < expected {
-                return Err(MeasuredError::TooFew { trace, found: times.len(), expected });
+                return Err(MeasuredError::TooFew {
+                    trace,
+                    found: times.len(),
+                    expected,
+                });
             }
             for (i, t) in times.iter().enumerate() {
                 let increases = i == 0 || *t > times[i - 1];
                 if !(increases && *t >= 0.0 && *t <= self.cycle_ms + 1e-6) {
-                    return Err(MeasuredError::Time { trace, sample: i + 1, time_ms: *t, cycle_ms: self.cycle_ms });
+                    return Err(MeasuredError::Time {
+                        trace,
+                        sample: i + 1,
+                        time_ms: *t,
+                        cycle_ms: self.cycle_ms,
+                    });
                 }
             }
             if let Some(value) = values.iter().find(|v| !v.is_finite()) {
-                return Err(MeasuredError::Value { name: trace, value: *value, expected: "finite values" });
+                return Err(MeasuredError::Value {
+                    name: trace,
+                    value: *value,
+                    expected: "finite values",
+                });
             }
         }
         if let Some(value) = self.frame_volume_ml.iter().find(|v| **v <= 0.0) {
-            return Err(MeasuredError::Value { name: "a volume frame", value: *value, expected: "above 0 mL" });
+            return Err(MeasuredError::Value {
+                name: "a volume frame",
+                value: *value,
+                expected: "above 0 mL",
+            });
         }
         let noise = [
-            ("the stated rms of the pressure noise in mmHg", self.noise.pressure_rms_mmhg),
-            ("the stated correlation time of the pressure noise in ms", self.noise.pressure_correlation_ms),
-            ("the stated rms of the volume noise in mL", self.noise.volume_rms_ml),
+            (
+                "the stated rms of the pressure noise in mmHg",
+                self.noise.pressure_rms_mmhg,
+            ),
+            (
+                "the stated correlation time of the pressure noise in ms",
+                self.noise.pressure_correlation_ms,
+            ),
+            (
+                "the stated rms of the volume noise in mL",
+                self.noise.volume_rms_ml,
+            ),
         ];
         for (name, value) in noise {
             value.map_or(Ok(()), |value| positive(name, value))?;
@@ -205,8 +247,16 @@ impl Measured {
                 ("the diastolic cuff pressure", cuff.diastolic),
             ]);
         }
-        scalars.extend(self.side.forward_stroke_volume.map(|v| ("the forward stroke volume in mL", v)));
-        scalars.extend(self.side.whole_heart.map(|w| ("the whole-heart volume in mL", w.volume)));
+        scalars.extend(
+            self.side
+                .forward_stroke_volume
+                .map(|v| ("the forward stroke volume in mL", v)),
+        );
+        scalars.extend(
+            self.side
+                .whole_heart
+                .map(|w| ("the whole-heart volume in mL", w.volume)),
+        );
         for (name, scalar) in scalars {
             positive(name, scalar.value)?;
             positive(name, scalar.sd)?;
@@ -219,5 +269,9 @@ fn positive(name: &'static str, value: f64) -> Result<(), MeasuredError> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }
-    Err(MeasuredError::Value { name, value, expected: "positive, with a positive standard deviation where it has one" })
+    Err(MeasuredError::Value {
+        name,
+        value,
+        expected: "positive, with a positive standard deviation where it has one",
+    })
 }

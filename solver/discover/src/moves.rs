@@ -38,21 +38,43 @@ impl Search<'_> {
         z.drain(at..at + self.forward.candidates()[term].parameters.len());
         let mut structure = current.structure.clone();
         structure.terms.retain(|t| *t != term);
-        refit(&self.views.problem(self.forward, kind), &structure, &z, current, &self.settings.fit)
+        refit(
+            &self.views.problem(self.forward, kind),
+            &structure,
+            &z,
+            current,
+            &self.settings.fit,
+        )
     }
 
     /// The structure without one of its terms, with all competitors, from `current` and from what is known of it already.
     #[must_use]
     pub fn lacking(&self, current: &Wide, term: usize, levels: &[Level]) -> Option<Wide> {
-        let found: Vec<(Nameless, Option<Fit>)> =
-            current.fits.par_iter().map(|(kind, fit)| (*kind, self.without(*kind, fit, term))).collect();
-        let mut fits: Vec<(Nameless, Fit)> = found.into_iter().filter_map(|(kind, fit)| Some((kind, fit?))).collect();
-        if fits.first().is_none_or(|(kind, _)| *kind != Nameless::Nothing) {
+        let found: Vec<(Nameless, Option<Fit>)> = current
+            .fits
+            .par_iter()
+            .map(|(kind, fit)| (*kind, self.without(*kind, fit, term)))
+            .collect();
+        let mut fits: Vec<(Nameless, Fit)> = found
+            .into_iter()
+            .filter_map(|(kind, fit)| Some((kind, fit?)))
+            .collect();
+        if fits
+            .first()
+            .is_none_or(|(kind, _)| *kind != Nameless::Nothing)
+        {
             return None;
         }
         let known: Vec<(Nameless, Fit)> = (levels.iter())
             .filter(|level| same_terms(level.wide.plain(), &fits[0].1))
-            .flat_map(|level| level.wide.fits.iter().filter(|(kind, _)| *kind != Nameless::Unnamed(term)).cloned())
+            .flat_map(|level| {
+                level
+                    .wide
+                    .fits
+                    .iter()
+                    .filter(|(kind, _)| *kind != Nameless::Unnamed(term))
+                    .cloned()
+            })
             .collect();
         for (kind, fit) in known {
             match fits.iter_mut().find(|(k, _)| *k == kind) {
@@ -67,7 +89,15 @@ impl Search<'_> {
     /// A structure with all competitors.
     #[must_use]
     pub fn widened(&self, fit: Fit, kinds: &[Nameless]) -> Wide {
-        widen(self.views, self.forward, Wide { fits: vec![(Nameless::Nothing, fit)] }, kinds, &self.settings.fit)
+        widen(
+            self.views,
+            self.forward,
+            Wide {
+                fits: vec![(Nameless::Nothing, fit)],
+            },
+            kinds,
+            &self.settings.fit,
+        )
     }
 
     /// What is lost with each effect, the largest loss first.
@@ -92,25 +122,46 @@ impl Search<'_> {
 
     /// The best structure that has one of `alternatives` in the place of an accepted effect, if it is better than `current`.
     #[must_use]
-    pub fn exchanged(&self, current: &Wide, alternatives: &[usize], unnamed: &[Nameless]) -> Option<Wide> {
+    pub fn exchanged(
+        &self,
+        current: &Wide,
+        alternatives: &[usize],
+        unnamed: &[Nameless],
+    ) -> Option<Wide> {
         let candidates = self.forward.candidates();
         let kinds: Vec<Nameless> = ALWAYS.iter().chain(unnamed).copied().collect();
         let fit = current.plain();
         let mut better: Option<(f64, Wide)> = None;
         for term in &fit.structure.terms {
-            let Some(without) = self.without(Nameless::Nothing, fit, *term) else { continue };
-            for other in alternatives.iter().filter(|t| !fit.structure.terms.contains(t)) {
-                let Some(with) = add_term(&self.plain(), &without, *other, &self.settings.fit) else { continue };
+            let Some(without) = self.without(Nameless::Nothing, fit, *term) else {
+                continue;
+            };
+            for other in alternatives
+                .iter()
+                .filter(|t| !fit.structure.terms.contains(t))
+            {
+                let Some(with) = add_term(&self.plain(), &without, *other, &self.settings.fit)
+                else {
+                    continue;
+                };
                 let prior = candidates[*other].log_prior - candidates[*term].log_prior;
                 // Competitors cost five fits more: only where it may matter.
                 if with.evidence - prior > fit.evidence + 5.0 * BARE_MENTION
-                    || !with.structure.terms.iter().all(|t| self.plausible(&with, *t))
+                    || !with
+                        .structure
+                        .terms
+                        .iter()
+                        .all(|t| self.plausible(&with, *t))
                 {
                     continue;
                 }
                 let with = self.widened(with, &kinds);
                 let gain = current.evidence() - with.evidence() + prior;
-                if gain > better.as_ref().map_or(0.5 * BARE_MENTION, |(gain, _)| *gain) {
+                if gain
+                    > better
+                        .as_ref()
+                        .map_or(0.5 * BARE_MENTION, |(gain, _)| *gain)
+                {
                     better = Some((gain, with));
                 }
             }

@@ -74,13 +74,19 @@ impl Wide {
     /// The fit with a competitor.
     #[must_use]
     pub fn with(&self, kind: Nameless) -> Option<&Fit> {
-        self.fits.iter().find(|(k, _)| *k == kind).map(|(_, fit)| fit)
+        self.fits
+            .iter()
+            .find(|(k, _)| *k == kind)
+            .map(|(_, fit)| fit)
     }
 
     /// The best treatment of the rest.
     #[must_use]
     pub fn best(&self) -> &(Nameless, Fit) {
-        self.fits.iter().reduce(|a, b| if b.1.evidence < a.1.evidence { b } else { a }).expect("one fit at least")
+        self.fits
+            .iter()
+            .reduce(|a, b| if b.1.evidence < a.1.evidence { b } else { a })
+            .expect("one fit at least")
     }
 
     /// Evidence under the best treatment of the rest.
@@ -110,7 +116,13 @@ fn start(fit: &Fit, bumps: bool) -> (Structure, Vec<f64>) {
         (true, false) => z.truncate(z.len() - N_BUMPS),
         _ => {}
     }
-    (Structure { terms: fit.structure.terms.clone(), bumps }, z)
+    (
+        Structure {
+            terms: fit.structure.terms.clone(),
+            bumps,
+        },
+        z,
+    )
 }
 
 /// Fits the terms of `known` with a competitor, from each of the fits of the same terms.
@@ -124,10 +136,17 @@ pub fn fit_with(
 ) -> Option<Fit> {
     let problem = views.problem(forward, kind);
     if let Nameless::Unnamed(term) = kind {
-        return known.first().and_then(|fit| add_term(&problem, fit, term, settings));
+        return known
+            .first()
+            .and_then(|fit| add_term(&problem, fit, term, settings));
     }
     let mut starts: Vec<(&Fit, bool)> = known.iter().map(|fit| (*fit, false)).collect();
-    starts.extend(known.first().filter(|fit| is_bent(&problem, fit)).map(|fit| (*fit, true)));
+    starts.extend(
+        known
+            .first()
+            .filter(|fit| is_bent(&problem, fit))
+            .map(|fit| (*fit, true)),
+    );
     let tries: Vec<Option<Fit>> = starts
         .par_iter()
         .map(|(fit, unbent)| {
@@ -143,16 +162,34 @@ pub fn fit_with(
 
 /// The structure of `known` (first without competitor) with all of `kinds`; competitors that `known` has are kept.
 #[must_use]
-pub fn widen(views: &Views, forward: &dyn Forward, known: Wide, kinds: &[Nameless], settings: &Settings) -> Wide {
+pub fn widen(
+    views: &Views,
+    forward: &dyn Forward,
+    known: Wide,
+    kinds: &[Nameless],
+    settings: &Settings,
+) -> Wide {
     let own = &known.plain().structure.terms;
     let missing: Vec<Nameless> = (kinds.iter().copied())
-        .filter(|kind| known.with(*kind).is_none() && !matches!(kind, Nameless::Unnamed(t) if own.contains(t)))
+        .filter(|kind| {
+            known.with(*kind).is_none() && !matches!(kind, Nameless::Unnamed(t) if own.contains(t))
+        })
         .collect();
-    let starts: Vec<&Fit> =
-        known.fits.iter().filter(|(k, _)| !matches!(k, Nameless::Unnamed(_))).map(|(_, fit)| fit).collect();
-    let found: Vec<(Nameless, Option<Fit>)> =
-        missing.par_iter().map(|kind| (*kind, fit_with(views, forward, *kind, &starts, settings))).collect();
+    let starts: Vec<&Fit> = known
+        .fits
+        .iter()
+        .filter(|(k, _)| !matches!(k, Nameless::Unnamed(_)))
+        .map(|(_, fit)| fit)
+        .collect();
+    let found: Vec<(Nameless, Option<Fit>)> = missing
+        .par_iter()
+        .map(|kind| (*kind, fit_with(views, forward, *kind, &starts, settings)))
+        .collect();
     let mut fits = known.fits.clone();
-    fits.extend(found.into_iter().filter_map(|(kind, fit)| Some((kind, fit?))));
+    fits.extend(
+        found
+            .into_iter()
+            .filter_map(|(kind, fit)| Some((kind, fit?))),
+    );
     Wide { fits }
 }

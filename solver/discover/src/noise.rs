@@ -38,7 +38,10 @@ impl NoiseLevels {
     #[must_use]
     pub fn of(measured: &Measured) -> Self {
         let volume_rms_ml = measured.noise.volume_rms_ml.unwrap_or(USUAL_VOLUME_RMS_ML);
-        let tau = measured.noise.pressure_correlation_ms.unwrap_or(USUAL_CORRELATION_MS);
+        let tau = measured
+            .noise
+            .pressure_correlation_ms
+            .unwrap_or(USUAL_CORRELATION_MS);
         let seen = high_band_power(measured, tau);
         let (mut rms, mut correlation) = (measured.noise.pressure_rms_mmhg.unwrap_or(1.0), tau);
         let mut seen_over_stated = None;
@@ -54,7 +57,12 @@ impl NoiseLevels {
             }
             (None, _) => {}
         }
-        Self { pressure_rms_mmhg: rms, pressure_correlation_ms: correlation, volume_rms_ml, seen_over_stated }
+        Self {
+            pressure_rms_mmhg: rms,
+            pressure_correlation_ms: correlation,
+            volume_rms_ml,
+            seen_over_stated,
+        }
     }
 
     /// Degrees of freedom of a scale whose logarithm is uncertain by [`STATED_NOISE_SD`].
@@ -70,17 +78,26 @@ fn high_band_power(measured: &Measured, tau_ms: f64) -> Option<f64> {
     let (time, p) = (&measured.pressure_time_ms[..], &measured.pressure_mmhg[..]);
     let n = p.len();
     let step = (time[n - 1] - time[0]) / (n - 1) as f64;
-    let uniform = time.windows(2).all(|w| (w[1] - w[0] - step).abs() < 0.01 * step);
+    let uniform = time
+        .windows(2)
+        .all(|w| (w[1] - w[0] - step).abs() < 0.01 * step);
     if !uniform || step > 1.3 {
         return None;
     }
     // The jump from the last sample to the first would leak into all frequencies.
     let slope = (p[n - 1] - p[0]) / (n - 1) as f64;
-    let flat: Vec<f64> = p.iter().enumerate().map(|(i, x)| x - p[0] - slope * i as f64).collect();
+    let flat: Vec<f64> = p
+        .iter()
+        .enumerate()
+        .map(|(i, x)| x - p[0] - slope * i as f64)
+        .collect();
     let rho = (-step / tau_ms).exp();
     let length_s = n as f64 * step * 1e-3;
     let top = NOISE_BAND_HZ.1.min(0.45e3 / step);
-    let (first, last) = ((NOISE_BAND_HZ.0 * length_s).ceil() as usize, (top * length_s) as usize);
+    let (first, last) = (
+        (NOISE_BAND_HZ.0 * length_s).ceil() as usize,
+        (top * length_s) as usize,
+    );
     let mut ratio = 0.0;
     for k in first..=last {
         let w = TAU * k as f64 / n as f64;
@@ -141,7 +158,11 @@ impl Tolerance {
     /// What a nameless smooth discrepancy of pressure and volume may be: the competitor that explains by nothing.
     #[must_use]
     pub fn discrepancy() -> Self {
-        Self { pressure_mmhg: 2.0, volume_ml: 3.0, ..Self::default() }
+        Self {
+            pressure_mmhg: 2.0,
+            volume_ml: 3.0,
+            ..Self::default()
+        }
     }
 }
 
@@ -167,7 +188,14 @@ impl Signal {
     /// When the covariance is not positive definite, which noise on the diagonal excludes.
     fn new(time_ms: Vec<f64>, value: Vec<f64>, noise_sd: f64, covariance: DMatrix<f64>) -> Self {
         let (whitening, log_determinant) = packed_inverse_factor(&covariance);
-        Self { time_ms, value, noise_sd, whitening, covariance, log_determinant }
+        Self {
+            time_ms,
+            value,
+            noise_sd,
+            whitening,
+            covariance,
+            log_determinant,
+        }
     }
 
     /// Number of data.
@@ -195,33 +223,57 @@ impl Signal {
     /// Standard deviation of the mean of these data's errors.
     #[must_use]
     pub fn mean_sd(&self, positions: &[usize]) -> f64 {
-        let sum: f64 = positions.iter().flat_map(|i| positions.iter().map(|j| self.covariance[(*i, *j)])).sum();
+        let sum: f64 = positions
+            .iter()
+            .flat_map(|i| positions.iter().map(|j| self.covariance[(*i, *j)]))
+            .sum();
         sum.sqrt() / positions.len().max(1) as f64
     }
 
     /// The same with other data: a simulated patient.
     #[must_use]
     pub fn with_values(&self, value: Vec<f64>) -> Self {
-        Self { value, ..self.clone() }
+        Self {
+            value,
+            ..self.clone()
+        }
     }
 
     /// The data at these positions alone, with their own covariance.
     #[must_use]
     pub fn subset(&self, keep: &[usize]) -> Self {
         let pick = |v: &[f64]| keep.iter().map(|i| v[*i]).collect::<Vec<_>>();
-        let covariance = DMatrix::from_fn(keep.len(), keep.len(), |r, c| self.covariance[(keep[r], keep[c])]);
-        Self::new(pick(&self.time_ms), pick(&self.value), self.noise_sd, covariance)
+        let covariance = DMatrix::from_fn(keep.len(), keep.len(), |r, c| {
+            self.covariance[(keep[r], keep[c])]
+        });
+        Self::new(
+            pick(&self.time_ms),
+            pick(&self.value),
+            self.noise_sd,
+            covariance,
+        )
     }
 }
 
 /// Packed rows of L⁻¹, C = L Lᵀ, and ln det C.
 fn packed_inverse_factor(covariance: &DMatrix<f64>) -> (Vec<f64>, f64) {
     let n = covariance.nrows();
-    let factor =
-        covariance.clone().cholesky().expect("a covariance with noise on its diagonal is positive definite").l();
-    let inverse = factor.solve_lower_triangular(&DMatrix::identity(n, n)).expect("the factor's diagonal is positive");
-    let packed = (0..n).flat_map(|r| (0..=r).map(move |c| (r, c))).map(|(r, c)| inverse[(r, c)]).collect();
-    (packed, 2.0 * factor.diagonal().iter().map(|d| d.ln()).sum::<f64>())
+    let factor = covariance
+        .clone()
+        .cholesky()
+        .expect("a covariance with noise on its diagonal is positive definite")
+        .l();
+    let inverse = factor
+        .solve_lower_triangular(&DMatrix::identity(n, n))
+        .expect("the factor's diagonal is positive");
+    let packed = (0..n)
+        .flat_map(|r| (0..=r).map(move |c| (r, c)))
+        .map(|(r, c)| inverse[(r, c)])
+        .collect();
+    (
+        packed,
+        2.0 * factor.diagonal().iter().map(|d| d.ln()).sum::<f64>(),
+    )
 }
 
 /// Width of a pressure bin \[ms\].
@@ -237,9 +289,16 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
         members[((t / width) as usize).min(n_bins - 1)].push(i);
     }
     members.retain(|m| !m.is_empty());
-    let mean = |values: &[f64], m: &[usize]| m.iter().map(|i| values[*i]).sum::<f64>() / m.len() as f64;
-    let time: Vec<f64> = members.iter().map(|m| mean(&measured.pressure_time_ms, m)).collect();
-    let value: Vec<f64> = members.iter().map(|m| mean(&measured.pressure_mmhg, m)).collect();
+    let mean =
+        |values: &[f64], m: &[usize]| m.iter().map(|i| values[*i]).sum::<f64>() / m.len() as f64;
+    let time: Vec<f64> = members
+        .iter()
+        .map(|m| mean(&measured.pressure_time_ms, m))
+        .collect();
+    let value: Vec<f64> = members
+        .iter()
+        .map(|m| mean(&measured.pressure_mmhg, m))
+        .collect();
     let slope = slopes(&time, &value, 10.0);
     let (rms, tau) = (levels.pressure_rms_mmhg, levels.pressure_correlation_ms);
     let n = members.len();
@@ -254,13 +313,20 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
                 let mut sum = 0.0;
                 for a in &members[i] {
                     for b in &members[j] {
-                        sum += (-(measured.pressure_time_ms[*a] - measured.pressure_time_ms[*b]).abs() / tau).exp();
+                        sum += (-(measured.pressure_time_ms[*a] - measured.pressure_time_ms[*b])
+                            .abs()
+                            / tau)
+                            .exp();
                     }
                 }
                 sum / (members[i].len() * members[j].len()) as f64
             };
-            let timing = tolerance.timing_ms.powi(2) * slope[i] * slope[j] * bell(dt, tolerance.timing_correlation_ms);
-            let smooth = tolerance.pressure_mmhg.powi(2) * bell(dt, tolerance.pressure_correlation_ms);
+            let timing = tolerance.timing_ms.powi(2)
+                * slope[i]
+                * slope[j]
+                * bell(dt, tolerance.timing_correlation_ms);
+            let smooth =
+                tolerance.pressure_mmhg.powi(2) * bell(dt, tolerance.pressure_correlation_ms);
             let c = rms * rms * noise + timing + smooth + tolerance.offset_mmhg.powi(2);
             covariance[(i, j)] = c;
             covariance[(j, i)] = c;
@@ -283,9 +349,16 @@ pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tole
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         let dt = time[i] - time[j];
         let noise = rms * rms * FRAME_CORRELATION.powi((i as i32 - j as i32).abs());
-        let timing = tolerance.timing_ms.powi(2) * slope[i] * slope[j] * bell(dt, tolerance.timing_correlation_ms);
-        let common = tolerance.shift_ms.powi(2) * slope[i] * slope[j] + tolerance.scale.powi(2) * value[i] * value[j];
-        noise + timing + common + tolerance.volume_ml.powi(2) * bell(dt, tolerance.volume_correlation_ms)
+        let timing = tolerance.timing_ms.powi(2)
+            * slope[i]
+            * slope[j]
+            * bell(dt, tolerance.timing_correlation_ms);
+        let common = tolerance.shift_ms.powi(2) * slope[i] * slope[j]
+            + tolerance.scale.powi(2) * value[i] * value[j];
+        noise
+            + timing
+            + common
+            + tolerance.volume_ml.powi(2) * bell(dt, tolerance.volume_correlation_ms)
     });
     Signal::new(time, value, rms, covariance)
 }
@@ -299,11 +372,19 @@ fn bell(dt: f64, length: f64) -> f64 {
 pub fn slopes(time: &[f64], value: &[f64], half_width_ms: f64) -> Vec<f64> {
     time.iter()
         .map(|t0| {
-            let near = || time.iter().zip(value).filter(|(t, _)| (*t - t0).abs() <= half_width_ms);
+            let near = || {
+                time.iter()
+                    .zip(value)
+                    .filter(|(t, _)| (*t - t0).abs() <= half_width_ms)
+            };
             let n = near().count().max(1) as f64;
             let (mean_t, mean_v) = near().fold((0.0, 0.0), |(a, b), (t, v)| (a + t / n, b + v / n));
-            let (cross, square) = near()
-                .fold((0.0, 0.0), |(a, b), (t, v)| (a + (t - mean_t) * (v - mean_v), b + (t - mean_t) * (t - mean_t)));
+            let (cross, square) = near().fold((0.0, 0.0), |(a, b), (t, v)| {
+                (
+                    a + (t - mean_t) * (v - mean_v),
+                    b + (t - mean_t) * (t - mean_t),
+                )
+            });
             if square > 0.0 { cross / square } else { 0.0 }
         })
         .collect()
@@ -350,7 +431,8 @@ mod tests {
         let frame_volume_ml = (0..30)
             .map(|_| {
                 let now = frame;
-                frame = FRAME_CORRELATION * frame + 2.5 * (1.0 - FRAME_CORRELATION.powi(2)).sqrt() * normal();
+                frame = FRAME_CORRELATION * frame
+                    + 2.5 * (1.0 - FRAME_CORRELATION.powi(2)).sqrt() * normal();
                 100.0 + now
             })
             .collect();
@@ -366,7 +448,10 @@ mod tests {
                 volume_rms_ml: Some(2.5),
             },
             side: SideData::default(),
-            wall_volume: Uncertain { value: 120.0, sd: 6.0 },
+            wall_volume: Uncertain {
+                value: 120.0,
+                sd: 6.0,
+            },
             given: Default::default(),
         }
     }
@@ -399,8 +484,16 @@ mod tests {
         for which in 0..2 {
             // Four standard errors.
             let tolerance = 4.0 * (2.0 / n[which]).sqrt();
-            assert!((square[which] / n[which] - 1.0).abs() < tolerance, "{which} {}", square[which] / n[which]);
-            assert!((product[which] / n[which]).abs() < tolerance, "{which} {}", product[which] / n[which]);
+            assert!(
+                (square[which] / n[which] - 1.0).abs() < tolerance,
+                "{which} {}",
+                square[which] / n[which]
+            );
+            assert!(
+                (product[which] / n[which]).abs() < tolerance,
+                "{which} {}",
+                product[which] / n[which]
+            );
         }
     }
 
@@ -409,15 +502,24 @@ mod tests {
         let levels = NoiseLevels::of(&noise_only(1.2, 10.0, 1.0, 3));
         let seen = levels.seen_over_stated.unwrap();
         assert!((seen / 1.44).ln().abs() < 0.2, "{seen}");
-        assert!(levels.pressure_rms_mmhg > 1.08 && levels.pressure_rms_mmhg < 1.24, "{levels:?}");
+        assert!(
+            levels.pressure_rms_mmhg > 1.08 && levels.pressure_rms_mmhg < 1.24,
+            "{levels:?}"
+        );
     }
 
     #[test]
     fn a_smoothed_trace_keeps_its_stated_uncertainty() {
         let mut measured = noise_only(1.0, 10.0, 1.0, 4);
-        measured.pressure_mmhg.iter_mut().for_each(|p| *p = 50.0 + 0.01 * (*p - 50.0));
+        measured
+            .pressure_mmhg
+            .iter_mut()
+            .for_each(|p| *p = 50.0 + 0.01 * (*p - 50.0));
         let levels = NoiseLevels::of(&measured);
-        assert_eq!((levels.pressure_rms_mmhg, levels.seen_over_stated), (1.0, None));
+        assert_eq!(
+            (levels.pressure_rms_mmhg, levels.seen_over_stated),
+            (1.0, None)
+        );
     }
 
     #[test]

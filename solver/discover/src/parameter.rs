@@ -22,13 +22,21 @@ impl Parameter {
     /// z of a value.
     #[must_use]
     pub fn z(&self, value: f64) -> f64 {
-        if self.log { (value / self.mean).ln() / self.sd } else { (value - self.mean) / self.sd }
+        if self.log {
+            (value / self.mean).ln() / self.sd
+        } else {
+            (value - self.mean) / self.sd
+        }
     }
 
     /// Value of a z, inside the interval.
     #[must_use]
     pub fn value(&self, z: f64) -> f64 {
-        let value = if self.log { self.mean * (z * self.sd).exp() } else { self.mean + z * self.sd };
+        let value = if self.log {
+            self.mean * (z * self.sd).exp()
+        } else {
+            self.mean + z * self.sd
+        };
         value.clamp(self.lower, self.upper)
     }
 
@@ -41,6 +49,10 @@ impl Parameter {
     /// Slope of the value with z.
     #[must_use]
     pub fn slope(&self, z: f64) -> f64 {
-        if self.log { self.value(z) * self.sd } else { self.sd }
+        if self.log {
+            self.value(z) * self.sd
+        } else {
+            self.sd
+        }
     }
 }

@@ -34,13 +34,23 @@ impl Data {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, tolerance);
         let volume = volume_signal(&measured, &levels, tolerance);
-        Self { measured, levels, tolerance: *tolerance, pressure, volume }
+        Self {
+            measured,
+            levels,
+            tolerance: *tolerance,
+            pressure,
+            volume,
+        }
     }
 
     /// The trace data at the times that are wanted; side data as they are.
     #[must_use]
     pub fn part(&self, wanted: &dyn Fn(f64) -> bool) -> Self {
-        let keep = |signal: &Signal| (0..signal.len()).filter(|i| wanted(signal.time_ms[*i])).collect::<Vec<usize>>();
+        let keep = |signal: &Signal| {
+            (0..signal.len())
+                .filter(|i| wanted(signal.time_ms[*i]))
+                .collect::<Vec<usize>>()
+        };
         Self {
             pressure: self.pressure.subset(&keep(&self.pressure)),
             volume: self.volume.subset(&keep(&self.volume)),
@@ -51,8 +61,11 @@ impl Data {
     /// Independent pieces of information: frames, pressure samples two correlation times apart, scalars.
     #[must_use]
     pub fn n_effective(&self) -> f64 {
-        let span = self.measured.cycle_ms * self.pressure.len() as f64 * crate::noise::BIN_MS / self.measured.cycle_ms;
-        self.volume.len() as f64 + span / (2.0 * self.levels.pressure_correlation_ms) + self.measured.side.len() as f64
+        let span = self.measured.cycle_ms * self.pressure.len() as f64 * crate::noise::BIN_MS
+            / self.measured.cycle_ms;
+        self.volume.len() as f64
+            + span / (2.0 * self.levels.pressure_correlation_ms)
+            + self.measured.side.len() as f64
     }
 }
 
@@ -118,7 +131,12 @@ impl Problem<'_> {
 
     /// The beat of these values.
     #[must_use]
-    pub fn predict(&self, structure: &Structure, values: &[f64], warm: Option<&Orbit>) -> Option<Prediction> {
+    pub fn predict(
+        &self,
+        structure: &Structure,
+        values: &[f64],
+        warm: Option<&Orbit>,
+    ) -> Option<Prediction> {
         let n_base = self.forward.base().len();
         let (base, mut rest) = values.split_at(n_base);
         let mut terms = Vec::with_capacity(structure.terms.len());
@@ -127,7 +145,14 @@ impl Problem<'_> {
             terms.push((*term, own));
             rest = others;
         }
-        self.forward.predict(&Request { base, terms: &terms, bumps: rest }, warm)
+        self.forward.predict(
+            &Request {
+                base,
+                terms: &terms,
+                bumps: rest,
+            },
+            warm,
+        )
     }
 
     /// White residuals of a beat, data minus model: pressure, volume, side data. Weights multiply the squares.
@@ -136,10 +161,17 @@ impl Problem<'_> {
         let data = self.data;
         let mut out = Vec::with_capacity(data.pressure.len() + data.volume.len() + 32);
         let difference = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
-            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect()
+            signal
+                .time_ms
+                .iter()
+                .zip(&signal.value)
+                .map(|(t, v)| v - beat.at(trace, *t))
+                .collect()
         };
-        data.pressure.whiten(&difference(&data.pressure, &beat.pressure_mmhg), &mut out);
-        data.volume.whiten(&difference(&data.volume, &beat.volume_ml), &mut out);
+        data.pressure
+            .whiten(&difference(&data.pressure, &beat.pressure_mmhg), &mut out);
+        data.volume
+            .whiten(&difference(&data.volume, &beat.volume_ml), &mut out);
         let (p, v) = (weights.pressure.sqrt(), weights.volume.sqrt());
         let n_p = data.pressure.len();
         out[..n_p].iter_mut().for_each(|r| *r *= p);
@@ -189,7 +221,11 @@ impl Problem<'_> {
     /// Sums of squares by origin of residuals made with these weights, without the weights.
     #[must_use]
     pub fn misfit(&self, residuals: &DVector<f64>, weights: Weights) -> Misfit {
-        let (n_p, n_v, n_s) = (self.data.pressure.len(), self.data.volume.len(), self.data.measured.side.len());
+        let (n_p, n_v, n_s) = (
+            self.data.pressure.len(),
+            self.data.volume.len(),
+            self.data.measured.side.len(),
+        );
         let sum = |from: usize, n: usize| residuals.rows(from, n).norm_squared();
         Misfit {
             pressure: sum(0, n_p) / weights.pressure,

@@ -20,7 +20,10 @@ pub(crate) fn ranked_effects(
 ) -> Vec<RankedEffect> {
     let candidates = search.forward.candidates();
     let ln_n = search.views.plain.n_effective().ln();
-    let row = |term: usize, fit: &Fit, (delta_deviance, plain, robust): (f64, f64, f64), probability: f64| {
+    let row = |term: usize,
+               fit: &Fit,
+               (delta_deviance, plain, robust): (f64, f64, f64),
+               probability: f64| {
         let parameters = &candidates[term].parameters;
         let first = search.offset(fit, term);
         let (values, sd) = (fit.values(), fit.standard_deviations());
@@ -29,7 +32,10 @@ pub(crate) fn ranked_effects(
         for (i, p) in parameters.iter().enumerate() {
             let (value, half) = (values[first + i], 1.96 * sd[first + i]);
             strength.insert(p.name.clone(), value);
-            interval.insert(p.name.clone(), [(value - half).max(p.lower), (value + half).min(p.upper)]);
+            interval.insert(
+                p.name.clone(),
+                [(value - half).max(p.lower), (value + half).min(p.upper)],
+            );
         }
         RankedEffect {
             name: candidates[term].name.clone(),
@@ -47,21 +53,36 @@ pub(crate) fn ranked_effects(
     let mut effects: Vec<RankedEffect> = Vec::new();
     for loss in losses {
         // The last level that lacks it, where it was fitted: beside the others.
-        let level = levels.iter().rev().find(|level| level.with[loss.term].is_some()).unwrap_or(&levels[0]);
+        let level = levels
+            .iter()
+            .rev()
+            .find(|level| level.with[loss.term].is_some())
+            .unwrap_or(&levels[0]);
         let probability = probability(search, level, loss.term);
-        effects.push(row(loss.term, current, (loss.deviance, loss.plain, loss.robust), probability));
+        effects.push(row(
+            loss.term,
+            current,
+            (loss.deviance, loss.plain, loss.robust),
+            probability,
+        ));
     }
     let level = &levels[0];
     for (term, _) in search.ranking(level) {
         if losses.iter().any(|loss| loss.term == term) {
             continue;
         }
-        let (Some(with), Some(plain), Some(robust)) = (&level.with[term], level.gain(term), level.robust_gain(term))
+        let (Some(with), Some(plain), Some(robust)) =
+            (&level.with[term], level.gain(term), level.robust_gain(term))
         else {
             continue;
         };
         let delta_deviance = level.wide.plain().deviance - with.plain().deviance;
-        effects.push(row(term, with.plain(), (delta_deviance, plain, robust), probability(search, level, term)));
+        effects.push(row(
+            term,
+            with.plain(),
+            (delta_deviance, plain, robust),
+            probability(search, level, term),
+        ));
     }
     effects
 }
@@ -72,29 +93,49 @@ fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
     let ranking = search.ranking(level);
     let data = &search.views.plain;
     let n = (data.pressure.len() + data.volume.len()) as f64;
-    let best = ranking.first().and_then(|(t, _)| level.with[*t].as_ref()).unwrap_or(&level.wide).plain();
+    let best = ranking
+        .first()
+        .and_then(|(t, _)| level.with[*t].as_ref())
+        .unwrap_or(&level.wide)
+        .plain();
     let excess = (best.misfit.pressure + best.misfit.volume) / n;
     let heat = 0.5 * (1.0 / excess).min(1.0);
     // The structure itself: with its best competitor 0, without any below.
     let nothing = level.wide.evidence() - level.wide.plain().evidence;
     let top = ranking.first().map_or(0.0, |(_, gain)| gain.max(0.0));
     let weight = |gain: f64| (heat * (gain - top)).exp();
-    let sum: f64 = ranking.iter().map(|(_, gain)| weight(*gain)).sum::<f64>() + weight(0.0) + weight(nothing);
-    ranking.iter().find(|(t, _)| *t == term).map_or(0.0, |(_, gain)| weight(*gain) / sum)
+    let sum: f64 =
+        ranking.iter().map(|(_, gain)| weight(*gain)).sum::<f64>() + weight(0.0) + weight(nothing);
+    ranking
+        .iter()
+        .find(|(t, _)| *t == term)
+        .map_or(0.0, |(_, gain)| weight(*gain) / sum)
 }
 
 /// Candidates whose typical strength these data would not show.
-pub(crate) fn not_identifiable(search: &Search<'_>, level: &Level, accepted: &[usize]) -> Vec<NotIdentifiable> {
+pub(crate) fn not_identifiable(
+    search: &Search<'_>,
+    level: &Level,
+    accepted: &[usize],
+) -> Vec<NotIdentifiable> {
     let candidates = search.forward.candidates();
     let mut list = Vec::new();
     for term in &search.among {
-        let expected =
-            level.tangents.iter().filter(|t| t.term == *term).map(Tangent::expected_misfit).fold(0.0, f64::max);
+        let expected = level
+            .tangents
+            .iter()
+            .filter(|t| t.term == *term)
+            .map(Tangent::expected_misfit)
+            .fold(0.0, f64::max);
         let seen = level.gain(*term).is_some_and(|gain| gain >= 0.5 * SHOWN);
         if expected < SHOWN && !seen && !accepted.contains(term) {
             let mut would_show = candidates[*term].separated_by.clone();
             would_show.extend(candidates[*term].hidden_because.clone());
-            list.push(NotIdentifiable { name: candidates[*term].name.clone(), expected_misfit: expected, would_show });
+            list.push(NotIdentifiable {
+                name: candidates[*term].name.clone(),
+                expected_misfit: expected,
+                would_show,
+            });
         }
     }
     list

@@ -6,7 +6,9 @@ use crate::measured::{Measured, Uncertain};
 use crate::parameter::Parameter;
 use cardiotwin_models::circulation::windkessel::WindkesselParameters;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
-use cardiotwin_models::effects::{self, BaseModel, CATALOGUE, Effect, EffectSetting, Kind, Role, assemble};
+use cardiotwin_models::effects::{
+    self, BaseModel, CATALOGUE, Effect, EffectSetting, Kind, Role, assemble,
+};
 use cardiotwin_models::periodic::{Orbit, PeriodicSettings, find};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
@@ -28,8 +30,11 @@ const RARE: (&str, f64) = ("ventricular_septal_defect", -2.2);
 /// strength below and above its off-value: unequal shapes of activation like late parts of the wall, another passive law like stiffness,
 /// leaflets that take time to close like a volume that comes late. Calibrated on the nulls of the other formulation
 /// (docs/missing-effects.md).
-const LOOK_ALIKE: [(&str, [f64; 2]); 3] =
-    [("dyssynchrony", [0.0, 12.0]), ("passive_stiffening", [0.0, 6.0]), ("pv_misalignment", [0.0, 8.0])];
+const LOOK_ALIKE: [(&str, [f64; 2]); 3] = [
+    ("dyssynchrony", [0.0, 12.0]),
+    ("passive_stiffening", [0.0, 6.0]),
+    ("pv_misalignment", [0.0, 8.0]),
+];
 
 /// Base parameters, by name, in the order of all value lists.
 pub const BASE: [&str; 19] = [
@@ -64,11 +69,25 @@ pub struct Reduced {
 }
 
 fn log(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Parameter {
-    Parameter { name: name.to_owned(), lower, upper, mean: mean.clamp(lower, upper), sd, log: true }
+    Parameter {
+        name: name.to_owned(),
+        lower,
+        upper,
+        mean: mean.clamp(lower, upper),
+        sd,
+        log: true,
+    }
 }
 
 fn plain(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Parameter {
-    Parameter { name: name.to_owned(), lower, upper, mean: mean.clamp(lower, upper), sd, log: false }
+    Parameter {
+        name: name.to_owned(),
+        lower,
+        upper,
+        mean: mean.clamp(lower, upper),
+        sd,
+        log: false,
+    }
 }
 
 /// A prior that becomes as narrow as what is given of the parameter.
@@ -87,24 +106,50 @@ fn given(prior: Parameter, value: Option<Uncertain>) -> Parameter {
 
 /// Priors of the base: weak, around what the data's extremes and textbook values suggest, narrower for what is given.
 fn base_priors(m: &Measured) -> Vec<Parameter> {
-    let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let range = |v: &[f64]| {
+        v.iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+    };
     let (v_min, v_max) = range(&m.frame_volume_ml);
     let p_max = range(&m.pressure_mmhg).1;
-    let (systolic, diastolic) =
-        m.side.cuff.map_or((p_max, 0.65 * p_max), |cuff| (cuff.systolic.value, cuff.diastolic.value));
-    let stroke = m.side.forward_stroke_volume.map_or(v_max - v_min, |v: Uncertain| v.value);
+    let (systolic, diastolic) = m.side.cuff.map_or((p_max, 0.65 * p_max), |cuff| {
+        (cuff.systolic.value, cuff.diastolic.value)
+    });
+    let stroke = m
+        .side
+        .forward_stroke_volume
+        .map_or(v_max - v_min, |v: Uncertain| v.value);
     let resistance = (diastolic + 0.4 * (systolic - diastolic)) / (stroke / m.cycle_ms * 1e3);
     let wall = m.wall_volume;
     let wall_sd = wall.sd / wall.value;
     vec![
-        given(log(BASE[0], (3.0, 40.0), 11.0, 0.4), m.given.left_atrial_pressure),
+        given(
+            log(BASE[0], (3.0, 40.0), 11.0, 0.4),
+            m.given.left_atrial_pressure,
+        ),
         log(BASE[1], (0.7 * v_max, 1.4 * v_max), v_max, 0.1),
         plain(BASE[2], (0.08, 0.65), 0.38, 0.13),
         log(BASE[3], (1.0, 60.0), 12.0, 0.5),
         log(BASE[4], (3.0, 18.0), DEFAULT_EXPONENT, 0.18),
-        log(BASE[5], (0.6 * wall.value, 1.6 * wall.value), wall.value, wall_sd),
-        given(log(BASE[6], (0.005, 0.2), 0.045, 0.5), m.given.characteristic_resistance),
-        given(log(BASE[7], (0.3 * resistance, 3.0 * resistance), resistance, 0.3), m.given.peripheral_resistance),
+        log(
+            BASE[5],
+            (0.6 * wall.value, 1.6 * wall.value),
+            wall.value,
+            wall_sd,
+        ),
+        given(
+            log(BASE[6], (0.005, 0.2), 0.045, 0.5),
+            m.given.characteristic_resistance,
+        ),
+        given(
+            log(
+                BASE[7],
+                (0.3 * resistance, 3.0 * resistance),
+                resistance,
+                0.3,
+            ),
+            m.given.peripheral_resistance,
+        ),
         given(log(BASE[8], (0.2, 6.0), 1.4, 0.5), m.given.compliance),
         log(BASE[9], (0.001, 0.015), 0.006, 0.4),
         log(BASE[10], (0.003, 0.12), 0.03, 0.5),
@@ -112,7 +157,12 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
         log(BASE[12], (5.0, 250.0), 35.0, 0.6),
         log(BASE[13], (1.0, 5.0), 2.0, 0.25),
         log(BASE[14], (8.0, 300.0), 45.0, 0.6),
-        log(BASE[15], (150.0, 0.95 * m.cycle_ms), 0.3 * m.cycle_ms + 90.0, 0.2),
+        log(
+            BASE[15],
+            (150.0, 0.95 * m.cycle_ms),
+            0.3 * m.cycle_ms + 90.0,
+            0.2,
+        ),
         plain(BASE[16], (0.0, 140.0), 15.0, 15.0),
         plain(BASE[17], (10.0, 100.0), 40.0, 13.0),
         plain(BASE[18], (0.3, 0.85), 0.67, 0.1),
@@ -123,11 +173,19 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
 fn candidate(effect: &'static Effect) -> Candidate {
     let strength = effect.strength();
     let off = strength.off.unwrap_or(strength.range.0);
-    let fitted: Vec<_> = effect.parameters.iter().filter(|p| p.role != Role::Held).collect();
+    let fitted: Vec<_> = effect
+        .parameters
+        .iter()
+        .filter(|p| p.role != Role::Held)
+        .collect();
     let parameters = fitted
         .iter()
         .map(|p| {
-            let mean = if p.role == Role::Strength { off } else { p.typical };
+            let mean = if p.role == Role::Strength {
+                off
+            } else {
+                p.typical
+            };
             plain(p.name, p.accepted(), mean, p.prior_scale)
         })
         .collect();
@@ -155,8 +213,16 @@ fn candidate(effect: &'static Effect) -> Candidate {
         off,
         smallest: strength.smallest,
         starts,
-        confused_with: effect.confused_with.iter().map(|s| (*s).to_owned()).collect(),
-        separated_by: effect.separated_by.iter().map(|s| (*s).to_owned()).collect(),
+        confused_with: effect
+            .confused_with
+            .iter()
+            .map(|s| (*s).to_owned())
+            .collect(),
+        separated_by: effect
+            .separated_by
+            .iter()
+            .map(|s| (*s).to_owned())
+            .collect(),
         log_prior: if effect.name == RARE.0 { RARE.1 } else { 0.0 },
         look_alike: LOOK_ALIKE
             .iter()
@@ -187,15 +253,23 @@ impl Reduced {
                 let effect = self.effects[*term];
                 let mut fitted = fitted.iter();
                 let value = |p: &effects::Parameter| {
-                    if p.role == Role::Held { p.typical } else { fitted.next().copied().unwrap_or(p.typical) }
+                    if p.role == Role::Held {
+                        p.typical
+                    } else {
+                        fitted.next().copied().unwrap_or(p.typical)
+                    }
                 };
-                EffectSetting { effect, values: effect.parameters.iter().map(value).collect() }
+                EffectSetting {
+                    effect,
+                    values: effect.parameters.iter().map(value).collect(),
+                }
             })
             .collect()
     }
 
     fn base_model(&self, x: &[f64], bumps: &[f64]) -> Option<BaseModel> {
-        let passive = OneFibrePassive::through(Ml(x[2] * x[1]), Ml(x[1]), Mmhg(x[3]), Ml(x[5]), x[4]).ok()?;
+        let passive =
+            OneFibrePassive::through(Ml(x[2] * x[1]), Ml(x[1]), Mmhg(x[3]), Ml(x[5]), x[4]).ok()?;
         let heart = LeftHeart {
             left_atrial_pressure: Mmhg(x[0]),
             mitral_forward: MmhgSPerMl(x[10]),
@@ -222,8 +296,17 @@ impl Reduced {
         Some(BaseModel {
             heart,
             passive,
-            activation: ActivationSpread { onset: Ms(x[16]), spread: Ms(0.0), n_groups: 1 },
-            contraction: GroupContraction::new(Box::new(ActivationCurve::new(&curve, bumps)), None, Vec::new()).ok()?,
+            activation: ActivationSpread {
+                onset: Ms(x[16]),
+                spread: Ms(0.0),
+                n_groups: 1,
+            },
+            contraction: GroupContraction::new(
+                Box::new(ActivationCurve::new(&curve, bumps)),
+                None,
+                Vec::new(),
+            )
+            .ok()?,
         })
     }
 }
@@ -252,14 +335,20 @@ impl Forward for Reduced {
     fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction> {
         let base = self.base_model(request.base, request.bumps)?;
         let mut model = assemble(base, &self.settings(request.terms)).ok()?;
-        let settings =
-            PeriodicSettings { tolerance: TOLERANCE, limit: BEATS, ..PeriodicSettings::with_step(self.cycle, STEP) };
+        let settings = PeriodicSettings {
+            tolerance: TOLERANCE,
+            limit: BEATS,
+            ..PeriodicSettings::with_step(self.cycle, STEP)
+        };
         let beat = find(&mut model, self.cycle, &settings, warm).ok()?;
         if !beat.periodic {
             return None;
         }
         let measured = beat.measured(&model);
-        let aorta = beat.aortic_pressure_mmhg.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
+        let aorta = beat
+            .aortic_pressure_mmhg
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
         Some(Prediction {
             step_ms: measured.spacing_ms(),
             pressure_mmhg: measured.pressure_mmhg,

@@ -92,7 +92,9 @@ impl Series {
         let at = |signal: &Signal, beat: &Prediction, trace: &[f64]| -> Vec<f64> {
             signal.time_ms.iter().map(|t| beat.at(trace, *t)).collect()
         };
-        let compared = |signal: &Signal, trace: fn(&Prediction) -> &[f64], held: fn(&HeldOut) -> &Vec<f64>| Compared {
+        let compared = |signal: &Signal,
+                        trace: fn(&Prediction) -> &[f64],
+                        held: fn(&HeldOut) -> &Vec<f64>| Compared {
             time_ms: signal.time_ms.clone(),
             measured: signal.value.clone(),
             before: at(signal, before, trace(before)),
@@ -106,7 +108,8 @@ impl Series {
         let cycle = data.measured.cycle_ms;
         let n = (cycle / CURVE_MS).ceil() as usize;
         let time_ms: Vec<f64> = (0..=n).map(|i| cycle * i as f64 / n as f64).collect();
-        let curve = |beat: &Prediction, trace: &[f64]| time_ms.iter().map(|t| beat.at(trace, *t)).collect();
+        let curve =
+            |beat: &Prediction, trace: &[f64]| time_ms.iter().map(|t| beat.at(trace, *t)).collect();
         let curves = Curves {
             pressure_before_mmhg: curve(before, &before.pressure_mmhg),
             pressure_after_mmhg: curve(after, &after.pressure_mmhg),
@@ -118,17 +121,27 @@ impl Series {
             .into_iter()
             .flat_map(|(name, signal)| gaps(name, signal, &phases, cycle))
             .collect();
-        Self { phases, pressure, volume, curves, gaps }
+        Self {
+            phases,
+            pressure,
+            volume,
+            curves,
+            gaps,
+        }
     }
 }
 
 /// Rows of one signal: each phase that has samples, then the whole beat.
 fn gaps(name: &str, signal: &Compared, phases: &Phases, cycle_ms: f64) -> Vec<GapAt> {
     let row = |phase: &str, inside: &dyn Fn(usize) -> bool| {
-        let chosen: Vec<usize> =
-            (0..signal.time_ms.len()).filter(|i| inside(phases.at(signal.time_ms[*i], cycle_ms))).collect();
+        let chosen: Vec<usize> = (0..signal.time_ms.len())
+            .filter(|i| inside(phases.at(signal.time_ms[*i], cycle_ms)))
+            .collect();
         let rms = |model: &[f64]| {
-            let sum: f64 = chosen.iter().map(|i| ((signal.measured[*i] - model[*i]) / signal.noise_sd).powi(2)).sum();
+            let sum: f64 = chosen
+                .iter()
+                .map(|i| ((signal.measured[*i] - model[*i]) / signal.noise_sd).powi(2))
+                .sum();
             (sum / chosen.len() as f64).sqrt()
         };
         (!chosen.is_empty()).then(|| GapAt {
@@ -141,7 +154,11 @@ fn gaps(name: &str, signal: &Compared, phases: &Phases, cycle_ms: f64) -> Vec<Ga
             held_out_after: signal.held_out_after.as_deref().map(rms),
         })
     };
-    let mut rows: Vec<GapAt> = PHASES.iter().enumerate().filter_map(|(k, phase)| row(phase, &|at| at == k)).collect();
+    let mut rows: Vec<GapAt> = PHASES
+        .iter()
+        .enumerate()
+        .filter_map(|(k, phase)| row(phase, &|at| at == k))
+        .collect();
     rows.extend(row("beat", &|_| true));
     rows
 }
@@ -165,7 +182,10 @@ mod tests {
         let compared = Compared {
             measured: vec![3.0; 40],
             before: vec![1.0; 40],
-            after: time_ms.iter().map(|t| if (80.0..200.0).contains(t) { 4.0 } else { 3.0 }).collect(),
+            after: time_ms
+                .iter()
+                .map(|t| if (80.0..200.0).contains(t) { 4.0 } else { 3.0 })
+                .collect(),
             held_out_before: Some(vec![0.0; 40]),
             held_out_after: None,
             noise_sd: 2.0,
@@ -174,8 +194,13 @@ mod tests {
         let rows = gaps("volume", &compared, &phases, 800.0);
         assert_eq!(rows.len(), 8);
         assert_eq!(rows[..7].iter().map(|r| r.n).sum::<usize>(), 40);
-        assert!(rows.iter().all(|r| r.before == 1.0 && r.held_out_before == Some(1.5) && r.held_out_after.is_none()));
-        assert_eq!((rows[1].phase.as_str(), rows[1].after, rows[2].after), ("early_ejection", 0.5, 0.0));
+        assert!(rows.iter().all(|r| r.before == 1.0
+            && r.held_out_before == Some(1.5)
+            && r.held_out_after.is_none()));
+        assert_eq!(
+            (rows[1].phase.as_str(), rows[1].after, rows[2].after),
+            ("early_ejection", 0.5, 0.0)
+        );
         assert!((rows[7].after - (6.0f64 / 40.0).sqrt() * 0.5).abs() < 1e-12);
     }
 }

@@ -36,15 +36,33 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     let mut returns = 0;
     loop {
         let grown = grow(search, &mut levels, start);
-        let Pruned { left, losses, held_out } = prune(search, &levels, grown);
+        let Pruned {
+            left,
+            losses,
+            held_out,
+        } = prune(search, &levels, grown);
         let n_terms = left.plain().structure.terms.len();
-        let known = levels.iter().find(|level| same_terms(level.wide.plain(), left.plain()));
-        let dropped = levels.last().is_some_and(|level| level.wide.plain().structure.terms.len() > n_terms);
-        let better = known.is_none_or(|level| left.plain().deviance < level.wide.plain().deviance - RISE);
+        let known = levels
+            .iter()
+            .find(|level| same_terms(level.wide.plain(), left.plain()));
+        let dropped = levels
+            .last()
+            .is_some_and(|level| level.wide.plain().structure.terms.len() > n_terms);
+        let better =
+            known.is_none_or(|level| left.plain().deviance < level.wide.plain().deviance - RISE);
         if !dropped || !better || returns == RETURNS {
-            return Found { levels, current: left, losses, held_out, n_evaluations_left };
+            return Found {
+                levels,
+                current: left,
+                losses,
+                held_out,
+                n_evaluations_left,
+            };
         }
-        n_evaluations_left += levels.drain(n_terms..).map(|level| level.n_evaluations()).sum::<usize>();
+        n_evaluations_left += levels
+            .drain(n_terms..)
+            .map(|level| level.n_evaluations())
+            .sum::<usize>();
         start = left.plain().clone();
         returns += 1;
     }
@@ -52,7 +70,9 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
 
 /// Adds effects to a fit, and exchanges them, as long as the data ask for more; one level for each number of effects.
 fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
-    let mut current = Wide { fits: vec![(Nameless::Nothing, start)] };
+    let mut current = Wide {
+        fits: vec![(Nameless::Nothing, start)],
+    };
     let mut unnamed: Vec<Nameless> = levels.iter().flat_map(Level::unnamed).collect();
     loop {
         let level = search.level(current.plain(), levels.len() as u64);
@@ -60,15 +80,23 @@ fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
         unnamed.dedup();
         current = level.wide.clone();
         let n_terms = current.plain().structure.terms.len();
-        let next = search.next(&level).filter(|_| n_terms < search.settings.max_effects);
+        let next = search
+            .next(&level)
+            .filter(|_| n_terms < search.settings.max_effects);
         let next = next.and_then(|term| level.with[term].clone());
         levels.push(level);
         let Some(next) = next else { return current };
         current = next;
         if n_terms > 0 {
-            let alternatives: Vec<usize> =
-                search.ranking(&levels[0]).iter().take(N_SWAPS + 1).map(|(term, _)| *term).collect();
-            current = search.exchanged(&current, &alternatives, &unnamed).unwrap_or(current);
+            let alternatives: Vec<usize> = search
+                .ranking(&levels[0])
+                .iter()
+                .take(N_SWAPS + 1)
+                .map(|(term, _)| *term)
+                .collect();
+            current = search
+                .exchanged(&current, &alternatives, &unnamed)
+                .unwrap_or(current);
         }
     }
 }
@@ -99,13 +127,26 @@ fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
         }
         if losses.is_empty() {
             let held = predict(current.plain());
-            return Pruned { left: current, losses, held_out: (held.clone(), held) };
+            return Pruned {
+                left: current,
+                losses,
+                held_out: (held.clone(), held),
+            };
         }
-        let without = before.get_or_insert_with(|| predict(levels[0].wide.plain())).clone();
+        let without = before
+            .get_or_insert_with(|| predict(levels[0].wide.plain()))
+            .clone();
         let with = predict(current.plain());
-        let confirmed = with.as_ref().zip(without.as_ref()).is_none_or(|(a, b)| a.gap <= HELD_OUT_RISE * b.gap);
+        let confirmed = with
+            .as_ref()
+            .zip(without.as_ref())
+            .is_none_or(|(a, b)| a.gap <= HELD_OUT_RISE * b.gap);
         if confirmed {
-            return Pruned { left: current, losses, held_out: (without, with) };
+            return Pruned {
+                left: current,
+                losses,
+                held_out: (without, with),
+            };
         }
         // The last is the smallest loss.
         current = losses.swap_remove(losses.len() - 1).without;

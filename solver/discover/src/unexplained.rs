@@ -36,7 +36,11 @@ pub fn depends_on(data: &Data, beat: &Prediction) -> Vec<Dependence> {
     let n = beat.true_volume_ml.len();
     let grid: Vec<f64> = (0..n).map(|i| i as f64 * beat.step_ms).collect();
     let rate = slopes(&grid, &beat.true_volume_ml, 10.0);
-    let square: Vec<f64> = beat.aortic_flow_ml_per_s.iter().map(|q| q * q.abs()).collect();
+    let square: Vec<f64> = beat
+        .aortic_flow_ml_per_s
+        .iter()
+        .map(|q| q * q.abs())
+        .collect();
     let variables: [(&str, &[f64]); 6] = [
         ("time", &grid),
         ("volume", &beat.true_volume_ml),
@@ -46,17 +50,26 @@ pub fn depends_on(data: &Data, beat: &Prediction) -> Vec<Dependence> {
         ("pressure", &beat.true_pressure_mmhg),
     ];
     let mut list = Vec::new();
-    for (name, signal, trace) in
-        [("pressure", &data.pressure, &beat.pressure_mmhg), ("volume", &data.volume, &beat.volume_ml)]
-    {
-        let residual: Vec<f64> =
-            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect();
+    for (name, signal, trace) in [
+        ("pressure", &data.pressure, &beat.pressure_mmhg),
+        ("volume", &data.volume, &beat.volume_ml),
+    ] {
+        let residual: Vec<f64> = signal
+            .time_ms
+            .iter()
+            .zip(&signal.value)
+            .map(|(t, v)| v - beat.at(trace, *t))
+            .collect();
         let mut own: Vec<Dependence> = variables
             .iter()
             .filter_map(|(variable, values)| {
                 let x: Vec<f64> = signal.time_ms.iter().map(|t| beat.at(values, *t)).collect();
                 let share = explained(&x, &residual)?;
-                Some(Dependence { signal: name.to_owned(), variable: (*variable).to_owned(), share })
+                Some(Dependence {
+                    signal: name.to_owned(),
+                    variable: (*variable).to_owned(),
+                    share,
+                })
             })
             .collect();
         own.sort_by(|a, b| b.share.total_cmp(&a.share));
@@ -74,7 +87,9 @@ mod tests {
         let x: Vec<f64> = (0..100).map(|i| f64::from(i) / 50.0 - 1.0).collect();
         let y: Vec<f64> = x.iter().map(|x| 2.0 - x + 0.5 * x.powi(3)).collect();
         assert!(explained(&x, &y).unwrap() > 0.999_999);
-        let noise: Vec<f64> = (0..100).map(|i| f64::from((i * 7919) % 101) - 50.0).collect();
+        let noise: Vec<f64> = (0..100)
+            .map(|i| f64::from((i * 7919) % 101) - 50.0)
+            .collect();
         assert!(explained(&x, &noise).unwrap() < 0.1);
         assert!(explained(&[1.0; 20], &noise[..20]).is_none());
     }

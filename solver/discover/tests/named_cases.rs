@@ -13,7 +13,11 @@ fn accepted(id: &str) -> Vec<String> {
     let label = &load::labels(&folder).unwrap()[id];
     assert!(!label.hard && !label.off_catalogue && label.band != "at the limit");
     // None of the cases that were set aside is a test.
-    assert!(load::part(&load::cases(&folder).unwrap(), "aside").unwrap().is_empty());
+    assert!(
+        load::part(&load::cases(&folder).unwrap(), "aside")
+            .unwrap()
+            .is_empty()
+    );
     assert_eq!(found.none, found.accepted.is_empty());
     if let Some(first) = found.accepted.first() {
         assert_eq!(*first, found.effects[0].name);
@@ -52,5 +56,8 @@ fn the_catheter_rings() {
 #[test]
 fn the_ventricle_leaks_in_systole() {
     let names = accepted("dev-040");
-    assert!(names == ["mitral_regurgitation"] || names == ["ventricular_septal_defect"], "{names:?}");
+    assert!(
+        names == ["mitral_regurgitation"] || names == ["ventricular_septal_defect"],
+        "{names:?}"
+    );
 }

@@ -2,7 +2,9 @@
 
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
 use cardiotwin_discover::locate::Phases;
-use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{
+    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
+};
 use cardiotwin_discover::noise::Tolerance;
 use cardiotwin_discover::problem::Data;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
@@ -19,8 +21,14 @@ fn template() -> Measured {
     let known = |value: f64, sd: f64| Uncertain { value, sd };
     Measured {
         cycle_ms: CYCLE_MS,
-        pressure_mmhg: pressure_time_ms.iter().map(|t| 8.0 + 110.0 * (PI * t / 400.0).sin().max(0.0)).collect(),
-        frame_volume_ml: frame_time_ms.iter().map(|t| 95.0 + 35.0 * (TAU * t / CYCLE_MS).cos()).collect(),
+        pressure_mmhg: pressure_time_ms
+            .iter()
+            .map(|t| 8.0 + 110.0 * (PI * t / 400.0).sin().max(0.0))
+            .collect(),
+        frame_volume_ml: frame_time_ms
+            .iter()
+            .map(|t| 95.0 + 35.0 * (TAU * t / CYCLE_MS).cos())
+            .collect(),
         pressure_time_ms,
         frame_time_ms,
         noise: StatedNoise {
@@ -29,9 +37,15 @@ fn template() -> Measured {
             volume_rms_ml: Some(2.5),
         },
         side: SideData {
-            cuff: Some(Cuff { systolic: known(118.0, 4.0), diastolic: known(76.0, 4.0) }),
+            cuff: Some(Cuff {
+                systolic: known(118.0, 4.0),
+                diastolic: known(76.0, 4.0),
+            }),
             forward_stroke_volume: Some(known(70.0, 5.0)),
-            whole_heart: Some(WholeHeart { time_ms: 700.0, volume: known(115.0, 4.0) }),
+            whole_heart: Some(WholeHeart {
+                time_ms: 700.0,
+                volume: known(115.0, 4.0),
+            }),
         },
         wall_volume: known(115.0, 5.75),
         given: GivenLoads::default(),
@@ -44,14 +58,30 @@ fn beat(effects: &[(&str, f64)], bumps: &[f64]) -> Prediction {
     let model = Reduced::new(&template());
     let base: Vec<f64> = model.base().iter().map(|p| p.mean).collect();
     let values = |(name, strength): &(&str, f64)| {
-        let idx = model.candidates().iter().position(|c| c.name == *name).unwrap();
+        let idx = model
+            .candidates()
+            .iter()
+            .position(|c| c.name == *name)
+            .unwrap();
         let mut values = model.candidates()[idx].starts[0].clone();
         values[0] = *strength;
         (idx, values)
     };
     let values: Vec<(usize, Vec<f64>)> = effects.iter().map(values).collect();
-    let terms: Vec<(usize, &[f64])> = values.iter().map(|(idx, values)| (*idx, values.as_slice())).collect();
-    model.predict(&Request { base: &base, terms: &terms, bumps }, None).unwrap()
+    let terms: Vec<(usize, &[f64])> = values
+        .iter()
+        .map(|(idx, values)| (*idx, values.as_slice()))
+        .collect();
+    model
+        .predict(
+            &Request {
+                base: &base,
+                terms: &terms,
+                bumps,
+            },
+            None,
+        )
+        .unwrap()
 }
 
 /// Data with noise as stated.
@@ -68,18 +98,27 @@ fn measured(beat: &Prediction, seed: u64) -> Measured {
     };
     let rho = (-0.1f64).exp();
     let mut noise = 1.2 * normal();
-    for (t, p) in measured.pressure_time_ms.iter().zip(&mut measured.pressure_mmhg) {
+    for (t, p) in measured
+        .pressure_time_ms
+        .iter()
+        .zip(&mut measured.pressure_mmhg)
+    {
         *p = beat.at(&beat.pressure_mmhg, *t) + noise;
         noise = rho * noise + 1.2 * (1.0 - rho * rho).sqrt() * normal();
     }
-    for (t, v) in measured.frame_time_ms.iter().zip(&mut measured.frame_volume_ml) {
+    for (t, v) in measured
+        .frame_time_ms
+        .iter()
+        .zip(&mut measured.frame_volume_ml)
+    {
         *v = beat.at(&beat.volume_ml, *t) + 2.5 * normal();
     }
     let side = &mut measured.side;
     let cuff = side.cuff.as_mut().unwrap();
     cuff.systolic.value = beat.systolic_mmhg + 4.0 * normal();
     cuff.diastolic.value = beat.diastolic_mmhg + 4.0 * normal();
-    side.forward_stroke_volume.as_mut().unwrap().value = beat.forward_stroke_volume_ml + 5.0 * normal();
+    side.forward_stroke_volume.as_mut().unwrap().value =
+        beat.forward_stroke_volume_ml + 5.0 * normal();
     let whole = side.whole_heart.as_mut().unwrap();
     whole.volume.value = beat.at(&beat.true_volume_ml, whole.time_ms) + 4.0 * normal();
     measured
@@ -87,8 +126,16 @@ fn measured(beat: &Prediction, seed: u64) -> Measured {
 
 /// Against a part of the catalogue, for speed.
 fn search(measured: &Measured) -> Discovery {
-    let effects = ["atrial_kick", "mitral_regurgitation", "delayed_relaxation", "pressure_offset"];
-    let settings = Settings { effects: effects.map(str::to_owned).to_vec(), ..Settings::default() };
+    let effects = [
+        "atrial_kick",
+        "mitral_regurgitation",
+        "delayed_relaxation",
+        "pressure_offset",
+    ];
+    let settings = Settings {
+        effects: effects.map(str::to_owned).to_vec(),
+        ..Settings::default()
+    };
     discover(measured, &Reduced::new(measured), &settings).unwrap()
 }
 
@@ -96,23 +143,44 @@ fn search(measured: &Measured) -> Discovery {
 fn loads_that_are_given_narrow_their_priors() {
     let mut measured = template();
     let prior = |measured: &Measured, name: &str| {
-        Reduced::new(measured).base().iter().find(|p| p.name == name).cloned().expect("a base parameter")
+        Reduced::new(measured)
+            .base()
+            .iter()
+            .find(|p| p.name == name)
+            .cloned()
+            .expect("a base parameter")
     };
     let usual = prior(&measured, "compliance_mL_per_mmHg");
     // Beyond the usual bounds, and known to a tenth.
-    measured.given.compliance = Some(Uncertain { value: 7.0, sd: 0.7 });
+    measured.given.compliance = Some(Uncertain {
+        value: 7.0,
+        sd: 0.7,
+    });
     let given = prior(&measured, "compliance_mL_per_mmHg");
     assert!(usual.upper < 7.0 && given.upper > 7.0 && given.lower <= usual.lower);
     assert!((given.mean - 7.0).abs() < 1e-12 && (given.sd - 0.1).abs() < 1e-12 && usual.sd > 0.1);
-    assert_eq!(prior(&measured, "left_atrial_pressure_mmHg"), prior(&template(), "left_atrial_pressure_mmHg"));
+    assert_eq!(
+        prior(&measured, "left_atrial_pressure_mmHg"),
+        prior(&template(), "left_atrial_pressure_mmHg")
+    );
 }
 
 #[test]
 fn nothing_is_found_where_nothing_is_missing() {
     let found = search(&patient(None, 1));
     assert!(found.none && found.unexplained.is_none(), "{found:?}");
-    assert!(found.p_value > 0.04 && found.gap_before < 1.2, "{} {}", found.p_value, found.gap_before);
-    assert!(found.not_identifiable.iter().all(|n| n.expected_misfit < 6.0));
+    assert!(
+        found.p_value > 0.04 && found.gap_before < 1.2,
+        "{} {}",
+        found.p_value,
+        found.gap_before
+    );
+    assert!(
+        found
+            .not_identifiable
+            .iter()
+            .all(|n| n.expected_misfit < 6.0)
+    );
 }
 
 #[test]
@@ -128,9 +196,18 @@ fn strong_effects_are_named_with_intervals_that_hold_them() {
         let [low, high] = first.interval[parameter];
         // Twice the half width: one of three intervals of 95 % may well miss.
         let half = 0.5 * (high - low);
-        assert!((first.strength[parameter] - strength).abs() < 2.0 * half, "{name} {low} {high}");
-        assert!(first.probability > 0.9 && first.plausible && first.delta_deviance > 20.0, "{first:?}");
-        assert!(found.gap_after < found.gap_before && found.gap_heldout_after < 1.3, "{found:?}");
+        assert!(
+            (first.strength[parameter] - strength).abs() < 2.0 * half,
+            "{name} {low} {high}"
+        );
+        assert!(
+            first.probability > 0.9 && first.plausible && first.delta_deviance > 20.0,
+            "{first:?}"
+        );
+        assert!(
+            found.gap_after < found.gap_before && found.gap_heldout_after < 1.3,
+            "{found:?}"
+        );
         assert_eq!(first.artefact, name == "pressure_offset");
     }
 }
@@ -153,14 +230,24 @@ fn a_strange_activation_is_unexplained_and_hides_nothing() {
     let milder = bumps.map(|bump| 0.4 * bump);
     let both = search(&measured(&beat(&[("atrial_kick", 12.0)], &milder), 5));
     assert_eq!(both.accepted, ["atrial_kick"], "{:?}", &both.effects[..2]);
-    assert!(both.nameless_evidence > 10.0 && both.effects[0].robust_evidence > 6.0, "{:?}", both.effects[0]);
+    assert!(
+        both.nameless_evidence > 10.0 && both.effects[0].robust_evidence > 6.0,
+        "{:?}",
+        both.effects[0]
+    );
 }
 
 /// The same bits whatever the number of threads.
 #[test]
 fn threads_do_not_change_a_bit() {
     let measured = patient(Some(("mitral_regurgitation", 0.25)), 3);
-    let with = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| search(&measured));
+    let with = |n| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(n)
+            .build()
+            .unwrap()
+            .install(|| search(&measured))
+    };
     let (one, three) = (with(1), with(3));
     assert_eq!(one, three);
     assert_eq!(one.accepted, ["mitral_regurgitation"]);
@@ -173,13 +260,28 @@ fn phases_follow_the_valves_of_the_model() {
     let phases = Phases::of(&data);
     let open = |flow: &[f64]| {
         let n = flow.len();
-        (0..n).find(|i| flow[*i] > 1.0 && flow[(i + n - 1) % n] <= 1.0).map(|i| i as f64 * beat.step_ms).unwrap()
+        (0..n)
+            .find(|i| flow[*i] > 1.0 && flow[(i + n - 1) % n] <= 1.0)
+            .map(|i| i as f64 * beat.step_ms)
+            .unwrap()
     };
-    let (aortic, mitral) = (open(&beat.aortic_flow_ml_per_s), open(&beat.mitral_flow_ml_per_s));
-    assert!((phases.early_ejection_ms - aortic).abs() < 25.0, "{phases:?} {aortic}");
-    assert!((phases.rapid_filling_ms - mitral).abs() < 40.0, "{phases:?} {mitral}");
-    let after: Vec<f64> =
-        phases.beginnings().iter().map(|t| (t - phases.isovolumic_contraction_ms).rem_euclid(CYCLE_MS)).collect();
+    let (aortic, mitral) = (
+        open(&beat.aortic_flow_ml_per_s),
+        open(&beat.mitral_flow_ml_per_s),
+    );
+    assert!(
+        (phases.early_ejection_ms - aortic).abs() < 25.0,
+        "{phases:?} {aortic}"
+    );
+    assert!(
+        (phases.rapid_filling_ms - mitral).abs() < 40.0,
+        "{phases:?} {mitral}"
+    );
+    let after: Vec<f64> = phases
+        .beginnings()
+        .iter()
+        .map(|t| (t - phases.isovolumic_contraction_ms).rem_euclid(CYCLE_MS))
+        .collect();
     assert!(after.windows(2).all(|w| w[0] <= w[1]), "{after:?}");
     assert_eq!(phases.at(aortic + 60.0, CYCLE_MS), 1);
 }
@@ -188,10 +290,20 @@ fn phases_follow_the_valves_of_the_model() {
 fn bad_input_is_named() {
     let mut measured = patient(None, 1);
     measured.frame_volume_ml[3] = -2.0;
-    let message = discover(&measured, &Reduced::new(&measured), &Settings::default()).unwrap_err().to_string();
+    let message = discover(&measured, &Reduced::new(&measured), &Settings::default())
+        .unwrap_err()
+        .to_string();
     assert!(message.contains("volume frame is -2"), "{message}");
-    let settings = Settings { effects: vec!["kick".to_owned()], ..Settings::default() };
+    let settings = Settings {
+        effects: vec!["kick".to_owned()],
+        ..Settings::default()
+    };
     let measured = patient(None, 1);
-    let message = discover(&measured, &Reduced::new(&measured), &settings).unwrap_err().to_string();
-    assert!(message.contains("no effect kick") && message.contains("atrial_kick"), "{message}");
+    let message = discover(&measured, &Reduced::new(&measured), &settings)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("no effect kick") && message.contains("atrial_kick"),
+        "{message}"
+    );
 }

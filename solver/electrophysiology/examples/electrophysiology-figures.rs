@@ -8,7 +8,9 @@ mod action_potential;
 mod common;
 
 use cardiotwin_electrophysiology::luo_rudy1991::paced::{Stimulus, paced, rest};
-use cardiotwin_electrophysiology::{Membrane, Parameters, ReactionEikonal, Settings, State, Tissue};
+use cardiotwin_electrophysiology::{
+    Membrane, Parameters, ReactionEikonal, Settings, State, Tissue,
+};
 use cardiotwin_mesh::eikonal::{Conduction, Site, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, make};
@@ -52,7 +54,11 @@ fn steps() {
     println!(
         "single cell minus reference: step/ms  beats  away/mV  peak/mV  upstroke/ms  APD90/ms  off/ms  rest/mV  calcium"
     );
-    for (name, cycle_ms, n_beats) in [("rest", 600.0, 1), ("cycle-1000ms", 1000.0, 8), ("cycle-600ms", 600.0, 10)] {
+    for (name, cycle_ms, n_beats) in [
+        ("rest", 600.0, 1),
+        ("cycle-1000ms", 1000.0, 8),
+        ("cycle-600ms", 600.0, 10),
+    ] {
         for step_ms in [0.00625, 0.025, 0.05, 0.1] {
             let found = action_potential::compare(name, cycle_ms, n_beats, step_ms);
             println!(
@@ -72,7 +78,11 @@ fn steps() {
 /// Action potentials beside Myokit's, at its times.
 fn traces() {
     println!("beat,t_ms,myokit_mv,here_mv");
-    for (name, cycle_ms, n_beats) in [("rest", 600.0, 1), ("cycle-1000ms", 1000.0, 8), ("cycle-600ms", 600.0, 10)] {
+    for (name, cycle_ms, n_beats) in [
+        ("rest", 600.0, 1),
+        ("cycle-1000ms", 1000.0, 8),
+        ("cycle-600ms", 600.0, 10),
+    ] {
         let here = action_potential::simulated(cycle_ms, n_beats, 0.025);
         for [t, v, _] in action_potential::reference(name) {
             println!("{name},{t},{v:.4},{:.4}", action_potential::at(&here, t, 1));
@@ -84,62 +94,122 @@ fn traces() {
 /// times in a ball of 6 mm around it, and a plane wave along fibres from a face.
 fn orders() -> Result<(), Failure> {
     println!("side_mm,point_ms,ball_ms,plane_ms");
-    let speeds = Speeds { fibre: 0.6, sheet: 0.4, normal: 0.25 };
+    let speeds = Speeds {
+        fibre: 0.6,
+        sheet: 0.4,
+        normal: 0.25,
+    };
     let along = [speeds.fibre, speeds.sheet, speeds.normal];
     for n in [6, 12, 24] {
         let mesh = common::block([n; 3], [20.0; 3], [1.0, 2.0, 0.5]);
         let times = |mesh: &TetMesh, sites: Vec<Site>| {
-            activation_ms(mesh, &Conduction { speeds, endocardial_speed: None, tags: vec![1], sites })
+            activation_ms(
+                mesh,
+                &Conduction {
+                    speeds,
+                    endocardial_speed: None,
+                    tags: vec![1],
+                    sites,
+                },
+            )
         };
         let axes = mesh.frames[0];
         let from_middle = |x: &[f64; 3]| {
             let part = |axis: [f64; 3]| (0..3).map(|i| axis[i] * (x[i] - 10.0)).sum::<f64>();
             let parts = [axes.fibre, axes.sheet, axes.normal].map(part);
-            (0..3).map(|i| (parts[i] / along[i]).powi(2)).sum::<f64>().sqrt()
+            (0..3)
+                .map(|i| (parts[i] / along[i]).powi(2))
+                .sum::<f64>()
+                .sqrt()
         };
         let largest = |mesh: &TetMesh, times: &[f64], exact: &dyn Fn(&[f64; 3]) -> f64| {
-            mesh.nodes_mm.iter().zip(times).map(|(x, t)| (t - exact(x)).abs()).fold(0.0, f64::max)
+            mesh.nodes_mm
+                .iter()
+                .zip(times)
+                .map(|(x, t)| (t - exact(x)).abs())
+                .fold(0.0, f64::max)
         };
         let mut errors = vec![];
         for radius_mm in [0.0, 6.0] {
-            let site = Site { at_mm: [10.0; 3], radius_mm, time: Ms(0.0) };
+            let site = Site {
+                at_mm: [10.0; 3],
+                radius_mm,
+                time: Ms(0.0),
+            };
             errors.push(largest(&mesh, &times(&mesh, vec![site])?, &from_middle));
         }
         let straight = common::block([n; 3], [20.0; 3], [1.0, 0.0, 0.0]);
         let face = straight.nodes_mm.iter().filter(|x| x[0] == 0.0);
-        let sites = face.map(|x| Site { at_mm: *x, radius_mm: 0.0, time: Ms(0.0) }).collect();
-        let plane = largest(&straight, &times(&straight, sites)?, &|x| x[0] / speeds.fibre);
-        println!("{:.4},{:.6},{:.6},{plane:.2e}", 20.0 / n as f64, errors[0], errors[1]);
+        let sites = face
+            .map(|x| Site {
+                at_mm: *x,
+                radius_mm: 0.0,
+                time: Ms(0.0),
+            })
+            .collect();
+        let plane = largest(&straight, &times(&straight, sites)?, &|x| {
+            x[0] / speeds.fibre
+        });
+        println!(
+            "{:.4},{:.6},{:.6},{plane:.2e}",
+            20.0 / n as f64,
+            errors[0],
+            errors[1]
+        );
     }
     Ok(())
 }
 
 /// Speed along the fibre on coarser and coarser bars, led by the eikonal and by diffusion alone.
 fn edges() -> Result<(), Failure> {
-    println!("\nplane wave along the fibre, eikonal 0.6 mm/ms: edge/mm  led  diffusion alone (mm/ms)");
+    println!(
+        "\nplane wave along the fibre, eikonal 0.6 mm/ms: edge/mm  led  diffusion alone (mm/ms)"
+    );
     for edge_mm in [0.35, 0.69, 1.5, 3.5] {
         let side = edge_mm / 1.2612;
         let n = (24.0_f64 / side).ceil() as usize;
-        let mesh = common::block([n, 2, 2], [n as f64 * side, 2.0 * side, 2.0 * side], [1.0, 0.0, 0.0]);
+        let mesh = common::block(
+            [n, 2, 2],
+            [n as f64 * side, 2.0 * side, 2.0 * side],
+            [1.0, 0.0, 0.0],
+        );
         let speed = |led: bool| -> Result<f64, Failure> {
             let faces = mesh.nodes_mm.iter().filter(|x| x[0] == 0.0);
-            let sites = faces.map(|x| Site { at_mm: *x, radius_mm: 0.0, time: Ms(0.0) }).collect();
+            let sites = faces
+                .map(|x| Site {
+                    at_mm: *x,
+                    radius_mm: 0.0,
+                    time: Ms(0.0),
+                })
+                .collect();
             let speeds = Speeds::default();
-            let conduction = Conduction { speeds, endocardial_speed: None, tags: vec![1], sites };
+            let conduction = Conduction {
+                speeds,
+                endocardial_speed: None,
+                tags: vec![1],
+                sites,
+            };
             let mut times = activation_ms(&mesh, &conduction)?;
             if !led {
                 for (time, x) in times.iter_mut().zip(&mesh.nodes_mm) {
-                    *time = if x[0] > 1.5_f64.max(1.1 * side) { f64::INFINITY } else { 0.0 };
+                    *time = if x[0] > 1.5_f64.max(1.1 * side) {
+                        f64::INFINITY
+                    } else {
+                        0.0
+                    };
                 }
             }
             let start = rest(&Parameters::default());
             let tissue = Tissue::matching(&speeds);
-            let mut model = ReactionEikonal::new(&mesh, &[1], &times, &tissue, &start, &Settings::default())?;
+            let mut model =
+                ReactionEikonal::new(&mesh, &[1], &times, &tissue, &start, &Settings::default())?;
             model.advance_to(100.0)?;
             let up = &model.crossings().up_ms;
             let at = |x: f64| {
                 let near = |i: &usize| (mesh.nodes_mm[*i][0] - x).abs();
-                (0..mesh.n_nodes()).min_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(0)
+                (0..mesh.n_nodes())
+                    .min_by(|a, b| near(a).total_cmp(&near(b)))
+                    .unwrap_or(0)
             };
             let (a, b) = (at(8.0), at(20.0));
             Ok((mesh.nodes_mm[b][0] - mesh.nodes_mm[a][0]) / (up[b] - up[a]))
@@ -162,7 +232,13 @@ fn heart(n_nodes: usize) -> Result<(TetMesh, Vec<f64>), Failure> {
 /// A cell in the rhythm of 75 beats a minute.
 fn start() -> State {
     let parameters = Parameters::default();
-    paced(&Membrane::new(parameters.clone(), 0.025), &rest(&parameters), &Stimulus::default(), 800.0, 10)
+    paced(
+        &Membrane::new(parameters.clone(), 0.025),
+        &rest(&parameters),
+        &Stimulus::default(),
+        800.0,
+        10,
+    )
 }
 
 fn ventricle(sizes: &[usize]) -> Result<(), Failure> {
@@ -173,16 +249,33 @@ fn ventricle(sizes: &[usize]) -> Result<(), Failure> {
     for n_nodes in sizes.iter().copied() {
         let (mesh, times) = heart(n_nodes)?;
         for diffusion in [true, false] {
-            let settings = Settings { diffusion, ..Settings::default() };
+            let settings = Settings {
+                diffusion,
+                ..Settings::default()
+            };
             let tissue = Tissue::matching(&Speeds::default());
-            let mut model = ReactionEikonal::new(&mesh, &[tags::LEFT_VENTRICLE], &times, &tissue, &start, &settings)?;
+            let mut model = ReactionEikonal::new(
+                &mesh,
+                &[tags::LEFT_VENTRICLE],
+                &times,
+                &tissue,
+                &start,
+                &settings,
+            )?;
             let begun = Instant::now();
             model.advance_to(80.0)?;
             let cost = begun.elapsed().as_secs_f64() / (3200.0 * model.nodes().len() as f64) * 1e9;
             let up = &model.crossings().up_ms;
-            let lag: Vec<f64> = model.nodes().iter().zip(up).map(|(node, up)| up - times[*node as usize]).collect();
+            let lag: Vec<f64> = model
+                .nodes()
+                .iter()
+                .zip(up)
+                .map(|(node, up)| up - times[*node as usize])
+                .collect();
             let mean = lag.iter().sum::<f64>() / lag.len() as f64;
-            let (least, most) = lag.iter().fold((f64::MAX, f64::MIN), |(a, b), lag| (lag.min(a), lag.max(b)));
+            let (least, most) = lag
+                .iter()
+                .fold((f64::MAX, f64::MIN), |(a, b), lag| (lag.min(a), lag.max(b)));
             let (edge, cg) = (mesh.mean_edge_mm(), model.mean_iterations());
             let name = if diffusion { "R-E+" } else { "R-E-" };
             let nodes = model.nodes().len();
@@ -199,7 +292,14 @@ fn draw() -> Result<String, Failure> {
     let (mesh, times) = heart(8000)?;
     let tissue = Tissue::matching(&Speeds::default());
     let muscle = &[tags::LEFT_VENTRICLE];
-    let mut model = ReactionEikonal::new(&mesh, muscle, &times, &tissue, &start(), &Settings::default())?;
+    let mut model = ReactionEikonal::new(
+        &mesh,
+        muscle,
+        &times,
+        &tissue,
+        &start(),
+        &Settings::default(),
+    )?;
     let half_edge = 0.5 * mesh.mean_edge_mm();
     let low = |k: usize| mesh.nodes_mm.iter().map(|x| x[k]).fold(f64::MAX, f64::min);
     let high = |k: usize| mesh.nodes_mm.iter().map(|x| x[k]).fold(f64::MIN, f64::max);
@@ -216,19 +316,38 @@ fn draw() -> Result<String, Failure> {
         let v = model.potential_mv();
         let left = width * panel as f64 + 6.0;
         writeln!(svg, "<text x=\"{left:.1}\" y=\"7\">{t} ms</text>")?;
-        for (x, v) in mesh.nodes_mm.iter().zip(&v).filter(|(x, v)| x[1].abs() < half_edge && v.is_finite()) {
+        for (x, v) in mesh
+            .nodes_mm
+            .iter()
+            .zip(&v)
+            .filter(|(x, v)| x[1].abs() < half_edge && v.is_finite())
+        {
             let hue = 240.0 * (1.0 - ((v + 85.0) / 110.0).clamp(0.0, 1.0));
             let (cx, cy) = (left + x[0] - low(0), 12.0 + high(2) - x[2]);
-            writeln!(svg, "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"1.4\" fill=\"hsl({hue:.0},80%,50%)\"/>")?;
+            writeln!(
+                svg,
+                "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"1.4\" fill=\"hsl({hue:.0},80%,50%)\"/>"
+            )?;
         }
     }
     for i in 0..=10 {
         let v = -85.0 + 11.0 * f64::from(i);
         let (x, y) = (6.0 + 14.0 * f64::from(i), height + 18.0);
         let hue = 240.0 * (1.0 - (v + 85.0) / 110.0);
-        writeln!(svg, "<rect x=\"{x}\" y=\"{y:.1}\" width=\"14\" height=\"4\" fill=\"hsl({hue:.0},80%,50%)\"/>")?;
-        writeln!(svg, "<text x=\"{x}\" y=\"{:.1}\" font-size=\"4\">{v:.0}</text>", y + 9.0)?;
+        writeln!(
+            svg,
+            "<rect x=\"{x}\" y=\"{y:.1}\" width=\"14\" height=\"4\" fill=\"hsl({hue:.0},80%,50%)\"/>"
+        )?;
+        writeln!(
+            svg,
+            "<text x=\"{x}\" y=\"{:.1}\" font-size=\"4\">{v:.0}</text>",
+            y + 9.0
+        )?;
     }
-    writeln!(svg, "<text x=\"165\" y=\"{:.1}\">mV</text>\n</svg>", height + 22.0)?;
+    writeln!(
+        svg,
+        "<text x=\"165\" y=\"{:.1}\">mV</text>\n</svg>",
+        height + 22.0
+    )?;
     Ok(svg)
 }

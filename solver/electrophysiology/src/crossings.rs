@@ -18,7 +18,10 @@ impl Crossings {
     /// None yet.
     #[must_use]
     pub fn new(n: usize) -> Self {
-        Self { up_ms: vec![f64::NAN; n], down_ms: vec![f64::NAN; n] }
+        Self {
+            up_ms: vec![f64::NAN; n],
+            down_ms: vec![f64::NAN; n],
+        }
     }
 
     /// Notes what was crossed in the step that ended at `t_ms`.
@@ -28,7 +31,8 @@ impl Crossings {
             if *before < Self::UP_MV && *after >= Self::UP_MV {
                 self.up_ms[i] = at(Self::UP_MV);
                 self.down_ms[i] = f64::NAN;
-            } else if *before > Self::DOWN_MV && *after <= Self::DOWN_MV && !self.up_ms[i].is_nan() {
+            } else if *before > Self::DOWN_MV && *after <= Self::DOWN_MV && !self.up_ms[i].is_nan()
+            {
                 self.down_ms[i] = at(Self::DOWN_MV);
             }
         }
@@ -46,7 +50,10 @@ mod tests {
         assert_eq!(found.up_ms[0], 0.75);
         found.note(&[-69.0, -69.0], &[-71.0, -71.0], 2.0, 0.5);
         assert_eq!(found.down_ms[0], 1.75);
-        assert!(found.up_ms[1].is_nan() && found.down_ms[1].is_nan(), "no fall without an upstroke");
+        assert!(
+            found.up_ms[1].is_nan() && found.down_ms[1].is_nan(),
+            "no fall without an upstroke"
+        );
         found.note(&[-60.0, -80.0], &[-20.0, -80.0], 10.0, 0.5);
         assert!(found.up_ms[0] == 9.75 && found.down_ms[0].is_nan());
     }

@@ -44,7 +44,9 @@ impl Diffusion {
             for (i, row) in tet.iter().enumerate() {
                 mass[*row as usize] += 0.25 * volume;
                 for (j, column) in tet.iter().enumerate() {
-                    let flux: f64 = (0..3).map(|k| diffusivities_mm2_ms[k] * along[i][k] * along[j][k]).sum();
+                    let flux: f64 = (0..3)
+                        .map(|k| diffusivities_mm2_ms[k] * along[i][k] * along[j][k])
+                        .sum();
                     stiffness.add(*row as usize, *column, volume * flux);
                 }
             }
@@ -52,7 +54,15 @@ impl Diffusion {
         let matrix = stiffness.scaled_plus_diagonal(0.5 * step_ms, &mass);
         let solver = ConjugateGradients::new(&matrix);
         let zeros = vec![0.0; nodes_mm.len()];
-        Self { mass, stiffness, matrix, solver, step_ms, change: zeros.clone(), right: zeros }
+        Self {
+            mass,
+            stiffness,
+            matrix,
+            solver,
+            step_ms,
+            change: zeros.clone(),
+            right: zeros,
+        }
     }
 
     /// One step. Returns the iterations of the solver.
@@ -66,7 +76,9 @@ impl Diffusion {
             *value *= -self.step_ms;
         }
         self.change.fill(0.0);
-        let iterations = self.solver.solve(&self.matrix, &self.right, &mut self.change, TOLERANCE_MV)?;
+        let iterations =
+            self.solver
+                .solve(&self.matrix, &self.right, &mut self.change, TOLERANCE_MV)?;
         for (v, change) in v_mv.iter_mut().zip(&self.change) {
             *v += change;
         }

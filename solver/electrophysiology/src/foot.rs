@@ -22,7 +22,12 @@ impl Default for FootCurrent {
     fn default() -> Self {
         let k = crate::tissue::SPEED_PER_ROOT_DIFFUSIVITY;
         let tau_ms = 1.0 / (k * k);
-        Self { amplitude_mv: 1.0, tau_ms, length_ms: 5.0 * tau_ms, end_mv: -50.0 }
+        Self {
+            amplitude_mv: 1.0,
+            tau_ms,
+            length_ms: 5.0 * tau_ms,
+            end_mv: -50.0,
+        }
     }
 }
 
@@ -49,15 +54,27 @@ impl Feet {
     pub(crate) fn new(current: FootCurrent, activation_ms: &[f64], cycle_ms: Option<f64>) -> Self {
         let mut nodes: Vec<u32> = (0..activation_ms.len() as u32).collect();
         nodes.sort_by(|a, b| activation_ms[*a as usize].total_cmp(&activation_ms[*b as usize]));
-        let times_ms = nodes.iter().map(|node| activation_ms[*node as usize]).collect();
-        Self { current, times_ms, nodes, cycle_ms }
+        let times_ms = nodes
+            .iter()
+            .map(|node| activation_ms[*node as usize])
+            .collect();
+        Self {
+            current,
+            times_ms,
+            nodes,
+            cycle_ms,
+        }
     }
 
     /// Adds what flows between two times.
     pub(crate) fn add(&self, from_ms: f64, to_ms: f64, v_mv: &mut [f64]) {
-        let Some(cycle_ms) = self.cycle_ms else { return self.add_beat(from_ms, to_ms, v_mv) };
+        let Some(cycle_ms) = self.cycle_ms else {
+            return self.add_beat(from_ms, to_ms, v_mv);
+        };
         // the current may reach over the cycle's end
-        let first = ((from_ms - self.current.length_ms) / cycle_ms).floor().max(0.0) as usize;
+        let first = ((from_ms - self.current.length_ms) / cycle_ms)
+            .floor()
+            .max(0.0) as usize;
         let last = (to_ms / cycle_ms).floor() as usize;
         for beat in first..=last {
             let begin = beat as f64 * cycle_ms;
@@ -66,12 +83,16 @@ impl Feet {
     }
 
     fn add_beat(&self, from_ms: f64, to_ms: f64, v_mv: &mut [f64]) {
-        let first = self.times_ms.partition_point(|t| t + self.current.length_ms <= from_ms);
+        let first = self
+            .times_ms
+            .partition_point(|t| t + self.current.length_ms <= from_ms);
         let end = self.times_ms.partition_point(|t| *t < to_ms);
         for i in first..end {
             let v = &mut v_mv[self.nodes[i] as usize];
             if *v < self.current.end_mv {
-                *v += self.current.depolarisation_mv(from_ms - self.times_ms[i], to_ms - self.times_ms[i]);
+                *v += self
+                    .current
+                    .depolarisation_mv(from_ms - self.times_ms[i], to_ms - self.times_ms[i]);
             }
         }
     }
@@ -81,7 +102,12 @@ impl Feet {
 mod tests {
     use super::*;
 
-    const CURRENT: FootCurrent = FootCurrent { amplitude_mv: 1.0, tau_ms: 0.25, length_ms: 1.0, end_mv: 1e9 };
+    const CURRENT: FootCurrent = FootCurrent {
+        amplitude_mv: 1.0,
+        tau_ms: 0.25,
+        length_ms: 1.0,
+        end_mv: 1e9,
+    };
 
     #[test]
     fn the_charge_does_not_depend_on_the_step() {
@@ -89,7 +115,12 @@ mod tests {
         assert!((whole - (4f64.exp() - 1.0)).abs() < 1e-12);
         for step in [0.3, 0.025, 2.0] {
             let parts: f64 = (0..100)
-                .map(|i| CURRENT.depolarisation_mv(-1.0 + step * f64::from(i), -1.0 + step * f64::from(i + 1)))
+                .map(|i| {
+                    CURRENT.depolarisation_mv(
+                        -1.0 + step * f64::from(i),
+                        -1.0 + step * f64::from(i + 1),
+                    )
+                })
                 .sum();
             assert!((parts - whole).abs() < 1e-10, "{step}: {parts} {whole}");
         }
@@ -114,7 +145,14 @@ mod tests {
 
     #[test]
     fn a_depolarised_node_gets_none() {
-        let feet = Feet::new(FootCurrent { end_mv: -50.0, ..CURRENT }, &[0.0, 0.0], None);
+        let feet = Feet::new(
+            FootCurrent {
+                end_mv: -50.0,
+                ..CURRENT
+            },
+            &[0.0, 0.0],
+            None,
+        );
         let mut v = [-84.0, 20.0];
         feet.add(0.0, 0.5, &mut v);
         assert!(v[0] > -84.0 && v[1] == 20.0);

@@ -67,7 +67,9 @@ pub enum ElectrophysiologyError {
         problem: &'static str,
     },
     /// Activation times of another mesh.
-    #[error("electrophysiology: {found} activation times for a mesh of {expected} nodes: is the file of another mesh?")]
+    #[error(
+        "electrophysiology: {found} activation times for a mesh of {expected} nodes: is the file of another mesh?"
+    )]
     HowManyTimes {
         /// So many were given.
         found: usize,
@@ -85,7 +87,9 @@ pub enum ElectrophysiologyError {
         expected: String,
     },
     /// A potential that is not finite.
-    #[error("electrophysiology: the potential of node {node} is {found} mV at {t_ms} ms: try a shorter step")]
+    #[error(
+        "electrophysiology: the potential of node {node} is {found} mV at {t_ms} ms: try a shorter step"
+    )]
     Diverged {
         /// Which node of the mesh.
         node: usize,
@@ -159,40 +163,71 @@ impl ReactionEikonal {
     ) -> Result<Self, ElectrophysiologyError> {
         check_numbers(tissue, settings)?;
         if activation_ms.len() != mesh.n_nodes() {
-            return Err(ElectrophysiologyError::HowManyTimes { found: activation_ms.len(), expected: mesh.n_nodes() });
+            return Err(ElectrophysiologyError::HowManyTimes {
+                found: activation_ms.len(),
+                expected: mesh.n_nodes(),
+            });
         }
-        let elements: Vec<usize> = (0..mesh.n_tets()).filter(|e| tags.contains(&mesh.tags[*e])).collect();
+        let elements: Vec<usize> = (0..mesh.n_tets())
+            .filter(|e| tags.contains(&mesh.tags[*e]))
+            .collect();
         if elements.is_empty() {
-            return Err(ElectrophysiologyError::NoTissue { tags: tags.to_vec() });
+            return Err(ElectrophysiologyError::NoTissue {
+                tags: tags.to_vec(),
+            });
         }
         check_elements(mesh, &elements, settings.diffusion)?;
         let mut place = vec![u32::MAX; mesh.n_nodes()];
         for node in elements.iter().flat_map(|e| mesh.tets[*e]) {
             place[node as usize] = 0;
         }
-        let nodes: Vec<u32> = (0..mesh.n_nodes() as u32).filter(|node| place[*node as usize] == 0).collect();
+        let nodes: Vec<u32> = (0..mesh.n_nodes() as u32)
+            .filter(|node| place[*node as usize] == 0)
+            .collect();
         for (i, node) in nodes.iter().enumerate() {
             place[*node as usize] = i as u32;
         }
-        let times: Vec<f64> = nodes.iter().map(|node| activation_ms[*node as usize]).collect();
+        let times: Vec<f64> = nodes
+            .iter()
+            .map(|node| activation_ms[*node as usize])
+            .collect();
         check_times(&nodes, &times, settings)?;
         let diffusion = settings.diffusion.then(|| {
-            let positions: Vec<_> = nodes.iter().map(|node| mesh.nodes_mm[*node as usize]).collect();
-            let tets: Vec<_> = elements.iter().map(|e| mesh.tets[*e].map(|node| place[node as usize])).collect();
+            let positions: Vec<_> = nodes
+                .iter()
+                .map(|node| mesh.nodes_mm[*node as usize])
+                .collect();
+            let tets: Vec<_> = elements
+                .iter()
+                .map(|e| mesh.tets[*e].map(|node| place[node as usize]))
+                .collect();
             let frames: Vec<_> = elements.iter().map(|e| mesh.frames[*e]).collect();
-            Diffusion::new(&positions, &tets, &frames, tissue.diffusivities_mm2_ms(), settings.step_ms)
+            Diffusion::new(
+                &positions,
+                &tets,
+                &frames,
+                tissue.diffusivities_mm2_ms(),
+                settings.step_ms,
+            )
         });
         let n = nodes.len();
         Ok(Self {
             n_mesh_nodes: mesh.n_nodes(),
             nodes,
             membrane: Membrane::new(
-                Parameters { capacitance_uf_cm2: tissue.capacitance_uf_cm2, ..settings.membrane.clone() },
+                Parameters {
+                    capacitance_uf_cm2: tissue.capacitance_uf_cm2,
+                    ..settings.membrane.clone()
+                },
                 settings.step_ms,
             ),
             diffusion,
             feet: Feet::new(settings.foot, &times, settings.cycle_ms),
-            now: Snapshot { n_steps: 0, cells: Cells::new(n, start), crossings: Crossings::new(n) },
+            now: Snapshot {
+                n_steps: 0,
+                cells: Cells::new(n, start),
+                crossings: Crossings::new(n),
+            },
             before_mv: vec![0.0; n],
             n_iterations: 0,
         })
@@ -219,19 +254,31 @@ impl ReactionEikonal {
         let from = self.t_ms();
         let cells = &mut self.now.cells;
         self.before_mv.copy_from_slice(&cells.v_mv);
-        self.feet.add(from, from + self.membrane.step_ms(), &mut cells.v_mv);
+        self.feet
+            .add(from, from + self.membrane.step_ms(), &mut cells.v_mv);
         cells.step(&self.membrane);
-        let solved = self.diffusion.as_mut().map_or(Ok(0), |diffusion| diffusion.step(&mut cells.v_mv));
+        let solved = self
+            .diffusion
+            .as_mut()
+            .map_or(Ok(0), |diffusion| diffusion.step(&mut cells.v_mv));
         self.now.n_steps += 1;
         let t_ms = self.t_ms();
         match solved {
             Ok(iterations) => self.n_iterations += iterations as u64,
             Err(stalled) => {
                 self.check_finite()?;
-                return Err(ElectrophysiologyError::Stalled { t_ms, error_mv: stalled.error });
+                return Err(ElectrophysiologyError::Stalled {
+                    t_ms,
+                    error_mv: stalled.error,
+                });
             }
         }
-        self.now.crossings.note(&self.before_mv, &self.now.cells.v_mv, t_ms, self.membrane.step_ms());
+        self.now.crossings.note(
+            &self.before_mv,
+            &self.now.cells.v_mv,
+            t_ms,
+            self.membrane.step_ms(),
+        );
         Ok(())
     }
 
@@ -295,11 +342,21 @@ impl ReactionEikonal {
     /// [`ElectrophysiologyError::Snapshot`] where its size is another.
     pub fn restore(&mut self, snapshot: Snapshot) -> Result<(), ElectrophysiologyError> {
         let expected = self.nodes.len();
-        let Snapshot { cells, crossings, .. } = &snapshot;
-        let sizes = cells.gates.iter().chain([&cells.v_mv, &cells.ca_mm, &crossings.up_ms, &crossings.down_ms]);
+        let Snapshot {
+            cells, crossings, ..
+        } = &snapshot;
+        let sizes = cells.gates.iter().chain([
+            &cells.v_mv,
+            &cells.ca_mm,
+            &crossings.up_ms,
+            &crossings.down_ms,
+        ]);
         for values in sizes {
             if values.len() != expected {
-                return Err(ElectrophysiologyError::Snapshot { found: values.len(), expected });
+                return Err(ElectrophysiologyError::Snapshot {
+                    found: values.len(),
+                    expected,
+                });
             }
         }
         self.now = snapshot;
@@ -315,27 +372,54 @@ fn check_numbers(tissue: &Tissue, settings: &Settings) -> Result<(), Electrophys
         ("the conductivity along the fibre in mS/mm", fibre),
         ("the conductivity along the sheet in mS/mm", sheet),
         ("the conductivity across the sheet in mS/mm", normal),
-        ("the surface to volume ratio in 1/mm", tissue.surface_to_volume_per_mm),
-        ("the membrane capacitance in µF/cm²", tissue.capacitance_uf_cm2),
-        ("the foot current's time constant in ms", settings.foot.tau_ms),
-        ("the foot current's amplitude in mV", settings.foot.amplitude_mv),
+        (
+            "the surface to volume ratio in 1/mm",
+            tissue.surface_to_volume_per_mm,
+        ),
+        (
+            "the membrane capacitance in µF/cm²",
+            tissue.capacitance_uf_cm2,
+        ),
+        (
+            "the foot current's time constant in ms",
+            settings.foot.tau_ms,
+        ),
+        (
+            "the foot current's amplitude in mV",
+            settings.foot.amplitude_mv,
+        ),
         ("the foot current's length in ms", settings.foot.length_ms),
     ];
-    let cycle = settings.cycle_ms.map(|cycle| ("the length of a cycle in ms", cycle));
-    match named.into_iter().chain(cycle).find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+    let cycle = settings
+        .cycle_ms
+        .map(|cycle| ("the length of a cycle in ms", cycle));
+    match named
+        .into_iter()
+        .chain(cycle)
+        .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+    {
         None => Ok(()),
         Some((what, found)) => Err(ElectrophysiologyError::NotPositive { what, found }),
     }
 }
 
-fn check_elements(mesh: &TetMesh, elements: &[usize], diffusion: bool) -> Result<(), ElectrophysiologyError> {
+fn check_elements(
+    mesh: &TetMesh,
+    elements: &[usize],
+    diffusion: bool,
+) -> Result<(), ElectrophysiologyError> {
     for element in elements.iter().copied() {
         let volume = mesh.volume_mm3(element);
         if !(volume > 0.0 && volume.is_finite()) {
             let problem = "has no positive volume: check the mesh";
             return Err(ElectrophysiologyError::Element { element, problem });
         }
-        if diffusion && mesh.frames.get(element).is_none_or(|frame| norm(frame.fibre) < 0.5) {
+        if diffusion
+            && mesh
+                .frames
+                .get(element)
+                .is_none_or(|frame| norm(frame.fibre) < 0.5)
+        {
             let problem = "conducts, but has no fibre: make fibres first";
             return Err(ElectrophysiologyError::Element { element, problem });
         }
@@ -343,18 +427,35 @@ fn check_elements(mesh: &TetMesh, elements: &[usize], diffusion: bool) -> Result
     Ok(())
 }
 
-fn check_times(nodes: &[u32], times: &[f64], settings: &Settings) -> Result<(), ElectrophysiologyError> {
+fn check_times(
+    nodes: &[u32],
+    times: &[f64],
+    settings: &Settings,
+) -> Result<(), ElectrophysiologyError> {
     for (node, found) in nodes.iter().zip(times) {
-        let fits = *found >= 0.0 && settings.cycle_ms.is_none_or(|cycle| *found < cycle || found.is_infinite());
+        let fits = *found >= 0.0
+            && settings
+                .cycle_ms
+                .is_none_or(|cycle| *found < cycle || found.is_infinite());
         if !fits || (found.is_infinite() && !settings.diffusion) {
-            let most = settings.cycle_ms.map_or(String::new(), |cycle| format!(" and below the cycle of {cycle} ms"));
+            let most = settings.cycle_ms.map_or(String::new(), |cycle| {
+                format!(" and below the cycle of {cycle} ms")
+            });
             let expected = format!("a time from 0 on{most}, known wherever tissue conducts");
-            return Err(ElectrophysiologyError::ActivationTime { node: *node as usize, found: *found, expected });
+            return Err(ElectrophysiologyError::ActivationTime {
+                node: *node as usize,
+                found: *found,
+                expected,
+            });
         }
     }
     if let (true, Some(node)) = (times.iter().all(|t| t.is_infinite()), nodes.first()) {
         let expected = "a finite time at one node at least".to_owned();
-        return Err(ElectrophysiologyError::ActivationTime { node: *node as usize, found: f64::INFINITY, expected });
+        return Err(ElectrophysiologyError::ActivationTime {
+            node: *node as usize,
+            found: f64::INFINITY,
+            expected,
+        });
     }
     Ok(())
 }

@@ -19,8 +19,15 @@ impl SymmetricMatrix {
     /// Zeros on the pattern of linear elements.
     #[must_use]
     pub fn zeros(n: usize, tets: &[[u32; 4]]) -> Self {
-        let Adjacency { starts, items: columns } = Adjacency::node_to_nodes(n, tets);
-        Self { starts, values: vec![0.0; columns.len()], columns }
+        let Adjacency {
+            starts,
+            items: columns,
+        } = Adjacency::node_to_nodes(n, tets);
+        Self {
+            starts,
+            values: vec![0.0; columns.len()],
+            columns,
+        }
     }
 
     /// How many rows.
@@ -31,7 +38,10 @@ impl SymmetricMatrix {
 
     fn place(&self, row: usize, column: u32) -> Option<usize> {
         let columns = &self.columns[self.starts[row]..self.starts[row + 1]];
-        columns.binary_search(&column).ok().map(|k| self.starts[row] + k)
+        columns
+            .binary_search(&column)
+            .ok()
+            .map(|k| self.starts[row] + k)
     }
 
     /// Adds to an entry of the pattern; entries outside of it stay zero.
@@ -44,7 +54,9 @@ impl SymmetricMatrix {
     /// The diagonal.
     #[must_use]
     pub fn diagonal(&self) -> Vec<f64> {
-        (0..self.n_rows()).map(|i| self.place(i, i as u32).map_or(0.0, |k| self.values[k])).collect()
+        (0..self.n_rows())
+            .map(|i| self.place(i, i as u32).map_or(0.0, |k| self.values[k]))
+            .collect()
     }
 
     /// `diagonal` + `factor` · self.
@@ -66,20 +78,28 @@ impl SymmetricMatrix {
             for (i, out) in y.iter_mut().enumerate() {
                 let row = self.starts[first + i]..self.starts[first + i + 1];
                 let (columns, values) = (&self.columns[row.clone()], &self.values[row]);
-                *out = columns.iter().zip(values).map(|(column, value)| value * x[*column as usize]).sum();
+                *out = columns
+                    .iter()
+                    .zip(values)
+                    .map(|(column, value)| value * x[*column as usize])
+                    .sum();
             }
         };
         if y.len() <= CHUNK {
             part(0, y);
         } else {
-            y.par_chunks_mut(CHUNK).enumerate().for_each(|(k, y)| part(k * CHUNK, y));
+            y.par_chunks_mut(CHUNK)
+                .enumerate()
+                .for_each(|(k, y)| part(k * CHUNK, y));
         }
     }
 }
 
 fn inner(x: &[f64], y: &[f64]) -> f64 {
     let chunks = x.chunks(CHUNK).zip(y.chunks(CHUNK));
-    chunks.map(|(x, y)| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>()).sum()
+    chunks
+        .map(|(x, y)| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>())
+        .sum()
 }
 
 /// Conjugate gradients with Jacobi's preconditioner for one positive definite matrix, with its own memory.
@@ -113,7 +133,14 @@ impl ConjugateGradients {
         let diagonal = a.diagonal();
         let weight = diagonal.iter().sum();
         let inverse = diagonal.iter().map(|d| 1.0 / d).collect();
-        Self { inverse, weight, r: vec![0.0; n], z: vec![0.0; n], p: vec![0.0; n], ap: vec![0.0; n] }
+        Self {
+            inverse,
+            weight,
+            r: vec![0.0; n],
+            z: vec![0.0; n],
+            p: vec![0.0; n],
+            ap: vec![0.0; n],
+        }
     }
 
     /// Solves `a` x = b from the guess in `x`, until the root mean square of the preconditioned residual, weighted with
@@ -121,7 +148,13 @@ impl ConjugateGradients {
     ///
     /// # Errors
     /// [`Stalled`].
-    pub fn solve(&mut self, a: &SymmetricMatrix, b: &[f64], x: &mut [f64], tolerance: f64) -> Result<usize, Stalled> {
+    pub fn solve(
+        &mut self,
+        a: &SymmetricMatrix,
+        b: &[f64],
+        x: &mut [f64],
+        tolerance: f64,
+    ) -> Result<usize, Stalled> {
         a.times(x, &mut self.ap);
         for (i, b) in b.iter().enumerate() {
             self.r[i] = b - self.ap[i];
@@ -150,7 +183,10 @@ impl ConjugateGradients {
                 break;
             }
         }
-        Err(Stalled { error: (rz / self.weight).sqrt(), iterations: MOST_ITERATIONS })
+        Err(Stalled {
+            error: (rz / self.weight).sqrt(),
+            iterations: MOST_ITERATIONS,
+        })
     }
 }
 
@@ -174,7 +210,9 @@ mod tests {
         let mut b = [0.0; 5];
         a.times(&exact, &mut b);
         let mut x = [0.0; 5];
-        let iterations = ConjugateGradients::new(&a).solve(&a, &b, &mut x, 1e-12).unwrap();
+        let iterations = ConjugateGradients::new(&a)
+            .solve(&a, &b, &mut x, 1e-12)
+            .unwrap();
         assert!(iterations <= 6, "{iterations}");
         for (x, exact) in x.iter().zip(exact) {
             assert!((x - exact).abs() < 1e-10, "{x} {exact}");
@@ -185,6 +223,10 @@ mod tests {
     fn what_is_not_finite_stalls() {
         let a = SymmetricMatrix::zeros(4, &[[0, 1, 2, 3]]).scaled_plus_diagonal(1.0, &[1.0; 4]);
         let b = [f64::NAN, 0.0, 0.0, 0.0];
-        assert!(ConjugateGradients::new(&a).solve(&a, &b, &mut [0.0; 4], 1e-9).is_err());
+        assert!(
+            ConjugateGradients::new(&a)
+                .solve(&a, &b, &mut [0.0; 4], 1e-9)
+                .is_err()
+        );
     }
 }

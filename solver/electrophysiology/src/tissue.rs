@@ -31,7 +31,11 @@ impl Tissue {
         let capacity = SURFACE_TO_VOLUME_PER_MM * 0.01;
         let sigma = |speed: f64| capacity * (speed / SPEED_PER_ROOT_DIFFUSIVITY).powi(2);
         Self {
-            conductivity_ms_mm: [sigma(speeds.fibre), sigma(speeds.sheet), sigma(speeds.normal)],
+            conductivity_ms_mm: [
+                sigma(speeds.fibre),
+                sigma(speeds.sheet),
+                sigma(speeds.normal),
+            ],
             surface_to_volume_per_mm: SURFACE_TO_VOLUME_PER_MM,
             capacitance_uf_cm2: 1.0,
         }
@@ -41,6 +45,7 @@ impl Tissue {
     #[must_use]
     pub fn diffusivities_mm2_ms(&self) -> [f64; 3] {
         // 1 µF/cm² = 0.01 µF/mm²
-        self.conductivity_ms_mm.map(|sigma| sigma / (self.surface_to_volume_per_mm * 0.01 * self.capacitance_uf_cm2))
+        self.conductivity_ms_mm
+            .map(|sigma| sigma / (self.surface_to_volume_per_mm * 0.01 * self.capacitance_uf_cm2))
     }
 }

@@ -13,7 +13,9 @@ const END_MS: f64 = 4.0;
 /// A cosine along each axis of the tensor, each decaying at its own rate.
 fn modes(x: &[f64; 3], t_ms: f64, axes: [usize; 3]) -> f64 {
     let k = PI / LENGTH_MM;
-    (0..3).map(|i| (k * x[axes[i]]).cos() * (-DIFFUSIVITIES[i] * k * k * t_ms).exp()).sum()
+    (0..3)
+        .map(|i| (k * x[axes[i]]).cos() * (-DIFFUSIVITIES[i] * k * k * t_ms).exp())
+        .sum()
 }
 
 /// The potential at the end, and the exact one.
@@ -23,14 +25,28 @@ fn solved(n: usize, step_ms: f64) -> (Vec<f64>, Vec<f64>) {
     let frame = mesh.frames[0];
     let axis = |v: [f64; 3]| (0..3).find(|k| v[*k].abs() > 0.99).unwrap();
     let axes = [axis(frame.fibre), axis(frame.sheet), axis(frame.normal)];
-    let mut diffusion = Diffusion::new(&mesh.nodes_mm, &mesh.tets, &mesh.frames, DIFFUSIVITIES, step_ms);
-    let at = |t_ms: f64| mesh.nodes_mm.iter().map(|x| modes(x, t_ms, axes)).collect::<Vec<_>>();
+    let mut diffusion = Diffusion::new(
+        &mesh.nodes_mm,
+        &mesh.tets,
+        &mesh.frames,
+        DIFFUSIVITIES,
+        step_ms,
+    );
+    let at = |t_ms: f64| {
+        mesh.nodes_mm
+            .iter()
+            .map(|x| modes(x, t_ms, axes))
+            .collect::<Vec<_>>()
+    };
     let mut v = at(0.0);
     let before = diffusion.integral(&v);
     for _ in 0..(END_MS / step_ms).round() as usize {
         diffusion.step(&mut v).unwrap();
     }
-    assert!((diffusion.integral(&v) - before).abs() < 1e-4, "what diffuses is kept");
+    assert!(
+        (diffusion.integral(&v) - before).abs() < 1e-4,
+        "what diffuses is kept"
+    );
     (v, at(END_MS))
 }
 

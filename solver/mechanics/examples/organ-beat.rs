@@ -15,8 +15,8 @@ use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::motion::volume_ratios;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Piece, Search, UnloadingSettings,
-    VentricleParts, WallParameters,
+    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Piece, Search,
+    UnloadingSettings, VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
@@ -34,11 +34,16 @@ use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 /// Seconds of processor time so far: what a busy machine changes little; zero where the system does not tell.
 fn processor_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/self/schedstat").unwrap_or_default();
-    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+    text.split(' ')
+        .next()
+        .and_then(|ns| ns.parse::<f64>().ok())
+        .unwrap_or(0.0)
+        * 1e-9
 }
 
 fn argument<T: std::str::FromStr>(name: &str, default: T) -> T {
-    let found = std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
+    let found =
+        std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
     found.unwrap_or(default)
 }
 
@@ -50,7 +55,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let share = argument("share", f64::NAN);
     let volume = match kind.volume {
-        VolumeChange::Nodal { .. } if share >= 0.0 => VolumeChange::Nodal { pointwise_share: share },
+        VolumeChange::Nodal { .. } if share >= 0.0 => VolumeChange::Nodal {
+            pointwise_share: share,
+        },
         volume => volume,
     };
     let kind = ElementKind { volume, ..kind };
@@ -67,7 +74,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
     let turn = argument("turn", 60.0);
-    make(&mut mesh, &muscle, &Angles { alpha_endo_deg: turn, alpha_epi_deg: -turn, ..Angles::default() })?;
+    make(
+        &mut mesh,
+        &muscle,
+        &Angles {
+            alpha_endo_deg: turn,
+            alpha_epi_deg: -turn,
+            ..Angles::default()
+        },
+    )?;
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction)?;
     if argument("nodal", 1) == 0 {
@@ -108,7 +123,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => {}
     }
     wall.damping.stiffness_ms = argument("tau", wall.damping.stiffness_ms);
-    let Fitted { state: end_diastole, wall, .. } = match argument("c", 0.0) {
+    let Fitted {
+        state: end_diastole,
+        wall,
+        ..
+    } = match argument("c", 0.0) {
         c if c > 0.0 => {
             wall.muscle = wall.muscle.with_stiffness(c);
             wall.rim.stiffness = argument("rim", wall.rim.stiffness);
@@ -116,7 +135,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             wall.pericardial_base_share = argument("base", wall.pericardial_base_share);
             let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall)?;
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
-            Fitted { state, wall, slope: None }
+            Fitted {
+                state,
+                wall,
+                slope: None,
+            }
         }
         _ => fit(&Piece::whole(&anatomy), &wall, &target, None, &mut search)?,
     };
@@ -134,7 +157,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (begun, processor) = (Instant::now(), processor_seconds());
     let cycle_length = Ms(argument("end", 659.0));
     let heart = LeftHeart::of_an_adult(Mmhg(9.0), cycle_length);
-    let tanh = TanhParameters { smax_ref_kpa: argument("smax", 100.0), t_cr_ms: 400.0, ..TanhParameters::default() };
+    let tanh = TanhParameters {
+        smax_ref_kpa: argument("smax", 100.0),
+        t_cr_ms: 400.0,
+        ..TanhParameters::default()
+    };
     let mut circulation = heart.build()?;
     let mut ventricle = FiniteElementVentricle::new(VentricleParts {
         anatomy: &anatomy,
@@ -152,30 +179,53 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ..StepSettings::default()
         },
     })?;
-    let settings = BeatSettings { step: Ms(argument("step", 1.0)), ..BeatSettings::one_beat(cycle_length) };
+    let settings = BeatSettings {
+        step: Ms(argument("step", 1.0)),
+        ..BeatSettings::one_beat(cycle_length)
+    };
     let (mut volume_ratio, mut sample) = ([f64::INFINITY, f64::NEG_INFINITY], 0);
     let outcome = run_observed(&mut ventricle, &mut circulation, &settings, None, |seen| {
         if sample % 5 == 0 {
-            let (unloaded, u) = (seen.ventricle.unloaded_mm(), seen.ventricle.displacement_mm());
+            let (unloaded, u) = (
+                seen.ventricle.unloaded_mm(),
+                seen.ventricle.displacement_mm(),
+            );
             let x: Vec<f64> = unloaded.iter().zip(&u).map(|(x, u)| x + u).collect();
-            let [least, largest] = volume_ratios(&mesh.tets, unloaded.as_chunks::<3>().0, x.as_chunks::<3>().0);
+            let [least, largest] = volume_ratios(
+                &mesh.tets,
+                unloaded.as_chunks::<3>().0,
+                x.as_chunks::<3>().0,
+            );
             volume_ratio = [volume_ratio[0].min(least), volume_ratio[1].max(largest)];
         }
         sample += 1;
         ControlFlow::<Infallible>::Continue(())
     });
     let ControlFlow::Continue(outcome) = outcome;
-    println!("volumes of elements over their unloaded ones: {:.3} to {:.3}", volume_ratio[0], volume_ratio[1]);
-    let (seconds, processor) = (begun.elapsed().as_secs_f64(), processor_seconds() - processor);
+    println!(
+        "volumes of elements over their unloaded ones: {:.3} to {:.3}",
+        volume_ratio[0], volume_ratio[1]
+    );
+    let (seconds, processor) = (
+        begun.elapsed().as_secs_f64(),
+        processor_seconds() - processor,
+    );
     let traces = match &outcome {
         BeatOutcome::Finished(result) => {
             for check in &result.checks {
-                println!("{}: {} ({})", check.name, if check.passed { "yes" } else { "NO" }, check.value);
+                println!(
+                    "{}: {} ({})",
+                    check.name,
+                    if check.passed { "yes" } else { "NO" },
+                    check.value
+                );
             }
             println!("{} steps, {} cut", result.work.n_steps, result.work.n_cut);
             &result.traces
         }
-        BeatOutcome::Diverged { t, reason, traces, .. } => {
+        BeatOutcome::Diverged {
+            t, reason, traces, ..
+        } => {
             println!("diverged at {t}: {reason}");
             traces
         }
@@ -188,21 +238,33 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         work.factorisations
     );
     let (p, v) = (&traces.pressure_mmhg, &traces.volume_ml);
-    let range = |x: &[f64]| x.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let range = |x: &[f64]| {
+        x.iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+    };
     println!("P {:.3?} mmHg, V {:.4?} mL", range(p), range(v));
     let trace = |quantity, x: &[f64]| Trace::new(quantity, traces.time_ms.clone(), x.to_vec());
     let (pressure, volume) = (trace(Quantity::Pressure, p)?, trace(Quantity::Volume, v)?);
     let found = BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::Single)?;
     let biomarkers = [
         ("P_max", found.p_max.map(|x| x.0), "mmHg"),
-        ("dPdt_max", found.dpdt_max_mmhg_per_ms.map(|x| 1e3 * x), "mmHg/s"),
-        ("dPdt_min", found.dpdt_min_mmhg_per_ms.map(|x| 1e3 * x), "mmHg/s"),
+        (
+            "dPdt_max",
+            found.dpdt_max_mmhg_per_ms.map(|x| 1e3 * x),
+            "mmHg/s",
+        ),
+        (
+            "dPdt_min",
+            found.dpdt_min_mmhg_per_ms.map(|x| 1e3 * x),
+            "mmHg/s",
+        ),
         ("PTD90", found.ptd90.map(|x| x.0), "ms"),
         ("SV", found.sv.map(|x| x.0), "mL"),
         ("tau_VD", found.tau_vd.map(|x| x.0), "ms"),
         ("tau_VR", found.tau_vr.map(|x| x.0), "ms"),
     ];
-    let told = biomarkers.map(|(name, value, unit)| format!("{name} {:.3} {unit}", value.unwrap_or(f64::NAN)));
+    let told = biomarkers
+        .map(|(name, value, unit)| format!("{name} {:.3} {unit}", value.unwrap_or(f64::NAN)));
     println!("{}; {:?}", told.join(", "), found.flags);
     if std::env::args().any(|a| a == "trace") {
         for (k, t) in traces.time_ms.iter().enumerate().step_by(20) {

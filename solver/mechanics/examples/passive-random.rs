@@ -7,14 +7,17 @@
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::passive_fit::fit;
-use cardiotwin_mechanics::organ::{Anatomy, ElementKind, PassiveFit, Piece, Search, UnloadingSettings, WallParameters};
+use cardiotwin_mechanics::organ::{
+    Anatomy, ElementKind, PassiveFit, Piece, Search, UnloadingSettings, WallParameters,
+};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, make};
 use cardiotwin_mesh::tags;
 use cardiotwin_units::{MMHG_PER_KPA, Ml};
 
 fn argument<T: std::str::FromStr>(name: &str, default: T) -> T {
-    let found = std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
+    let found =
+        std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
     found.unwrap_or(default)
 }
 
@@ -48,20 +51,38 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         make(
             &mut mesh,
             &[tags::LEFT_VENTRICLE],
-            &Angles { alpha_endo_deg: turn, alpha_epi_deg: -turn, ..Angles::default() },
+            &Angles {
+                alpha_endo_deg: turn,
+                alpha_epi_deg: -turn,
+                ..Angles::default()
+            },
         )?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL)?;
-        let [image_pressure_kpa, end_diastolic_pressure_kpa] = [image_mmhg, edp_mmhg].map(|p| p / MMHG_PER_KPA);
+        let [image_pressure_kpa, end_diastolic_pressure_kpa] =
+            [image_mmhg, edp_mmhg].map(|p| p / MMHG_PER_KPA);
         let factor = draw.between(0.3, 1.2);
         let mut known = WallParameters::default();
         let stiffness_kpa = 0.42 * (draw.between(-1.0, 1.5)).exp() / factor.powi(2);
-        known.muscle = known.muscle.with_stiffness(stiffness_kpa).scaled(1.0, factor);
+        known.muscle = known
+            .muscle
+            .with_stiffness(stiffness_kpa)
+            .scaled(1.0, factor);
         let [hold, rim, epicardium] = [(0.01, 10.0), (0.01, 10.0), (0.01, 5.0)]
             .map(|(least, most): (f64, f64)| draw.between(least.ln(), most.ln()).exp());
         let hold = argument("hold", hold);
-        (known.static_spring, known.rim.stiffness, known.pericardium.stiffness) = (hold, rim, epicardium);
-        let given = PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa };
-        let mut wall = WallParameters { muscle: WallParameters::default().muscle, ..known.clone() };
+        (
+            known.static_spring,
+            known.rim.stiffness,
+            known.pericardium.stiffness,
+        ) = (hold, rim, epicardium);
+        let given = PassiveFit::Given {
+            image_pressure_kpa,
+            end_diastolic_pressure_kpa,
+        };
+        let mut wall = WallParameters {
+            muscle: WallParameters::default().muscle,
+            ..known.clone()
+        };
         wall.muscle = wall.muscle.with_stiffness(0.42);
         let mut search = Search::new(UnloadingSettings::for_anatomy(&anatomy));
         let case = format!(
@@ -73,14 +94,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Ok(made) => made,
             Err(error) => {
                 failed += 1;
-                let cause = std::error::Error::source(&error).map(|s| format!(": {s}")).unwrap_or_default();
-                println!("{case}: FORWARD {error}{cause} ({:.1} s)", one.elapsed().as_secs_f64());
+                let cause = std::error::Error::source(&error)
+                    .map(|s| format!(": {s}"))
+                    .unwrap_or_default();
+                println!(
+                    "{case}: FORWARD {error}{cause} ({:.1} s)",
+                    one.elapsed().as_secs_f64()
+                );
                 continue;
             }
         };
         if argument("fit", 1) == 0 {
             if argument("verbose", 0) > 0 {
-                println!("{case}: {} Newton, {:.1} s", made.state.newton_iterations, one.elapsed().as_secs_f64());
+                println!(
+                    "{case}: {} Newton, {:.1} s",
+                    made.state.newton_iterations,
+                    one.elapsed().as_secs_f64()
+                );
             }
             continue;
         }
@@ -108,11 +138,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Ok(_) => {}
             Err(error) => {
                 failed += 1;
-                let cause = std::error::Error::source(&error).map(|s| format!(": {s}")).unwrap_or_default();
-                println!("{case}: {error}{cause} ({:.1} s)", one.elapsed().as_secs_f64());
+                let cause = std::error::Error::source(&error)
+                    .map(|s| format!(": {s}"))
+                    .unwrap_or_default();
+                println!(
+                    "{case}: {error}{cause} ({:.1} s)",
+                    one.elapsed().as_secs_f64()
+                );
             }
         }
     }
-    println!("{failed} of {n} failed, {:.0} s", begun.elapsed().as_secs_f64());
+    println!(
+        "{failed} of {n} failed, {:.0} s",
+        begun.elapsed().as_secs_f64()
+    );
     Ok(())
 }

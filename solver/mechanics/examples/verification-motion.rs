@@ -48,9 +48,19 @@ fn cube() {
     println!("load,coupling,dt_ms,t_ms,stretch");
     for load in [Load::Isometric, Load::Shortening] {
         for dt_ms in [1.0, 0.1] {
-            for coupling in [Coupling::Implicit, Coupling::Stabilised, Coupling::Staggered] {
-                for (k, stretch) in contract(load, coupling, dt_ms, 30.0).into_iter().enumerate() {
-                    println!("{load:?},{coupling:?},{dt_ms},{:.1},{stretch:.6}", k as f64 * dt_ms);
+            for coupling in [
+                Coupling::Implicit,
+                Coupling::Stabilised,
+                Coupling::Staggered,
+            ] {
+                for (k, stretch) in contract(load, coupling, dt_ms, 30.0)
+                    .into_iter()
+                    .enumerate()
+                {
+                    println!(
+                        "{load:?},{coupling:?},{dt_ms},{:.1},{stretch:.6}",
+                        k as f64 * dt_ms
+                    );
                 }
             }
         }

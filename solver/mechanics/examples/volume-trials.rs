@@ -17,7 +17,8 @@ use cardiotwin_units::Ml;
 use verification::meshes::Mesh;
 use verification::patches::neighbours;
 use verification::problems::{
-    APEX_ENDO, APEX_EPI, BEAM_TIP, KAPPA_KPA, P2_NODAL, Problem, SPHERE, beam, contraction, inflation, p1_nodal, sphere,
+    APEX_ENDO, APEX_EPI, BEAM_TIP, KAPPA_KPA, P2_NODAL, Problem, SPHERE, beam, contraction,
+    inflation, p1_nodal, sphere,
 };
 use verification::sphere::incompressible_pressure;
 use verification::volume_trials::{Trial, equilibrium};
@@ -33,19 +34,35 @@ fn ventricle(n_nodes: usize, pressure_kpa: f64, active_kpa: f64) -> Problem {
     let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes)).expect("a ventricle");
     let mut mesh = made.mesh;
     make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fibres");
-    let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let anatomy =
+        Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL).expect("an anatomy");
     let axis = anatomy.axis;
-    let length = (0..3).map(|i| (axis.base_mm[i] - axis.apex_mm[i]).powi(2)).sum::<f64>().sqrt();
+    let length = (0..3)
+        .map(|i| (axis.base_mm[i] - axis.apex_mm[i]).powi(2))
+        .sum::<f64>()
+        .sqrt();
     let wall = WallParameters::default();
-    let sides = vec![mesh.surface(surface_names::ENDOCARDIUM).expect("an endocardium").triangles.clone()];
+    let sides = vec![
+        mesh.surface(surface_names::ENDOCARDIUM)
+            .expect("an endocardium")
+            .triangles
+            .clone(),
+    ];
     let nodes = anatomy.nodes.clone();
     Problem {
-        mesh: Mesh { nodes: nodes.clone(), tets: mesh.tets, sides },
+        mesh: Mesh {
+            nodes: nodes.clone(),
+            tets: mesh.tets,
+            sides,
+        },
         middle: Box::new(|_, _| None),
         frame: Box::new(move |e, x| anatomy.frame_at(&nodes, e, x)),
         tissue: Tissue {
             law: wall.muscle.with_stiffness(0.8),
-            volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: KAPPA_KPA },
+            volumetric: Volumetric {
+                law: VolumetricLaw::LnSquared,
+                kappa_kpa: KAPPA_KPA,
+            },
             active: Some(ActiveLaw::BENCHMARK),
             density: 1.0,
         },
@@ -82,19 +99,32 @@ impl Row<'_> {
         let nodes = &self.problem.mesh.nodes;
         let figures: Vec<String> = (self.points.iter())
             .map(|(at, axis)| {
-                let distance = |k: &usize| (0..3).map(|i| (nodes[*k][i] - at[i]).powi(2)).sum::<f64>();
-                let k = (0..nodes.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("a node");
+                let distance =
+                    |k: &usize| (0..3).map(|i| (nodes[*k][i] - at[i]).powi(2)).sum::<f64>();
+                let k = (0..nodes.len())
+                    .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                    .expect("a node");
                 format!("{:.4}", nodes[k][*axis] + u[3 * k + axis])
             })
             .collect();
-        let figures: Vec<String> = figures.into_iter().chain([format!("{cavity:.1}")]).collect();
+        let figures: Vec<String> = figures
+            .into_iter()
+            .chain([format!("{cavity:.1}")])
+            .collect();
         let pairs = neighbours(&self.problem.mesh.tets);
-        let jumps = pairs.iter().map(|(a, b)| (pressure[*a] - pressure[*b]).powi(2)).sum::<f64>() / pairs.len() as f64;
+        let jumps = pairs
+            .iter()
+            .map(|(a, b)| (pressure[*a] - pressure[*b]).powi(2))
+            .sum::<f64>()
+            / pairs.len() as f64;
         let (jump, off) = match &self.reference {
             Some(reference) => {
                 let apart: Vec<f64> = pressure.iter().zip(reference).map(|(a, b)| a - b).collect();
                 let off = apart.iter().map(|x| x * x).sum::<f64>() / apart.len() as f64;
-                (jumps.sqrt() / spread(reference), format!("{:.2}", off.sqrt() / spread(reference)))
+                (
+                    jumps.sqrt() / spread(reference),
+                    format!("{:.2}", off.sqrt() / spread(reference)),
+                )
             }
             None => (jumps.sqrt() / spread(pressure), String::new()),
         };
@@ -112,8 +142,11 @@ impl Row<'_> {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let number =
-        |name: &str| arguments.iter().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse::<f64>().ok());
+    let number = |name: &str| {
+        arguments
+            .iter()
+            .find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse::<f64>().ok())
+    };
     let sizes = arguments.iter().filter_map(|a| {
         let (n, layers) = a.split_once('x')?;
         Some((n.parse::<usize>().ok()?, layers.parse::<usize>().ok()?))
@@ -127,8 +160,16 @@ fn main() {
             "beam" => (beam(n, 1e3), &tip[..], 2.0),
             "inflation" => (inflation(n, layers, 1e4), &apices[..], 5.0),
             "contraction" => (contraction(n, layers, 1e3), &apices[..], 2.0),
-            "ventricle" => (ventricle(n, number("pressure").unwrap_or(1.2), 0.0), &[][..], 1.4),
-            "sphere" => (sphere(n, layers, incompressible_pressure(1.3), 1e3), &inner[..], 1.0),
+            "ventricle" => (
+                ventricle(n, number("pressure").unwrap_or(1.2), 0.0),
+                &[][..],
+                1.4,
+            ),
+            "sphere" => (
+                sphere(n, layers, incompressible_pressure(1.3), 1e3),
+                &inner[..],
+                1.0,
+            ),
             _ => panic!("beam, inflation, contraction or sphere"),
         };
         if let Some(active) = number("active") {
@@ -141,10 +182,23 @@ fn main() {
             problem.mesh.nodes.len()
         );
         println!("| element | figures | jump of pressure | off quadratic | J | Newton | cut | s |");
-        let mut row = Row { problem: &problem, points, reference: None };
-        let steps = LoadSteps { first: problem.first_step, ..LoadSteps::default() };
-        let library = [("quadratic nodal", P2_NODAL), ("linear nodal, 0.01", p1_nodal(0.01))];
-        for (name, element) in library.into_iter().skip(usize::from(number("quadratic") == Some(0.0))) {
+        let mut row = Row {
+            problem: &problem,
+            points,
+            reference: None,
+        };
+        let steps = LoadSteps {
+            first: problem.first_step,
+            ..LoadSteps::default()
+        };
+        let library = [
+            ("quadratic nodal", P2_NODAL),
+            ("linear nodal, 0.01", p1_nodal(0.01)),
+        ];
+        for (name, element) in library
+            .into_iter()
+            .skip(usize::from(number("quadratic") == Some(0.0)))
+        {
             let start = Instant::now();
             match problem.solve_with(element, &steps) {
                 Ok(s) => {
@@ -172,10 +226,18 @@ fn main() {
         }
         for times in [0.1, 0.3, 1.0, 3.0, 10.0] {
             let name = format!("P1-P1, projection at {times} mu");
-            trials.push((name, Trial::Projected { modulus_kpa: times * modulus }));
+            trials.push((
+                name,
+                Trial::Projected {
+                    modulus_kpa: times * modulus,
+                },
+            ));
         }
         for share in [0.0, 0.01] {
-            trials.push((format!("patches of 8, {share}"), Trial::Patch { elements: 8, share }));
+            trials.push((
+                format!("patches of 8, {share}"),
+                Trial::Patch { elements: 8, share },
+            ));
         }
         for (name, trial) in trials {
             let start = Instant::now();
@@ -193,7 +255,9 @@ fn main() {
                         seconds,
                     );
                 }
-                Err(reached) => println!("| {name} | fails at {:.1} % of the load |", 100.0 * reached),
+                Err(reached) => {
+                    println!("| {name} | fails at {:.1} % of the load |", 100.0 * reached)
+                }
             }
         }
     }

@@ -30,7 +30,10 @@ pub struct Rayleigh {
 
 impl Rayleigh {
     /// None.
-    pub const NONE: Self = Self { mass_per_ms: 0.0, stiffness_ms: 0.0 };
+    pub const NONE: Self = Self {
+        mass_per_ms: 0.0,
+        stiffness_ms: 0.0,
+    };
 }
 
 /// Springs and dashpots on a surface.
@@ -120,7 +123,9 @@ pub struct Candidate {
 
 /// `to += k from`.
 fn add_times(k: f64, from: &[f64], to: &mut [f64]) {
-    to.iter_mut().zip(from).for_each(|(to, from)| *to += k * from);
+    to.iter_mut()
+        .zip(from)
+        .for_each(|(to, from)| *to += k * from);
 }
 
 impl Dynamics {
@@ -147,7 +152,10 @@ impl Dynamics {
     /// Vectors of the body.
     #[must_use]
     pub fn space(&self) -> Space<'_> {
-        Space { comm: self.comm.as_ref(), layout: self.body.layout() }
+        Space {
+            comm: self.comm.as_ref(),
+            layout: self.body.layout(),
+        }
     }
 
     /// Lumped mass of each node \[mg\].
@@ -159,13 +167,16 @@ impl Dynamics {
     /// Cavity volume \[mm³\]; zero without a cavity. Collective.
     #[must_use]
     pub fn cavity_volume(&self, u: &[f64]) -> f64 {
-        self.cavity.as_ref().map_or(0.0, |c| c.volume(self.comm.as_ref(), self.body.reference(), u))
+        self.cavity.as_ref().map_or(0.0, |c| {
+            c.volume(self.comm.as_ref(), self.body.reference(), u)
+        })
     }
 
     /// Completes a candidate from its displacement: velocity, acceleration, deformation. Collective.
     pub fn complete(&self, dt_ms: f64, now: &State, candidate: &mut Candidate) -> Smallest {
         self.space().update(&mut candidate.motion.u);
-        self.scheme.advance(dt_ms, &now.motion, &mut candidate.motion);
+        self.scheme
+            .advance(dt_ms, &now.motion, &mut candidate.motion);
         self.deform(candidate)
     }
 
@@ -173,16 +184,29 @@ impl Dynamics {
         let tau = self.damping.stiffness_ms;
         let Motion { u, v, .. } = &candidate.motion;
         candidate.shifted.clear();
-        candidate.shifted.extend(u.iter().zip(v).map(|(u, v)| u + tau * v));
-        self.body.deform(&candidate.shifted, self.comm.as_ref(), &mut candidate.deformation);
+        candidate
+            .shifted
+            .extend(u.iter().zip(v).map(|(u, v)| u + tau * v));
+        self.body.deform(
+            &candidate.shifted,
+            self.comm.as_ref(),
+            &mut candidate.deformation,
+        );
         if tau != 0.0 {
-            self.body.stretch(u, &mut candidate.deformation.squared_stretch);
+            self.body
+                .stretch(u, &mut candidate.deformation.squared_stretch);
         }
         if let Some(cavity) = &self.cavity {
             candidate.load.clear();
             candidate.load.resize(candidate.motion.u.len(), 0.0);
             let (comm, reference) = (self.comm.as_ref(), self.body.reference());
-            cavity.add_forces(comm, 1.0, reference, &candidate.motion.u, &mut candidate.load);
+            cavity.add_forces(
+                comm,
+                1.0,
+                reference,
+                &candidate.motion.u,
+                &mut candidate.load,
+            );
         }
         self.smallest(candidate.deformation.smallest)
     }
@@ -190,16 +214,27 @@ impl Dynamics {
     /// The smallest volume ratio over ranks, NaN as minus infinity; where it is worth a word, with its element's number in the
     /// whole mesh. Collective.
     fn smallest(&self, (ratio, element): (f64, usize)) -> Smallest {
-        let own = if ratio.is_nan() { f64::INFINITY } else { -ratio };
+        let own = if ratio.is_nan() {
+            f64::INFINITY
+        } else {
+            -ratio
+        };
         let mut largest = [own];
         self.comm.max(&mut largest);
         let mut element = self.elements.get(element).map_or(element, |e| *e as usize);
         if largest[0] > -0.5 && self.comm.n_ranks() > 1 {
-            let mut lowest = [if own == largest[0] { -(element as f64) } else { f64::NEG_INFINITY }];
+            let mut lowest = [if own == largest[0] {
+                -(element as f64)
+            } else {
+                f64::NEG_INFINITY
+            }];
             self.comm.max(&mut lowest);
             element = -lowest[0] as usize;
         }
-        Smallest { volume_ratio: -largest[0], element }
+        Smallest {
+            volume_ratio: -largest[0],
+            element,
+        }
     }
 
     /// `G` without internal forces and pressure, added to `force`.
@@ -214,7 +249,12 @@ impl Dynamics {
             if support.rest.is_empty() {
                 support.robin.add_forces(support.spring, &motion.u, force);
             } else {
-                let u: Vec<f64> = motion.u.iter().zip(&support.rest).map(|(u, r)| u - r).collect();
+                let u: Vec<f64> = motion
+                    .u
+                    .iter()
+                    .zip(&support.rest)
+                    .map(|(u, r)| u - r)
+                    .collect();
                 support.robin.add_forces(support.spring, &u, force);
             }
             if support.dashpot != 0.0 {
@@ -225,9 +265,21 @@ impl Dynamics {
 
     /// Loads of the further cavities, added to `force`. Collective where one of them has a pressure.
     fn add_given_cavities(&self, u: &[f64], force: &mut [f64]) {
-        for GivenCavity { cavity, pressure_kpa } in self.given_cavities.iter().filter(|given| given.pressure_kpa != 0.0)
+        for GivenCavity {
+            cavity,
+            pressure_kpa,
+        } in self
+            .given_cavities
+            .iter()
+            .filter(|given| given.pressure_kpa != 0.0)
         {
-            cavity.add_forces(self.comm.as_ref(), *pressure_kpa, self.body.reference(), u, force);
+            cavity.add_forces(
+                self.comm.as_ref(),
+                *pressure_kpa,
+                self.body.reference(),
+                u,
+                force,
+            );
         }
     }
 
@@ -242,27 +294,47 @@ impl Dynamics {
     /// at least `least_kpa`; where there are none, that of `force`, but at least that of `least_kpa` on a face of the body's
     /// bounding cube. `column` is the load of the cavity's unit pressure. Collective.
     #[must_use]
-    pub fn force_scale(&self, candidate: &Candidate, column: &[f64], force: &[f64], least_kpa: f64) -> f64 {
+    pub fn force_scale(
+        &self,
+        candidate: &Candidate,
+        column: &[f64],
+        force: &[f64],
+        least_kpa: f64,
+    ) -> f64 {
         let unit = self.space().norm(column);
-        let mut scale = if unit > 0.0 { least_kpa.max(candidate.pressure_kpa.abs()) * unit } else { 0.0 };
+        let mut scale = if unit > 0.0 {
+            least_kpa.max(candidate.pressure_kpa.abs()) * unit
+        } else {
+            0.0
+        };
         let mut of_load = vec![0.0; force.len()];
         for load in &self.loads {
             of_load.fill(0.0);
-            load.surface.add_forces(1.0, self.body.reference(), &candidate.motion.u, &mut of_load);
+            load.surface.add_forces(
+                1.0,
+                self.body.reference(),
+                &candidate.motion.u,
+                &mut of_load,
+            );
             scale += least_kpa.max(load.pressure_kpa.abs()) * self.space().norm(&of_load);
         }
         if scale > 0.0 {
             return scale;
         }
         let mut size = [0.0];
-        let (first, _) = self.body.reference().split_at(3.min(self.body.reference().len()));
+        let (first, _) = self
+            .body
+            .reference()
+            .split_at(3.min(self.body.reference().len()));
         for x in self.body.reference().as_chunks::<3>().0 {
             size[0] = (0..3).fold(size[0], |m: f64, i| m.max((x[i] - first[i]).abs()));
         }
         self.comm.max(&mut size);
         let mut count = [self.mass.len() as f64];
         self.comm.sum(&mut count);
-        (least_kpa * size[0] * size[0] / count[0].sqrt()).max(self.space().norm(force)).max(f64::MIN_POSITIVE)
+        (least_kpa * size[0] * size[0] / count[0].sqrt())
+            .max(self.space().norm(force))
+            .max(f64::MIN_POSITIVE)
     }
 
     /// The cavity volume's gradient, overwriting `out` \[mm²\]. Collective.
@@ -289,7 +361,9 @@ impl Dynamics {
 
     /// Turns `G` at the candidate into the residual of the step.
     fn weigh(&self, now: &State, candidate: &Candidate, force: &[f64], r: &mut [f64]) {
-        let GeneralisedAlpha { alpha_m, alpha_f, .. } = self.scheme;
+        let GeneralisedAlpha {
+            alpha_m, alpha_f, ..
+        } = self.scheme;
         for (node, mass) in self.mass.iter().enumerate() {
             for i in 3 * node..3 * node + 3 {
                 let a = (1.0 - alpha_m) * candidate.motion.a[i] + alpha_m * now.motion.a[i];
@@ -302,12 +376,27 @@ impl Dynamics {
     /// `G` at a complete candidate, overwriting `force`. Collective.
     pub fn forces(&self, candidate: &Candidate, force: &mut [f64]) {
         force.fill(0.0);
-        let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
-        let Candidate { shifted, active, deformation, .. } = candidate;
-        self.body.add_forces_in_motion(shifted, velocity, active, deformation, force);
+        let velocity = if self.body.is_viscous() {
+            &candidate.motion.v[..]
+        } else {
+            &[]
+        };
+        let Candidate {
+            shifted,
+            active,
+            deformation,
+            ..
+        } = candidate;
+        self.body
+            .add_forces_in_motion(shifted, velocity, active, deformation, force);
         self.add_linear_forces(&candidate.motion, force);
         for load in &self.loads {
-            load.surface.add_forces(load.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
+            load.surface.add_forces(
+                load.pressure_kpa,
+                self.body.reference(),
+                &candidate.motion.u,
+                force,
+            );
         }
         self.add_given_cavities(&candidate.motion.u, force);
         add_times(candidate.pressure_kpa, &candidate.load, force);
@@ -334,13 +423,25 @@ impl Dynamics {
         let alpha_f = self.scheme.alpha_f;
         // Strain is taken at u + τ v: all of the tangent is per unit of that, but for what active stress answers to λ(u).
         let per_shift = 1.0 + self.damping.stiffness_ms * velocity_rate;
-        let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
-        let Candidate { shifted, active, deformation, .. } = candidate;
+        let velocity = if self.body.is_viscous() {
+            &candidate.motion.v[..]
+        } else {
+            &[]
+        };
+        let Candidate {
+            shifted,
+            active,
+            deformation,
+            ..
+        } = candidate;
         let moving = (velocity, velocity_rate / per_shift);
-        let per_shifted =
-            |at: &ActivePoint| ActivePoint { slope_kpa: at.slope_kpa.map(|slope| slope / per_shift), ..*at };
+        let per_shifted = |at: &ActivePoint| ActivePoint {
+            slope_kpa: at.slope_kpa.map(|slope| slope / per_shift),
+            ..*at
+        };
         let active: Vec<ActivePoint> = active.iter().map(per_shifted).collect();
-        self.body.tangent_in_motion(shifted, moving, &active, deformation, force, tangent);
+        self.body
+            .tangent_in_motion(shifted, moving, &active, deformation, force, tangent);
         tangent.scale((1.0 - alpha_f) * per_shift);
         self.add_linear_forces(&candidate.motion, force);
         for support in &self.supports {
@@ -349,11 +450,23 @@ impl Dynamics {
         }
         for load in &self.loads {
             let (p, reference) = (load.pressure_kpa, self.body.reference());
-            load.surface.add_forces(p, reference, &candidate.motion.u, force);
-            load.surface.add_symmetric_tangent((1.0 - alpha_f) * p, reference, &candidate.motion.u, tangent);
+            load.surface
+                .add_forces(p, reference, &candidate.motion.u, force);
+            load.surface.add_symmetric_tangent(
+                (1.0 - alpha_f) * p,
+                reference,
+                &candidate.motion.u,
+                tangent,
+            );
         }
         self.add_given_cavities(&candidate.motion.u, force);
-        for GivenCavity { cavity, pressure_kpa } in self.given_cavities.iter().filter(|given| given.pressure_kpa != 0.0)
+        for GivenCavity {
+            cavity,
+            pressure_kpa,
+        } in self
+            .given_cavities
+            .iter()
+            .filter(|given| given.pressure_kpa != 0.0)
         {
             let p = (1.0 - alpha_f) * pressure_kpa;
             cavity.add_tangent(p, self.body.reference(), &candidate.motion.u, tangent);
@@ -379,8 +492,18 @@ impl Dynamics {
     ///
     /// # Errors
     /// The smallest volume ratio, where an element is inverted.
-    pub fn start(&self, u: Vec<f64>, active: Vec<ActivePoint>, pressure_kpa: f64) -> Result<State, Smallest> {
-        let mut candidate = Candidate { motion: Motion::at_rest(u), active, pressure_kpa, ..Candidate::default() };
+    pub fn start(
+        &self,
+        u: Vec<f64>,
+        active: Vec<ActivePoint>,
+        pressure_kpa: f64,
+    ) -> Result<State, Smallest> {
+        let mut candidate = Candidate {
+            motion: Motion::at_rest(u),
+            active,
+            pressure_kpa,
+            ..Candidate::default()
+        };
         let smallest = self.deform(&mut candidate);
         if !(smallest.volume_ratio > 0.0) {
             return Err(smallest);
@@ -393,6 +516,10 @@ impl Dynamics {
         }
         self.hold(&mut motion.a);
         self.space().update(&mut motion.a);
-        Ok(State { motion, force, pressure_kpa })
+        Ok(State {
+            motion,
+            force,
+            pressure_kpa,
+        })
     }
 }

@@ -19,20 +19,36 @@ pub fn wall_numbers(wall: &WallPoint) -> [f64; WALL_WIDTH] {
 /// The direction of the wall with these numbers.
 #[must_use]
 pub fn wall_of([a, b, c, d, e, f, depth]: [f64; WALL_WIDTH]) -> WallPoint {
-    WallPoint { out: [a, b, c], up: [d, e, f], depth }
+    WallPoint {
+        out: [a, b, c],
+        up: [d, e, f],
+        depth,
+    }
 }
 
 /// Angles of the rule as numbers.
 #[must_use]
 pub fn angle_numbers(a: &Angles) -> [f64; 4] {
-    [a.alpha_endo_deg, a.alpha_epi_deg, a.beta_endo_deg, a.beta_epi_deg]
+    [
+        a.alpha_endo_deg,
+        a.alpha_epi_deg,
+        a.beta_endo_deg,
+        a.beta_epi_deg,
+    ]
 }
 
 /// Angles of the rule; `None` for another count of numbers.
 #[must_use]
 pub fn angles_of(numbers: &[f64]) -> Option<Angles> {
-    let [alpha_endo_deg, alpha_epi_deg, beta_endo_deg, beta_epi_deg] = *numbers else { return None };
-    Some(Angles { alpha_endo_deg, alpha_epi_deg, beta_endo_deg, beta_epi_deg })
+    let [alpha_endo_deg, alpha_epi_deg, beta_endo_deg, beta_epi_deg] = *numbers else {
+        return None;
+    };
+    Some(Angles {
+        alpha_endo_deg,
+        alpha_epi_deg,
+        beta_endo_deg,
+        beta_epi_deg,
+    })
 }
 
 /// Adds a field to a message.
@@ -40,12 +56,18 @@ pub fn pack(fibres: &NodeFibres, to: &mut Parcel) {
     let axes = |f: &Frame| [f.fibre, f.sheet, f.normal];
     match fibres {
         NodeFibres::PerElement => to.numbers(&[]).numbers(&[]),
-        NodeFibres::Frames(frames) => {
-            to.numbers(&[]).numbers(frames.iter().map(axes).collect::<Vec<_>>().as_flattened().as_flattened())
-        }
+        NodeFibres::Frames(frames) => to.numbers(&[]).numbers(
+            frames
+                .iter()
+                .map(axes)
+                .collect::<Vec<_>>()
+                .as_flattened()
+                .as_flattened(),
+        ),
         NodeFibres::Rule { walls, angles } => {
             let values: Vec<_> = walls.iter().map(wall_numbers).collect();
-            to.numbers(&angle_numbers(angles)).numbers(values.as_flattened())
+            to.numbers(&angle_numbers(angles))
+                .numbers(values.as_flattened())
         }
     };
 }
@@ -55,14 +77,31 @@ pub fn unpack(from: &mut Opened<'_>) -> NodeFibres {
     let (angles, values) = (angles_of(from.numbers()), from.numbers());
     match angles {
         Some(angles) => {
-            let walls = values.as_chunks::<WALL_WIDTH>().0.iter().map(|w| wall_of(*w)).collect();
+            let walls = values
+                .as_chunks::<WALL_WIDTH>()
+                .0
+                .iter()
+                .map(|w| wall_of(*w))
+                .collect();
             NodeFibres::Rule { walls, angles }
         }
         None if values.is_empty() => NodeFibres::PerElement,
         None => {
-            let frame =
-                |[fibre, sheet, normal]: &[[f64; 3]; 3]| Frame { fibre: *fibre, sheet: *sheet, normal: *normal };
-            NodeFibres::Frames(values.as_chunks::<3>().0.as_chunks::<3>().0.iter().map(frame).collect())
+            let frame = |[fibre, sheet, normal]: &[[f64; 3]; 3]| Frame {
+                fibre: *fibre,
+                sheet: *sheet,
+                normal: *normal,
+            };
+            NodeFibres::Frames(
+                values
+                    .as_chunks::<3>()
+                    .0
+                    .as_chunks::<3>()
+                    .0
+                    .iter()
+                    .map(frame)
+                    .collect(),
+            )
         }
     }
 }

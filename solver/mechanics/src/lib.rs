@@ -14,8 +14,14 @@
 //! Units: mm, ms, mg, kPa, mN (coherent). Tensors are in the fibre frame.
 
 #![deny(missing_docs)]
-#![allow(clippy::needless_range_loop, reason = "tensor indices are read as indices")]
-#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must end on the cautious side")]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "tensor indices are read as indices"
+)]
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a comparison with NaN must end on the cautious side"
+)]
 
 pub mod body;
 pub mod boundary;

@@ -2,8 +2,8 @@
 //! against every rise of the residual.
 
 use crate::linear::{
-    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
-    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings,
+    Multigrid, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::parallel::Space;
 
@@ -52,7 +52,10 @@ impl Default for NewtonSettings {
             smallest_volume_ratio: 0.1,
             foresee_pressures: true,
             linear: LinearSolver::Direct,
-            krylov: KrylovSettings { relative_tolerance: 1e-6, ..KrylovSettings::default() },
+            krylov: KrylovSettings {
+                relative_tolerance: 1e-6,
+                ..KrylovSettings::default()
+            },
         }
     }
 }
@@ -80,7 +83,9 @@ impl NewtonReport {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NewtonError {
     /// Out of iterations.
-    #[error("Newton did not converge in {iterations} iterations: residual {residual:.3e} mN, wanted {wanted:.3e} mN")]
+    #[error(
+        "Newton did not converge in {iterations} iterations: residual {residual:.3e} mN, wanted {wanted:.3e} mN"
+    )]
     NotConverged {
         /// Iterations made.
         iterations: usize,
@@ -105,7 +110,9 @@ pub enum NewtonError {
         residual: f64,
     },
     /// The linear solver failed.
-    #[error("linear solver stopped after {iterations} iterations at a relative residual of {relative_residual:.1e}")]
+    #[error(
+        "linear solver stopped after {iterations} iterations at a relative residual of {relative_residual:.1e}"
+    )]
     Linear {
         /// Krylov iterations.
         iterations: usize,
@@ -162,7 +169,10 @@ impl Workspace {
     /// A workspace around a body's zero tangent.
     #[must_use]
     pub fn new(tangent: Tangent) -> Self {
-        Self { tangent, direct: None }
+        Self {
+            tangent,
+            direct: None,
+        }
     }
 }
 
@@ -185,14 +195,18 @@ pub fn solve(
         let norm = system.space().norm(&r);
         report.residuals.push(norm);
         if report.residuals.len() == 1 {
-            wanted =
-                (settings.relative_tolerance * norm.max(system.external_force())).max(round_off(system, workspace));
+            wanted = (settings.relative_tolerance * norm.max(system.external_force()))
+                .max(round_off(system, workspace));
         }
         if norm <= wanted {
             return Ok(report);
         }
         if report.iterations() >= settings.max_iterations {
-            return Err(NewtonError::NotConverged { iterations: report.iterations(), residual: norm, wanted });
+            return Err(NewtonError::NotConverged {
+                iterations: report.iterations(),
+                residual: norm,
+                wanted,
+            });
         }
         let mut step = vec![0.0; n];
         let krylov = solve_linear(system, workspace, &r, &mut step, settings)?;
@@ -205,7 +219,11 @@ pub fn solve(
             }
             let smallest = system.residual(&mut trial, &mut trial_r);
             let whole = smallest.volume_ratio > settings.smallest_volume_ratio;
-            let trial_norm = if whole { system.space().norm(&trial_r) } else { f64::INFINITY };
+            let trial_norm = if whole {
+                system.space().norm(&trial_r)
+            } else {
+                f64::INFINITY
+            };
             if trial_norm <= settings.largest_growth * norm.max(wanted) {
                 break;
             }
@@ -251,7 +269,10 @@ fn solve_linear(
             return first;
         }
         let next = gmres(space, tangent, m, r, step, &settings.krylov);
-        KrylovReport { iterations: first.iterations + next.iterations, ..next }
+        KrylovReport {
+            iterations: first.iterations + next.iterations,
+            ..next
+        }
     };
     let report = match settings.linear {
         LinearSolver::Direct => {
@@ -270,6 +291,9 @@ fn solve_linear(
     if report.relative_residual.is_finite() && report.relative_residual < 0.1 {
         Ok(report)
     } else {
-        Err(NewtonError::Linear { iterations: report.iterations, relative_residual: report.relative_residual })
+        Err(NewtonError::Linear {
+            iterations: report.iterations,
+            relative_residual: report.relative_residual,
+        })
     }
 }

@@ -7,7 +7,12 @@ use pulp::Simd;
 
 /// What a material or element kernel needs of a number.
 pub trait Real:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
 {
     /// The constant `x`, as the same kind of number as `self`.
     fn like(self, x: f64) -> Self;
@@ -72,7 +77,11 @@ mod elementary {
     /// `eˣ` to 2 units in the last place, arguments cut to −700 and [`LARGEST_EXPONENT`].
     #[inline(always)]
     pub fn exp(x: f64) -> f64 {
-        let x = if x < LARGEST_EXPONENT { x } else { LARGEST_EXPONENT };
+        let x = if x < LARGEST_EXPONENT {
+            x
+        } else {
+            LARGEST_EXPONENT
+        };
         let x = if x > -700.0 { x } else { -700.0 };
         let rounded = x * std::f64::consts::LOG2_E + ROUND;
         let k = rounded - ROUND;
@@ -119,7 +128,11 @@ mod elementary {
         let r = r * z;
         let half = 0.5 * f * f;
         let ln = k * LN2_HIGH - ((half - (s * (half + r) + k * LN2_LOW)) - f);
-        if x > 0.0 && x < f64::MAX { ln } else { f64::NAN }
+        if x > 0.0 && x < f64::MAX {
+            ln
+        } else {
+            f64::NAN
+        }
     }
 
     #[cfg(test)]
@@ -142,7 +155,11 @@ mod elementary {
         fn ends_of_the_range() {
             assert_eq!(super::exp(1e6), super::exp(super::LARGEST_EXPONENT));
             assert!(super::exp(-1e6) > 0.0 && super::exp(-1e6) < 1e-300);
-            assert!([0.0, -1.0, f64::NAN, f64::INFINITY].iter().all(|x| super::ln(*x).is_nan()));
+            assert!(
+                [0.0, -1.0, f64::NAN, f64::INFINITY]
+                    .iter()
+                    .all(|x| super::ln(*x).is_nan())
+            );
             assert_eq!((super::exp(0.0), super::ln(1.0)), (1.0, 0.0));
         }
     }
@@ -160,13 +177,19 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub fn load(simd: S, from: &[f64]) -> Self {
         // Whole vectors, not pulp's partial loads: those are calls that spill every register.
-        Self { simd, v: S::as_simd_f64s(&from[..S::F64_LANES]).0[0] }
+        Self {
+            simd,
+            v: S::as_simd_f64s(&from[..S::F64_LANES]).0[0],
+        }
     }
 
     /// The same number in every lane.
     #[inline(always)]
     pub fn splat(simd: S, x: f64) -> Self {
-        Self { simd, v: simd.splat_f64s(x) }
+        Self {
+            simd,
+            v: simd.splat_f64s(x),
+        }
     }
 
     /// Writes the lanes to the front of `to`.
@@ -182,7 +205,10 @@ macro_rules! lane_operator {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                Self { simd: self.simd, v: self.simd.$simd(self.v, other.v) }
+                Self {
+                    simd: self.simd,
+                    v: self.simd.$simd(self.v, other.v),
+                }
             }
         }
     };
@@ -196,7 +222,10 @@ impl<S: Simd> Neg for Lanes<S> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self { simd: self.simd, v: self.simd.neg_f64s(self.v) }
+        Self {
+            simd: self.simd,
+            v: self.simd.neg_f64s(self.v),
+        }
     }
 }
 
@@ -207,11 +236,17 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
-        Self { simd: self.simd, v: self.simd.mul_add_e_f64s(self.v, a.v, b.v) }
+        Self {
+            simd: self.simd,
+            v: self.simd.mul_add_e_f64s(self.v, a.v, b.v),
+        }
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self { simd: self.simd, v: self.simd.sqrt_f64s(self.v) }
+        Self {
+            simd: self.simd,
+            v: self.simd.sqrt_f64s(self.v),
+        }
     }
     #[inline(always)]
     fn exp(self) -> Self {
@@ -233,7 +268,10 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self { simd: self.simd, v: self.simd.max_f64s(self.v, other.v) }
+        Self {
+            simd: self.simd,
+            v: self.simd.max_f64s(self.v, other.v),
+        }
     }
 }
 
@@ -268,13 +306,19 @@ mod dual {
     impl Mul for Dual {
         type Output = Self;
         fn mul(self, o: Self) -> Self {
-            dual(self.value * o.value, self.slope * o.value + self.value * o.slope)
+            dual(
+                self.value * o.value,
+                self.slope * o.value + self.value * o.slope,
+            )
         }
     }
     impl Div for Dual {
         type Output = Self;
         fn div(self, o: Self) -> Self {
-            dual(self.value / o.value, (self.slope - self.value / o.value * o.slope) / o.value)
+            dual(
+                self.value / o.value,
+                (self.slope - self.value / o.value * o.slope) / o.value,
+            )
         }
     }
     impl Neg for Dual {
@@ -295,7 +339,10 @@ mod dual {
             dual(root, self.slope / (2.0 * root))
         }
         fn exp(self) -> Self {
-            assert!(self.value < LARGEST_EXPONENT, "tests stay inside the range of the exponential");
+            assert!(
+                self.value < LARGEST_EXPONENT,
+                "tests stay inside the range of the exponential"
+            );
             let e = self.value.exp();
             dual(e, self.slope * e)
         }
@@ -303,7 +350,11 @@ mod dual {
             dual(self.value.ln(), self.slope / self.value)
         }
         fn max(self, other: Self) -> Self {
-            if self.value >= other.value { self } else { other }
+            if self.value >= other.value {
+                self
+            } else {
+                other
+            }
         }
     }
 }
@@ -321,7 +372,8 @@ mod tests {
             let mut out = vec![0.0; 8];
             for first in (0..8).step_by(S::F64_LANES) {
                 let x = Lanes::load(simd, &self.0[first..]);
-                let y = (x.exp() + x.sqrt().ln()) * x.times(0.5) - x / x.like(3.0).max(x) + (-x).mul_add(x, x);
+                let y = (x.exp() + x.sqrt().ln()) * x.times(0.5) - x / x.like(3.0).max(x)
+                    + (-x).mul_add(x, x);
                 y.store(&mut out[first..]);
             }
             out
@@ -331,10 +383,17 @@ mod tests {
     #[test]
     fn lanes_compute_what_scalars_compute_on_this_processor_and_without_vectors() {
         let x = [0.1, 0.7, 1.0, 1.3, 2.0, 2.9, 3.1, 4.0];
-        for got in [pulp::Arch::new().dispatch(AllOperations(x)), pulp::Arch::Scalar.dispatch(AllOperations(x))] {
+        for got in [
+            pulp::Arch::new().dispatch(AllOperations(x)),
+            pulp::Arch::Scalar.dispatch(AllOperations(x)),
+        ] {
             for (x, got) in x.into_iter().zip(got) {
-                let want = (x.exp() + x.sqrt().ln()) * 0.5 * x - x / f64::max(3.0, x) + (-x).mul_add(x, x);
-                assert!((got - want).abs() < 1e-13 * want.abs().max(1.0), "{got} for {want} at {x}");
+                let want =
+                    (x.exp() + x.sqrt().ln()) * 0.5 * x - x / f64::max(3.0, x) + (-x).mul_add(x, x);
+                assert!(
+                    (got - want).abs() < 1e-13 * want.abs().max(1.0),
+                    "{got} for {want} at {x}"
+                );
             }
         }
     }

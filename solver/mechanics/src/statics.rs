@@ -4,7 +4,9 @@ use crate::body::{Body, Deformation};
 use crate::boundary::{PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
 use crate::linear::{Assembled as _, Tangent};
-use crate::newton::{NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve};
+use crate::newton::{
+    NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve,
+};
 use crate::parallel::{Communicator, Space};
 
 /// Supports and full loads of a static problem.
@@ -45,7 +47,14 @@ pub struct LoadSteps {
 
 impl Default for LoadSteps {
     fn default() -> Self {
-        Self { first: 0.1, largest: 1.0, smallest: 1e-3, grow_after: 2, quick: 6, newton: NewtonSettings::default() }
+        Self {
+            first: 0.1,
+            largest: 1.0,
+            smallest: 1e-3,
+            grow_after: 2,
+            quick: 6,
+            newton: NewtonSettings::default(),
+        }
     }
 }
 
@@ -94,12 +103,21 @@ struct AtLoad<'a, 'b> {
 impl AtLoad<'_, '_> {
     fn deform(&mut self, u: &mut [f64]) -> Smallest {
         self.space().update(u);
-        self.problem.body.deform(u, self.problem.comm, &mut self.deformation);
+        self.problem
+            .body
+            .deform(u, self.problem.comm, &mut self.deformation);
         let (ratio, element) = self.deformation.smallest;
         // The smallest over ranks; NaN counts as inverted everywhere.
-        let mut negative = [if ratio.is_nan() { f64::INFINITY } else { -ratio }];
+        let mut negative = [if ratio.is_nan() {
+            f64::INFINITY
+        } else {
+            -ratio
+        }];
         self.problem.comm.max(&mut negative);
-        Smallest { volume_ratio: -negative[0], element }
+        Smallest {
+            volume_ratio: -negative[0],
+            element,
+        }
     }
 
     fn add_loads(&mut self, u: &[f64], r: &mut [f64]) {
@@ -129,14 +147,19 @@ fn zero_fixed(fixed: &[[bool; 3]], r: &mut [f64]) {
 
 impl System for AtLoad<'_, '_> {
     fn space(&self) -> Space<'_> {
-        Space { comm: self.problem.comm, layout: self.problem.body.layout() }
+        Space {
+            comm: self.problem.comm,
+            layout: self.problem.body.layout(),
+        }
     }
 
     fn residual(&mut self, u: &mut [f64], r: &mut [f64]) -> Smallest {
         let smallest = self.deform(u);
         if smallest.volume_ratio > 0.0 {
             r.fill(0.0);
-            self.problem.body.add_forces(u, &self.active, &self.deformation, r);
+            self.problem
+                .body
+                .add_forces(u, &self.active, &self.deformation, r);
             self.add_loads(u, r);
         }
         smallest
@@ -144,7 +167,10 @@ impl System for AtLoad<'_, '_> {
 
     fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
         self.deform(u);
-        self.linearised = (self.deformation.nodal_pressure.clone(), self.deformation.nodal_slope.clone());
+        self.linearised = (
+            self.deformation.nodal_pressure.clone(),
+            self.deformation.nodal_slope.clone(),
+        );
         let body = self.problem.body;
         r.fill(0.0);
         if self.foreseen_kpa.is_empty() {
@@ -171,7 +197,11 @@ impl System for AtLoad<'_, '_> {
     fn foresee(&mut self, change: &mut [f64], tangent: &Tangent) {
         let volumes = tangent.vertex_volumes(self.space(), change);
         let (pressures, slopes) = &self.linearised;
-        let foreseen = pressures.iter().zip(slopes).zip(volumes).map(|((p, slope), volume)| p + slope * volume);
+        let foreseen = pressures
+            .iter()
+            .zip(slopes)
+            .zip(volumes)
+            .map(|((p, slope), volume)| p + slope * volume);
         self.foreseen_kpa = foreseen.collect();
     }
 
@@ -188,13 +218,21 @@ impl System for AtLoad<'_, '_> {
 ///
 /// # Errors
 /// [`StaticError`] when the smallest load step fails; `u` then is the last equilibrium.
-pub fn load(problem: &StaticProblem<'_>, u: &mut Vec<f64>, steps: &LoadSteps) -> Result<StaticReport, StaticError> {
+pub fn load(
+    problem: &StaticProblem<'_>,
+    u: &mut Vec<f64>,
+    steps: &LoadSteps,
+) -> Result<StaticReport, StaticError> {
     let mut workspace = Workspace::new(problem.body.new_tangent());
     let mut report = StaticReport::default();
     let (mut reached, mut step, mut quick) = (0.0, steps.first.min(1.0), 0);
     let mut before: Option<(f64, Vec<f64>)> = None;
     while reached < 1.0 {
-        let step_now = if reached + step > 1.0 - 1e-9 { 1.0 - reached } else { step };
+        let step_now = if reached + step > 1.0 - 1e-9 {
+            1.0 - reached
+        } else {
+            step
+        };
         let target = reached + step_now;
         let mut system = AtLoad {
             problem,
@@ -205,11 +243,21 @@ pub fn load(problem: &StaticProblem<'_>, u: &mut Vec<f64>, steps: &LoadSteps) ->
             foreseen_kpa: vec![],
             external: 0.0,
         };
-        let mut trial =
-            start(&mut system, u, before.as_ref().map(|(l, b)| (step_now / (reached - l), b.as_slice())), steps);
+        let mut trial = start(
+            &mut system,
+            u,
+            before
+                .as_ref()
+                .map(|(l, b)| (step_now / (reached - l), b.as_slice())),
+            steps,
+        );
         match solve(&mut system, &mut trial, &mut workspace, &steps.newton) {
             Ok(newton) => {
-                quick = if newton.iterations() <= steps.quick { quick + 1 } else { 0 };
+                quick = if newton.iterations() <= steps.quick {
+                    quick + 1
+                } else {
+                    0
+                };
                 if quick >= steps.grow_after {
                     step = (1.5 * step).min(steps.largest);
                     quick = 0;
@@ -222,7 +270,11 @@ pub fn load(problem: &StaticProblem<'_>, u: &mut Vec<f64>, steps: &LoadSteps) ->
                 report.n_cut += 1;
                 (step, quick) = (0.5 * step_now, 0);
                 if step < steps.smallest {
-                    return Err(StaticError { load: reached, step: step_now, source });
+                    return Err(StaticError {
+                        load: reached,
+                        step: step_now,
+                        source,
+                    });
                 }
             }
         }
@@ -231,24 +283,41 @@ pub fn load(problem: &StaticProblem<'_>, u: &mut Vec<f64>, steps: &LoadSteps) ->
 }
 
 fn scaled(active: &ActivePoint, load: f64) -> ActivePoint {
-    ActivePoint { sa_kpa: active.sa_kpa.map(|x| load * x), slope_kpa: active.slope_kpa.map(|x| load * x) }
+    ActivePoint {
+        sa_kpa: active.sa_kpa.map(|x| load * x),
+        slope_kpa: active.slope_kpa.map(|x| load * x),
+    }
 }
 
 /// Where Newton starts: the last equilibrium, extrapolated by `ratio` times its last change where no element inverts by it,
 /// with prescribed components at their target.
-fn start(system: &mut AtLoad<'_, '_>, u: &[f64], last: Option<(f64, &[f64])>, steps: &LoadSteps) -> Vec<f64> {
+fn start(
+    system: &mut AtLoad<'_, '_>,
+    u: &[f64],
+    last: Option<(f64, &[f64])>,
+    steps: &LoadSteps,
+) -> Vec<f64> {
     let prescribe = |system: &AtLoad<'_, '_>, u: &mut [f64]| {
         for (node, fixed) in system.problem.fixed.iter().enumerate() {
             for i in 0..3 {
                 if fixed[i] {
-                    let full = system.problem.prescribed.get(3 * node + i).copied().unwrap_or(0.0);
+                    let full = system
+                        .problem
+                        .prescribed
+                        .get(3 * node + i)
+                        .copied()
+                        .unwrap_or(0.0);
                     u[3 * node + i] = system.load * full;
                 }
             }
         }
     };
     if let Some((ratio, before)) = last {
-        let mut guess: Vec<f64> = u.iter().zip(before).map(|(u, b)| u + ratio * (u - b)).collect();
+        let mut guess: Vec<f64> = u
+            .iter()
+            .zip(before)
+            .map(|(u, b)| u + ratio * (u - b))
+            .collect();
         prescribe(system, &mut guess);
         if system.deform(&mut guess).volume_ratio > steps.newton.smallest_volume_ratio {
             return guess;

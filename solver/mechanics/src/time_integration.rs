@@ -18,7 +18,9 @@ pub struct GeneralisedAlpha {
 
 /// Weights outside of the family's stable range.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error("generalised-α: alpha_m = {alpha_m}, alpha_f = {alpha_f}, but it must be alpha_m ≤ alpha_f ≤ 1/2")]
+#[error(
+    "generalised-α: alpha_m = {alpha_m}, alpha_f = {alpha_f}, but it must be alpha_m ≤ alpha_f ≤ 1/2"
+)]
 pub struct TimeIntegrationError {
     /// Found.
     pub alpha_m: f64,
@@ -48,7 +50,12 @@ impl GeneralisedAlpha {
 
     fn of_second_order(alpha_m: f64, alpha_f: f64) -> Self {
         let shift = alpha_f - alpha_m;
-        Self { alpha_m, alpha_f, beta: 0.25 * (1.0 + shift).powi(2), gamma: 0.5 + shift }
+        Self {
+            alpha_m,
+            alpha_f,
+            beta: 0.25 * (1.0 + shift).powi(2),
+            gamma: 0.5 + shift,
+        }
     }
 
     /// `∂v/∂u` at the end of a step \[1/ms\].
@@ -98,7 +105,11 @@ impl Motion {
     /// At rest, displaced by `u`.
     #[must_use]
     pub fn at_rest(u: Vec<f64>) -> Self {
-        Self { v: vec![0.0; u.len()], a: vec![0.0; u.len()], u }
+        Self {
+            v: vec![0.0; u.len()],
+            a: vec![0.0; u.len()],
+            u,
+        }
     }
 }
 
@@ -109,15 +120,22 @@ mod tests {
     /// A damped linear oscillator, m a + c v + k u = 0, from u = 1 at rest; returns u(t).
     fn oscillate(scheme: GeneralisedAlpha, [m, c, k]: [f64; 3], n: usize, t: f64) -> f64 {
         let dt = t / n as f64;
-        let mut now = Motion { u: vec![1.0], v: vec![0.0], a: vec![-k / m] };
+        let mut now = Motion {
+            u: vec![1.0],
+            v: vec![0.0],
+            a: vec![-k / m],
+        };
         let (am, af) = (scheme.alpha_m, scheme.alpha_f);
         for _ in 0..n {
             let mut end = Motion::default();
             scheme.predict(dt, &now, &mut end.u);
             scheme.advance(dt, &now, &mut end);
             let force = |s: &Motion| c * s.v[0] + k * s.u[0];
-            let residual = m * ((1.0 - am) * end.a[0] + am * now.a[0]) + (1.0 - af) * force(&end) + af * force(&now);
-            let slope = (1.0 - am) * m * scheme.acceleration_rate(dt) + (1.0 - af) * (c * scheme.velocity_rate(dt) + k);
+            let residual = m * ((1.0 - am) * end.a[0] + am * now.a[0])
+                + (1.0 - af) * force(&end)
+                + af * force(&now);
+            let slope = (1.0 - am) * m * scheme.acceleration_rate(dt)
+                + (1.0 - af) * (c * scheme.velocity_rate(dt) + k);
             end.u[0] -= residual / slope;
             scheme.advance(dt, &now, &mut end);
             now = end;
@@ -128,10 +146,17 @@ mod tests {
     #[test]
     fn every_member_is_of_second_order() {
         let (m, c, k) = (2.0_f64, 0.3_f64, 5.0_f64);
-        let (d, w) = (c / (2.0 * m), (k / m - (c / (2.0 * m)) * (c / (2.0 * m))).sqrt());
+        let (d, w) = (
+            c / (2.0 * m),
+            (k / m - (c / (2.0 * m)) * (c / (2.0 * m))).sqrt(),
+        );
         let exact = |t: f64| (-d * t).exp() * ((w * t).cos() + d / w * (w * t).sin());
         let benchmark = GeneralisedAlpha::with_weights(0.2, 0.4).expect("in the stable range");
-        for scheme in [0.0, 0.5, 1.0].map(GeneralisedAlpha::with_spectral_radius).into_iter().chain([benchmark]) {
+        for scheme in [0.0, 0.5, 1.0]
+            .map(GeneralisedAlpha::with_spectral_radius)
+            .into_iter()
+            .chain([benchmark])
+        {
             let error = |n| (oscillate(scheme, [m, c, k], n, 3.0) - exact(3.0)).abs();
             let order = (error(100) / error(200)).log2();
             assert!((1.85..2.2).contains(&order), "{scheme:?}: order {order}");
@@ -141,7 +166,15 @@ mod tests {
     #[test]
     fn spectral_radius_is_what_a_stiff_oscillator_shows() {
         // At rho = 0 a stiff mode is gone after a few steps, at rho = 1 it never goes.
-        let last = |rho| oscillate(GeneralisedAlpha::with_spectral_radius(rho), [1.0, 0.0, 1e8], 40, 40.0).abs();
+        let last = |rho| {
+            oscillate(
+                GeneralisedAlpha::with_spectral_radius(rho),
+                [1.0, 0.0, 1e8],
+                40,
+                40.0,
+            )
+            .abs()
+        };
         assert!(last(0.0) < 1e-6, "{}", last(0.0));
         assert!(last(1.0) > 0.9, "{}", last(1.0));
         assert!(GeneralisedAlpha::with_weights(0.5, 0.4).is_err());

@@ -13,7 +13,9 @@ use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
 use cardiotwin_mechanics::element::shape::EDGES;
 use cardiotwin_mechanics::linear::{Assembled as _, Tangent};
-use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Load, Tissue, Volumetric, VolumetricLaw, respond};
+use cardiotwin_mechanics::material::{
+    ActiveLaw, Guccione, Law, Load, Tissue, Volumetric, VolumetricLaw, respond,
+};
 use cardiotwin_mechanics::newton::{NewtonSettings, Smallest, System, Workspace, solve};
 use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
@@ -27,12 +29,23 @@ const ACTIVE_KPA: f64 = 10.0;
 /// Fibres turn from −60° at the cavity to 60° outside.
 const TURN: f64 = std::f64::consts::PI / 3.0;
 
-const QUADRATIC_POINTWISE: ElementKind = ElementKind { quadratic: true, volume: VolumeChange::Pointwise };
+const QUADRATIC_POINTWISE: ElementKind = ElementKind {
+    quadratic: true,
+    volume: VolumeChange::Pointwise,
+};
 
 fn tissue() -> Tissue {
     Tissue {
-        law: Law::Guccione(Guccione { c_kpa: 4.0, b_f: 8.0, b_t: 2.0, b_fs: 4.0 }),
-        volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: 60.0 },
+        law: Law::Guccione(Guccione {
+            c_kpa: 4.0,
+            b_f: 8.0,
+            b_t: 2.0,
+            b_fs: 4.0,
+        }),
+        volumetric: Volumetric {
+            law: VolumetricLaw::LnSquared,
+            kappa_kpa: 60.0,
+        },
         active: Some(ActiveLaw::PAPER),
         density: 1.06,
     }
@@ -65,10 +78,22 @@ fn stress(x: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     let axes = frame([x[0], x[1], x[2]]);
     let r = Matrix3::from_fn(|i, k| axes[i][k]);
     let c = r.transpose() * f.transpose() * f * r;
-    let c = [c[(0, 0)], c[(1, 1)], c[(2, 2)], c[(0, 1)], c[(0, 2)], c[(1, 2)]];
+    let c = [
+        c[(0, 0)],
+        c[(1, 1)],
+        c[(2, 2)],
+        c[(0, 1)],
+        c[(0, 2)],
+        c[(1, 2)],
+    ];
     let tissue = tissue();
     let Volumetric { law, kappa_kpa } = tissue.volumetric;
-    let load = Load { pressure: kappa_kpa * law.slopes(j).0, bulk: 0.0, active: ACTIVE_KPA, active_slope: 0.0 };
+    let load = Load {
+        pressure: kappa_kpa * law.slopes(j).0,
+        bulk: 0.0,
+        active: ACTIVE_KPA,
+        active_slope: 0.0,
+    };
     let s = respond::<f64, false>(&tissue, &c, j, &load).s;
     let s = Matrix3::new(s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2]);
     (f * (r * s * r.transpose()), f)
@@ -88,7 +113,10 @@ fn tetrahedron_points() -> Vec<([f64; 4], f64)> {
         for (s, ws) in gauss() {
             for (t, wt) in gauss() {
                 let (x, y, z) = (r, s * (1.0 - r), t * (1.0 - r) * (1.0 - s));
-                points.push(([1.0 - x - y - z, x, y, z], 6.0 * wr * ws * wt * (1.0 - r).powi(2) * (1.0 - s)));
+                points.push((
+                    [1.0 - x - y - z, x, y, z],
+                    6.0 * wr * ws * wt * (1.0 - r).powi(2) * (1.0 - s),
+                ));
             }
         }
     }
@@ -135,26 +163,57 @@ impl Slab {
         let mesh: Mesh = cuboid([n, n, n], |p| std::array::from_fn(|i| p[i] * SIZE[i]));
         let tissue_of = vec![0; mesh.tets.len()];
         let quadratic = QuadraticMesh::new(&mesh.nodes, &mesh.tets, |_, _| None);
-        let nodes = if element.quadratic { quadratic.nodes.clone() } else { mesh.nodes.clone() };
+        let nodes = if element.quadratic {
+            quadratic.nodes.clone()
+        } else {
+            mesh.nodes.clone()
+        };
         // The side at z = 0 bounds the cavity.
         let side = &mesh.sides[4];
         let (body, cavity, elements, faces) = if element.quadratic {
-            let body =
-                Body::quadratic(&input(&nodes, mesh.nodes.len(), &quadratic.tets, &tissue_of, element), &SingleProcess);
+            let body = Body::quadratic(
+                &input(
+                    &nodes,
+                    mesh.nodes.len(),
+                    &quadratic.tets,
+                    &tissue_of,
+                    element,
+                ),
+                &SingleProcess,
+            );
             let body = body.expect("a proper mesh");
-            let faces: Vec<[u32; 6]> = side.iter().map(|t| quadratic.triangle(*t).expect("a face")).collect();
+            let faces: Vec<[u32; 6]> = side
+                .iter()
+                .map(|t| quadratic.triangle(*t).expect("a face"))
+                .collect();
             let cavity = PressureSurface::new(&faces, body.pattern()).expect("a surface");
             let elements = quadratic.tets.iter().map(|t| t.to_vec()).collect();
-            (body, cavity, elements, faces.iter().map(|f| f.to_vec()).collect())
+            (
+                body,
+                cavity,
+                elements,
+                faces.iter().map(|f| f.to_vec()).collect(),
+            )
         } else {
-            let body = Body::linear(&input(&nodes, nodes.len(), &mesh.tets, &tissue_of, element), &SingleProcess);
+            let body = Body::linear(
+                &input(&nodes, nodes.len(), &mesh.tets, &tissue_of, element),
+                &SingleProcess,
+            );
             let body = body.expect("a proper mesh");
             let cavity = PressureSurface::new(side, body.pattern()).expect("a surface");
             let elements = mesh.tets.iter().map(|t| t.to_vec()).collect();
-            (body, cavity, elements, side.iter().map(|f| f.to_vec()).collect())
+            (
+                body,
+                cavity,
+                elements,
+                side.iter().map(|f| f.to_vec()).collect(),
+            )
         };
         let held = |x: &[f64; 3]| [x[0] < 1e-9; 3];
-        let point = ActivePoint { sa_kpa: [ACTIVE_KPA; 8], slope_kpa: [0.0; 8] };
+        let point = ActivePoint {
+            sa_kpa: [ACTIVE_KPA; 8],
+            slope_kpa: [0.0; 8],
+        };
         let mut slab = Self {
             fixed: nodes.iter().map(held).collect(),
             active: vec![point; body.n_point_batches()],
@@ -205,7 +264,8 @@ impl Slab {
                     let (l1, l2) = (r, s * (1.0 - r));
                     let l = [1.0 - l1 - l2, l1, l2];
                     let (_, f) = stress(&(a * l[0] + b * l[1] + c * l[2]));
-                    let cofactor = f.try_inverse().expect("no inverted point").transpose() * f.determinant();
+                    let cofactor =
+                        f.try_inverse().expect("no inverted point").transpose() * f.determinant();
                     let force = cofactor * twice * (PRESSURE_KPA * wr * ws * (1.0 - r));
                     let pairs = [(0, 1), (1, 2), (2, 0)];
                     let values: Vec<f64> = if face.len() == 3 {
@@ -230,14 +290,18 @@ impl Slab {
         let (mut sum, mut whole) = (0.0, 0.0);
         for element in &self.elements {
             let corners: [Vector3<f64>; 4] = std::array::from_fn(|i| self.at(element[i]));
-            let volume = Matrix3::from_columns(&[1, 2, 3].map(|i| corners[i] - corners[0])).determinant() / 6.0;
+            let volume = Matrix3::from_columns(&[1, 2, 3].map(|i| corners[i] - corners[0]))
+                .determinant()
+                / 6.0;
             for (l, share) in tetrahedron_points() {
                 let x = (0..4).fold(Vector3::zeros(), |x, i| x + corners[i] * l[i]);
-                let found =
-                    element.iter().zip(shape(l, quadratic)).fold(Vector3::zeros(), |sum, (&node, (value, _))| {
+                let found = element.iter().zip(shape(l, quadratic)).fold(
+                    Vector3::zeros(),
+                    |sum, (&node, (value, _))| {
                         let at = 3 * node as usize;
                         sum + Vector3::from_column_slice(&u[at..at + 3]) * value
-                    });
+                    },
+                );
                 sum += share * volume * (found - displacement(&x).0).norm_squared();
                 whole += share * volume;
             }
@@ -246,10 +310,15 @@ impl Slab {
     }
 
     fn add_loads(&self, u: &[f64], r: &mut [f64]) {
-        self.cavity.add_forces(PRESSURE_KPA, self.body.reference(), u, r);
-        r.iter_mut().zip(&self.given).for_each(|(r, given)| *r -= given);
+        self.cavity
+            .add_forces(PRESSURE_KPA, self.body.reference(), u, r);
+        r.iter_mut()
+            .zip(&self.given)
+            .for_each(|(r, given)| *r -= given);
         for (node, fixed) in self.fixed.iter().enumerate() {
-            (0..3).filter(|i| fixed[*i]).for_each(|i| r[3 * node + i] = 0.0);
+            (0..3)
+                .filter(|i| fixed[*i])
+                .for_each(|i| r[3 * node + i] = 0.0);
         }
     }
 }
@@ -276,7 +345,10 @@ fn input<'a, const N: usize>(
 
 impl System for Slab {
     fn space(&self) -> Space<'_> {
-        Space { comm: &SingleProcess, layout: self.body.layout() }
+        Space {
+            comm: &SingleProcess,
+            layout: self.body.layout(),
+        }
     }
 
     fn residual(&mut self, u: &mut [f64], r: &mut [f64]) -> Smallest {
@@ -287,15 +359,20 @@ impl System for Slab {
             self.body.add_forces(u, &self.active, &self.deformation, r);
             self.add_loads(u, r);
         }
-        Smallest { volume_ratio, element }
+        Smallest {
+            volume_ratio,
+            element,
+        }
     }
 
     fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
         self.body.deform(u, &SingleProcess, &mut self.deformation);
         r.fill(0.0);
-        self.body.tangent(u, &self.active, &self.deformation, r, tangent);
+        self.body
+            .tangent(u, &self.active, &self.deformation, r, tangent);
         self.add_loads(u, r);
-        self.cavity.add_tangent(PRESSURE_KPA, self.body.reference(), u, tangent);
+        self.cavity
+            .add_tangent(PRESSURE_KPA, self.body.reference(), u, tangent);
         let mean = tangent.mean_diagonal(self.space());
         tangent.constrain(&self.fixed, mean);
     }
@@ -314,13 +391,26 @@ fn orders(element: ElementKind, sizes: &[usize]) -> (Vec<f64>, Vec<f64>) {
     let error = |n: &usize| {
         let mut slab = Slab::new(*n, element);
         let chosen = |node: &[f64; 3]| displacement(&Vector3::from_column_slice(node)).0;
-        let mut u: Vec<f64> = slab.nodes.iter().flat_map(|node| chosen(node).as_slice().to_vec()).collect();
+        let mut u: Vec<f64> = slab
+            .nodes
+            .iter()
+            .flat_map(|node| chosen(node).as_slice().to_vec())
+            .collect();
         let mut workspace = Workspace::new(slab.body.new_tangent());
-        solve(&mut slab, &mut u, &mut workspace, &NewtonSettings::default()).expect("an equilibrium");
+        solve(
+            &mut slab,
+            &mut u,
+            &mut workspace,
+            &NewtonSettings::default(),
+        )
+        .expect("an equilibrium");
         slab.error(&u, element.quadratic)
     };
     let errors: Vec<f64> = sizes.iter().map(error).collect();
-    let orders = errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect();
+    let orders = errors
+        .windows(2)
+        .map(|pair| (pair[0] / pair[1]).log2())
+        .collect();
     (errors, orders)
 }
 
@@ -328,12 +418,21 @@ fn orders(element: ElementKind, sizes: &[usize]) -> (Vec<f64>, Vec<f64>) {
 fn contracting_muscle_around_a_cavity_converges_with_the_order_of_its_elements() {
     let (errors, found) = orders(ElementKind::default(), &[3, 6, 12]);
     println!("cohort's element: {errors:?} mm, orders {found:?}");
-    assert!(found.last().is_some_and(|order| (1.7..2.4).contains(order)), "{errors:?} {found:?}");
+    assert!(
+        found.last().is_some_and(|order| (1.7..2.4).contains(order)),
+        "{errors:?} {found:?}"
+    );
     let (errors, found) = orders(QUADRATIC_POINTWISE, &[2, 4, 8]);
     println!("quadratic pointwise: {errors:?} mm, orders {found:?}");
-    assert!(found.last().is_some_and(|order| *order > 2.7), "{errors:?} {found:?}");
+    assert!(
+        found.last().is_some_and(|order| *order > 2.7),
+        "{errors:?} {found:?}"
+    );
     // The lumped nodal average of a volume change that varies is of second order itself.
     let (errors, found) = orders(ElementKind::QUADRATIC_NODAL, &[2, 4, 8]);
     println!("quadratic nodal: {errors:?} mm, orders {found:?}");
-    assert!(found.last().is_some_and(|order| (1.8..2.4).contains(order)), "{errors:?} {found:?}");
+    assert!(
+        found.last().is_some_and(|order| (1.8..2.4).contains(order)),
+        "{errors:?} {found:?}"
+    );
 }

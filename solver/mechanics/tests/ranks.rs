@@ -5,15 +5,18 @@ mod support;
 use std::ops::ControlFlow;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, FoundState, PassiveFit, PassiveJob, PassiveState,
-    PassiveStateError, Piece, Search, SearchProgress, UnloadingSettings, VentricleParts, WallParameters,
+    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, FoundState, PassiveFit, PassiveJob,
+    PassiveState, PassiveStateError, Piece, Search, SearchProgress, UnloadingSettings,
+    VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
-use cardiotwin_models::ventricle::{GroupContraction, Ventricle, VentricleError, VentricleSnapshot};
+use cardiotwin_models::ventricle::{
+    GroupContraction, Ventricle, VentricleError, VentricleSnapshot,
+};
 use cardiotwin_units::Ms;
 use support::{MUSCLE, circulation, heart};
 
@@ -31,8 +34,15 @@ fn subject(kind: ElementKind) -> Subject {
     let mut wall = WallParameters::default();
     wall.muscle = wall.muscle.with_stiffness(0.8);
     let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall).expect("a wall");
-    state.inflate(1.2, &mut Search::new(UnloadingSettings::default())).expect("inflates");
-    Subject { anatomy, times, wall, end_diastole: state.into() }
+    state
+        .inflate(1.2, &mut Search::new(UnloadingSettings::default()))
+        .expect("inflates");
+    Subject {
+        anatomy,
+        times,
+        wall,
+        end_diastole: state.into(),
+    }
 }
 
 impl Subject {
@@ -41,7 +51,10 @@ impl Subject {
     }
 
     fn try_on(&self, n_ranks: usize) -> Result<FiniteElementVentricle, VentricleError> {
-        let tanh = TanhParameters { t_cr_ms: 400.0, ..TanhParameters::default() };
+        let tanh = TanhParameters {
+            t_cr_ms: 400.0,
+            ..TanhParameters::default()
+        };
         let parts = VentricleParts {
             anatomy: &self.anatomy,
             wall: &self.wall,
@@ -58,13 +71,19 @@ impl Subject {
 
     fn beat(&self, n_ranks: usize) -> (BeatTraces, VentricleSnapshot) {
         let (mut ventricle, mut blood) = (self.on(n_ranks), circulation());
-        let settings = BeatSettings { record_nodes: true, step: Ms(2.0), ..BeatSettings::one_beat(Ms(660.0)) };
+        let settings = BeatSettings {
+            record_nodes: true,
+            step: Ms(2.0),
+            ..BeatSettings::one_beat(Ms(660.0))
+        };
         match run_beats(&mut ventricle, &mut blood, &settings) {
             BeatOutcome::Finished(result) => {
                 assert!(result.succeeded(), "{:?}", result.checks);
                 (result.traces, ventricle.snapshot())
             }
-            BeatOutcome::Diverged { t, reason, .. } => panic!("{n_ranks} ranks diverged at {} ms: {reason}", t.0),
+            BeatOutcome::Diverged { t, reason, .. } => {
+                panic!("{n_ranks} ranks diverged at {} ms: {reason}", t.0)
+            }
         }
     }
 }
@@ -72,8 +91,14 @@ impl Subject {
 /// Largest difference over the largest value.
 fn apart(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    let largest = a.iter().fold(0.0_f64, |m, x| m.max(x.abs())).max(f64::MIN_POSITIVE);
-    a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / largest
+    let largest = a
+        .iter()
+        .fold(0.0_f64, |m, x| m.max(x.abs()))
+        .max(f64::MIN_POSITIVE);
+    a.iter()
+        .zip(b)
+        .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
+        / largest
 }
 
 /// Greatest and least pressure and slope, and stroke volume.
@@ -98,13 +123,20 @@ fn a_beat_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_man
         for (a, b) in biomarkers(&alone).into_iter().zip(biomarkers(&traces)) {
             assert!((a / b - 1.0).abs() < 1e-4, "{n_ranks} ranks: {b} for {a}");
         }
-        let (one, more) = (alone.nodes.as_ref().expect("recorded"), traces.nodes.as_ref().expect("recorded"));
+        let (one, more) = (
+            alone.nodes.as_ref().expect("recorded"),
+            traces.nodes.as_ref().expect("recorded"),
+        );
         assert_eq!(one.activation_ms, more.activation_ms);
         assert!(apart(&one.weights, &more.weights) < 1e-12);
         assert!(apart(&one.lambda, &more.lambda) < 1e-4 && apart(&one.sa_kpa, &more.sa_kpa) < 1e-3);
         assert_eq!(snapshot.values.len(), end.values.len());
         if n_ranks == 2 {
-            assert_eq!(subject.beat(n_ranks), (traces, snapshot), "on as many threads again");
+            assert_eq!(
+                subject.beat(n_ranks),
+                (traces, snapshot),
+                "on as many threads again"
+            );
         }
     }
 }
@@ -115,7 +147,11 @@ fn steps_are_the_same_with_every_linear_element_and_more_threads() {
         let subject = subject(kind);
         let first = |n_ranks: usize| steps(&mut subject.on(n_ranks), &mut circulation(), 50);
         let (alone, others) = (first(1), first(4));
-        assert!(apart(&alone, &others) < 1e-5, "{kind:?}: {}", apart(&alone, &others));
+        assert!(
+            apart(&alone, &others) < 1e-5,
+            "{kind:?}: {}",
+            apart(&alone, &others)
+        );
     }
 }
 
@@ -143,12 +179,22 @@ fn a_snapshot_goes_on_on_any_number_of_threads() {
         blood.restore(&load).expect("its own snapshot");
         assert_eq!(other.snapshot(), wall, "{n_ranks} ranks");
         let resumed = steps(&mut other, &mut blood, 20);
-        assert!(apart(&uninterrupted, &resumed) < 1e-5, "{n_ranks} ranks: {}", apart(&uninterrupted, &resumed));
-        assert!(n_ranks != 2 || resumed == uninterrupted, "to the bit on as many threads");
+        assert!(
+            apart(&uninterrupted, &resumed) < 1e-5,
+            "{n_ranks} ranks: {}",
+            apart(&uninterrupted, &resumed)
+        );
+        assert!(
+            n_ranks != 2 || resumed == uninterrupted,
+            "to the bit on as many threads"
+        );
     }
     let mut foreign = wall;
     foreign.values.pop();
-    assert!(matches!(two.restore(&foreign), Err(VentricleError::ForeignSnapshot { .. })));
+    assert!(matches!(
+        two.restore(&foreign),
+        Err(VentricleError::ForeignSnapshot { .. })
+    ));
 }
 
 #[test]
@@ -161,7 +207,10 @@ fn a_step_that_fails_fails_on_all_threads_and_can_be_tried_again() {
     assert!(ventricle.try_step(&mut blood, Ms(1e5)).is_err());
     ventricle.roll_back();
     blood.roll_back();
-    assert_eq!((ventricle.snapshot().values[..5].to_vec(), blood.snapshot()), (wall.values[..5].to_vec(), load));
+    assert_eq!(
+        (ventricle.snapshot().values[..5].to_vec(), blood.snapshot()),
+        (wall.values[..5].to_vec(), load)
+    );
     steps(&mut ventricle, &mut blood, 5);
 }
 
@@ -169,14 +218,33 @@ fn a_step_that_fails_fails_on_all_threads_and_can_be_tried_again() {
 fn what_several_threads_cannot_compute_is_refused() {
     let mut subject = subject(ElementKind::QUADRATIC_NODAL);
     let refused = subject.try_on(2).expect_err("quadratic elements");
-    assert_eq!(refused.to_string(), "ranks = 2 must be 1 with quadratic elements");
+    assert_eq!(
+        refused.to_string(),
+        "ranks = 2 must be 1 with quadratic elements"
+    );
     subject = self::subject(ElementKind::LINEAR_NODAL);
     subject.end_diastole.unloaded[7] = [500.0, 0.0, 0.0];
-    let alone = subject.try_on(1).expect_err("an inverted element").to_string();
-    let many = subject.try_on(3).expect_err("an inverted element").to_string();
-    let name = alone.split("element ").nth(1).and_then(|t| t.split(' ').next()).expect("a name");
-    assert!(alone.contains("has Jacobian") && many.contains("has Jacobian"), "{alone} {many}");
-    assert!(!name.is_empty() && many.contains("rank") || many.contains(name), "{many} for {name}");
+    let alone = subject
+        .try_on(1)
+        .expect_err("an inverted element")
+        .to_string();
+    let many = subject
+        .try_on(3)
+        .expect_err("an inverted element")
+        .to_string();
+    let name = alone
+        .split("element ")
+        .nth(1)
+        .and_then(|t| t.split(' ').next())
+        .expect("a name");
+    assert!(
+        alone.contains("has Jacobian") && many.contains("has Jacobian"),
+        "{alone} {many}"
+    );
+    assert!(
+        !name.is_empty() && many.contains("rank") || many.contains(name),
+        "{many} for {name}"
+    );
 }
 
 fn anatomy() -> Anatomy {
@@ -186,16 +254,31 @@ fn anatomy() -> Anatomy {
 /// Step 0 with the solver of large meshes.
 fn found(anatomy: &Anatomy, job: &PassiveJob, n_ranks: usize) -> FoundState {
     let mut search = Search::new(UnloadingSettings::on_ranks());
-    job.on_threads(anatomy, &mut search, n_ranks, ThreadSettings::default()).expect("a passive state")
+    job.on_threads(anatomy, &mut search, n_ranks, ThreadSettings::default())
+        .expect("a passive state")
 }
 
 /// Largest distance of a node in two states \[mm\], unloaded and loaded.
 fn farthest(a: &FoundState, b: &FoundState) -> f64 {
     let loaded = |state: &FoundState| -> Vec<f64> {
-        state.end_diastole.unloaded.as_flattened().iter().zip(&state.end_diastole.u).map(|(x, u)| x + u).collect()
+        state
+            .end_diastole
+            .unloaded
+            .as_flattened()
+            .iter()
+            .zip(&state.end_diastole.u)
+            .map(|(x, u)| x + u)
+            .collect()
     };
-    let of = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
-    let unloaded = of(a.end_diastole.unloaded.as_flattened(), b.end_diastole.unloaded.as_flattened());
+    let of = |a: &[f64], b: &[f64]| {
+        a.iter()
+            .zip(b)
+            .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
+    };
+    let unloaded = of(
+        a.end_diastole.unloaded.as_flattened(),
+        b.end_diastole.unloaded.as_flattened(),
+    );
     unloaded.max(of(&loaded(a), &loaded(b)))
 }
 
@@ -204,7 +287,10 @@ fn step_0_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_man
     let anatomy = anatomy();
     let given = PassiveJob {
         wall: WallParameters::default(),
-        target: PassiveFit::Given { image_pressure_kpa: 0.8, end_diastolic_pressure_kpa: 1.6 },
+        target: PassiveFit::Given {
+            image_pressure_kpa: 0.8,
+            end_diastolic_pressure_kpa: 1.6,
+        },
         slope: None,
         steepened_by: None,
     };
@@ -214,14 +300,24 @@ fn step_0_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_man
         // The unloading's own tolerance is 0.02 mm.
         let apart = farthest(&alone, &several);
         assert!(apart < 0.01, "{n_ranks} ranks: {apart} mm");
-        assert!((several.volume_mm3 / alone.volume_mm3 - 1.0).abs() < 1e-4, "{n_ranks} ranks");
-        assert!((several.unloaded_volume_mm3 / alone.unloaded_volume_mm3 - 1.0).abs() < 1e-4, "{n_ranks} ranks");
+        assert!(
+            (several.volume_mm3 / alone.volume_mm3 - 1.0).abs() < 1e-4,
+            "{n_ranks} ranks"
+        );
+        assert!(
+            (several.unloaded_volume_mm3 / alone.unloaded_volume_mm3 - 1.0).abs() < 1e-4,
+            "{n_ranks} ranks"
+        );
         assert_eq!(
             (several.end_diastole.pressure_kpa, several.passes),
             (alone.end_diastole.pressure_kpa, alone.passes)
         );
         if n_ranks == 2 {
-            assert_eq!(found(&anatomy, &given, n_ranks), several, "on as many threads again");
+            assert_eq!(
+                found(&anatomy, &given, n_ranks),
+                several,
+                "on as many threads again"
+            );
         }
     }
 }
@@ -231,18 +327,34 @@ fn a_law_is_fitted_on_several_threads_as_on_one() {
     let anatomy = anatomy();
     let job = PassiveJob {
         wall: WallParameters::default(),
-        target: PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.2, unloaded_volume_mm3: 80e3 },
+        target: PassiveFit::Unloaded {
+            end_diastolic_pressure_kpa: 1.2,
+            unloaded_volume_mm3: 80e3,
+        },
         slope: None,
         steepened_by: Some(1.3),
     };
     let [alone, several] = [1, 2].map(|n_ranks| found(&anatomy, &job, n_ranks));
     let law = |state: &FoundState| state.wall.muscle;
     let [one, other] = [&alone, &several].map(|state| law(state).stiffness_kpa());
-    assert!((other / one - 1.0).abs() < 1e-3, "{:?} {:?}", law(&several), law(&alone));
+    assert!(
+        (other / one - 1.0).abs() < 1e-3,
+        "{:?} {:?}",
+        law(&several),
+        law(&alone)
+    );
     assert_eq!(law(&several).exponent(), law(&alone).exponent());
-    assert!((law(&alone).exponent().expect("one") / job.wall.muscle.exponent().expect("one") - 1.3).abs() < 1e-12);
+    assert!(
+        (law(&alone).exponent().expect("one") / job.wall.muscle.exponent().expect("one") - 1.3)
+            .abs()
+            < 1e-12
+    );
     assert!((several.unloaded_volume_mm3 / 80e3 - 1.0).abs() < 1e-3);
-    assert!(farthest(&alone, &several) < 0.02, "{} mm", farthest(&alone, &several));
+    assert!(
+        farthest(&alone, &several) < 0.02,
+        "{} mm",
+        farthest(&alone, &several)
+    );
 }
 
 #[test]
@@ -250,24 +362,43 @@ fn whoever_watches_step_0_ends_it_on_all_threads_and_errors_are_those_of_one() {
     let anatomy = anatomy();
     let mut job = PassiveJob {
         wall: WallParameters::default(),
-        target: PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: 1.2 },
+        target: PassiveFit::ImageUnloaded {
+            end_diastolic_pressure_kpa: 1.2,
+        },
         slope: None,
         steepened_by: None,
     };
     let mut asked = 0;
     let mut watch = |_: &SearchProgress| {
         asked += 1;
-        if asked < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        if asked < 3 {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
     };
     let mut search = Search::watched(UnloadingSettings::on_ranks(), &mut watch);
     let ended = job.on_threads(&anatomy, &mut search, 3, ThreadSettings::default());
     assert_eq!(ended, Err(PassiveStateError::Stopped));
     // More than it can bear.
-    job.target = PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: 1e3 };
+    job.target = PassiveFit::ImageUnloaded {
+        end_diastolic_pressure_kpa: 1e3,
+    };
     let mut settings = UnloadingSettings::on_ranks();
     (settings.smallest_load, settings.newton.max_iterations) = (0.2, 5);
     let errors = [1, 3].map(|n_ranks| {
-        job.on_threads(&anatomy, &mut Search::new(settings), n_ranks, ThreadSettings::default()).expect_err("too much")
+        job.on_threads(
+            &anatomy,
+            &mut Search::new(settings),
+            n_ranks,
+            ThreadSettings::default(),
+        )
+        .expect_err("too much")
     });
-    assert!(errors.iter().all(|e| matches!(e, PassiveStateError::Inflation { .. })), "{errors:?}");
+    assert!(
+        errors
+            .iter()
+            .all(|e| matches!(e, PassiveStateError::Inflation { .. })),
+        "{errors:?}"
+    );
 }

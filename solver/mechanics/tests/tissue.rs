@@ -14,7 +14,14 @@ fn ventricle() -> (TetMesh, TissueJob) {
     let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 4000)).expect("a mesh");
     assert!(made.mesh.n_nodes() >= FEWEST_NODES);
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
-    (made.mesh, TissueJob { muscle: MUSCLE.to_vec(), fibres: Some(Angles::default()), conduction: Some(conduction) })
+    (
+        made.mesh,
+        TissueJob {
+            muscle: MUSCLE.to_vec(),
+            fibres: Some(Angles::default()),
+            conduction: Some(conduction),
+        },
+    )
 }
 
 /// By ranks of which only the first has the mesh.
@@ -26,7 +33,12 @@ fn on_ranks(mesh: &TetMesh, job: &TissueJob, n_ranks: usize) -> Result<Tissue, T
         serve(&comm);
         None
     });
-    found.expect("no rank fails").into_iter().flatten().next().expect("rank 0")
+    found
+        .expect("no rank fails")
+        .into_iter()
+        .flatten()
+        .next()
+        .expect("rank 0")
 }
 
 #[test]
@@ -40,12 +52,22 @@ fn fibres_are_the_same_to_the_bit_and_times_to_round_off_on_any_number_of_ranks(
     mesh.frames = frames_at_centroids(&mesh, &MUSCLE);
     let times = activation_ms(&mesh, job.conduction.as_ref().expect("conduction")).expect("times");
     for n_ranks in [1, 2, 3, 4, 7] {
-        let threads = job.on_threads(&bare, n_ranks, ThreadSettings::default(), &|| {}).expect("tissue");
+        let threads = job
+            .on_threads(&bare, n_ranks, ThreadSettings::default(), &|| {})
+            .expect("tissue");
         assert!(threads.fibres == want, "{n_ranks} ranks have other fibres");
         let apart = |(a, b): (&f64, &f64)| if a == b { 0.0 } else { (a - b).abs() };
-        let most = threads.activation_ms.iter().zip(&times).map(apart).fold(0.0, f64::max);
+        let most = threads
+            .activation_ms
+            .iter()
+            .zip(&times)
+            .map(apart)
+            .fold(0.0, f64::max);
         println!("{n_ranks} ranks: times differ by {most:.1e} ms");
-        assert!(threads.activation_ms.len() == times.len() && most < 1e-10, "{n_ranks} ranks: {most} ms");
+        assert!(
+            threads.activation_ms.len() == times.len() && most < 1e-10,
+            "{n_ranks} ranks: {most} ms"
+        );
         if n_ranks > 1 {
             assert!(
                 on_ranks(&bare, &job, n_ranks).expect("tissue") == threads,
@@ -58,12 +80,30 @@ fn fibres_are_the_same_to_the_bit_and_times_to_round_off_on_any_number_of_ranks(
 #[test]
 fn what_the_mesh_brings_is_kept_and_what_is_not_wanted_is_not_made() {
     let (mut mesh, job) = ventricle();
-    let both = job.on_threads(&mesh, 1, ThreadSettings::default(), &|| {}).expect("tissue");
+    let both = job
+        .on_threads(&mesh, 1, ThreadSettings::default(), &|| {})
+        .expect("tissue");
     mesh.fibres.clone_from(&both.fibres);
     mesh.frames = frames_at_centroids(&mesh, &MUSCLE);
-    let times = on_ranks(&mesh, &TissueJob { fibres: None, ..job.clone() }, 3).expect("times");
+    let times = on_ranks(
+        &mesh,
+        &TissueJob {
+            fibres: None,
+            ..job.clone()
+        },
+        3,
+    )
+    .expect("times");
     assert!(!times.fibres.at_nodes() && times.activation_ms.len() == mesh.n_nodes());
-    let fibres = on_ranks(&mesh, &TissueJob { conduction: None, ..job }, 3).expect("fibres");
+    let fibres = on_ranks(
+        &mesh,
+        &TissueJob {
+            conduction: None,
+            ..job
+        },
+        3,
+    )
+    .expect("fibres");
     assert!(fibres.fibres == both.fibres && fibres.activation_ms.is_empty());
 }
 
@@ -73,7 +113,8 @@ fn errors_are_those_of_one_rank_and_end_all() {
     let refused = |mesh: &TetMesh, change: &dyn Fn(&mut TissueJob)| {
         let mut job = job.clone();
         change(&mut job);
-        let [alone, several] = [1, 4].map(|n| job.on_threads(mesh, n, ThreadSettings::default(), &|| {}));
+        let [alone, several] =
+            [1, 4].map(|n| job.on_threads(mesh, n, ThreadSettings::default(), &|| {}));
         assert_eq!(alone, several);
         assert_eq!(alone, on_ranks(mesh, &job, 3));
         alone.expect_err("an error")
@@ -82,22 +123,53 @@ fn errors_are_those_of_one_rank_and_end_all() {
         change(job.conduction.as_mut().expect("conduction"));
     };
     let bare = refused(&mesh, &|job| job.fibres = None);
-    assert!(matches!(bare, TissueError::Activation(EikonalError::NoFibre { .. })), "{bare}");
+    assert!(
+        matches!(bare, TissueError::Activation(EikonalError::NoFibre { .. })),
+        "{bare}"
+    );
     let nothing = refused(&mesh, &|job| conduction(job, &|c| c.tags = vec![9]));
-    assert!(matches!(nothing, TissueError::Activation(EikonalError::NoTissue { .. })), "{nothing}");
-    let held_by_nothing = TetMesh { surfaces: vec![], ..mesh.clone() };
-    assert!(matches!(refused(&held_by_nothing, &|_| {}), TissueError::Fibres(_)));
+    assert!(
+        matches!(
+            nothing,
+            TissueError::Activation(EikonalError::NoTissue { .. })
+        ),
+        "{nothing}"
+    );
+    let held_by_nothing = TetMesh {
+        surfaces: vec![],
+        ..mesh.clone()
+    };
+    assert!(matches!(
+        refused(&held_by_nothing, &|_| {}),
+        TissueError::Fibres(_)
+    ));
     // A piece of muscle that nothing joins to the rest.
     let mut island = mesh.clone();
     let away = island.nodes_mm.len() as u32;
-    let lone: Vec<_> = island.corners(0).iter().map(|x| x.map(|c| c + 200.0)).collect();
+    let lone: Vec<_> = island
+        .corners(0)
+        .iter()
+        .map(|x| x.map(|c| c + 200.0))
+        .collect();
     island.nodes_mm.extend(lone);
     island.tets.push([away, away + 1, away + 2, away + 3]);
     island.tags.push(tags::LEFT_VENTRICLE);
-    let fibres = job.on_threads(&mesh, 1, ThreadSettings::default(), &|| {}).expect("tissue").fibres;
-    island.frames = frames_at_centroids(&TetMesh { fibres, ..mesh.clone() }, &MUSCLE);
+    let fibres = job
+        .on_threads(&mesh, 1, ThreadSettings::default(), &|| {})
+        .expect("tissue")
+        .fibres;
+    island.frames = frames_at_centroids(
+        &TetMesh {
+            fibres,
+            ..mesh.clone()
+        },
+        &MUSCLE,
+    );
     island.frames.push(island.frames[0]);
     let unreached = refused(&island, &|job| job.fibres = None);
-    let expected = EikonalError::Unreached { n: 4, node: away as usize };
+    let expected = EikonalError::Unreached {
+        n: 4,
+        node: away as usize,
+    };
     assert_eq!(unreached, TissueError::Activation(expected));
 }

@@ -4,7 +4,9 @@ use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::{PressureSurface, Robin, RobinDirection};
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, State, Support, SurfaceLoad};
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
-use cardiotwin_mechanics::material::{ActiveLaw, HolzapfelOgden, Law, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::material::{
+    ActiveLaw, HolzapfelOgden, Law, Tissue, Volumetric, VolumetricLaw,
+};
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::prescribed::{Course, TimeCourse};
 use cardiotwin_mechanics::step::{Closure, Passive, PointStress, Solver, StepSettings, step};
@@ -20,7 +22,10 @@ pub fn body(viscosity: f64) -> (Mesh, Body) {
     let mesh = cuboid([2, 2, 2], |p| p.map(|x| 10.0 * x));
     let tissue = Tissue {
         law: Law::HolzapfelOgden(HolzapfelOgden::arostica2025()),
-        volumetric: Volumetric { law: VolumetricLaw::QuadraticLn, kappa_kpa: 1000.0 },
+        volumetric: Volumetric {
+            law: VolumetricLaw::QuadraticLn,
+            kappa_kpa: 1000.0,
+        },
         active: Some(ActiveLaw::BENCHMARK),
         density: 1.0,
     };
@@ -32,7 +37,9 @@ pub fn body(viscosity: f64) -> (Mesh, Body) {
         tissues: vec![tissue],
         tissue_of: &tissue_of,
         frame: &|_, _| [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]],
-        volume: VolumeChange::Nodal { pointwise_share: 0.05 },
+        volume: VolumeChange::Nodal {
+            pointwise_share: 0.05,
+        },
         layout: Layout::whole(mesh.nodes.len()),
         elements: &[],
     };
@@ -61,13 +68,20 @@ fn powers(dynamics: &Dynamics, state: &State, active: &[ActivePoint]) -> Powers 
     let along = |f: &[f64]| f.iter().zip(v).map(|(f, v)| f * v).sum::<f64>();
     let deformation = deform(&dynamics.body, u);
     let mut internal = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
-    dynamics.body.add_forces(u, &[], &deformation, &mut internal[0]);
-    dynamics.body.add_forces(u, active, &deformation, &mut internal[1]);
-    dynamics.body.add_forces_in_motion(u, v, &[], &deformation, &mut internal[2]);
+    dynamics
+        .body
+        .add_forces(u, &[], &deformation, &mut internal[0]);
+    dynamics
+        .body
+        .add_forces(u, active, &deformation, &mut internal[1]);
+    dynamics
+        .body
+        .add_forces_in_motion(u, v, &[], &deformation, &mut internal[2]);
     let passive = along(&internal[0]);
     let mut push = vec![0.0; n];
     for load in &dynamics.loads {
-        load.surface.add_forces(load.pressure_kpa, dynamics.body.reference(), u, &mut push);
+        load.surface
+            .add_forces(load.pressure_kpa, dynamics.body.reference(), u, &mut push);
     }
     let (mut spring, mut brake) = (vec![0.0; n], vec![0.0; n]);
     for s in &dynamics.supports {
@@ -128,9 +142,19 @@ impl PointStress for Given {
 pub fn beat() -> Vec<Balance> {
     let (mesh, body) = body(ETA_KPA_MS);
     let all = |side: usize| {
-        let robin =
-            Robin::new(&mesh.sides[side], RobinDirection::All, body.reference(), body.pattern()).expect("faces");
-        Support { robin, spring: 2.0, dashpot: 5.0, rest: vec![] }
+        let robin = Robin::new(
+            &mesh.sides[side],
+            RobinDirection::All,
+            body.reference(),
+            body.pattern(),
+        )
+        .expect("faces");
+        Support {
+            robin,
+            spring: 2.0,
+            dashpot: 5.0,
+            rest: vec![],
+        }
     };
     let supports = vec![all(4)];
     let surface = PressureSurface::new(&mesh.sides[5], body.pattern()).expect("faces");
@@ -138,7 +162,10 @@ pub fn beat() -> Vec<Balance> {
     let scheme = GeneralisedAlpha::with_weights(0.2, 0.4).expect("the benchmark's");
     let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), scheme);
     dynamics.supports = supports;
-    dynamics.loads = vec![SurfaceLoad { surface, pressure_kpa: 0.0 }];
+    dynamics.loads = vec![SurfaceLoad {
+        surface,
+        pressure_kpa: 0.0,
+    }];
     let end_ms = 400.0;
     let course = |kind| Course::new(kind, end_ms).expect("a course");
     let (t_s, value_kpa) = (vec![0.0, 0.1, 0.2, 0.3], vec![0.0, 4.0, 4.0, 0.0]);
@@ -151,9 +178,23 @@ pub fn beat() -> Vec<Balance> {
         off_s: 0.25,
         switch_s: 0.01,
     });
-    let points = |t: f64| vec![ActivePoint { sa_kpa: [stress.at(t); 8], slope_kpa: [0.0; 8] }; n_points];
-    let settings = StepSettings { relative_tolerance: 1e-8, max_iterations: 20, ..StepSettings::default() };
-    let mut now = dynamics.start(vec![0.0; dynamics.body.reference().len()], vec![], 0.0).expect("sound");
+    let points = |t: f64| {
+        vec![
+            ActivePoint {
+                sa_kpa: [stress.at(t); 8],
+                slope_kpa: [0.0; 8]
+            };
+            n_points
+        ]
+    };
+    let settings = StepSettings {
+        relative_tolerance: 1e-8,
+        max_iterations: 20,
+        ..StepSettings::default()
+    };
+    let mut now = dynamics
+        .start(vec![0.0; dynamics.body.reference().len()], vec![], 0.0)
+        .expect("sound");
     let mut solver = Solver::new();
     let (mut work, mut muscle_work, mut lost, mut turned_over) = (0.0, 0.0, 0.0, 0.0);
     let dt = 1.0;
@@ -164,19 +205,44 @@ pub fn beat() -> Vec<Balance> {
         dynamics.loads[0].pressure_kpa = pressure.at(t);
         let mut given = Given(points(t));
         let mut candidate = Candidate::default();
-        dynamics.scheme.predict(dt, &now.motion, &mut candidate.motion.u);
+        dynamics
+            .scheme
+            .predict(dt, &now.motion, &mut candidate.motion.u);
         let mut closure = Closure::Pressure(0.0);
-        let (force, _) = step(&dynamics, &now, dt, &mut candidate, &mut given, &mut closure, &mut solver, &settings)
-            .expect("a step");
-        now = State { motion: candidate.motion, force, pressure_kpa: 0.0 };
+        let (force, _) = step(
+            &dynamics,
+            &now,
+            dt,
+            &mut candidate,
+            &mut given,
+            &mut closure,
+            &mut solver,
+            &settings,
+        )
+        .expect("a step");
+        now = State {
+            motion: candidate.motion,
+            force,
+            pressure_kpa: 0.0,
+        };
         let next = powers(&dynamics, &now, &given.0);
         let mean = |a: f64, b: f64| 0.5 * dt * (a + b);
         work += mean(last.pressure, next.pressure);
         muscle_work += mean(last.muscle, next.muscle);
         lost += mean(last.lost, next.lost);
-        turned_over += mean(last.pressure.abs() + last.muscle.abs(), next.pressure.abs() + next.muscle.abs());
+        turned_over += mean(
+            last.pressure.abs() + last.muscle.abs(),
+            next.pressure.abs() + next.muscle.abs(),
+        );
         last = next;
-        rows.push(Balance { t_ms: t, pressure: work, muscle: muscle_work, lost, stored: last.stored, turned_over });
+        rows.push(Balance {
+            t_ms: t,
+            pressure: work,
+            muscle: muscle_work,
+            lost,
+            stored: last.stored,
+            turned_over,
+        });
     }
     rows
 }

@@ -25,7 +25,9 @@ impl Mesh {
             tissues: vec![tissue],
             tissue_of: &tissue_of,
             frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            volume: VolumeChange::Nodal { pointwise_share: 0.05 },
+            volume: VolumeChange::Nodal {
+                pointwise_share: 0.05,
+            },
             layout: Layout::whole(self.nodes.len()),
             elements: &[],
         };
@@ -41,7 +43,11 @@ pub fn cuboid(cells: [usize; 3], place: impl Fn([f64; 3]) -> [f64; 3]) -> Mesh {
     for i in 0..=nx {
         for j in 0..=ny {
             for k in 0..=nz {
-                nodes.push(place([i as f64 / nx as f64, j as f64 / ny as f64, k as f64 / nz as f64]));
+                nodes.push(place([
+                    i as f64 / nx as f64,
+                    j as f64 / ny as f64,
+                    k as f64 / nz as f64,
+                ]));
             }
         }
     }
@@ -49,7 +55,14 @@ pub fn cuboid(cells: [usize; 3], place: impl Fn([f64; 3]) -> [f64; 3]) -> Mesh {
     for i in 0..nx {
         for j in 0..ny {
             for k in 0..nz {
-                for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+                for order in [
+                    [0, 1, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [1, 0, 2],
+                    [0, 2, 1],
+                    [2, 1, 0],
+                ] {
                     let mut p = [i, j, k];
                     let mut tet = [at(p); 4];
                     for (m, axis) in order.into_iter().enumerate() {
@@ -78,7 +91,8 @@ pub fn cuboid(cells: [usize; 3], place: impl Fn([f64; 3]) -> [f64; 3]) -> Mesh {
                         at(p)
                     };
                     // Every face's diagonal runs from the low corner to the high one, as in the cells.
-                    let (c00, c10, c01, c11) = (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1));
+                    let (c00, c10, c01, c11) =
+                        (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1));
                     if high {
                         sides[side].extend([[c00, c10, c11], [c00, c11, c01]]);
                     } else {
@@ -110,7 +124,10 @@ pub fn disc(n: usize, quarter: bool, grading: f64) -> Sheet {
             } else if a.abs() > b.abs() {
                 (a, std::f64::consts::FRAC_PI_4 * b / a)
             } else {
-                (b, std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b)
+                (
+                    b,
+                    std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b,
+                )
             };
             let r = r.signum() * r.abs().powf(grading);
             points.push([r * angle.cos(), r * angle.sin()]);
@@ -171,7 +188,11 @@ pub fn extrude(sheet: &Sheet, layers: usize, place: impl Fn([f64; 2], f64) -> [f
         s.sort_unstable();
         for k in 0..layers {
             let (lo, hi) = (s.map(|p| at(p, k)), s.map(|p| at(p, k + 1)));
-            tets.extend([[lo[0], lo[1], lo[2], hi[2]], [lo[0], lo[1], hi[1], hi[2]], [lo[0], hi[0], hi[1], hi[2]]]);
+            tets.extend([
+                [lo[0], lo[1], lo[2], hi[2]],
+                [lo[0], lo[1], hi[1], hi[2]],
+                [lo[0], hi[0], hi[1], hi[2]],
+            ]);
         }
     }
     for tet in &mut tets {
@@ -192,7 +213,9 @@ fn volume(nodes: &[[f64; 3]], tet: &[u32; 4]) -> f64 {
     let p = tet.map(|n| nodes[n as usize]);
     let d = |k: usize| -> [f64; 3] { std::array::from_fn(|i| p[k][i] - p[0][i]) };
     let (a, b, c) = (d(1), d(2), d(3));
-    (a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])) / 6.0
+    (a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0]))
+        / 6.0
 }
 
 /// Turns every side's triangles so that they are seen counter-clockwise from outside the body.

@@ -1,6 +1,10 @@
 //! Meshes and problems of the verification, shared by tests, examples and benchmarks.
 
-#![allow(dead_code, unreachable_pub, reason = "each of the three uses a part of it")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each of the three uses a part of it"
+)]
 
 pub mod beat;
 pub mod land_cube;

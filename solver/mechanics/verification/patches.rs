@@ -38,10 +38,17 @@ pub fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
         while patch.len() < size {
             let common = |e: usize| {
                 let within = |v: &&u32| patch.iter().any(|m| tets[*m].contains(v));
-                tets[e].iter().filter(within).count() + beside[e].iter().filter(|b| patch.contains(b)).count()
+                tets[e].iter().filter(within).count()
+                    + beside[e].iter().filter(|b| patch.contains(b)).count()
             };
-            let free = patch.iter().flat_map(|m| &beside[*m]).copied().filter(|e| patch_of[*e] == NONE);
-            let Some(next) = free.max_by_key(|e| (common(*e), std::cmp::Reverse(*e))) else { break };
+            let free = patch
+                .iter()
+                .flat_map(|m| &beside[*m])
+                .copied()
+                .filter(|e| patch_of[*e] == NONE);
+            let Some(next) = free.max_by_key(|e| (common(*e), std::cmp::Reverse(*e))) else {
+                break;
+            };
             patch_of[next] = members.len() as u32;
             patch.push(next);
         }
@@ -51,8 +58,14 @@ pub fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
         if 2 * members[small].len() >= size {
             continue;
         }
-        let around = members[small].iter().flat_map(|m| &beside[*m]).map(|e| patch_of[*e] as usize);
-        if let Some(other) = around.filter(|p| *p != small).min_by_key(|p| (members[*p].len(), *p)) {
+        let around = members[small]
+            .iter()
+            .flat_map(|m| &beside[*m])
+            .map(|e| patch_of[*e] as usize);
+        if let Some(other) = around
+            .filter(|p| *p != small)
+            .min_by_key(|p| (members[*p].len(), *p))
+        {
             let moved = std::mem::take(&mut members[small]);
             moved.iter().for_each(|m| patch_of[*m] = other as u32);
             members[other].extend(moved);
@@ -60,7 +73,12 @@ pub fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
     }
     // Numbers without gaps.
     let mut number = vec![NONE; members.len()];
-    for (n, (to, _)) in number.iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()).enumerate() {
+    for (n, (to, _)) in number
+        .iter_mut()
+        .zip(&members)
+        .filter(|(_, m)| !m.is_empty())
+        .enumerate()
+    {
         *to = n as u32;
     }
     patch_of.iter().map(|p| number[*p as usize]).collect()

@@ -6,7 +6,9 @@ use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
-use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::material::{
+    ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw,
+};
 use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load};
@@ -18,19 +20,29 @@ pub type Element = ElementKind;
 
 pub const P1: Element = ElementKind::LINEAR_POINTWISE;
 pub const P1_NODAL: Element = ElementKind::LINEAR_NODAL;
-pub const P2: Element = Element { quadratic: true, volume: VolumeChange::Pointwise };
+pub const P2: Element = Element {
+    quadratic: true,
+    volume: VolumeChange::Pointwise,
+};
 pub const P2_NODAL: Element = ElementKind::QUADRATIC_NODAL;
 
 pub const fn p1_nodal(pointwise_share: f64) -> Element {
-    Element { quadratic: false, volume: VolumeChange::Nodal { pointwise_share } }
+    Element {
+        quadratic: false,
+        volume: VolumeChange::Nodal { pointwise_share },
+    }
 }
 
 /// The elements of the tables by name: a cohort's, which the verdicts are about, then others beside them.
 pub fn compared() -> Vec<(String, Element)> {
     let cohorts = Element::default();
-    let others = [P1, P1_NODAL, P2_NODAL].into_iter().filter(|element| *element != cohorts);
+    let others = [P1, P1_NODAL, P2_NODAL]
+        .into_iter()
+        .filter(|element| *element != cohorts);
     let named = others.map(|element| (element.to_string(), element));
-    std::iter::once((format!("cohort's: {cohorts}"), cohorts)).chain(named).collect()
+    std::iter::once((format!("cohort's: {cohorts}"), cohorts))
+        .chain(named)
+        .collect()
 }
 
 /// Bulk modulus of the benchmark's problems \[kPa\].
@@ -72,8 +84,13 @@ impl Solution {
     /// Deformed position of the node nearest to `at` in the reference configuration.
     pub fn position(&self, at: [f64; 3]) -> [f64; 3] {
         let distance = |x: &[f64; 3]| (0..3).map(|i| (x[i] - at[i]).powi(2)).sum::<f64>();
-        let k = (0..self.nodes.len())
-            .fold(0, |m, k| if distance(&self.nodes[k]) < distance(&self.nodes[m]) { k } else { m });
+        let k = (0..self.nodes.len()).fold(0, |m, k| {
+            if distance(&self.nodes[k]) < distance(&self.nodes[m]) {
+                k
+            } else {
+                m
+            }
+        });
         std::array::from_fn(|i| self.nodes[k][i] + self.displacement[3 * k + i])
     }
 
@@ -84,11 +101,19 @@ impl Solution {
 
 impl Problem {
     pub fn solve(&self, element: Element) -> Solution {
-        let steps = LoadSteps { first: self.first_step, ..LoadSteps::default() };
-        self.solve_with(element, &steps).expect("the problem has a solution")
+        let steps = LoadSteps {
+            first: self.first_step,
+            ..LoadSteps::default()
+        };
+        self.solve_with(element, &steps)
+            .expect("the problem has a solution")
     }
 
-    pub fn solve_with(&self, element: Element, steps: &LoadSteps) -> Result<Solution, Box<dyn std::error::Error>> {
+    pub fn solve_with(
+        &self,
+        element: Element,
+        steps: &LoadSteps,
+    ) -> Result<Solution, Box<dyn std::error::Error>> {
         self.solve_from(element, steps, vec![])
     }
 
@@ -103,9 +128,18 @@ impl Problem {
         let side = &self.mesh.sides[self.pressure.0];
         let (nodes, body, surface) = if element.quadratic {
             let mesh = QuadraticMesh::new(&self.mesh.nodes, &self.mesh.tets, &self.middle);
-            let input = self.input(&mesh.nodes, mesh.n_vertices, &mesh.tets, &tissue_of, element);
+            let input = self.input(
+                &mesh.nodes,
+                mesh.n_vertices,
+                &mesh.tets,
+                &tissue_of,
+                element,
+            );
             let body = Body::quadratic(&input, &SingleProcess)?;
-            let faces: Vec<[u32; 6]> = side.iter().map(|t| mesh.triangle(*t).expect("a face of the mesh")).collect();
+            let faces: Vec<[u32; 6]> = side
+                .iter()
+                .map(|t| mesh.triangle(*t).expect("a face of the mesh"))
+                .collect();
             let surface = PressureSurface::new(&faces, body.pattern())?;
             (mesh.nodes, body, surface)
         } else {
@@ -115,7 +149,10 @@ impl Problem {
             let surface = PressureSurface::new(side, body.pattern())?;
             (self.mesh.nodes.clone(), body, surface)
         };
-        let active = ActivePoint { sa_kpa: [self.active_kpa; 8], slope_kpa: [0.0; 8] };
+        let active = ActivePoint {
+            sa_kpa: [self.active_kpa; 8],
+            slope_kpa: [0.0; 8],
+        };
         let problem = StaticProblem {
             body: &body,
             comm: &SingleProcess,
@@ -123,13 +160,24 @@ impl Problem {
             springs: vec![],
             fixed: nodes.iter().map(|x| (self.fixed)(*x)).collect(),
             prescribed: vec![],
-            active: if self.active_kpa == 0.0 { vec![] } else { vec![active; body.n_point_batches()] },
+            active: if self.active_kpa == 0.0 {
+                vec![]
+            } else {
+                vec![active; body.n_point_batches()]
+            },
         };
         displacement.resize(3 * nodes.len(), 0.0);
         let report = load(&problem, &mut displacement, steps)?;
         let cavity_mm3 = self.copies * surface.volume(self.about, body.reference(), &displacement);
         let pressure_kpa = self.element_pressures(&body, element, &displacement);
-        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len(), pressure_kpa })
+        Ok(Solution {
+            nodes,
+            displacement,
+            report,
+            cavity_mm3,
+            n_tets: self.mesh.tets.len(),
+            pressure_kpa,
+        })
     }
 
     /// The displacement of a solution on a coarser grid of linear elements, between its nodes; `None` where either is no grid.
@@ -170,7 +218,9 @@ impl Problem {
             for lane in 0..n_lanes {
                 let e = elements[lane] as usize;
                 let nodal = (self.mesh.tets[e].iter().zip(body.vertex_shape(idx)))
-                    .map(|(v, share)| share * deformation.nodal_pressure.get(*v as usize).unwrap_or(&0.0))
+                    .map(|(v, share)| {
+                        share * deformation.nodal_pressure.get(*v as usize).unwrap_or(&0.0)
+                    })
                     .sum::<f64>();
                 let own = element.volume.pointwise() * kappa_kpa * law.slopes(ratios[lane]).0;
                 let volume = body.point_volume(idx)[lane];
@@ -178,7 +228,9 @@ impl Problem {
                 sums[e][1] += volume;
             }
         }
-        sums.iter().map(|[pressure, volume]| pressure / volume).collect()
+        sums.iter()
+            .map(|[pressure, volume]| pressure / volume)
+            .collect()
     }
 
     fn input<'a, const N: usize>(
@@ -206,7 +258,10 @@ impl Problem {
 fn tissue(law: Law, kappa_kpa: f64, active: bool) -> Tissue {
     Tissue {
         law,
-        volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa },
+        volumetric: Volumetric {
+            law: VolumetricLaw::LnSquared,
+            kappa_kpa,
+        },
         active: active.then_some(ActiveLaw::BENCHMARK),
         density: 1.0,
     }
@@ -218,7 +273,12 @@ const AXES: Frame = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 /// clamp.
 pub fn beam(n: usize, kappa_kpa: f64) -> Problem {
     let mesh = cuboid([4 * n, n, n], |p| [10.0 * p[0].powf(1.3), p[1], p[2]]);
-    let law = Guccione { c_kpa: 2.0, b_f: 8.0, b_t: 2.0, b_fs: 4.0 };
+    let law = Guccione {
+        c_kpa: 2.0,
+        b_f: 8.0,
+        b_t: 2.0,
+        b_fs: 4.0,
+    };
     Problem {
         mesh,
         middle: Box::new(|_, _| None),
@@ -245,7 +305,11 @@ fn ventricle_point(p: [f64; 2], t: f64) -> [f64; 3] {
     let (rs, rl) = (7.0 + 3.0 * t, 17.0 + 3.0 * t);
     let r = p[0].hypot(p[1]);
     let u = -std::f64::consts::PI + r * (std::f64::consts::PI - (5.0 / rl).acos());
-    let (c, s) = if r == 0.0 { (1.0, 0.0) } else { (p[0] / r, p[1] / r) };
+    let (c, s) = if r == 0.0 {
+        (1.0, 0.0)
+    } else {
+        (p[0] / r, p[1] / r)
+    };
     // sin u is negative: v is turned by π, which keeps the map continuous at the apex.
     let radius = -rs * u.sin();
     [radius * c, radius * s, rl * u.cos()]
@@ -260,7 +324,11 @@ fn ventricle_depth(x: [f64; 3]) -> f64 {
     let (mut low, mut high) = (-0.2, 1.2);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if level(middle) > 0.0 { low = middle } else { high = middle }
+        if level(middle) > 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     0.5 * (low + high)
 }
@@ -270,7 +338,11 @@ fn ventricle_frame(x: [f64; 3]) -> Frame {
     let t = ventricle_depth(x).clamp(0.0, 1.0);
     let (rs, rl) = (7.0 + 3.0 * t, 17.0 + 3.0 * t);
     let r = x[0].hypot(x[1]);
-    let (c, s) = if r < 1e-12 { (1.0, 0.0) } else { (x[0] / r, x[1] / r) };
+    let (c, s) = if r < 1e-12 {
+        (1.0, 0.0)
+    } else {
+        (x[0] / r, x[1] / r)
+    };
     // sin u < 0, so that cos v = −c, sin v = −s.
     let (sin_u, cos_u) = (-(r / rs), x[2] / rl);
     let du = unit([-rs * cos_u * c, -rs * cos_u * s, -rl * sin_u]);
@@ -283,7 +355,11 @@ fn ventricle_frame(x: [f64; 3]) -> Frame {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 fn unit(a: [f64; 3]) -> [f64; 3] {
@@ -293,7 +369,10 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
 
 /// The ventricle of problems 2 and 3: `n` squares from apex to base, `8 n` around the base, `layers` through the wall;
 /// distances from the apex to the power of `grading`.
-#[expect(clippy::too_many_arguments, reason = "a problem's numbers, each of its own kind")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a problem's numbers, each of its own kind"
+)]
 fn ventricle(
     n: usize,
     layers: usize,
@@ -311,13 +390,19 @@ fn ventricle(
     let n_layer = layers as u32 + 1;
     let points = sheet.points;
     let middle = move |a: u32, b: u32| {
-        let (pa, pb) = (points[(a / n_layer) as usize], points[(b / n_layer) as usize]);
+        let (pa, pb) = (
+            points[(a / n_layer) as usize],
+            points[(b / n_layer) as usize],
+        );
         let depth = |n: u32| f64::from(n % n_layer) / f64::from(n_layer - 1);
         // Half-way in radius and direction: the middle of two points of the rim stays on the rim.
         let (ra, rb) = (pa[0].hypot(pa[1]), pb[0].hypot(pb[1]));
         let m = [pa[0] + pb[0], pa[1] + pb[1]];
         let scale = 0.5 * (ra + rb) / m[0].hypot(m[1]).max(1e-300);
-        Some(ventricle_point([m[0] * scale, m[1] * scale], 0.5 * (depth(a) + depth(b))))
+        Some(ventricle_point(
+            [m[0] * scale, m[1] * scale],
+            0.5 * (depth(a) + depth(b)),
+        ))
     };
     Problem {
         mesh,
@@ -327,7 +412,11 @@ fn ventricle(
         pressure: (0, pressure),
         fixed: Box::new(move |x| {
             let base = x[2] > 5.0 - 1e-9;
-            [base || (quarter && x[0].abs() < 1e-9), base || (quarter && x[1].abs() < 1e-9), base]
+            [
+                base || (quarter && x[0].abs() < 1e-9),
+                base || (quarter && x[1].abs() < 1e-9),
+                base,
+            ]
         }),
         active_kpa,
         about: [0.0, 0.0, 5.0],
@@ -339,13 +428,23 @@ fn ventricle(
 
 /// Problem 2.
 pub fn inflation(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
-    let law = Guccione { c_kpa: 10.0, b_f: 1.0, b_t: 1.0, b_fs: 1.0 };
+    let law = Guccione {
+        c_kpa: 10.0,
+        b_f: 1.0,
+        b_t: 1.0,
+        b_fs: 1.0,
+    };
     ventricle(n, layers, law, 10.0, 0.0, kappa_kpa, 0.1, 1.3)
 }
 
 /// Problem 3.
 pub fn contraction(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
-    let law = Guccione { c_kpa: 2.0, b_f: 8.0, b_t: 2.0, b_fs: 4.0 };
+    let law = Guccione {
+        c_kpa: 2.0,
+        b_f: 8.0,
+        b_t: 2.0,
+        b_fs: 4.0,
+    };
     // The fibres are singular at the endocardial apex: what counts is how fine the mesh is there.
     ventricle(n, layers, law, 15.0, 60.0, kappa_kpa, 0.05, 2.2)
 }
@@ -357,22 +456,38 @@ pub const SPHERE: [f64; 2] = [10.0, 12.0];
 pub fn sphere(n: usize, layers: usize, pressure: f64, kappa_kpa: f64) -> Problem {
     fn place(b: [f64; 2], t: f64) -> [f64; 3] {
         let d = unit([b[0], b[1], 1.0 - b[0] - b[1]]);
-        d.map(|x| if x.abs() < 1e-14 { 0.0 } else { x * (SPHERE[0] + t * (SPHERE[1] - SPHERE[0])) })
+        d.map(|x| {
+            if x.abs() < 1e-14 {
+                0.0
+            } else {
+                x * (SPHERE[0] + t * (SPHERE[1] - SPHERE[0]))
+            }
+        })
     }
     let sheet = triangle(n);
     let mesh = extrude(&sheet, layers, place);
     let n_layer = layers as u32 + 1;
     let points = sheet.points;
     let middle = move |a: u32, b: u32| {
-        let (pa, pb) = (points[(a / n_layer) as usize], points[(b / n_layer) as usize]);
+        let (pa, pb) = (
+            points[(a / n_layer) as usize],
+            points[(b / n_layer) as usize],
+        );
         let depth = |n: u32| f64::from(n % n_layer) / f64::from(n_layer - 1);
-        Some(place([0.5 * (pa[0] + pb[0]), 0.5 * (pa[1] + pb[1])], 0.5 * (depth(a) + depth(b))))
+        Some(place(
+            [0.5 * (pa[0] + pb[0]), 0.5 * (pa[1] + pb[1])],
+            0.5 * (depth(a) + depth(b)),
+        ))
     };
     Problem {
         mesh,
         middle: Box::new(middle),
         frame: Box::new(|_, _| AXES),
-        tissue: tissue(Law::NeoHookean(NeoHookean { mu_kpa: 1.0 }), kappa_kpa, false),
+        tissue: tissue(
+            Law::NeoHookean(NeoHookean { mu_kpa: 1.0 }),
+            kappa_kpa,
+            false,
+        ),
         pressure: (0, pressure),
         fixed: Box::new(|x| x.map(|x| x.abs() < 1e-12)),
         active_kpa: 0.0,

@@ -26,7 +26,11 @@ fn radial_stretch(wanted: f64, hoop: f64, kappa: f64) -> f64 {
     let (mut low, mut high) = (0.1, 3.0);
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
-        if stress(middle, hoop, kappa)[0] < wanted { low = middle } else { high = middle }
+        if stress(middle, hoop, kappa)[0] < wanted {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     0.5 * (low + high)
 }
@@ -59,7 +63,10 @@ fn outer_stress(inner: f64, pressure: f64, kappa: f64) -> f64 {
 pub fn inner_stretch(pressure: f64, kappa: f64) -> f64 {
     // Secants: the stress outside grows with the stretch inside.
     let (mut x0, mut x1) = (1.29, 1.31);
-    let (mut f0, mut f1) = (outer_stress(x0, pressure, kappa), outer_stress(x1, pressure, kappa));
+    let (mut f0, mut f1) = (
+        outer_stress(x0, pressure, kappa),
+        outer_stress(x1, pressure, kappa),
+    );
     for _ in 0..30 {
         if (x1 - x0).abs() < 1e-13 || f1 == f0 {
             break;

@@ -5,7 +5,8 @@ use cardiotwin_mechanics::linear::Pattern;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side, Spec};
@@ -33,7 +34,13 @@ impl Symmetric {
         )
         .expect("memory for the factor's pattern");
         let (value, factor) = (vec![0.0; row.len()], vec![0.0; symbolic.len_val()]);
-        Self { start, row, value, symbolic, factor }
+        Self {
+            start,
+            row,
+            value,
+            symbolic,
+            factor,
+        }
     }
 
     pub fn clear(&mut self) {
@@ -42,7 +49,9 @@ impl Symmetric {
 
     pub fn add_entry(&mut self, i: u32, j: u32, x: f64) {
         let range = self.start[j as usize]..self.start[j as usize + 1];
-        let at = self.row[range.clone()].binary_search(&(i as usize)).expect("an entry of the pattern");
+        let at = self.row[range.clone()]
+            .binary_search(&(i as usize))
+            .expect("an entry of the pattern");
         self.value[range.start + at] += x;
     }
 
@@ -60,7 +69,9 @@ impl Symmetric {
     pub fn factorise(&mut self) {
         let n = self.start.len() - 1;
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &self.start, None, &self.row);
-        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
+        let scratch = self
+            .symbolic
+            .factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
         let mut memory = MemBuffer::new(scratch);
         self.symbolic
             .factorize_numeric_ldlt(

@@ -70,14 +70,23 @@ pub fn equilibrium(problem: &Problem, trial: Trial) -> Result<Equilibrium, f64> 
     let mut setting = Setting::new(problem, trial);
     let n = setting.n_displacements;
     let (mut u, mut before): (Vec<f64>, Option<(f64, Vec<f64>)>) = (vec![0.0; n], None);
-    let (mut reached, mut step, mut quick, mut newton, mut n_cut) = (0.0, problem.first_step, 0, 0, 0);
+    let (mut reached, mut step, mut quick, mut newton, mut n_cut) =
+        (0.0, problem.first_step, 0, 0, 0);
     let (mut pressure_kpa, mut volume_ratio) = (vec![], vec![]);
     while reached < 1.0 {
-        let now = if reached + step > 1.0 - 1e-9 { 1.0 - reached } else { step };
+        let now = if reached + step > 1.0 - 1e-9 {
+            1.0 - reached
+        } else {
+            step
+        };
         let mut start = u.clone();
         if let Some((last, before)) = &before {
             let ratio = now / (reached - last);
-            let guess: Vec<f64> = u.iter().zip(before).map(|(u, b)| u + ratio * (u - b)).collect();
+            let guess: Vec<f64> = u
+                .iter()
+                .zip(before)
+                .map(|(u, b)| u + ratio * (u - b))
+                .collect();
             if setting.state(guess.clone()).smallest > 0.1 {
                 start = guess;
             }
@@ -102,8 +111,18 @@ pub fn equilibrium(problem: &Problem, trial: Trial) -> Result<Equilibrium, f64> 
             }
         }
     }
-    let cavity_mm3 = problem.copies * setting.surface.volume(problem.about, problem.mesh.nodes.as_flattened(), &u);
-    Ok(Equilibrium { displacement: u, cavity_mm3, pressure_kpa, volume_ratio, newton, n_cut })
+    let cavity_mm3 = problem.copies
+        * setting
+            .surface
+            .volume(problem.about, problem.mesh.nodes.as_flattened(), &u);
+    Ok(Equilibrium {
+        displacement: u,
+        cavity_mm3,
+        pressure_kpa,
+        volume_ratio,
+        newton,
+        n_cut,
+    })
 }
 
 /// What a patch test finds.
@@ -120,7 +139,10 @@ pub fn homogeneous(problem: &Problem, trial: Trial, f: [[f64; 3]; 3]) -> Patch {
     let mut setting = Setting::new(problem, trial);
     let nodes = &problem.mesh.nodes;
     let displaced = |x: &[f64; 3], i: usize| (0..3).map(|k| f[i][k] * x[k]).sum::<f64>() - x[i];
-    let u: Vec<f64> = nodes.iter().flat_map(|x| (0..3).map(move |i| displaced(x, i))).collect();
+    let u: Vec<f64> = nodes
+        .iter()
+        .flat_map(|x| (0..3).map(move |i| displaced(x, i)))
+        .collect();
     let state = setting.state(u.clone());
     // Nothing is fixed while forces are told, or those on the surface were left out.
     let n = setting.fixed.len();
@@ -128,28 +150,52 @@ pub fn homogeneous(problem: &Problem, trial: Trial, f: [[f64; 3]; 3]) -> Patch {
     let (force, _) = setting.linearise(&state, 1.0, false);
     setting.fixed = fixed;
     let largest = |of_fixed: bool| {
-        let sizes = (force.iter().zip(&setting.fixed)).filter(|(_, fixed)| **fixed == of_fixed).map(|(r, _)| r.abs());
+        let sizes = (force.iter().zip(&setting.fixed))
+            .filter(|(_, fixed)| **fixed == of_fixed)
+            .map(|(r, _)| r.abs());
         sizes.fold(0.0, f64::max)
     };
     let force_inside = largest(false) / largest(true);
-    let aside = |k: usize| if setting.fixed[k] { 0.0 } else { 0.005 * (17.0 * k as f64).sin() };
+    let aside = |k: usize| {
+        if setting.fixed[k] {
+            0.0
+        } else {
+            0.005 * (17.0 * k as f64).sin()
+        }
+    };
     let start = u.iter().enumerate().map(|(k, u)| u + aside(k)).collect();
     let distance_mm = match setting.newton(start, 1.0) {
-        Ok((found, _)) => found.u.iter().zip(&u).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
+        Ok((found, _)) => found
+            .u
+            .iter()
+            .zip(&u)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max),
         Err(()) => f64::INFINITY,
     };
-    Patch { force_inside, distance_mm }
+    Patch {
+        force_inside,
+        distance_mm,
+    }
 }
 
 impl<'a> Setting<'a> {
     fn new(problem: &'a Problem, trial: Trial) -> Self {
         let mesh = &problem.mesh;
         let (n_nodes, n_tets) = (mesh.nodes.len(), mesh.tets.len());
-        let pattern = std::sync::Arc::new(Pattern::of_elements(n_nodes, mesh.tets.iter().map(|t| (&t[..], &t[..]))));
-        let surface = PressureSurface::new(&mesh.sides[problem.pressure.0], &pattern).expect("faces of the mesh");
-        let surface_tangent = Tangent { stiffness: BlockCsr::zeros(pattern), coupling: None, bulk: vec![] };
-        let batches =
-            batches::<4, 1>(&mesh.nodes, &mesh.tets, &vec![0; n_tets], &problem.frame).expect("a proper mesh");
+        let pattern = std::sync::Arc::new(Pattern::of_elements(
+            n_nodes,
+            mesh.tets.iter().map(|t| (&t[..], &t[..])),
+        ));
+        let surface = PressureSurface::new(&mesh.sides[problem.pressure.0], &pattern)
+            .expect("faces of the mesh");
+        let surface_tangent = Tangent {
+            stiffness: BlockCsr::zeros(pattern),
+            coupling: None,
+            bulk: vec![],
+        };
+        let batches = batches::<4, 1>(&mesh.nodes, &mesh.tets, &vec![0; n_tets], &problem.frame)
+            .expect("a proper mesh");
         let (share, projection, patches) = match trial {
             Trial::Nodal { share } => (share, None, None),
             Trial::Projected { modulus_kpa } => (0.0, Some(modulus_kpa), None),
@@ -159,16 +205,24 @@ impl<'a> Setting<'a> {
             Some(patches) => vec![patches[e]],
             None => mesh.tets[e].to_vec(),
         };
-        let n_pressures = patches.as_ref().map_or(n_nodes, |p| 1 + *p.iter().max().expect("an element") as usize);
+        let n_pressures = patches.as_ref().map_or(n_nodes, |p| {
+            1 + *p.iter().max().expect("an element") as usize
+        });
         let of_pressures: Vec<Vec<u32>> = (0..n_tets).map(pressures).collect();
         let n = 3 * n_nodes;
         let unknowns: Vec<Vec<u32>> = (mesh.tets.iter().zip(&of_pressures))
             .map(|(t, p)| {
                 let displacements = t.iter().flat_map(|a| (0..3).map(move |i| 3 * a + i));
-                displacements.chain(p.iter().map(|p| n as u32 + p)).collect()
+                displacements
+                    .chain(p.iter().map(|p| n as u32 + p))
+                    .collect()
             })
             .collect();
-        let mut fixed: Vec<bool> = mesh.nodes.iter().flat_map(|x| (problem.fixed)(*x)).collect();
+        let mut fixed: Vec<bool> = mesh
+            .nodes
+            .iter()
+            .flat_map(|x| (problem.fixed)(*x))
+            .collect();
         fixed.resize(n + n_pressures, false);
         let matrix = Symmetric::new(n + n_pressures, &unknowns);
         let compliance = Symmetric::new(n_pressures, &of_pressures);
@@ -227,7 +281,9 @@ impl<'a> Setting<'a> {
     fn state(&self, u: Vec<f64>) -> State {
         let n = self.n_displacements;
         let mut p = vec![0.0; self.fixed.len() - n];
-        let ratios: Vec<f64> = (0..self.unknowns.len()).map(|e| cofactor(&self.deformation(e, &u)).1).collect();
+        let ratios: Vec<f64> = (0..self.unknowns.len())
+            .map(|e| cofactor(&self.deformation(e, &u)).1)
+            .collect();
         for (e, (unknowns, j)) in self.unknowns.iter().zip(&ratios).enumerate() {
             let pressures = &unknowns[12..];
             for v in pressures {
@@ -242,8 +298,16 @@ impl<'a> Setting<'a> {
         };
         let element_pressure = self.unknowns.iter().zip(&ratios).map(mean).collect();
         // A NaN must not pass for a large volume.
-        let smallest = ratios.iter().fold(f64::INFINITY, |m, j| if *j < m || j.is_nan() { *j } else { m });
-        State { u, element_pressure, volume_ratio: ratios, smallest }
+        let smallest = ratios.iter().fold(
+            f64::INFINITY,
+            |m, j| if *j < m || j.is_nan() { *j } else { m },
+        );
+        State {
+            u,
+            element_pressure,
+            volume_ratio: ratios,
+            smallest,
+        }
     }
 
     /// The residual at a share of the load, the norm of its external part, and with `tangent` the matrix.
@@ -253,18 +317,31 @@ impl<'a> Setting<'a> {
         let reference = self.problem.mesh.nodes.as_flattened();
         let pressure = load * self.problem.pressure.1;
         let mut r = vec![0.0; n];
-        self.surface.add_forces(pressure, reference, &state.u, &mut r);
+        self.surface
+            .add_forces(pressure, reference, &state.u, &mut r);
         let external = norm(&r);
         if tangent {
             self.matrix.clear();
             self.surface_tangent.stiffness.blocks.fill([0.0; 9]);
-            self.surface.add_symmetric_tangent(pressure, reference, &state.u, &mut self.surface_tangent);
+            self.surface.add_symmetric_tangent(
+                pressure,
+                reference,
+                &state.u,
+                &mut self.surface_tangent,
+            );
         }
         for e in 0..self.unknowns.len() {
             let f = self.deformation(e, &state.u);
             let (cof, j) = cofactor(&f);
             let product = |m: usize, n: usize| (0..3).map(|i| f[i][m] * f[i][n]).sum::<f64>();
-            let c = [product(0, 0), product(1, 1), product(2, 2), product(0, 1), product(0, 2), product(1, 2)];
+            let c = [
+                product(0, 0),
+                product(1, 1),
+                product(2, 2),
+                product(0, 1),
+                product(0, 2),
+                product(1, 2),
+            ];
             let at_point = Load {
                 pressure: state.element_pressure[e],
                 bulk: self.share * tissue.volumetric.kappa_kpa,
@@ -274,8 +351,9 @@ impl<'a> Setting<'a> {
             let response = respond::<f64, true>(tissue, &c, j, &at_point);
             let (s, d, volume) = (response.s, response.d, self.volume_mm3(e));
             let s = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-            let g: [[f64; 3]; 4] =
-                std::array::from_fn(|a| std::array::from_fn(|k| self.batches[e / 8].points[0].grad[a][k][e % 8]));
+            let g: [[f64; 3]; 4] = std::array::from_fn(|a| {
+                std::array::from_fn(|k| self.batches[e / 8].points[0].grad[a][k][e % 8])
+            });
             let times = |m: &[[f64; 3]; 3], v: &[f64; 3]| -> [f64; 3] {
                 std::array::from_fn(|i| (0..3).map(|k| m[i][k] * v[k]).sum())
             };
@@ -291,15 +369,27 @@ impl<'a> Setting<'a> {
             let strain: [[f64; 6]; 12] = std::array::from_fn(|q| {
                 let (a, i) = (q / 3, q % 3);
                 let shear = |k: usize, l: usize| f[i][k] * g[a][l] + f[i][l] * g[a][k];
-                [f[i][0] * g[a][0], f[i][1] * g[a][1], f[i][2] * g[a][2], shear(0, 1), shear(0, 2), shear(1, 2)]
+                [
+                    f[i][0] * g[a][0],
+                    f[i][1] * g[a][1],
+                    f[i][2] * g[a][2],
+                    shear(0, 1),
+                    shear(0, 2),
+                    shear(1, 2),
+                ]
             });
             let size = unknowns.len();
             let mut matrix = vec![0.0; size * size];
             for q in 0..12 {
-                let stress: [f64; 6] = std::array::from_fn(|m| (0..6).map(|n| d[at(m, n)] * strain[q][n]).sum());
+                let stress: [f64; 6] =
+                    std::array::from_fn(|m| (0..6).map(|n| d[at(m, n)] * strain[q][n]).sum());
                 let sg = times(&s, &g[q / 3]);
                 for t in 0..12 {
-                    let geometric = if q % 3 == t % 3 { (0..3).map(|k| g[t / 3][k] * sg[k]).sum() } else { 0.0 };
+                    let geometric = if q % 3 == t % 3 {
+                        (0..3).map(|k| g[t / 3][k] * sg[k]).sum()
+                    } else {
+                        0.0
+                    };
                     let material: f64 = (0..6).map(|m| strain[t][m] * stress[m]).sum();
                     matrix[q * size + t] = volume * (material + geometric);
                 }
@@ -322,7 +412,8 @@ impl<'a> Setting<'a> {
                     for m in 0..9 {
                         let (row, column) = (3 * node as u32 + m / 3, 3 * other + m % 3);
                         if !self.fixed[row as usize] && !self.fixed[column as usize] {
-                            self.matrix.add_entry(row, column, stiffness.blocks[k][m as usize]);
+                            self.matrix
+                                .add_entry(row, column, stiffness.blocks[k][m as usize]);
                         }
                     }
                 }
@@ -352,11 +443,21 @@ impl<'a> Setting<'a> {
             }
             self.matrix.factorise();
             self.matrix.solve(&mut step);
-            let tried = (0..=6).map(|halvings| 0.5_f64.powi(halvings)).find_map(|share| {
-                let trial = self.state(state.u.iter().zip(&step).map(|(u, s)| u - share * s).collect());
-                (trial.smallest > 0.1 && norm(&self.linearise(&trial, load, false).0) <= 1e3 * size.max(wanted))
+            let tried = (0..=6)
+                .map(|halvings| 0.5_f64.powi(halvings))
+                .find_map(|share| {
+                    let trial = self.state(
+                        state
+                            .u
+                            .iter()
+                            .zip(&step)
+                            .map(|(u, s)| u - share * s)
+                            .collect(),
+                    );
+                    (trial.smallest > 0.1
+                        && norm(&self.linearise(&trial, load, false).0) <= 1e3 * size.max(wanted))
                     .then_some(trial)
-            });
+                });
             state = tried.ok_or(())?;
         }
         Err(())

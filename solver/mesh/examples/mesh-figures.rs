@@ -29,7 +29,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let begun = Instant::now();
         let times = activation_ms(&mesh, &conduction)?;
         let waving = begun.elapsed().as_secs_f64();
-        let last = times.into_iter().filter(|t| t.is_finite()).fold(0.0, f64::max);
+        let last = times
+            .into_iter()
+            .filter(|t| t.is_finite())
+            .fold(0.0, f64::max);
         let ordered = Renumbering::reverse_cuthill_mckee(&mesh).apply(&mesh);
         let work = vec![1.0; mesh.n_tets()];
         let cut = figures(&mesh, &work, &CoordinateBisection.parts(&mesh, &work, 8), 8);

@@ -24,14 +24,19 @@ impl Cavity {
     /// # Errors
     /// [`SurfaceDefect`] where the triangles are no oriented surface.
     pub fn behind(triangles: &[[u32; 3]]) -> Result<Self, SurfaceDefect> {
-        Ok(Self { triangles: triangles.to_vec(), openings: openings(triangles)? })
+        Ok(Self {
+            triangles: triangles.to_vec(),
+            openings: openings(triangles)?,
+        })
     }
 
     /// Mean position of an opening's nodes, mm.
     #[must_use]
     pub fn opening_centre_mm(&self, opening: usize, nodes_mm: &[Vec3]) -> Vec3 {
         let nodes = &self.openings[opening];
-        let sum = nodes.iter().fold([0.0; 3], |sum, node| add(sum, nodes_mm[*node as usize]));
+        let sum = nodes
+            .iter()
+            .fold([0.0; 3], |sum, node| add(sum, nodes_mm[*node as usize]));
         scale(sum, 1.0 / nodes.len() as f64)
     }
 
@@ -40,11 +45,14 @@ impl Cavity {
     #[must_use]
     pub fn volume_mm3(&self, nodes_mm: &[Vec3]) -> f64 {
         let origin = if self.openings.is_empty() {
-            self.triangles.first().map_or([0.0; 3], |t| nodes_mm[t[0] as usize])
+            self.triangles
+                .first()
+                .map_or([0.0; 3], |t| nodes_mm[t[0] as usize])
         } else {
             self.opening_centre_mm(0, nodes_mm)
         };
-        let six = |a: Vec3, b: Vec3, c: Vec3| dot(sub(a, origin), cross(sub(b, origin), sub(c, origin)));
+        let six =
+            |a: Vec3, b: Vec3, c: Vec3| dot(sub(a, origin), cross(sub(b, origin), sub(c, origin)));
         let mut total = 0.0;
         for t in &self.triangles {
             let [a, b, c] = t.map(|node| nodes_mm[node as usize]);
@@ -74,9 +82,27 @@ mod tests {
 
     /// The unit cube's surface seen from a cavity's tissue: normals inward.
     fn cube() -> (Vec<Vec3>, Vec<[u32; 3]>) {
-        let nodes = (0..8).map(|i| [f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)]).collect();
-        let quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
-        let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+        let nodes = (0..8)
+            .map(|i| {
+                [
+                    f64::from(i & 1),
+                    f64::from(i >> 1 & 1),
+                    f64::from(i >> 2 & 1),
+                ]
+            })
+            .collect();
+        let quads = [
+            [0, 1, 3, 2],
+            [4, 6, 7, 5],
+            [0, 4, 5, 1],
+            [2, 3, 7, 6],
+            [0, 2, 6, 4],
+            [1, 5, 7, 3],
+        ];
+        let triangles = quads
+            .iter()
+            .flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
+            .collect();
         (nodes, triangles)
     }
 

@@ -59,7 +59,9 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
         return found; // nothing else can be asked
     }
     shape(mesh, &mut found);
-    let sound = found.iter().all(|defect| !matches!(defect, Defect::Inverted { .. } | Defect::Degenerate { .. }));
+    let sound = found
+        .iter()
+        .all(|defect| !matches!(defect, Defect::Inverted { .. } | Defect::Degenerate { .. }));
     topology(mesh, &mut found);
     tags(mesh, expected, &mut found);
     size(mesh, unit, &mut found);
@@ -71,24 +73,38 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
 
 /// Middle of some nodes.
 fn middle(mesh: &TetMesh, nodes: &[u32]) -> Vec3 {
-    let sum = nodes.iter().fold([0.0; 3], |sum, node| add(sum, mesh.nodes_mm[*node as usize]));
+    let sum = nodes.iter().fold([0.0; 3], |sum, node| {
+        add(sum, mesh.nodes_mm[*node as usize])
+    });
     scale(sum, 1.0 / nodes.len() as f64)
 }
 
 fn at_element(mesh: &TetMesh, e: usize) -> Place {
-    Place { item: Item::Element(e), at_mm: mesh.centroid_mm(e) }
+    Place {
+        item: Item::Element(e),
+        at_mm: mesh.centroid_mm(e),
+    }
 }
 
 fn at_node(mesh: &TetMesh, node: u32) -> Place {
-    Place { item: Item::Node(node), at_mm: mesh.nodes_mm[node as usize] }
+    Place {
+        item: Item::Node(node),
+        at_mm: mesh.nodes_mm[node as usize],
+    }
 }
 
 fn at_edge(mesh: &TetMesh, edge: [u32; 2]) -> Place {
-    Place { item: Item::Edge(edge), at_mm: middle(mesh, &edge) }
+    Place {
+        item: Item::Edge(edge),
+        at_mm: middle(mesh, &edge),
+    }
 }
 
 fn at_triangle(mesh: &TetMesh, triangle: [u32; 3]) -> Place {
-    Place { item: Item::Triangle(triangle), at_mm: middle(mesh, &triangle) }
+    Place {
+        item: Item::Triangle(triangle),
+        at_mm: middle(mesh, &triangle),
+    }
 }
 
 fn readable(mesh: &TetMesh) -> Vec<Defect> {
@@ -98,18 +114,29 @@ fn readable(mesh: &TetMesh) -> Vec<Defect> {
     let mut found = Vec::new();
     for (what, length) in [("tags", mesh.tags.len()), ("fibres", mesh.frames.len())] {
         if length != mesh.n_tets() && !(what == "fibres" && length == 0) {
-            found.push(Defect::Length { what, found: length, expected: mesh.n_tets() });
+            found.push(Defect::Length {
+                what,
+                found: length,
+                expected: mesh.n_tets(),
+            });
         }
     }
     let n_nodes = mesh.n_nodes();
     for (element, tet) in mesh.tets.iter().enumerate() {
         if let Some(node) = tet.iter().find(|node| **node as usize >= n_nodes) {
-            found.push(Defect::NodeOutOfRange { element, node: *node, n_nodes });
+            found.push(Defect::NodeOutOfRange {
+                element,
+                node: *node,
+                n_nodes,
+            });
             break;
         }
     }
     let not_finite = |node: &usize| mesh.nodes_mm[*node].iter().any(|c| !c.is_finite());
-    let nodes: Vec<u32> = (0..n_nodes).filter(not_finite).map(|node| node as u32).collect();
+    let nodes: Vec<u32> = (0..n_nodes)
+        .filter(not_finite)
+        .map(|node| node as u32)
+        .collect();
     if !nodes.is_empty() {
         found.push(Defect::NotFinite { nodes });
     }
@@ -131,10 +158,17 @@ fn shape(mesh: &TetMesh, found: &mut Vec<Defect>) {
     let of = mesh.n_tets();
     let worst_first = |list: &mut Vec<(f64, usize)>| -> Option<(f64, Vec<Place>)> {
         list.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        Some((list.first()?.0, list.iter().map(|(_, e)| at_element(mesh, *e)).collect()))
+        Some((
+            list.first()?.0,
+            list.iter().map(|(_, e)| at_element(mesh, *e)).collect(),
+        ))
     };
     if let Some((worst_mm3, places)) = worst_first(&mut inverted) {
-        found.push(Defect::Inverted { of, worst_mm3, places });
+        found.push(Defect::Inverted {
+            of,
+            worst_mm3,
+            places,
+        });
     }
     if let Some((worst, places)) = worst_first(&mut flat) {
         found.push(Defect::Degenerate { worst, places });
@@ -151,29 +185,49 @@ fn topology(mesh: &TetMesh, found: &mut Vec<Defect>) {
         }
     };
     let used = used(mesh);
-    let loose = (0..mesh.n_nodes()).filter(|node| !used[*node]).map(|node| at_node(mesh, node as u32));
+    let loose = (0..mesh.n_nodes())
+        .filter(|node| !used[*node])
+        .map(|node| at_node(mesh, node as u32));
     push(loose.collect(), |places| Defect::Unreferenced { places });
-    let doubled = doubled(mesh).into_iter().map(|(node, _)| at_node(mesh, node));
+    let doubled = doubled(mesh)
+        .into_iter()
+        .map(|(node, _)| at_node(mesh, node));
     push(doubled.collect(), |places| Defect::Doubled { places });
-    let mut faces: Vec<[u32; 3]> =
-        mesh.tets.iter().flat_map(|tet| FACES.map(|face| sorted(face.map(|i| tet[i])))).collect();
+    let mut faces: Vec<[u32; 3]> = mesh
+        .tets
+        .iter()
+        .flat_map(|tet| FACES.map(|face| sorted(face.map(|i| tet[i]))))
+        .collect();
     faces.sort_unstable();
-    let overlaps = faces.chunk_by(|a, b| a == b).filter(|same| same.len() > 2).map(|same| at_triangle(mesh, same[0]));
+    let overlaps = faces
+        .chunk_by(|a, b| a == b)
+        .filter(|same| same.len() > 2)
+        .map(|same| at_triangle(mesh, same[0]));
     let overlaps: Vec<Place> = overlaps.collect();
     // where elements overlap, the boundary is none
     let plain = overlaps.is_empty();
     push(overlaps, |places| Defect::Overlap { places });
     if plain {
-        let touching = branched_edges(mesh).into_iter().map(|edge| at_edge(mesh, edge));
+        let touching = branched_edges(mesh)
+            .into_iter()
+            .map(|edge| at_edge(mesh, edge));
         push(touching.collect(), |places| Defect::Touching { places });
     }
     let pieces = pieces(mesh);
     if let Some((largest, loose)) = pieces.split_first().filter(|(_, loose)| !loose.is_empty()) {
         let place = |elements: &Vec<usize>| {
-            let sum = elements.iter().fold([0.0; 3], |sum, e| add(sum, mesh.centroid_mm(*e)));
-            Place { item: Item::Piece(elements.len()), at_mm: scale(sum, 1.0 / elements.len() as f64) }
+            let sum = elements
+                .iter()
+                .fold([0.0; 3], |sum, e| add(sum, mesh.centroid_mm(*e)));
+            Place {
+                item: Item::Piece(elements.len()),
+                at_mm: scale(sum, 1.0 / elements.len() as f64),
+            }
         };
-        found.push(Defect::Unconnected { largest: largest.len(), places: loose.iter().map(place).collect() });
+        found.push(Defect::Unconnected {
+            largest: largest.len(),
+            places: loose.iter().map(place).collect(),
+        });
     }
 }
 
@@ -196,7 +250,10 @@ pub(crate) fn pieces(mesh: &TetMesh) -> Vec<Vec<usize>> {
     }
     let mut of_group: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (e, tet) in mesh.tets.iter().enumerate() {
-        of_group.entry(groups.of(tet[0] as usize)).or_default().push(e);
+        of_group
+            .entry(groups.of(tet[0] as usize))
+            .or_default()
+            .push(e);
     }
     let mut pieces: Vec<Vec<usize>> = of_group.into_values().collect();
     pieces.sort_by_key(|elements| std::cmp::Reverse(elements.len()));
@@ -215,7 +272,10 @@ pub(crate) fn doubled(mesh: &TetMesh) -> Vec<(u32, u32)> {
         let [i, j, k] = cell(x);
         let around = (0..27).map(|n| [i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1]);
         let near = around.filter_map(|cell| in_cell.get(&cell)).flatten();
-        match near.into_iter().find(|other| norm(sub(x, mesh.nodes_mm[**other as usize])) <= cell_mm) {
+        match near
+            .into_iter()
+            .find(|other| norm(sub(x, mesh.nodes_mm[**other as usize])) <= cell_mm)
+        {
             Some(other) => found.push((node, *other)),
             None => in_cell.entry([i, j, k]).or_default().push(node),
         }
@@ -226,10 +286,17 @@ pub(crate) fn doubled(mesh: &TetMesh) -> Vec<(u32, u32)> {
 /// Edges of the boundary with more than two boundary triangles, ascending.
 pub(crate) fn branched_edges(mesh: &TetMesh) -> Vec<[u32; 2]> {
     let faces = boundary(mesh);
-    let mut edges: Vec<[u32; 2]> =
-        faces.iter().flat_map(|face| crate::surface::edges(face.triangle)).map(|(a, b)| [a.min(b), a.max(b)]).collect();
+    let mut edges: Vec<[u32; 2]> = faces
+        .iter()
+        .flat_map(|face| crate::surface::edges(face.triangle))
+        .map(|(a, b)| [a.min(b), a.max(b)])
+        .collect();
     edges.sort_unstable();
-    edges.chunk_by(|a, b| a == b).filter(|same| same.len() > 2).map(|same| same[0]).collect()
+    edges
+        .chunk_by(|a, b| a == b)
+        .filter(|same| same.len() > 2)
+        .map(|same| same[0])
+        .collect()
 }
 
 fn tags(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
@@ -237,8 +304,15 @@ fn tags(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
     for tag in &mesh.tags {
         *there.entry(*tag).or_default() += 1;
     }
-    for tag in expected.muscle_tags.iter().filter(|tag| !there.contains_key(*tag)) {
-        found.push(Defect::NoTag { tag: *tag, found: there.iter().map(|(tag, n)| (*tag, *n)).collect() });
+    for tag in expected
+        .muscle_tags
+        .iter()
+        .filter(|tag| !there.contains_key(*tag))
+    {
+        found.push(Defect::NoTag {
+            tag: *tag,
+            found: there.iter().map(|(tag, n)| (*tag, *n)).collect(),
+        });
     }
     if let Some((stated, tolerance)) = expected.wall {
         let muscle: f64 = (0..mesh.n_tets())
@@ -247,7 +321,11 @@ fn tags(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
             .sum();
         let wall = Ml(muscle * 1e-3);
         if wall.0 > 0.0 && (wall.0 - stated.0).abs() > tolerance * stated.0 {
-            found.push(Defect::Wall { found: wall, stated, tolerance });
+            found.push(Defect::Wall {
+                found: wall,
+                stated,
+                tolerance,
+            });
         }
     }
 }
@@ -264,8 +342,13 @@ fn size(mesh: &TetMesh, unit: LengthUnit, found: &mut Vec<Defect>) {
     if !EXTENT_MM.contains(&extent_mm) {
         // in human hearts' size, so that µm is not taken for the cm of a mouse
         let in_file = extent_mm * unit.per_mm();
-        let likely = LengthUnit::ALL.into_iter().find(|other| (50.0..=250.0).contains(&(in_file / other.per_mm())));
-        found.push(Defect::Size { extent_mm, likely: likely.map(LengthUnit::symbol) });
+        let likely = LengthUnit::ALL
+            .into_iter()
+            .find(|other| (50.0..=250.0).contains(&(in_file / other.per_mm())));
+        found.push(Defect::Size {
+            extent_mm,
+            likely: likely.map(LengthUnit::symbol),
+        });
     }
 }
 
@@ -277,7 +360,9 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
         found.push(Defect::NoFibres);
         return;
     }
-    let contracts = |e: &usize| expected.muscle_tags.is_empty() || expected.muscle_tags.contains(&mesh.tags[*e]);
+    let contracts = |e: &usize| {
+        expected.muscle_tags.is_empty() || expected.muscle_tags.contains(&mesh.tags[*e])
+    };
     let mut of = 0;
     let mut wrong: Vec<(usize, f64)> = (0..mesh.n_tets())
         .filter(contracts)
@@ -294,18 +379,38 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
 
 /// Defects of where activation begins: sites that no contracting tissue is near, or times that cannot be.
 #[must_use]
-pub fn activation(mesh: &TetMesh, muscle_tags: &[i32], sites_mm: &[Vec3], radius_mm: f64) -> Vec<Defect> {
+pub fn activation(
+    mesh: &TetMesh,
+    muscle_tags: &[i32],
+    sites_mm: &[Vec3],
+    radius_mm: f64,
+) -> Vec<Defect> {
     let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
-    let contracts = |node: usize| around.row(node).iter().any(|e| muscle_tags.contains(&mesh.tags[*e as usize]));
-    let muscle: Vec<u32> = (0..mesh.n_nodes()).filter(|node| contracts(*node)).map(|node| node as u32).collect();
+    let contracts = |node: usize| {
+        around
+            .row(node)
+            .iter()
+            .any(|e| muscle_tags.contains(&mesh.tags[*e as usize]))
+    };
+    let muscle: Vec<u32> = (0..mesh.n_nodes())
+        .filter(|node| contracts(*node))
+        .map(|node| node as u32)
+        .collect();
     let mut found = Vec::new();
     for (site, at_mm) in sites_mm.iter().enumerate() {
         let to = |node: &u32| norm(sub(mesh.nodes_mm[*node as usize], *at_mm));
-        let nearest = muscle.iter().map(|node| (to(node), *node)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let nearest = muscle
+            .iter()
+            .map(|node| (to(node), *node))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((distance_mm, node)) =
             nearest.filter(|(distance, _)| *distance > radius_mm.max(mesh.mean_edge_mm()))
         {
-            found.push(Defect::Site { site, distance_mm, place: at_node(mesh, node) });
+            found.push(Defect::Site {
+                site,
+                distance_mm,
+                place: at_node(mesh, node),
+            });
         }
     }
     found

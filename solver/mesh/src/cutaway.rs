@@ -70,11 +70,23 @@ pub struct Half {
 /// The surface of the half of a mesh that lies behind a plane; empty where nothing does.
 #[must_use]
 pub fn cut(mesh: &TetMesh, plane: &Plane) -> Half {
-    let heights: Vec<f64> = mesh.nodes_mm.iter().map(|x| dot(sub(*x, plane.point), plane.normal)).collect();
+    let heights: Vec<f64> = mesh
+        .nodes_mm
+        .iter()
+        .map(|x| dot(sub(*x, plane.point), plane.normal))
+        .collect();
     let largest = heights.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
     // A node in the plane is behind it: then no edge is cut at its end.
-    let heights: Vec<f64> =
-        heights.into_iter().map(|h| if h.abs() <= 1e-9 * largest { -1e-9 * largest } else { h }).collect();
+    let heights: Vec<f64> = heights
+        .into_iter()
+        .map(|h| {
+            if h.abs() <= 1e-9 * largest {
+                -1e-9 * largest
+            } else {
+                h
+            }
+        })
+        .collect();
     let mut surface_of: HashMap<[u32; 3], usize> = HashMap::new();
     for (k, surface) in mesh.surfaces.iter().enumerate() {
         for triangle in &surface.triangles {
@@ -82,9 +94,15 @@ pub fn cut(mesh: &TetMesh, plane: &Plane) -> Half {
             surface_of.entry(ordered(*triangle)).or_insert(k);
         }
     }
-    let mut maker = Maker { heights: &heights, found: HashMap::new(), half: Half::default() };
+    let mut maker = Maker {
+        heights: &heights,
+        found: HashMap::new(),
+        half: Half::default(),
+    };
     for face in boundary(mesh) {
-        let side = surface_of.get(&ordered(face.triangle)).map_or(Side::Unnamed, |k| Side::Surface(*k));
+        let side = surface_of
+            .get(&ordered(face.triangle))
+            .map_or(Side::Unnamed, |k| Side::Surface(*k));
         maker.clipped(face.triangle, (side, mesh.tags[face.tet as usize]));
     }
     for (tet, tag) in mesh.tets.iter().zip(&mesh.tags) {
@@ -114,7 +132,11 @@ impl Maker<'_> {
     fn corner(&mut self, key: (u32, u32), share: f64) -> u32 {
         let corners = &mut self.half.corners;
         *self.found.entry(key).or_insert_with(|| {
-            corners.push(Corner { from: key.0, to: key.1, share });
+            corners.push(Corner {
+                from: key.0,
+                to: key.1,
+                share,
+            });
             corners.len() as u32 - 1
         })
     }
@@ -136,7 +158,10 @@ impl Maker<'_> {
         let mut polygon = Vec::with_capacity(4);
         for k in 0..3 {
             let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            let (behind, next) = (self.heights[a as usize] <= 0.0, self.heights[b as usize] <= 0.0);
+            let (behind, next) = (
+                self.heights[a as usize] <= 0.0,
+                self.heights[b as usize] <= 0.0,
+            );
             if behind {
                 polygon.push(self.corner((a, a), 0.0));
             }
@@ -178,7 +203,9 @@ mod tests {
     use cardiotwin_units::Ml;
 
     fn half_of(plane: &Plane) -> (TetMesh, Half, Vec<Vec3>) {
-        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 1000)).unwrap().mesh;
+        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 1000))
+            .unwrap()
+            .mesh;
         let half = cut(&mesh, plane);
         let points = half.corners.iter().map(|c| c.at(&mesh.nodes_mm)).collect();
         (mesh, half, points)
@@ -186,44 +213,73 @@ mod tests {
 
     #[test]
     fn the_surface_is_closed_and_holds_half_of_the_wall() {
-        let plane = Plane { point: [0.0, 0.3, 0.0], normal: [0.0, -1.0, 0.0] };
+        let plane = Plane {
+            point: [0.0, 0.3, 0.0],
+            normal: [0.0, -1.0, 0.0],
+        };
         let (mesh, half, points) = half_of(&plane);
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for [a, b, c] in &half.triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                *edges.entry((*from.min(to), *from.max(to))).or_default() += if from < to { 1 } else { -1 };
+                *edges.entry((*from.min(to), *from.max(to))).or_default() +=
+                    if from < to { 1 } else { -1 };
             }
         }
-        assert!(edges.values().all(|n| *n == 0), "each edge once in either direction");
-        let volume: f64 =
-            half.triangles.iter().map(|t| dot(area_vector(*t, &points), points[t[0] as usize]) / 3.0).sum();
+        assert!(
+            edges.values().all(|n| *n == 0),
+            "each edge once in either direction"
+        );
+        let volume: f64 = half
+            .triangles
+            .iter()
+            .map(|t| dot(area_vector(*t, &points), points[t[0] as usize]) / 3.0)
+            .sum();
         let whole = mesh.tissue_volume(&[]).0 * 1e3;
         assert!((volume / whole - 0.5).abs() < 0.01, "{volume} of {whole}");
     }
 
     #[test]
     fn the_cut_lies_in_the_plane_and_every_part_is_told() {
-        let plane = Plane { point: [0.0, 0.3, 0.0], normal: [0.0, -1.0, 0.0] };
+        let plane = Plane {
+            point: [0.0, 0.3, 0.0],
+            normal: [0.0, -1.0, 0.0],
+        };
         let (mesh, half, points) = half_of(&plane);
         assert!(points.iter().all(|x| x[1] >= 0.3 - 1e-6));
         for (triangle, (side, tag)) in half.triangles.iter().zip(&half.parts) {
             assert_ne!(*side, Side::Unnamed);
             assert!([tags::LEFT_VENTRICLE, tags::AORTIC_ROOT].contains(tag));
             if *side == Side::Cut {
-                assert!(triangle.iter().all(|k| (points[*k as usize][1] - 0.3).abs() < 1e-6));
+                assert!(
+                    triangle
+                        .iter()
+                        .all(|k| (points[*k as usize][1] - 0.3).abs() < 1e-6)
+                );
                 assert!(dot(area_vector(*triangle, &points), plane.normal) >= 0.0);
             }
         }
         let sides: std::collections::BTreeSet<Side> = half.parts.iter().map(|p| p.0).collect();
         assert_eq!(sides.len(), mesh.surfaces.len() + 1, "{sides:?}");
         // In a stretched state corners move with their nodes.
-        let stretched: Vec<Vec3> = mesh.nodes_mm.iter().map(|[x, y, z]| [2.0 * x, *y, *z]).collect();
-        assert!(half.corners.iter().zip(&points).all(|(c, x)| (c.at(&stretched)[0] - 2.0 * x[0]).abs() < 1e-9));
+        let stretched: Vec<Vec3> = mesh
+            .nodes_mm
+            .iter()
+            .map(|[x, y, z]| [2.0 * x, *y, *z])
+            .collect();
+        assert!(
+            half.corners
+                .iter()
+                .zip(&points)
+                .all(|(c, x)| (c.at(&stretched)[0] - 2.0 * x[0]).abs() < 1e-9)
+        );
     }
 
     #[test]
     fn a_plane_beside_the_body_leaves_all_or_nothing() {
-        let far = |y| Plane { point: [0.0, y, 0.0], normal: [0.0, 1.0, 0.0] };
+        let far = |y| Plane {
+            point: [0.0, y, 0.0],
+            normal: [0.0, 1.0, 0.0],
+        };
         assert!(half_of(&far(-1e3)).1.triangles.is_empty());
         let (mesh, all, _) = half_of(&far(1e3));
         assert_eq!(all.triangles.len(), boundary(&mesh).len());

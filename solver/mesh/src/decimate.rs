@@ -22,7 +22,21 @@ impl Quadric {
     fn of(normal: Vec3, through: Vec3, weight: f64) -> Self {
         let [a, b, c] = normal;
         let d = -dot(normal, through);
-        Self([a * a, a * b, a * c, a * d, b * b, b * c, b * d, c * c, c * d, d * d].map(|x| x * weight))
+        Self(
+            [
+                a * a,
+                a * b,
+                a * c,
+                a * d,
+                b * b,
+                b * c,
+                b * d,
+                c * c,
+                c * d,
+                d * d,
+            ]
+            .map(|x| x * weight),
+        )
     }
 
     fn add(&mut self, other: &Self) {
@@ -65,7 +79,10 @@ impl PartialOrd for Collapse {
 impl Ord for Collapse {
     fn cmp(&self, other: &Self) -> Ordering {
         // Ends break ties, so that the result does not hang on the heap.
-        other.cost.total_cmp(&self.cost).then((other.from, other.to).cmp(&(self.from, self.to)))
+        other
+            .cost
+            .total_cmp(&self.cost)
+            .then((other.from, other.to).cmp(&(self.from, self.to)))
     }
 }
 
@@ -85,7 +102,12 @@ struct Surface<'a> {
 /// - `labels`: one a triangle; lines between labels are kept
 /// - `target`: about so many triangles, or more where no further edge can be collapsed
 #[must_use]
-pub fn decimate(points: &[Vec3], triangles: &[[u32; 3]], labels: &[u32], target: usize) -> Vec<(usize, [u32; 3])> {
+pub fn decimate(
+    points: &[Vec3],
+    triangles: &[[u32; 3]],
+    labels: &[u32],
+    target: usize,
+) -> Vec<(usize, [u32; 3])> {
     let mut surface = Surface {
         points,
         labels,
@@ -109,12 +131,19 @@ pub fn decimate(points: &[Vec3], triangles: &[[u32; 3]], labels: &[u32], target:
     }
     let mut heap = BinaryHeap::new();
     for corner in 0..points.len() as u32 {
-        surface.neighbours(corner).into_iter().for_each(|to| heap.push(surface.collapse(corner, to)));
+        surface
+            .neighbours(corner)
+            .into_iter()
+            .for_each(|to| heap.push(surface.collapse(corner, to)));
     }
     let mut left = triangles.len();
     while left > target {
-        let Some(Collapse { from, to, seen, .. }) = heap.pop() else { break };
-        if seen != (surface.changes[from as usize], surface.changes[to as usize]) || !surface.may(from, to) {
+        let Some(Collapse { from, to, seen, .. }) = heap.pop() else {
+            break;
+        };
+        if seen != (surface.changes[from as usize], surface.changes[to as usize])
+            || !surface.may(from, to)
+        {
             continue;
         }
         left -= surface.apply(from, to);
@@ -123,7 +152,13 @@ pub fn decimate(points: &[Vec3], triangles: &[[u32; 3]], labels: &[u32], target:
             heap.push(surface.collapse(to, corner));
         }
     }
-    surface.triangles.iter().copied().enumerate().filter(|(k, _)| surface.alive[*k]).collect()
+    surface
+        .triangles
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(k, _)| surface.alive[*k])
+        .collect()
 }
 
 impl Surface<'_> {
@@ -139,8 +174,10 @@ impl Surface<'_> {
 
     fn neighbours(&self, corner: u32) -> Vec<u32> {
         let around = self.around[corner as usize].iter();
-        let mut found: Vec<u32> =
-            around.flat_map(|k| self.triangles[*k as usize]).filter(|other| *other != corner).collect();
+        let mut found: Vec<u32> = around
+            .flat_map(|k| self.triangles[*k as usize])
+            .filter(|other| *other != corner)
+            .collect();
         found.sort_unstable();
         found.dedup();
         found
@@ -148,11 +185,18 @@ impl Surface<'_> {
 
     /// Triangles on both sides of an edge.
     fn shared(&self, a: u32, b: u32) -> Vec<u32> {
-        self.around[a as usize].iter().copied().filter(|k| self.triangles[*k as usize].contains(&b)).collect()
+        self.around[a as usize]
+            .iter()
+            .copied()
+            .filter(|k| self.triangles[*k as usize].contains(&b))
+            .collect()
     }
 
     fn n_labels(&self, corner: u32) -> usize {
-        let mut labels: Vec<u32> = self.around[corner as usize].iter().map(|k| self.labels[*k as usize]).collect();
+        let mut labels: Vec<u32> = self.around[corner as usize]
+            .iter()
+            .map(|k| self.labels[*k as usize])
+            .collect();
         labels.sort_unstable();
         labels.dedup();
         labels.len()
@@ -160,14 +204,22 @@ impl Surface<'_> {
 
     fn collapse(&self, from: u32, to: u32) -> Collapse {
         let length = distance(self.point(from), self.point(to));
-        let cost = self.quadrics[from as usize].at(self.point(to)).max(0.0) + LENGTH * length.powi(4);
-        Collapse { cost, from, to, seen: (self.changes[from as usize], self.changes[to as usize]) }
+        let cost =
+            self.quadrics[from as usize].at(self.point(to)).max(0.0) + LENGTH * length.powi(4);
+        Collapse {
+            cost,
+            from,
+            to,
+            seen: (self.changes[from as usize], self.changes[to as usize]),
+        }
     }
 
     /// Whether the surface stays a surface, lines stay lines, and nothing folds.
     fn may(&self, from: u32, to: u32) -> bool {
         let shared = self.shared(from, to);
-        let &[left, right] = shared.as_slice() else { return false };
+        let &[left, right] = shared.as_slice() else {
+            return false;
+        };
         let differ = self.labels[left as usize] != self.labels[right as usize];
         match self.n_labels(from) {
             1 => {}
@@ -176,15 +228,24 @@ impl Surface<'_> {
             _ => return false,
         }
         let (own, theirs) = (self.neighbours(from), self.neighbours(to));
-        if own.iter().filter(|n| theirs.binary_search(n).is_ok()).count() != 2 || own.len() + theirs.len() <= 6 {
+        if own
+            .iter()
+            .filter(|n| theirs.binary_search(n).is_ok())
+            .count()
+            != 2
+            || own.len() + theirs.len() <= 6
+        {
             return false;
         }
-        self.around[from as usize].iter().filter(|k| !shared.contains(k)).all(|k| {
-            let before = self.triangles[*k as usize];
-            let after = before.map(|corner| if corner == from { to } else { corner });
-            let (before, after) = (self.area(before), self.area(after));
-            dot(before, after) > LEAST_COSINE * norm(before) * norm(after)
-        })
+        self.around[from as usize]
+            .iter()
+            .filter(|k| !shared.contains(k))
+            .all(|k| {
+                let before = self.triangles[*k as usize];
+                let after = before.map(|corner| if corner == from { to } else { corner });
+                let (before, after) = (self.area(before), self.area(after));
+                dot(before, after) > LEAST_COSINE * norm(before) * norm(after)
+            })
     }
 
     /// Collapses, and says how many triangles went.
@@ -224,19 +285,39 @@ mod tests {
 
     #[test]
     fn a_tenth_of_the_triangles_keeps_volume_lines_and_closedness() {
-        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 8000)).unwrap().mesh;
-        let half = cut(&mesh, &Plane { point: [0.0; 3], normal: [0.0, -1.0, 0.0] });
+        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 8000))
+            .unwrap()
+            .mesh;
+        let half = cut(
+            &mesh,
+            &Plane {
+                point: [0.0; 3],
+                normal: [0.0, -1.0, 0.0],
+            },
+        );
         let points: Vec<Vec3> = half.corners.iter().map(|c| c.at(&mesh.nodes_mm)).collect();
         let mut names: Vec<(Side, i32)> = half.parts.clone();
         names.sort_unstable();
         names.dedup();
-        let labels: Vec<u32> = half.parts.iter().map(|p| names.binary_search(p).unwrap() as u32).collect();
+        let labels: Vec<u32> = half
+            .parts
+            .iter()
+            .map(|p| names.binary_search(p).unwrap() as u32)
+            .collect();
         let target = half.triangles.len() / 10;
         let kept = decimate(&points, &half.triangles, &labels, target);
-        assert!(kept.len() <= target && kept.len() > target - 3, "{} of {}", kept.len(), half.triangles.len());
+        assert!(
+            kept.len() <= target && kept.len() > target - 3,
+            "{} of {}",
+            kept.len(),
+            half.triangles.len()
+        );
 
         let volume = |triangles: &[[u32; 3]]| -> f64 {
-            triangles.iter().map(|t| dot(area_vector(*t, &points), points[t[0] as usize]) / 3.0).sum()
+            triangles
+                .iter()
+                .map(|t| dot(area_vector(*t, &points), points[t[0] as usize]) / 3.0)
+                .sum()
         };
         let now: Vec<[u32; 3]> = kept.iter().map(|k| k.1).collect();
         let change = volume(&now) / volume(&half.triangles) - 1.0;
@@ -244,7 +325,10 @@ mod tests {
         let mut edges: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
         for (k, [a, b, c]) in &kept {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                edges.entry((*from.min(to), *from.max(to))).or_default().push(labels[*k]);
+                edges
+                    .entry((*from.min(to), *from.max(to)))
+                    .or_default()
+                    .push(labels[*k]);
             }
         }
         assert!(edges.values().all(|sides| sides.len() == 2), "closed");
@@ -252,10 +336,17 @@ mod tests {
         let all: Vec<(usize, [u32; 3])> = half.triangles.iter().copied().enumerate().collect();
         for label in 0..names.len() as u32 {
             let area = |list: &[(usize, [u32; 3])]| -> f64 {
-                list.iter().filter(|(k, _)| labels[*k] == label).map(|(_, t)| norm(area_vector(*t, &points))).sum()
+                list.iter()
+                    .filter(|(k, _)| labels[*k] == label)
+                    .map(|(_, t)| norm(area_vector(*t, &points)))
+                    .sum()
             };
             let (before, after) = (area(&all), area(&kept));
-            assert!((after / before - 1.0).abs() < 0.1, "{:?}: {before} to {after}", names[label as usize]);
+            assert!(
+                (after / before - 1.0).abs() < 0.1,
+                "{:?}: {before} to {after}",
+                names[label as usize]
+            );
         }
     }
 

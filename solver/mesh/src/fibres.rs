@@ -29,7 +29,12 @@ pub struct Angles {
 impl Default for Angles {
     /// α from +60 to −60, β from −65 to +25 (β as in Bayer 2012).
     fn default() -> Self {
-        Self { alpha_endo_deg: 60.0, alpha_epi_deg: -60.0, beta_endo_deg: -65.0, beta_epi_deg: 25.0 }
+        Self {
+            alpha_endo_deg: 60.0,
+            alpha_epi_deg: -60.0,
+            beta_endo_deg: -65.0,
+            beta_epi_deg: 25.0,
+        }
     }
 }
 
@@ -59,7 +64,11 @@ pub struct Fields {
 ///
 /// # Errors
 /// [`LaplaceError`] where a surface is missing or the solver fails.
-pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result<Fields, LaplaceError> {
+pub fn fields(
+    mesh: &TetMesh,
+    muscle_tags: &[i32],
+    rule: Longitudinal,
+) -> Result<Fields, LaplaceError> {
     fields_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, rule)
 }
 
@@ -77,16 +86,30 @@ pub fn fields_of_part(
     let depth = depth_of_part(mesh, joint, muscle_tags)?;
     let mut in_muscle = vec![false; mesh.n_nodes()];
     let mut elsewhere = vec![false; mesh.n_nodes()];
-    for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| !is_beside(mesh, *e)) {
+    for (e, tet) in mesh
+        .tets
+        .iter()
+        .enumerate()
+        .filter(|(e, _)| !is_beside(mesh, *e))
+    {
         for node in tet {
-            (if muscle(e) { &mut in_muscle } else { &mut elsewhere })[*node as usize] = true;
+            (if muscle(e) {
+                &mut in_muscle
+            } else {
+                &mut elsewhere
+            })[*node as usize] = true;
         }
     }
-    for node in mesh.surface(surface_names::RIM).map(|rim| rim.nodes()).unwrap_or_default() {
+    for node in mesh
+        .surface(surface_names::RIM)
+        .map(|rim| rim.nodes())
+        .unwrap_or_default()
+    {
         elsewhere[node as usize] = true;
     }
-    let mut fixed: Vec<Option<f64>> =
-        (0..mesh.n_nodes()).map(|node| (in_muscle[node] && elsewhere[node]).then_some(1.0)).collect();
+    let mut fixed: Vec<Option<f64>> = (0..mesh.n_nodes())
+        .map(|node| (in_muscle[node] && elsewhere[node]).then_some(1.0))
+        .collect();
     if !any(joint, fixed[..joint.n_owned()].iter().any(Option::is_some)) {
         return Err(LaplaceError::Floating {
             field: "longitudinal field",
@@ -103,7 +126,10 @@ pub fn fields_of_part(
         }
     };
     let longitudinal = laplace::solve("longitudinal field", mesh, joint, &muscle, &fixed, source)?;
-    Ok(Fields { depth, longitudinal })
+    Ok(Fields {
+        depth,
+        longitudinal,
+    })
 }
 
 /// Whether an element is of the right ventricle's wall.
@@ -119,10 +145,20 @@ pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceErr
     depth_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags)
 }
 
-fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
+fn depth_of_part(
+    mesh: &TetMesh,
+    joint: &dyn Joint,
+    muscle_tags: &[i32],
+) -> Result<Vec<f64>, LaplaceError> {
     let mut fixed = vec![None; mesh.n_nodes()];
-    for (_, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| is_beside(mesh, *e)) {
-        tet.iter().for_each(|node| fixed[*node as usize] = Some(1.0));
+    for (_, tet) in mesh
+        .tets
+        .iter()
+        .enumerate()
+        .filter(|(e, _)| is_beside(mesh, *e))
+    {
+        tet.iter()
+            .for_each(|node| fixed[*node as usize] = Some(1.0));
     }
     let walls = [
         (surface_names::EPICARDIUM, 1.0),
@@ -132,15 +168,28 @@ fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Resu
     ];
     let needed = [surface_names::EPICARDIUM, surface_names::ENDOCARDIUM];
     for (name, value) in walls {
-        let nodes = mesh.surface(name).map(|surface| surface.nodes()).unwrap_or_default();
+        let nodes = mesh
+            .surface(name)
+            .map(|surface| surface.nodes())
+            .unwrap_or_default();
         if !any(joint, !nodes.is_empty()) && needed.contains(&name) {
-            return Err(LaplaceError::Floating { field: "transmural field", expected: "endocardium and epicardium" });
+            return Err(LaplaceError::Floating {
+                field: "transmural field",
+                expected: "endocardium and epicardium",
+            });
         }
         for node in nodes {
             fixed[node as usize] = Some(value);
         }
     }
-    laplace::solve("transmural field", mesh, joint, &|e| muscle_tags.contains(&mesh.tags[e]), &fixed, 0.0)
+    laplace::solve(
+        "transmural field",
+        mesh,
+        joint,
+        &|e| muscle_tags.contains(&mesh.tags[e]),
+        &fixed,
+        0.0,
+    )
 }
 
 /// Fibres by the rule, on a mesh with surfaces: directions at nodes, and one frame for each element of muscle.
@@ -157,7 +206,11 @@ pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<
 /// Frames of the elements of muscle at their centroids, from the mesh's directions at nodes; zeros in other elements.
 #[must_use]
 pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
-    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+    let none = Frame {
+        fibre: [0.0; 3],
+        sheet: [0.0; 3],
+        normal: [0.0; 3],
+    };
     let frame = |(tet, tag): (&[u32; 4], &i32)| match muscle_tags.contains(tag) {
         true => mesh.fibres.frame(tet, &[0.25; 4]).unwrap_or(none),
         false => none,
@@ -169,7 +222,13 @@ pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
 #[must_use]
 pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
     let fibres = rule(mesh, muscle_tags, fields, angles);
-    frames_at_centroids(&TetMesh { fibres, ..mesh.clone() }, muscle_tags)
+    frames_at_centroids(
+        &TetMesh {
+            fibres,
+            ..mesh.clone()
+        },
+        muscle_tags,
+    )
 }
 
 /// Directions at nodes by the rule.
@@ -198,25 +257,44 @@ pub fn rule_of_part(
     let mut values: [Vec<f64>; 6] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
     for node in 0..joint.n_owned() {
         let (mut out, mut up, mut volume) = ([0.0; 3], [0.0; 3], 0.0);
-        for e in around.row(node).iter().map(|e| *e as usize).filter(|e| muscle(*e)) {
+        for e in around
+            .row(node)
+            .iter()
+            .map(|e| *e as usize)
+            .filter(|e| muscle(*e))
+        {
             let share = mesh.volume_mm3(e);
             let across = unit(transmural[e]).unwrap_or([0.0; 3]);
             out = axpy(out, share, across);
-            up = axpy(up, share, unit(reject(longitudinal[e], across)).unwrap_or([0.0; 3]));
+            up = axpy(
+                up,
+                share,
+                unit(reject(longitudinal[e], across)).unwrap_or([0.0; 3]),
+            );
             volume += share;
         }
         if volume > 0.0 {
             let mean = [scale(out, 1.0 / volume), scale(up, 1.0 / volume)];
-            values.iter_mut().zip(mean.as_flattened()).for_each(|(values, own)| values[node] = *own);
+            values
+                .iter_mut()
+                .zip(mean.as_flattened())
+                .for_each(|(values, own)| values[node] = *own);
         }
     }
     values.iter_mut().for_each(|values| joint.update(values));
     let wall = |node: usize| {
         let at = |first: usize| std::array::from_fn(|i| values[first + i][node]);
         let depth = fields.depth[node];
-        WallPoint { out: at(0), up: at(3), depth: if depth.is_finite() { depth } else { 0.0 } }
+        WallPoint {
+            out: at(0),
+            up: at(3),
+            depth: if depth.is_finite() { depth } else { 0.0 },
+        }
     };
-    NodeFibres::Rule { walls: (0..mesh.n_nodes()).map(wall).collect(), angles: *angles }
+    NodeFibres::Rule {
+        walls: (0..mesh.n_nodes()).map(wall).collect(),
+        angles: *angles,
+    }
 }
 
 /// The frame for circumferential, longitudinal and transmural directions and the two angles in radians.
@@ -228,27 +306,44 @@ pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame
     let across = axpy(scale(up, alpha.cos()), -alpha.sin(), around);
     let sheet = axpy(scale(out, beta.cos()), beta.sin(), across);
     let normal = axpy(scale(across, beta.cos()), -beta.sin(), out);
-    Frame { fibre, sheet, normal }
+    Frame {
+        fibre,
+        sheet,
+        normal,
+    }
 }
 
 /// Gradient of a nodal field in each element; where it nearly vanishes, the mean of the neighbours' that do not.
-fn directions(mesh: &TetMesh, joint: &dyn Joint, field: &[f64], within: &dyn Fn(usize) -> bool) -> Vec<Vec3> {
+fn directions(
+    mesh: &TetMesh,
+    joint: &dyn Joint,
+    field: &[f64],
+    within: &dyn Fn(usize) -> bool,
+) -> Vec<Vec3> {
     let mut found: Vec<Vec3> = (0..mesh.n_tets())
         .map(|e| {
             if !within(e) {
                 return [0.0; 3];
             }
             let (gradients, _) = shape_gradients(mesh.corners(e));
-            (0..4).fold([0.0; 3], |sum, i| axpy(sum, field[mesh.tets[e][i] as usize], gradients[i]))
+            (0..4).fold([0.0; 3], |sum, i| {
+                axpy(sum, field[mesh.tets[e][i] as usize], gradients[i])
+            })
         })
         .collect();
-    let counted = || (0..mesh.n_tets()).filter(|e| within(*e) && joint.speaks_for(*e)).collect::<Vec<usize>>();
+    let counted = || {
+        (0..mesh.n_tets())
+            .filter(|e| within(*e) && joint.speaks_for(*e))
+            .collect::<Vec<usize>>()
+    };
     let lengths: Vec<f64> = counted().into_iter().map(|e| norm(found[e])).collect();
     let ones = vec![1.0; lengths.len()];
     let [length, n] = sums(joint, [lengths.iter().copied(), ones.iter().copied()]);
     let typical = length / n.max(1.0);
     let vanishes = |gradient: Vec3| norm(gradient).is_nan() || norm(gradient) < 1e-6 * typical;
-    let vanishing: Vec<usize> = (0..mesh.n_tets()).filter(|e| within(*e) && vanishes(found[*e])).collect();
+    let vanishing: Vec<usize> = (0..mesh.n_tets())
+        .filter(|e| within(*e) && vanishes(found[*e]))
+        .collect();
     if !any(joint, !vanishing.is_empty()) {
         return found;
     }
@@ -257,13 +352,20 @@ fn directions(mesh: &TetMesh, joint: &dyn Joint, field: &[f64], within: &dyn Fn(
     let mut at_nodes: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
     for node in 0..joint.n_owned() {
         let gradients = around.row(node).iter().map(|e| found[*e as usize]);
-        let sum = gradients.filter(|gradient| norm(*gradient) >= 1e-6 * typical).fold([0.0; 3], add);
-        at_nodes.iter_mut().zip(sum).for_each(|(values, own)| values[node] = own);
+        let sum = gradients
+            .filter(|gradient| norm(*gradient) >= 1e-6 * typical)
+            .fold([0.0; 3], add);
+        at_nodes
+            .iter_mut()
+            .zip(sum)
+            .for_each(|(values, own)| values[node] = own);
     }
     at_nodes.iter_mut().for_each(|values| joint.update(values));
     for e in vanishing {
         let of = |node: u32| std::array::from_fn(|i| at_nodes[i][node as usize]);
-        found[e] = mesh.tets[e].iter().fold([0.0; 3], |sum, node| add(sum, of(*node)));
+        found[e] = mesh.tets[e]
+            .iter()
+            .fold([0.0; 3], |sum, node| add(sum, of(*node)));
     }
     found
 }

@@ -30,7 +30,9 @@ pub enum FindError {
         n_inner: usize,
     },
     /// No patch is the outer wall.
-    #[error("no epicardium found: the boundary has {n_patches} patch(es); give the surfaces as files")]
+    #[error(
+        "no epicardium found: the boundary has {n_patches} patch(es); give the surfaces as files"
+    )]
     NoEpicardium {
         /// Patches between sharp edges.
         n_patches: usize,
@@ -52,7 +54,10 @@ pub fn find_surfaces(mesh: &TetMesh) -> Result<Vec<Surface>, FindError> {
     let mut outer: Option<(f64, usize)> = None;
     for (i, patch) in patches.iter().enumerate() {
         let cavity = Cavity::behind(patch)?;
-        let area: f64 = patch.iter().map(|t| norm(area_vector(*t, &mesh.nodes_mm))).sum();
+        let area: f64 = patch
+            .iter()
+            .map(|t| norm(area_vector(*t, &mesh.nodes_mm)))
+            .sum();
         // a flat ring encloses nothing: 36 π V² = A³ for a sphere
         let round = cavity.volume_mm3(&mesh.nodes_mm).signum()
             * (113.1 * cavity.volume_mm3(&mesh.nodes_mm).powi(2) / area.powi(3));
@@ -63,9 +68,16 @@ pub fn find_surfaces(mesh: &TetMesh) -> Result<Vec<Surface>, FindError> {
         }
     }
     let [inner] = inner[..] else {
-        return Err(FindError::NoEndocardium { n_patches: patches.len(), n_inner: inner.len() });
+        return Err(FindError::NoEndocardium {
+            n_patches: patches.len(),
+            n_inner: inner.len(),
+        });
     };
-    let Some((_, outer)) = outer else { return Err(FindError::NoEpicardium { n_patches: patches.len() }) };
+    let Some((_, outer)) = outer else {
+        return Err(FindError::NoEpicardium {
+            n_patches: patches.len(),
+        });
+    };
     let mut rim = Vec::new();
     let mut walls = [Vec::new(), Vec::new()];
     for (i, patch) in patches.into_iter().enumerate() {
@@ -78,15 +90,28 @@ pub fn find_surfaces(mesh: &TetMesh) -> Result<Vec<Surface>, FindError> {
         }
     }
     let [endocardium, epicardium] = walls;
-    let named =
-        [(surface_names::ENDOCARDIUM, endocardium), (surface_names::EPICARDIUM, epicardium), (surface_names::RIM, rim)];
-    let named = named.into_iter().filter(|(_, triangles)| !triangles.is_empty());
-    Ok(named.map(|(name, triangles)| Surface { name: name.to_owned(), triangles }).collect())
+    let named = [
+        (surface_names::ENDOCARDIUM, endocardium),
+        (surface_names::EPICARDIUM, epicardium),
+        (surface_names::RIM, rim),
+    ];
+    let named = named
+        .into_iter()
+        .filter(|(_, triangles)| !triangles.is_empty());
+    Ok(named
+        .map(|(name, triangles)| Surface {
+            name: name.to_owned(),
+            triangles,
+        })
+        .collect())
 }
 
 /// Patches of the boundary between sharp edges, in the order of their first triangles.
 fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
-    let normals: Vec<_> = triangles.iter().map(|t| area_vector(*t, &mesh.nodes_mm)).collect();
+    let normals: Vec<_> = triangles
+        .iter()
+        .map(|t| area_vector(*t, &mesh.nodes_mm))
+        .collect();
     let areas: Vec<f64> = normals.iter().map(|n| norm(*n)).collect();
     let mut at_edge: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
     for (i, triangle) in triangles.iter().enumerate() {
@@ -94,8 +119,11 @@ fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
             at_edge.entry((a.min(b), a.max(b))).or_default().push(i);
         }
     }
-    let pairs: Vec<(usize, usize)> =
-        at_edge.values().filter(|both| both.len() == 2).map(|both| (both[0], both[1])).collect();
+    let pairs: Vec<(usize, usize)> = at_edge
+        .values()
+        .filter(|both| both.len() == 2)
+        .map(|both| (both[0], both[1]))
+        .collect();
     let joined = |sharp: f64| {
         let mut groups = Groups::new(triangles.len());
         for (i, j) in &pairs {
@@ -116,8 +144,13 @@ fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
         for (i, area) in areas.iter().enumerate() {
             *size.entry(groups.of(i)).or_default() += area;
         }
-        let smallest = size.iter().min_by(|a, b| a.1.total_cmp(b.1)).filter(|_| size.len() > 1);
-        let Some((small, _)) = smallest.filter(|(_, area)| **area < SMALL * total) else { break };
+        let smallest = size
+            .iter()
+            .min_by(|a, b| a.1.total_cmp(b.1))
+            .filter(|_| size.len() > 1);
+        let Some((small, _)) = smallest.filter(|(_, area)| **area < SMALL * total) else {
+            break;
+        };
         // the neighbour with which it shares most edges
         let mut shared: BTreeMap<usize, usize> = BTreeMap::new();
         for (i, j) in &pairs {
@@ -126,7 +159,9 @@ fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
                 *shared.entry(if i == *small { j } else { i }).or_default() += 1;
             }
         }
-        let Some((neighbour, _)) = shared.iter().max_by_key(|(_, n)| **n) else { break };
+        let Some((neighbour, _)) = shared.iter().max_by_key(|(_, n)| **n) else {
+            break;
+        };
         groups.join(*small, *neighbour);
     }
     let mut found: BTreeMap<usize, Vec<[u32; 3]>> = BTreeMap::new();
@@ -143,7 +178,9 @@ pub(crate) struct Groups {
 
 impl Groups {
     pub(crate) fn new(n: usize) -> Self {
-        Self { parent: (0..n).collect() }
+        Self {
+            parent: (0..n).collect(),
+        }
     }
 
     pub(crate) fn of(&mut self, mut i: usize) -> usize {
@@ -175,13 +212,21 @@ mod tests {
     #[test]
     fn surfaces_of_an_ellipsoid_are_found_as_they_were_made() {
         for n_nodes in [700, 2000, 10_000] {
-            let spec = EllipsoidSpec { septum_deg: 0.0, ..EllipsoidSpec::new(Ml(120.0), Ml(130.0), n_nodes) };
+            let spec = EllipsoidSpec {
+                septum_deg: 0.0,
+                ..EllipsoidSpec::new(Ml(120.0), Ml(130.0), n_nodes)
+            };
             let mesh = generate(&spec).unwrap().mesh;
             let found = find_surfaces(&mesh).unwrap();
             assert_eq!(found.len(), 3);
             for surface in found {
                 let made = mesh.surface(&surface.name).unwrap();
-                assert_eq!(set(&surface.triangles), set(&made.triangles), "{} at {n_nodes} nodes", surface.name);
+                assert_eq!(
+                    set(&surface.triangles),
+                    set(&made.triangles),
+                    "{} at {n_nodes} nodes",
+                    surface.name
+                );
             }
         }
     }
@@ -191,18 +236,29 @@ mod tests {
         // a hollow cube: 3 × 3 × 3 cells without the middle one
         let mut mesh = crate::test_meshes::cube(3, 30.0);
         let inside = |x: [f64; 3]| x.iter().all(|c| (10.0..20.0).contains(c));
-        let kept: Vec<_> = (0..mesh.n_tets()).filter(|e| !inside(mesh.centroid_mm(*e))).collect();
+        let kept: Vec<_> = (0..mesh.n_tets())
+            .filter(|e| !inside(mesh.centroid_mm(*e)))
+            .collect();
         mesh.tets = kept.iter().map(|e| mesh.tets[*e]).collect();
         mesh.tags.truncate(kept.len());
         let found = find_surfaces(&mesh).unwrap();
         let names: Vec<_> = found.iter().map(|surface| surface.name.as_str()).collect();
-        assert_eq!(names, [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM]);
+        assert_eq!(
+            names,
+            [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM]
+        );
         assert_eq!(found[0].triangles.len(), 12);
     }
 
     #[test]
     fn a_solid_block_has_no_endocardium() {
         let error = find_surfaces(&crate::test_meshes::cube(2, 30.0)).unwrap_err();
-        assert_eq!(error, FindError::NoEndocardium { n_patches: 6, n_inner: 0 });
+        assert_eq!(
+            error,
+            FindError::NoEndocardium {
+                n_patches: 6,
+                n_inner: 0
+            }
+        );
     }
 }

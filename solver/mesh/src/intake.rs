@@ -18,7 +18,11 @@ pub const WALL_TOLERANCE: f64 = 0.25;
 /// Radius of a site of activation \[mm\].
 pub const SITE_RADIUS_MM: f64 = 3.0;
 /// Surfaces without which there is no ventricle.
-pub const NEEDED: [&str; 3] = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM];
+pub const NEEDED: [&str; 3] = [
+    surface_names::ENDOCARDIUM,
+    surface_names::EPICARDIUM,
+    surface_names::RIM,
+];
 
 /// Where fibres are to come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +84,9 @@ impl Intake {
     /// Whether it can be computed with.
     #[must_use]
     pub fn is_sound(&self) -> bool {
-        self.defects.iter().all(|defect| defect.severity() != Severity::Error)
+        self.defects
+            .iter()
+            .all(|defect| defect.severity() != Severity::Error)
     }
 }
 
@@ -107,7 +113,12 @@ const NEVER_MS: f64 = -1.0;
 /// Times of the contracting tissue's nodes; infinite for all others, whatever their file says.
 fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<f64>, Defect> {
     let mut contracts = vec![muscle.is_empty(); times.len()];
-    for (tet, _) in mesh.tets.iter().zip(&mesh.tags).filter(|(_, tag)| muscle.contains(tag)) {
+    for (tet, _) in mesh
+        .tets
+        .iter()
+        .zip(&mesh.tags)
+        .filter(|(_, tag)| muscle.contains(tag))
+    {
         for node in tet {
             if let Some(own) = contracts.get_mut(*node as usize) {
                 *own = true;
@@ -115,19 +126,36 @@ fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<
         }
     }
     // Elsewhere a file may count its times from any moment; −1 among them is a time like another.
-    let counts_from_zero = times.iter().zip(&contracts).all(|(t, own)| !own || *t == NEVER_MS || *t >= 0.0);
+    let counts_from_zero = times
+        .iter()
+        .zip(&contracts)
+        .all(|(t, own)| !own || *t == NEVER_MS || *t >= 0.0);
     let never = |node: &usize| counts_from_zero && contracts[*node] && times[*node] == NEVER_MS;
     let at_mm = |node: usize| mesh.nodes_mm.get(node).copied().unwrap_or_default();
     let places: Vec<Place> = (0..times.len())
         .filter(never)
-        .map(|node| Place { item: Item::Node(node as u32), at_mm: at_mm(node) })
+        .map(|node| Place {
+            item: Item::Node(node as u32),
+            at_mm: at_mm(node),
+        })
         .collect();
     if !places.is_empty() {
         let nodes = if places.len() == 1 { "node" } else { "nodes" };
-        let found = format!("{} {nodes} of contracting tissue with the time {NEVER_MS}", places.len());
-        return Err(Defect::Times { found, expected: "a time of activation for each".to_owned(), places });
+        let found = format!(
+            "{} {nodes} of contracting tissue with the time {NEVER_MS}",
+            places.len()
+        );
+        return Err(Defect::Times {
+            found,
+            expected: "a time of activation for each".to_owned(),
+            places,
+        });
     }
-    times.iter_mut().zip(&contracts).filter(|(_, own)| !**own).for_each(|(t, _)| *t = f64::INFINITY);
+    times
+        .iter_mut()
+        .zip(&contracts)
+        .filter(|(_, own)| !**own)
+        .for_each(|(t, _)| *t = f64::INFINITY);
     Ok(times)
 }
 
@@ -136,7 +164,11 @@ fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<
 pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     let mut not_found = None;
     let lacks = |mesh: &TetMesh| NEEDED.iter().any(|name| mesh.surface(name).is_none());
-    let in_range = mesh.tets.iter().flatten().all(|node| (*node as usize) < mesh.n_nodes());
+    let in_range = mesh
+        .tets
+        .iter()
+        .flatten()
+        .all(|node| (*node as usize) < mesh.n_nodes());
     let mut surfaces_found = false;
     if lacks(&mesh) && in_range && !mesh.tets.is_empty() {
         match find_surfaces(&mesh) {
@@ -155,7 +187,8 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     }
     let expected = Expected {
         muscle_tags: asked.left_ventricle,
-        fibres: asked.fibres == Fibres::Mesh || (asked.fibres == Fibres::Auto && !mesh.frames.is_empty()),
+        fibres: asked.fibres == Fibres::Mesh
+            || (asked.fibres == Fibres::Auto && !mesh.frames.is_empty()),
         surfaces: &NEEDED,
         right_ventricle: asked.right_ventricle,
         sprung: asked.sprung,
@@ -168,7 +201,10 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     let readable = !defects.iter().any(|defect| {
         matches!(
             defect,
-            Defect::Empty | Defect::Length { .. } | Defect::NodeOutOfRange { .. } | Defect::NotFinite { .. }
+            Defect::Empty
+                | Defect::Length { .. }
+                | Defect::NodeOutOfRange { .. }
+                | Defect::NotFinite { .. }
         )
     });
     match asked.activation {
@@ -185,12 +221,22 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
         },
         Activation::Sites([]) => defects.push(Defect::NoStart),
         Activation::Sites(sites) if readable => {
-            defects.extend(checks::activation(&mesh, asked.left_ventricle, sites, SITE_RADIUS_MM));
+            defects.extend(checks::activation(
+                &mesh,
+                asked.left_ventricle,
+                sites,
+                SITE_RADIUS_MM,
+            ));
         }
         Activation::Sites(_) | Activation::Unasked => {}
     }
     defects.sort_by_key(Defect::severity);
-    Intake { mesh, times_ms, surfaces_found, defects }
+    Intake {
+        mesh,
+        times_ms,
+        surfaces_found,
+        defects,
+    }
 }
 
 #[cfg(test)]
@@ -211,8 +257,16 @@ mod tests {
         let times = of_muscle(&mesh, &[1], vec![5.0, 6.0, 7.0, 8.0, -1.0]).unwrap();
         assert_eq!(times, [5.0, 6.0, 7.0, 8.0, f64::INFINITY]);
         let never = of_muscle(&mesh, &[1], vec![-1.0, 6.0, 7.0, 8.0, -1.0]).unwrap_err();
-        assert!(never.to_string().contains("1 node of contracting tissue with the time -1"), "{never}");
+        assert!(
+            never
+                .to_string()
+                .contains("1 node of contracting tissue with the time -1"),
+            "{never}"
+        );
         // Times from another moment than zero: −1 is one of them.
-        assert_eq!(of_muscle(&mesh, &[1], vec![-1.0, -3.0, 7.0, 8.0, 0.0]).unwrap()[..2], [-1.0, -3.0]);
+        assert_eq!(
+            of_muscle(&mesh, &[1], vec![-1.0, -3.0, 7.0, 8.0, 0.0]).unwrap()[..2],
+            [-1.0, -3.0]
+        );
     }
 }

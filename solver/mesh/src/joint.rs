@@ -69,11 +69,16 @@ pub(crate) fn first(joint: &dyn Joint, here: Option<u32>) -> Option<u32> {
 }
 
 /// The nearest of candidates, as distance and number, of all parts; of equals the one with the lowest number. Collective.
-pub(crate) fn nearest(joint: &dyn Joint, candidates: impl Iterator<Item = (f64, u32)>) -> (f64, Option<u32>) {
+pub(crate) fn nearest(
+    joint: &dyn Joint,
+    candidates: impl Iterator<Item = (f64, u32)>,
+) -> (f64, Option<u32>) {
     let here = candidates.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut least = [here.map_or(f64::NEG_INFINITY, |(distance, _)| -distance)];
     joint.max(&mut least);
-    let number = here.filter(|(distance, _)| *distance == -least[0]).map(|(_, number)| number);
+    let number = here
+        .filter(|(distance, _)| *distance == -least[0])
+        .map(|(_, number)| number);
     (-least[0], first(joint, number))
 }
 
@@ -94,8 +99,17 @@ const TINY: f64 = 1e-250;
 /// Each value is split into multiples of three units, 26 bits apart and the same on all parts, whose sums are exact; what is
 /// below 2⁻⁷⁸ of the largest is dropped. Source: Demmel and Nguyen 2013, "Fast reproducible floating-point summation",
 /// IEEE Symp. Computer Arithmetic 21, 163.
-pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(joint: &dyn Joint, values: [I; N]) -> [f64; N] {
-    let larger = |m: f64, x: f64| if m.is_nan() || x.abs() <= m { m } else { x.abs() };
+pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(
+    joint: &dyn Joint,
+    values: [I; N],
+) -> [f64; N] {
+    let larger = |m: f64, x: f64| {
+        if m.is_nan() || x.abs() <= m {
+            m
+        } else {
+            x.abs()
+        }
+    };
     let mut largest: [f64; N] = std::array::from_fn(|i| values[i].clone().fold(0.0, larger));
     joint.max(&mut largest);
     let mut folds = [[0.0; 3]; N];
@@ -107,7 +121,8 @@ pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(joint: &dyn 
         let top = 2.0 * f64::from_bits(largest.to_bits() & (0x7ff << 52));
         let top = if largest.is_finite() { top } else { f64::NAN };
         // What is added and taken away again rounds to a unit.
-        let rounder: [f64; 3] = std::array::from_fn(|k| 1.5 * top * 2.0_f64.powi(52 - FOLD_BITS * (k as i32 + 1)));
+        let rounder: [f64; 3] =
+            std::array::from_fn(|k| 1.5 * top * 2.0_f64.powi(52 - FOLD_BITS * (k as i32 + 1)));
         for value in values {
             let mut rest = value;
             for (fold, rounder) in folds.iter_mut().zip(rounder) {
@@ -124,7 +139,10 @@ pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(joint: &dyn 
 /// Scalar products over owned nodes, as [`sums`].
 pub(crate) fn dots<const N: usize>(joint: &dyn Joint, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
     let n = joint.n_owned();
-    sums(joint, pairs.map(|(a, b)| a[..n].iter().zip(&b[..n]).map(|(a, b)| a * b)))
+    sums(
+        joint,
+        pairs.map(|(a, b)| a[..n].iter().zip(&b[..n]).map(|(a, b)| a * b)),
+    )
 }
 
 #[cfg(test)]
@@ -162,6 +180,9 @@ mod tests {
     fn what_is_no_number_stays_visible() {
         assert!(sums(&Alone(2), [[1.0, f64::NAN, 2.0].into_iter()])[0].is_nan());
         assert!(sums(&Alone(2), [[1.0, f64::INFINITY].into_iter()])[0].is_nan());
-        assert_eq!(sums(&Alone(2), [[0.0, 0.0].into_iter(), [1.5, -4.0].into_iter()]), [0.0, -2.5]);
+        assert_eq!(
+            sums(&Alone(2), [[0.0, 0.0].into_iter(), [1.5, -4.0].into_iter()]),
+            [0.0, -2.5]
+        );
     }
 }

@@ -30,7 +30,10 @@ impl Landmarks {
         let largest = (0..cavity.openings.len()).max_by_key(|k| cavity.openings[*k].len())?;
         let base_mm = cavity.opening_centre_mm(largest, &mesh.nodes_mm);
         // The areas of a closed surface sum to zero: the endocardium's sum is the opening's, towards the apex.
-        let sum = endocardium.triangles.iter().fold([0.0; 3], |sum, t| add(sum, area_vector(*t, &mesh.nodes_mm)));
+        let sum = endocardium
+            .triangles
+            .iter()
+            .fold([0.0; 3], |sum, t| add(sum, area_vector(*t, &mesh.nodes_mm)));
         let axis = unit(sum)?;
         let below = |x: Vec3| dot(sub(base_mm, x), axis);
         let lowest = |nodes: Vec<u32>| {
@@ -38,7 +41,13 @@ impl Landmarks {
             places.max_by(|a, b| below(*a).total_cmp(&below(*b)))
         };
         let (apex_mm, endocardial_apex_mm) = (lowest(outer.nodes())?, lowest(endocardium.nodes())?);
-        let marks = Self { base_mm, apex_mm, endocardial_apex_mm, axis, apex_height_mm: below(apex_mm) };
+        let marks = Self {
+            base_mm,
+            apex_mm,
+            endocardial_apex_mm,
+            axis,
+            apex_height_mm: below(apex_mm),
+        };
         (marks.apex_height_mm > 0.0).then_some(marks)
     }
 
@@ -48,7 +57,10 @@ impl Landmarks {
         let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?;
         let cavity = Cavity::behind(&endocardium.triangles).ok()?;
         let border = cavity.openings.iter().max_by_key(|nodes| nodes.len())?;
-        let sum: f64 = border.iter().map(|node| norm(sub(mesh.nodes_mm[*node as usize], self.base_mm))).sum();
+        let sum: f64 = border
+            .iter()
+            .map(|node| norm(sub(mesh.nodes_mm[*node as usize], self.base_mm)))
+            .sum();
         Some(sum / border.len() as f64)
     }
 
@@ -56,21 +68,36 @@ impl Landmarks {
     /// apex, on opposite sides. An assumption for meshes that come without any: half of them in the septum where one is told apart.
     #[must_use]
     pub fn usual_sites_mm(&self, mesh: &TetMesh) -> Vec<Vec3> {
-        let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM) else { return Vec::new() };
-        let level = add(self.base_mm, scale(self.axis, -2.0 / 3.0 * self.apex_height_mm));
+        let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM) else {
+            return Vec::new();
+        };
+        let level = add(
+            self.base_mm,
+            scale(self.axis, -2.0 / 3.0 * self.apex_height_mm),
+        );
         let septal = mesh.surface(surface_names::SEPTUM).map(|s| {
             let nodes = s.nodes();
-            let sum = nodes.iter().fold([0.0; 3], |sum, node| add(sum, mesh.nodes_mm[*node as usize]));
+            let sum = nodes.iter().fold([0.0; 3], |sum, node| {
+                add(sum, mesh.nodes_mm[*node as usize])
+            });
             scale(sum, 1.0 / nodes.len().max(1) as f64)
         });
         let across = |x: Vec3| unit(crate::vec3::reject(sub(x, self.base_mm), self.axis));
-        let towards = septal.and_then(across).unwrap_or_else(|| crate::vec3::any_perpendicular(self.axis));
+        let towards = septal
+            .and_then(across)
+            .unwrap_or_else(|| crate::vec3::any_perpendicular(self.axis));
         let nearest = |goal: Vec3| {
-            let places = endocardium.nodes().into_iter().map(|node| mesh.nodes_mm[node as usize]);
+            let places = endocardium
+                .nodes()
+                .into_iter()
+                .map(|node| mesh.nodes_mm[node as usize]);
             places.min_by(|a, b| norm(sub(*a, goal)).total_cmp(&norm(sub(*b, goal))))
         };
         let reach = 0.5 * self.base_radius_mm(mesh).unwrap_or(0.0);
-        [1.0, -1.0].into_iter().filter_map(|side| nearest(add(level, scale(towards, side * reach)))).collect()
+        [1.0, -1.0]
+            .into_iter()
+            .filter_map(|side| nearest(add(level, scale(towards, side * reach))))
+            .collect()
     }
 }
 
@@ -82,13 +109,21 @@ mod tests {
 
     #[test]
     fn an_ellipsoid_has_its_ends_on_its_axis() {
-        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 2000)).unwrap().mesh;
+        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 2000))
+            .unwrap()
+            .mesh;
         let marks = Landmarks::of(&mesh).unwrap();
         // its long axis is z, base up
         let across = |x: Vec3| x[0].hypot(x[1]);
         assert!(marks.axis[2].abs() > 0.999, "{marks:?}");
-        assert!(across(marks.base_mm) < 0.5 && across(marks.apex_mm) < 0.5, "{marks:?}");
-        assert!(norm(sub(marks.apex_mm, marks.endocardial_apex_mm)) > 3.0, "a wall between them: {marks:?}");
+        assert!(
+            across(marks.base_mm) < 0.5 && across(marks.apex_mm) < 0.5,
+            "{marks:?}"
+        );
+        assert!(
+            norm(sub(marks.apex_mm, marks.endocardial_apex_mm)) > 3.0,
+            "a wall between them: {marks:?}"
+        );
         let sites = marks.usual_sites_mm(&mesh);
         assert_eq!(sites.len(), 2);
         assert!(norm(sub(sites[0], sites[1])) > 10.0, "{sites:?}");

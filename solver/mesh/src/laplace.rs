@@ -55,20 +55,29 @@ impl Matrix {
         for rows in pattern.starts.windows(2) {
             pattern.items[rows[0]..rows[1]].sort_unstable_by_key(|node| numbers[*node as usize]);
         }
-        Self { values: vec![0.0; pattern.items.len()], pattern, numbers }
+        Self {
+            values: vec![0.0; pattern.items.len()],
+            pattern,
+            numbers,
+        }
     }
 
     /// Where an entry's value is.
     fn place(&self, row: usize, column: u32) -> Option<usize> {
         let number = |node: u32| self.numbers[node as usize];
-        let found = self.pattern.row(row).binary_search_by_key(&number(column), |node| number(*node));
+        let found = self
+            .pattern
+            .row(row)
+            .binary_search_by_key(&number(column), |node| number(*node));
         found.ok().map(|k| self.pattern.starts[row] + k)
     }
 
     fn times(&self, x: &[f64], y: &mut [f64]) {
         for (i, out) in y.iter_mut().enumerate().take(self.pattern.n_rows()) {
             let row = self.pattern.starts[i]..self.pattern.starts[i + 1];
-            *out = row.map(|k| self.values[k] * x[self.pattern.items[k] as usize]).sum();
+            *out = row
+                .map(|k| self.values[k] * x[self.pattern.items[k] as usize])
+                .sum();
         }
     }
 }
@@ -89,17 +98,32 @@ pub fn solve(
     source: f64,
 ) -> Result<Vec<f64>, LaplaceError> {
     let (n, n_owned) = (mesh.n_nodes(), joint.n_owned());
-    let tets: Vec<[u32; 4]> = (0..mesh.n_tets()).filter(|e| within(*e)).map(|e| mesh.tets[e]).collect();
+    let tets: Vec<[u32; 4]> = (0..mesh.n_tets())
+        .filter(|e| within(*e))
+        .map(|e| mesh.tets[e])
+        .collect();
     let mut active = vec![false; n];
     for node in tets.iter().flatten() {
         active[*node as usize] = true;
     }
     let active = flags(joint, &active);
-    let mut held: Vec<f64> = fixed.iter().map(|value| value.unwrap_or(f64::NAN)).collect();
+    let mut held: Vec<f64> = fixed
+        .iter()
+        .map(|value| value.unwrap_or(f64::NAN))
+        .collect();
     joint.update(&mut held);
-    let fixed: Vec<Option<f64>> = held.into_iter().map(|value| (!value.is_nan()).then_some(value)).collect();
-    if !any(joint, (0..n_owned).any(|node| active[node] && fixed[node].is_some())) {
-        return Err(LaplaceError::Floating { field, expected: "its ends" });
+    let fixed: Vec<Option<f64>> = held
+        .into_iter()
+        .map(|value| (!value.is_nan()).then_some(value))
+        .collect();
+    if !any(
+        joint,
+        (0..n_owned).any(|node| active[node] && fixed[node].is_some()),
+    ) {
+        return Err(LaplaceError::Floating {
+            field,
+            expected: "its ends",
+        });
     }
     let mut matrix = Matrix::new(joint, n, &tets);
     let mut right = vec![0.0; n];
@@ -187,7 +211,11 @@ fn conjugate_gradients(
             p[i] = z[i] + turn * p[i];
         }
     }
-    Err(LaplaceError::NotConverged { field, residual, iterations: MOST_ITERATIONS })
+    Err(LaplaceError::NotConverged {
+        field,
+        residual,
+        iterations: MOST_ITERATIONS,
+    })
 }
 
 #[cfg(test)]
@@ -202,7 +230,11 @@ mod tests {
         let fixed: Vec<_> = mesh
             .nodes_mm
             .iter()
-            .map(|x| (x[0] == 0.0).then_some(1.0).or_else(|| (x[0] == 2.0).then_some(5.0)))
+            .map(|x| {
+                (x[0] == 0.0)
+                    .then_some(1.0)
+                    .or_else(|| (x[0] == 2.0).then_some(5.0))
+            })
             .collect();
         let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &fixed, 0.0).unwrap();
         for (x, u) in mesh.nodes_mm.iter().zip(u) {
@@ -221,7 +253,11 @@ mod tests {
             let squares: f64 = (0..mesh.n_tets())
                 .map(|e| {
                     // at centroids: nodal values of a one-dimensional problem are exact
-                    let mean = mesh.tets[e].iter().map(|node| u[*node as usize]).sum::<f64>() / 4.0;
+                    let mean = mesh.tets[e]
+                        .iter()
+                        .map(|node| u[*node as usize])
+                        .sum::<f64>()
+                        / 4.0;
                     let z = mesh.centroid_mm(e)[2];
                     (mean - z * (1.0 - z)).powi(2) * mesh.volume_mm3(e)
                 })
@@ -237,13 +273,36 @@ mod tests {
     #[test]
     fn a_field_that_nothing_holds_is_refused_and_other_parts_have_no_value() {
         let mesh = cube(2, 1.0);
-        let error = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &vec![None; mesh.n_nodes()], 1.0).unwrap_err();
-        assert!(error.to_string().starts_with("u: no node has a given value"));
+        let error = solve(
+            "u",
+            &mesh,
+            &Alone(mesh.n_nodes()),
+            &|_| true,
+            &vec![None; mesh.n_nodes()],
+            1.0,
+        )
+        .unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("u: no node has a given value")
+        );
         let low = |e: usize| mesh.centroid_mm(e)[2] < 0.5;
-        let fixed: Vec<_> = mesh.nodes_mm.iter().map(|x| (x[2] == 0.0).then_some(3.0)).collect();
+        let fixed: Vec<_> = mesh
+            .nodes_mm
+            .iter()
+            .map(|x| (x[2] == 0.0).then_some(3.0))
+            .collect();
         let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &low, &fixed, 0.0).unwrap();
         for (x, u) in mesh.nodes_mm.iter().zip(u) {
-            assert!(if x[2] > 0.5 { u.is_nan() } else { (u - 3.0).abs() < 1e-9 }, "{x:?} {u}");
+            assert!(
+                if x[2] > 0.5 {
+                    u.is_nan()
+                } else {
+                    (u - 3.0).abs() < 1e-9
+                },
+                "{x:?} {u}"
+            );
         }
     }
 }

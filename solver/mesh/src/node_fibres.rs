@@ -67,9 +67,18 @@ impl NodeFibres {
             Self::Rule { walls, angles } => {
                 let corners = tet.map(|node| walls[node as usize]);
                 let sum = |of: &dyn Fn(&WallPoint) -> Vec3| {
-                    corners.iter().zip(l).fold([0.0; 3], |sum, (corner, share)| axpy(sum, *share, of(corner)))
+                    corners
+                        .iter()
+                        .zip(l)
+                        .fold([0.0; 3], |sum, (corner, share)| {
+                            axpy(sum, *share, of(corner))
+                        })
                 };
-                let depth: f64 = corners.iter().zip(l).map(|(corner, share)| share * corner.depth).sum();
+                let depth: f64 = corners
+                    .iter()
+                    .zip(l)
+                    .map(|(corner, share)| share * corner.depth)
+                    .sum();
                 Some(turned_wall(sum(&|c| c.out), sum(&|c| c.up), depth, angles))
             }
         }
@@ -81,9 +90,10 @@ impl NodeFibres {
         match self {
             Self::PerElement => Self::PerElement,
             Self::Frames(frames) => Self::Frames(nodes.map(|node| frames[node]).collect()),
-            Self::Rule { walls, angles } => {
-                Self::Rule { walls: nodes.map(|node| walls[node]).collect(), angles: *angles }
-            }
+            Self::Rule { walls, angles } => Self::Rule {
+                walls: nodes.map(|node| walls[node]).collect(),
+                angles: *angles,
+            },
         }
     }
 
@@ -94,16 +104,26 @@ impl NodeFibres {
         match self {
             Self::PerElement => Self::PerElement,
             Self::Frames(frames) => {
-                let middle = |[a, b]: [u32; 2]| self.frame(&[a, b, a, b], &half).unwrap_or(frames[a as usize]);
+                let middle = |[a, b]: [u32; 2]| {
+                    self.frame(&[a, b, a, b], &half)
+                        .unwrap_or(frames[a as usize])
+                };
                 Self::Frames(frames.iter().copied().chain(edges.map(middle)).collect())
             }
             Self::Rule { walls, angles } => {
                 let middle = |[a, b]: [u32; 2]| {
                     let (a, b) = (walls[a as usize], walls[b as usize]);
                     let mean = |a: Vec3, b: Vec3| scale(axpy(a, 1.0, b), 0.5);
-                    WallPoint { out: mean(a.out, b.out), up: mean(a.up, b.up), depth: 0.5 * (a.depth + b.depth) }
+                    WallPoint {
+                        out: mean(a.out, b.out),
+                        up: mean(a.up, b.up),
+                        depth: 0.5 * (a.depth + b.depth),
+                    }
                 };
-                Self::Rule { walls: walls.iter().copied().chain(edges.map(middle)).collect(), angles: *angles }
+                Self::Rule {
+                    walls: walls.iter().copied().chain(edges.map(middle)).collect(),
+                    angles: *angles,
+                }
             }
         }
     }
@@ -116,22 +136,37 @@ fn turned_wall(out: Vec3, up: Vec3, depth: f64, angles: &Angles) -> Frame {
     let around = cross(up, out);
     let between = |endo: f64, epi: f64| (endo + (epi - endo) * depth).to_radians();
     let alpha = between(angles.alpha_endo_deg, angles.alpha_epi_deg);
-    turned(around, up, out, alpha, between(angles.beta_endo_deg, angles.beta_epi_deg))
+    turned(
+        around,
+        up,
+        out,
+        alpha,
+        between(angles.beta_endo_deg, angles.beta_epi_deg),
+    )
 }
 
 fn interpolated(corners: [Frame; 4], l: &[f64; 4]) -> Option<Frame> {
     let given = |k: &usize| dot(corners[*k].fibre, corners[*k].fibre) > 0.25;
-    let nearest = (0..4).filter(given).max_by(|a, b| l[*a].total_cmp(&l[*b]))?;
+    let nearest = (0..4)
+        .filter(given)
+        .max_by(|a, b| l[*a].total_cmp(&l[*b]))?;
     let mean = |axis: &dyn Fn(&Frame) -> Vec3| {
         let like = axis(&corners[nearest]);
-        corners.iter().zip(l).fold([0.0; 3], |sum, (corner, share)| {
-            let own = axis(corner);
-            axpy(sum, if dot(own, like) < 0.0 { -share } else { *share }, own)
-        })
+        corners
+            .iter()
+            .zip(l)
+            .fold([0.0; 3], |sum, (corner, share)| {
+                let own = axis(corner);
+                axpy(sum, if dot(own, like) < 0.0 { -share } else { *share }, own)
+            })
     };
     let fibre = unit(mean(&|f| f.fibre))?;
     let sheet = unit(reject(mean(&|f| f.sheet), fibre)).unwrap_or_else(|| any_perpendicular(fibre));
-    Some(Frame { fibre, sheet, normal: cross(fibre, sheet) })
+    Some(Frame {
+        fibre,
+        sheet,
+        normal: cross(fibre, sheet),
+    })
 }
 
 #[cfg(test)]
@@ -141,29 +176,55 @@ mod tests {
     const TET: [u32; 4] = [0, 1, 2, 3];
 
     fn along(angle_deg: f64) -> Frame {
-        turned([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], angle_deg.to_radians(), 0.0)
+        turned(
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            angle_deg.to_radians(),
+            0.0,
+        )
     }
 
     #[test]
     fn frames_at_nodes_turn_the_short_way_whatever_their_signs() {
         let mut frames = vec![along(10.0); 4];
         let opposite = along(30.0);
-        frames[1] = Frame { fibre: scale(opposite.fibre, -1.0), sheet: scale(opposite.sheet, -1.0), ..opposite };
+        frames[1] = Frame {
+            fibre: scale(opposite.fibre, -1.0),
+            sheet: scale(opposite.sheet, -1.0),
+            ..opposite
+        };
         let field = NodeFibres::Frames(frames);
         let middle = field.frame(&TET, &[0.5, 0.5, 0.0, 0.0]).expect("a frame");
-        assert!(((middle.fibre[1] / middle.fibre[0]).atan().to_degrees() - 20.0).abs() < 1e-9, "{middle:?}");
+        assert!(
+            ((middle.fibre[1] / middle.fibre[0]).atan().to_degrees() - 20.0).abs() < 1e-9,
+            "{middle:?}"
+        );
         let corner = field.frame(&TET, &[0.0, 1.0, 0.0, 0.0]).expect("a frame");
         assert!((dot(corner.fibre, opposite.fibre).abs() - 1.0).abs() < 1e-12);
     }
 
     #[test]
     fn the_rule_turns_a_fibre_through_zero_in_a_wall_of_one_element() {
-        let wall = |depth| WallPoint { out: [0.0, 0.0, 1.0], up: [0.0, 1.0, 0.0], depth };
-        let angles = Angles { beta_endo_deg: 0.0, beta_epi_deg: 0.0, ..Angles::default() };
-        let field = NodeFibres::Rule { walls: vec![wall(0.0), wall(0.0), wall(0.0), wall(1.0)], angles };
+        let wall = |depth| WallPoint {
+            out: [0.0, 0.0, 1.0],
+            up: [0.0, 1.0, 0.0],
+            depth,
+        };
+        let angles = Angles {
+            beta_endo_deg: 0.0,
+            beta_epi_deg: 0.0,
+            ..Angles::default()
+        };
+        let field = NodeFibres::Rule {
+            walls: vec![wall(0.0), wall(0.0), wall(0.0), wall(1.0)],
+            angles,
+        };
         for (share, angle_deg) in [(0.0, 60.0), (0.5, 0.0), (0.75, -30.0), (1.0, -60.0)] {
             let rest = (1.0 - share) / 3.0;
-            let frame = field.frame(&TET, &[rest, rest, rest, share]).expect("a frame");
+            let frame = field
+                .frame(&TET, &[rest, rest, rest, share])
+                .expect("a frame");
             // Around is up × out.
             let found = frame.fibre[1].atan2(frame.fibre[0]).to_degrees();
             assert!((found - angle_deg).abs() < 1e-9, "{found} for {angle_deg}");
@@ -172,13 +233,22 @@ mod tests {
 
     #[test]
     fn nodes_in_another_order_and_middles_keep_the_field() {
-        let wall = |depth| WallPoint { out: [0.0, 0.0, 1.0], up: [0.0, 1.0, 0.0], depth };
-        let field =
-            NodeFibres::Rule { walls: vec![wall(0.0), wall(0.2), wall(0.4), wall(1.0)], angles: Angles::default() };
+        let wall = |depth| WallPoint {
+            out: [0.0, 0.0, 1.0],
+            up: [0.0, 1.0, 0.0],
+            depth,
+        };
+        let field = NodeFibres::Rule {
+            walls: vec![wall(0.0), wall(0.2), wall(0.4), wall(1.0)],
+            angles: Angles::default(),
+        };
         let reversed = field.at([3, 2, 1, 0].into_iter());
         let l = [0.1, 0.2, 0.3, 0.4];
         assert_eq!(field.frame(&TET, &l), reversed.frame(&[3, 2, 1, 0], &l));
         let more = field.with_middles([[0, 3]].into_iter());
-        assert_eq!(more.frame(&[4, 4, 4, 4], &[1.0, 0.0, 0.0, 0.0]), field.frame(&TET, &[0.5, 0.0, 0.0, 0.5]));
+        assert_eq!(
+            more.frame(&[4, 4, 4, 4], &[1.0, 0.0, 0.0, 0.0]),
+            field.frame(&TET, &[0.5, 0.0, 0.0, 0.5])
+        );
     }
 }

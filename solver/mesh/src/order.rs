@@ -35,8 +35,12 @@ impl Renumbering {
             order.push(start);
             let mut at = first;
             while at < order.len() {
-                let mut next: Vec<u32> =
-                    graph.row(order[at] as usize).iter().copied().filter(|node| !placed[*node as usize]).collect();
+                let mut next: Vec<u32> = graph
+                    .row(order[at] as usize)
+                    .iter()
+                    .copied()
+                    .filter(|node| !placed[*node as usize])
+                    .collect();
                 next.sort_unstable_by_key(|node| (degree(*node), *node));
                 for node in next {
                     placed[node as usize] = true;
@@ -60,9 +64,15 @@ impl Renumbering {
                 high[k] = high[k].max(x[k]);
             }
         }
-        let width = (0..3).map(|k| high[k] - low[k]).fold(f64::MIN_POSITIVE, f64::max);
+        let width = (0..3)
+            .map(|k| high[k] - low[k])
+            .fold(f64::MIN_POSITIVE, f64::max);
         let most = f64::from((1u32 << HILBERT_BITS) - 1);
-        let key = |x: &[f64; 3]| hilbert_key(std::array::from_fn(|k| ((x[k] - low[k]) / width * most) as u32));
+        let key = |x: &[f64; 3]| {
+            hilbert_key(std::array::from_fn(|k| {
+                ((x[k] - low[k]) / width * most) as u32
+            }))
+        };
         let keys: Vec<u64> = mesh.nodes_mm.iter().map(key).collect();
         let mut order: Vec<u32> = (0..mesh.n_nodes() as u32).collect();
         order.sort_by_key(|node| (keys[*node as usize], *node));
@@ -87,10 +97,17 @@ impl Renumbering {
     pub fn shuffled(mesh: &TetMesh, seed: u64) -> Self {
         let shuffle = |n: usize, seed: u64| {
             let mut order: Vec<u32> = (0..n as u32).collect();
-            order.sort_by_key(|i| (seed ^ u64::from(*i)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));
+            order.sort_by_key(|i| {
+                (seed ^ u64::from(*i))
+                    .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                    .rotate_left(29)
+            });
             order
         };
-        Self { nodes: shuffle(mesh.n_nodes(), seed), tets: shuffle(mesh.n_tets(), !seed) }
+        Self {
+            nodes: shuffle(mesh.n_nodes(), seed),
+            tets: shuffle(mesh.n_tets(), !seed),
+        }
     }
 
     /// The mesh in the new order.
@@ -99,13 +116,28 @@ impl Renumbering {
         let new = inverse(&self.nodes);
         let node = |old: u32| new[old as usize];
         TetMesh {
-            nodes_mm: self.nodes.iter().map(|old| mesh.nodes_mm[*old as usize]).collect(),
-            tets: self.tets.iter().map(|old| mesh.tets[*old as usize].map(node)).collect(),
-            tags: self.tets.iter().map(|old| mesh.tags[*old as usize]).collect(),
+            nodes_mm: self
+                .nodes
+                .iter()
+                .map(|old| mesh.nodes_mm[*old as usize])
+                .collect(),
+            tets: self
+                .tets
+                .iter()
+                .map(|old| mesh.tets[*old as usize].map(node))
+                .collect(),
+            tags: self
+                .tets
+                .iter()
+                .map(|old| mesh.tags[*old as usize])
+                .collect(),
             frames: if mesh.frames.is_empty() {
                 Vec::new()
             } else {
-                self.tets.iter().map(|old| mesh.frames[*old as usize]).collect()
+                self.tets
+                    .iter()
+                    .map(|old| mesh.frames[*old as usize])
+                    .collect()
             },
             fibres: mesh.fibres.at(self.nodes.iter().map(|old| *old as usize)),
             surfaces: mesh
@@ -113,7 +145,11 @@ impl Renumbering {
                 .iter()
                 .map(|surface| Surface {
                     name: surface.name.clone(),
-                    triangles: surface.triangles.iter().map(|triangle| triangle.map(node)).collect(),
+                    triangles: surface
+                        .triangles
+                        .iter()
+                        .map(|triangle| triangle.map(node))
+                        .collect(),
                 })
                 .collect(),
         }
@@ -134,7 +170,9 @@ pub fn inverse(new_to_old: &[u32]) -> Vec<u32> {
 #[must_use]
 pub fn bandwidth(mesh: &TetMesh) -> usize {
     let spread = |tet: &[u32; 4]| {
-        let (low, high) = tet.iter().fold((u32::MAX, 0), |(low, high), node| (low.min(*node), high.max(*node)));
+        let (low, high) = tet.iter().fold((u32::MAX, 0), |(low, high), node| {
+            (low.min(*node), high.max(*node))
+        });
         (high - low) as usize
     };
     mesh.tets.iter().map(spread).max().unwrap_or(0)
@@ -228,9 +266,11 @@ mod tests {
         ))
         .unwrap()
         .mesh;
-        for order in
-            [Renumbering::reverse_cuthill_mckee(&mesh), Renumbering::hilbert(&mesh), Renumbering::shuffled(&mesh, 3)]
-        {
+        for order in [
+            Renumbering::reverse_cuthill_mckee(&mesh),
+            Renumbering::hilbert(&mesh),
+            Renumbering::shuffled(&mesh, 3),
+        ] {
             assert!(is_permutation(&order.nodes) && is_permutation(&order.tets));
             let new = order.apply(&mesh);
             assert!((new.tissue_volume(&[1]).0 / mesh.tissue_volume(&[1]).0 - 1.0).abs() < 1e-12);
@@ -255,8 +295,18 @@ mod tests {
     fn neighbours_on_hilberts_curve_are_neighbours_in_space() {
         let mesh = cube(15, 15.0);
         let order = Renumbering::hilbert(&mesh);
-        let step = |pair: &[u32]| distance(mesh.nodes_mm[pair[0] as usize], mesh.nodes_mm[pair[1] as usize]);
+        let step = |pair: &[u32]| {
+            distance(
+                mesh.nodes_mm[pair[0] as usize],
+                mesh.nodes_mm[pair[1] as usize],
+            )
+        };
         // 16 nodes a side fall one to a cell of the curve: each step is one cell
-        assert!(order.nodes.windows(2).all(|pair| (step(pair) - 1.0).abs() < 1e-12));
+        assert!(
+            order
+                .nodes
+                .windows(2)
+                .all(|pair| (step(pair) - 1.0).abs() < 1e-12)
+        );
     }
 }

@@ -25,7 +25,14 @@ impl Partitioner for CoordinateBisection {
     }
 }
 
-fn bisect(centres: &[[f64; 3]], work: &[f64], items: &mut [u32], first: usize, n_parts: usize, parts: &mut [u32]) {
+fn bisect(
+    centres: &[[f64; 3]],
+    work: &[f64],
+    items: &mut [u32],
+    first: usize,
+    n_parts: usize,
+    parts: &mut [u32],
+) {
     if n_parts == 1 || items.is_empty() {
         for item in items {
             parts[*item as usize] = first as u32;
@@ -36,9 +43,13 @@ fn bisect(centres: &[[f64; 3]], work: &[f64], items: &mut [u32], first: usize, n
         let along = items.iter().map(|item| centres[*item as usize][k]);
         along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
     };
-    let longest = (0..3).max_by(|a, b| side(*a).total_cmp(&side(*b)).then(b.cmp(a))).unwrap_or(0);
+    let longest = (0..3)
+        .max_by(|a, b| side(*a).total_cmp(&side(*b)).then(b.cmp(a)))
+        .unwrap_or(0);
     items.sort_unstable_by(|a, b| {
-        centres[*a as usize][longest].total_cmp(&centres[*b as usize][longest]).then(a.cmp(b))
+        centres[*a as usize][longest]
+            .total_cmp(&centres[*b as usize][longest])
+            .then(a.cmp(b))
     });
     let n_low = n_parts / 2;
     let total: f64 = items.iter().map(|item| work[*item as usize]).sum();
@@ -133,6 +144,12 @@ mod tests {
         let parts = CoordinateBisection.parts(&mesh, &work, 6);
         let other = Renumbering::shuffled(&mesh, 5);
         let again = CoordinateBisection.parts(&other.apply(&mesh), &work, 6);
-        assert!(other.tets.iter().enumerate().all(|(new, old)| again[new] == parts[*old as usize]));
+        assert!(
+            other
+                .tets
+                .iter()
+                .enumerate()
+                .all(|(new, old)| again[new] == parts[*old as usize])
+        );
     }
 }

@@ -9,7 +9,10 @@ use crate::vec3::{Vec3, cross, dot, norm, sub};
 #[must_use]
 pub fn mean_ratio(x: [Vec3; 4]) -> f64 {
     let volume = volume_mm3(x);
-    let squares: f64 = EDGES.iter().map(|[i, j]| dot(sub(x[*j], x[*i]), sub(x[*j], x[*i]))).sum();
+    let squares: f64 = EDGES
+        .iter()
+        .map(|[i, j]| dot(sub(x[*j], x[*i]), sub(x[*j], x[*i])))
+        .sum();
     if squares == 0.0 {
         return 0.0;
     }
@@ -21,7 +24,9 @@ pub fn mean_ratio(x: [Vec3; 4]) -> f64 {
 pub fn dihedral_angles_deg(x: [Vec3; 4]) -> [f64; 6] {
     EDGES.map(|[i, j]| {
         let mut others = (0..4).filter(|k| *k != i && *k != j);
-        let (Some(k), Some(l)) = (others.next(), others.next()) else { return f64::NAN };
+        let (Some(k), Some(l)) = (others.next(), others.next()) else {
+            return f64::NAN;
+        };
         let along = sub(x[j], x[i]);
         let a = cross(along, sub(x[k], x[i]));
         let b = cross(along, sub(x[l], x[i]));
@@ -94,7 +99,12 @@ mod tests {
 
     #[test]
     fn a_regular_tetrahedron_scores_one() {
-        let x = [[1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]];
+        let x = [
+            [1.0, 1.0, 1.0],
+            [-1.0, 1.0, -1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, -1.0, 1.0],
+        ];
         assert!((mean_ratio(x) - 1.0).abs() < 1e-14, "{}", mean_ratio(x));
         for angle in dihedral_angles_deg(x) {
             assert!((angle - (1.0f64 / 3.0).acos().to_degrees()).abs() < 1e-10);
@@ -104,7 +114,12 @@ mod tests {
 
     #[test]
     fn a_sliver_scores_near_zero_and_has_a_flat_angle() {
-        let x = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1e-3], [0.0, 1.0, 1e-3]];
+        let x = [
+            [0.0, 0.0, 0.0],
+            [1.0, 1.0, 0.0],
+            [1.0, 0.0, 1e-3],
+            [0.0, 1.0, 1e-3],
+        ];
         assert!(mean_ratio(x).abs() < 0.05);
         assert!(dihedral_angles_deg(x).iter().any(|angle| *angle > 179.0));
     }

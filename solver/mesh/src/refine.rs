@@ -22,37 +22,66 @@ pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
     let mut nodes_mm = mesh.nodes_mm.clone();
     for ((a, b), node) in &mut edges {
         *node = nodes_mm.len() as u32;
-        nodes_mm.push(scale(add(mesh.nodes_mm[*a as usize], mesh.nodes_mm[*b as usize]), 0.5));
+        nodes_mm.push(scale(
+            add(mesh.nodes_mm[*a as usize], mesh.nodes_mm[*b as usize]),
+            0.5,
+        ));
     }
     let middle = |a: u32, b: u32| edges.get(&key(a, b)).copied();
     let mut tets = Vec::with_capacity(8 * mesh.n_tets());
     for t in &mesh.tets {
         let m = |i: usize, j: usize| edges[&key(t[i], t[j])];
         let (m01, m02, m03, m12, m13, m23) = (m(0, 1), m(0, 2), m(0, 3), m(1, 2), m(1, 3), m(2, 3));
-        tets.extend([[t[0], m01, m02, m03], [m01, t[1], m12, m13], [m02, m12, t[2], m23], [m03, m13, m23, t[3]]]);
+        tets.extend([
+            [t[0], m01, m02, m03],
+            [m01, t[1], m12, m13],
+            [m02, m12, t[2], m23],
+            [m03, m13, m23, t[3]],
+        ]);
         // The diagonal's two ends, and the four other corners in a circle around it.
-        let diagonals =
-            [(m02, m13, [m01, m12, m23, m03]), (m01, m23, [m02, m03, m13, m12]), (m03, m12, [m01, m02, m23, m13])];
-        let length = |d: &(u32, u32, [u32; 4])| distance(nodes_mm[d.0 as usize], nodes_mm[d.1 as usize]);
-        let (p, q, around) = *diagonals.iter().min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(&diagonals[0]);
+        let diagonals = [
+            (m02, m13, [m01, m12, m23, m03]),
+            (m01, m23, [m02, m03, m13, m12]),
+            (m03, m12, [m01, m02, m23, m13]),
+        ];
+        let length =
+            |d: &(u32, u32, [u32; 4])| distance(nodes_mm[d.0 as usize], nodes_mm[d.1 as usize]);
+        let (p, q, around) = *diagonals
+            .iter()
+            .min_by(|a, b| length(a).total_cmp(&length(b)))
+            .unwrap_or(&diagonals[0]);
         tets.extend((0..4).map(|k| [p, q, around[k], around[(k + 1) % 4]]));
     }
     let refined = |t: &[u32; 3]| {
-        let (ab, bc, ca) = (middle(t[0], t[1])?, middle(t[1], t[2])?, middle(t[2], t[0])?);
+        let (ab, bc, ca) = (
+            middle(t[0], t[1])?,
+            middle(t[1], t[2])?,
+            middle(t[2], t[0])?,
+        );
         Some([[t[0], ab, ca], [ab, t[1], bc], [ca, bc, t[2]], [ab, bc, ca]])
     };
     let surfaces = (mesh.surfaces.iter())
         .map(|s| Surface {
             name: s.name.clone(),
             // A triangle that is no face of the mesh stays as it is, for whoever checks surfaces to find.
-            triangles: s.triangles.iter().flat_map(|t| refined(t).map_or(vec![*t], |parts| parts.to_vec())).collect(),
+            triangles: s
+                .triangles
+                .iter()
+                .flat_map(|t| refined(t).map_or(vec![*t], |parts| parts.to_vec()))
+                .collect(),
         })
         .collect();
     TetMesh {
         nodes_mm,
         tags: (0..tets.len()).map(|e| mesh.tags[e / 8]).collect(),
-        frames: if mesh.frames.is_empty() { vec![] } else { (0..tets.len()).map(|e| mesh.frames[e / 8]).collect() },
-        fibres: mesh.fibres.with_middles(edges.keys().map(|(a, b)| [*a, *b])),
+        frames: if mesh.frames.is_empty() {
+            vec![]
+        } else {
+            (0..tets.len()).map(|e| mesh.frames[e / 8]).collect()
+        },
+        fibres: mesh
+            .fibres
+            .with_middles(edges.keys().map(|(a, b)| [*a, *b])),
         tets,
         surfaces,
     }
@@ -68,12 +97,18 @@ mod tests {
     fn halves_fill_the_body_without_gaps_and_surfaces_stay_closed() {
         let mut coarse = block([2, 1, 1], [3.0, 1.0, 2.0]);
         coarse.tags = (0..coarse.n_tets() as i32).collect();
-        coarse.surfaces = vec![Surface { name: "all".to_owned(), triangles: boundary(&coarse) }];
+        coarse.surfaces = vec![Surface {
+            name: "all".to_owned(),
+            triangles: boundary(&coarse),
+        }];
         let fine = halve_edges(&coarse);
         assert_eq!((fine.n_tets(), fine.tags[17]), (8 * coarse.n_tets(), 2));
         for e in 0..coarse.n_tets() {
             for part in 8 * e..8 * e + 8 {
-                assert!((fine.volume_mm3(part) - coarse.volume_mm3(e) / 8.0).abs() < 1e-12, "{part} of {e}");
+                assert!(
+                    (fine.volume_mm3(part) - coarse.volume_mm3(e) / 8.0).abs() < 1e-12,
+                    "{part} of {e}"
+                );
             }
         }
         let surface = &fine.surfaces[0].triangles;
@@ -99,6 +134,10 @@ mod tests {
                 faces.entry(key).or_insert_with(Vec::new).push(face);
             }
         }
-        faces.into_values().filter(|f| f.len() == 1).map(|f| f[0]).collect()
+        faces
+            .into_values()
+            .filter(|f| f.len() == 1)
+            .map(|f| f[0])
+            .collect()
     }
 }

@@ -21,7 +21,11 @@ pub struct Rims {
 /// # Errors
 /// [`SurfaceDefect`] where one of the two inner walls is no surface.
 pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
-    let triangles = |name: &str| mesh.surface(name).map(|s| s.triangles.as_slice()).unwrap_or_default();
+    let triangles = |name: &str| {
+        mesh.surface(name)
+            .map(|s| s.triangles.as_slice())
+            .unwrap_or_default()
+    };
     if mesh.surface(surface_names::RIGHT_VENTRICLE).is_none() {
         return Ok(None);
     }
@@ -29,13 +33,27 @@ pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
         let nodes = openings(triangles(name))?.into_iter().flatten();
         Ok(nodes.map(|node| mesh.nodes_mm[node as usize]).collect())
     };
-    let (left, right) = (border(surface_names::ENDOCARDIUM)?, border(surface_names::RIGHT_VENTRICLE)?);
+    let (left, right) = (
+        border(surface_names::ENDOCARDIUM)?,
+        border(surface_names::RIGHT_VENTRICLE)?,
+    );
     let mut rims = Rims::default();
     for triangle in triangles(surface_names::RIM) {
-        let sum = triangle.iter().fold([0.0; 3], |sum, node| add(sum, mesh.nodes_mm[*node as usize]));
+        let sum = triangle.iter().fold([0.0; 3], |sum, node| {
+            add(sum, mesh.nodes_mm[*node as usize])
+        });
         let middle = scale(sum, 1.0 / 3.0);
-        let to = |border: &[Vec3]| border.iter().map(|x| distance(*x, middle)).fold(f64::INFINITY, f64::min);
-        let own = if to(&right) < to(&left) { &mut rims.right } else { &mut rims.left };
+        let to = |border: &[Vec3]| {
+            border
+                .iter()
+                .map(|x| distance(*x, middle))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let own = if to(&right) < to(&left) {
+            &mut rims.right
+        } else {
+            &mut rims.left
+        };
         own.push(*triangle);
     }
     Ok(Some(rims))
@@ -47,22 +65,35 @@ pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
 /// - `muscle`: tags of the left ventricle's wall
 #[must_use]
 pub fn left_alone<'a>(mesh: &'a TetMesh, muscle: &[i32]) -> Cow<'a, TetMesh> {
-    let Ok(Some(rims)) = rims(mesh) else { return Cow::Borrowed(mesh) };
-    let owner: BTreeMap<[u32; 3], u32> = boundary(mesh).iter().map(|face| (sorted(face.triangle), face.tet)).collect();
+    let Ok(Some(rims)) = rims(mesh) else {
+        return Cow::Borrowed(mesh);
+    };
+    let owner: BTreeMap<[u32; 3], u32> = boundary(mesh)
+        .iter()
+        .map(|face| (sorted(face.triangle), face.tet))
+        .collect();
     let of_muscle = |triangle: &&[u32; 3]| {
-        owner.get(&sorted(**triangle)).is_some_and(|tet| muscle.contains(&mesh.tags[*tet as usize]))
+        owner
+            .get(&sorted(**triangle))
+            .is_some_and(|tet| muscle.contains(&mesh.tags[*tet as usize]))
     };
     let mut left = mesh.clone();
     let right: Vec<[u32; 3]> = (mesh.surface(surface_names::RIGHT_VENTRICLE).into_iter())
         .flat_map(|s| s.triangles.iter().filter(of_muscle))
         .copied()
         .collect();
-    left.surfaces.retain(|surface| surface.name != surface_names::RIGHT_VENTRICLE);
+    left.surfaces
+        .retain(|surface| surface.name != surface_names::RIGHT_VENTRICLE);
     for Surface { name, triangles } in &mut left.surfaces {
         match name.as_str() {
             surface_names::RIM => triangles.clone_from(&rims.left),
             surface_names::EPICARDIUM => {
-                *triangles = triangles.iter().filter(of_muscle).chain(&right).copied().collect();
+                *triangles = triangles
+                    .iter()
+                    .filter(of_muscle)
+                    .chain(&right)
+                    .copied()
+                    .collect();
             }
             _ => {}
         }
@@ -77,7 +108,8 @@ mod tests {
 
     /// Ambit's bi-ventricle with our name of the right endocardium.
     fn both_ventricles() -> TetMesh {
-        let stem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/meshes/ambit_biv/ambit_biv");
+        let stem = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../examples/meshes/ambit_biv/ambit_biv");
         let mut mesh = carp::read(&stem, LengthUnit::Micrometre).unwrap();
         for surface in mesh.surfaces.iter_mut().filter(|s| s.name == "endo_rv") {
             surface.name = surface_names::RIGHT_VENTRICLE.to_owned();
@@ -89,16 +121,29 @@ mod tests {
     fn a_rim_is_parted_between_its_two_openings() {
         let mesh = both_ventricles();
         let Rims { left, right } = rims(&mesh).unwrap().expect("two");
-        assert_eq!(left.len() + right.len(), mesh.surface(surface_names::RIM).unwrap().triangles.len());
+        assert_eq!(
+            left.len() + right.len(),
+            mesh.surface(surface_names::RIM).unwrap().triangles.len()
+        );
         let nodes = |name: &str| mesh.surface(name).unwrap().nodes();
         // Each has all triangles at its own opening.
-        for (own, inner) in [(&left, surface_names::ENDOCARDIUM), (&right, surface_names::RIGHT_VENTRICLE)] {
+        for (own, inner) in [
+            (&left, surface_names::ENDOCARDIUM),
+            (&right, surface_names::RIGHT_VENTRICLE),
+        ] {
             let inner = nodes(inner);
             let rim = &mesh.surface(surface_names::RIM).unwrap().triangles;
-            let at_opening = rim.iter().filter(|t| t.iter().filter(|node| inner.contains(node)).count() == 2);
-            assert!(at_opening.clone().count() > 10 && at_opening.into_iter().all(|t| own.contains(t)));
+            let at_opening = rim
+                .iter()
+                .filter(|t| t.iter().filter(|node| inner.contains(node)).count() == 2);
+            assert!(
+                at_opening.clone().count() > 10 && at_opening.into_iter().all(|t| own.contains(t))
+            );
         }
-        let alone = TetMesh { surfaces: vec![], ..mesh };
+        let alone = TetMesh {
+            surfaces: vec![],
+            ..mesh
+        };
         assert_eq!(rims(&alone), Ok(None));
     }
 
@@ -106,15 +151,31 @@ mod tests {
     fn the_left_ventricle_alone_has_the_right_side_of_the_septum_outside() {
         let mesh = both_ventricles();
         let left = left_alone(&mesh, &[1, 3]);
-        let area = |mesh: &TetMesh, name: &str| mesh.surface(name).map_or(0.0, |s| s.area_mm2(&mesh.nodes_mm));
+        let area = |mesh: &TetMesh, name: &str| {
+            mesh.surface(name)
+                .map_or(0.0, |s| s.area_mm2(&mesh.nodes_mm))
+        };
         let outer = area(&left, surface_names::EPICARDIUM);
-        assert!(outer > 1.1 * area(&mesh, surface_names::ENDOCARDIUM), "{outer} mm²");
-        assert!(outer < area(&mesh, surface_names::EPICARDIUM), "without the right free wall: {outer} mm²");
+        assert!(
+            outer > 1.1 * area(&mesh, surface_names::ENDOCARDIUM),
+            "{outer} mm²"
+        );
+        assert!(
+            outer < area(&mesh, surface_names::EPICARDIUM),
+            "without the right free wall: {outer} mm²"
+        );
         assert!(left.surface(surface_names::RIGHT_VENTRICLE).is_none());
-        let septal = mesh.surface(surface_names::RIGHT_VENTRICLE).unwrap().triangles.iter();
+        let septal = mesh
+            .surface(surface_names::RIGHT_VENTRICLE)
+            .unwrap()
+            .triangles
+            .iter();
         let taken = left.surface(surface_names::EPICARDIUM).unwrap();
         assert!(septal.filter(|t| taken.triangles.contains(t)).count() > 100);
-        let alone = TetMesh { surfaces: vec![], ..mesh.clone() };
+        let alone = TetMesh {
+            surfaces: vec![],
+            ..mesh.clone()
+        };
         assert!(matches!(left_alone(&alone, &[1]), Cow::Borrowed(_)));
     }
 }

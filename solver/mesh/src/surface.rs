@@ -26,7 +26,10 @@ impl Surface {
     /// Area, mm².
     #[must_use]
     pub fn area_mm2(&self, nodes_mm: &[Vec3]) -> f64 {
-        self.triangles.iter().map(|t| norm(area_vector(*t, nodes_mm))).sum()
+        self.triangles
+            .iter()
+            .map(|t| norm(area_vector(*t, nodes_mm)))
+            .sum()
     }
 }
 
@@ -59,12 +62,21 @@ pub fn boundary_of(mesh: &TetMesh, within: impl Fn(usize) -> bool) -> Vec<Bounda
     for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| within(*e)) {
         for face in FACES {
             let triangle = face.map(|i| tet[i]);
-            faces.push((sorted(triangle), BoundaryFace { triangle, tet: e as u32 }));
+            faces.push((
+                sorted(triangle),
+                BoundaryFace {
+                    triangle,
+                    tet: e as u32,
+                },
+            ));
         }
     }
     faces.sort_unstable_by_key(|(key, face)| (*key, face.tet));
-    let mut single: Vec<BoundaryFace> =
-        faces.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() == 1).map(|same| same[0].1).collect();
+    let mut single: Vec<BoundaryFace> = faces
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter(|same| same.len() == 1)
+        .map(|same| same[0].1)
+        .collect();
     single.sort_unstable_by_key(|face| (face.tet, sorted(face.triangle)));
     single
 }
@@ -98,7 +110,9 @@ pub enum SurfaceDefect {
         n_triangles: usize,
     },
     /// Two neighbours whose normals point to different sides.
-    #[error("the two triangles at the edge between nodes {a} and {b} are oriented against each other")]
+    #[error(
+        "the two triangles at the edge between nodes {a} and {b} are oriented against each other"
+    )]
     Inconsistent {
         /// One end.
         a: u32,
@@ -139,7 +153,13 @@ pub fn openings(triangles: &[[u32; 3]]) -> Result<Vec<Vec<u32>>, SurfaceDefect> 
                 }
             }
             (2, 0) | (0, 2) => return Err(SurfaceDefect::Inconsistent { a, b }),
-            _ => return Err(SurfaceDefect::Branched { a, b, n_triangles: forward + backward }),
+            _ => {
+                return Err(SurfaceDefect::Branched {
+                    a,
+                    b,
+                    n_triangles: forward + backward,
+                });
+            }
         }
     }
     let mut loops = Vec::new();
@@ -147,7 +167,9 @@ pub fn openings(triangles: &[[u32; 3]]) -> Result<Vec<Vec<u32>>, SurfaceDefect> 
         let mut nodes = vec![start];
         while at != start {
             nodes.push(at);
-            at = next.remove(&at).ok_or(SurfaceDefect::Pinched { node: at })?;
+            at = next
+                .remove(&at)
+                .ok_or(SurfaceDefect::Pinched { node: at })?;
         }
         loops.push(nodes);
     }
@@ -174,17 +196,30 @@ mod tests {
         assert_eq!(opening[0].len(), 3);
         assert!(gone.iter().all(|node| opening[0].contains(node)));
         triangles.push([gone[0], gone[2], gone[1]]);
-        assert!(matches!(openings(&triangles), Err(SurfaceDefect::Inconsistent { .. })));
+        assert!(matches!(
+            openings(&triangles),
+            Err(SurfaceDefect::Inconsistent { .. })
+        ));
     }
 
     #[test]
     fn an_edge_of_three_triangles_is_refused() {
         let found = openings(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
-        assert_eq!(found, Err(SurfaceDefect::Branched { a: 0, b: 1, n_triangles: 3 }));
+        assert_eq!(
+            found,
+            Err(SurfaceDefect::Branched {
+                a: 0,
+                b: 1,
+                n_triangles: 3
+            })
+        );
     }
 
     #[test]
     fn two_triangles_that_touch_in_a_point_are_pinched() {
-        assert_eq!(openings(&[[0, 1, 2], [0, 3, 4]]), Err(SurfaceDefect::Pinched { node: 0 }));
+        assert_eq!(
+            openings(&[[0, 1, 2], [0, 3, 4]]),
+            Err(SurfaceDefect::Pinched { node: 0 })
+        );
     }
 }

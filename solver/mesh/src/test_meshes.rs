@@ -15,7 +15,9 @@ pub fn block(n: [usize; 3], lengths: [f64; 3]) -> TetMesh {
         for y in 0..=n[1] {
             for x in 0..=n[0] {
                 let at = [x, y, z];
-                mesh.nodes_mm.push(std::array::from_fn(|k| lengths[k] * at[k] as f64 / n[k] as f64));
+                mesh.nodes_mm.push(std::array::from_fn(|k| {
+                    lengths[k] * at[k] as f64 / n[k] as f64
+                }));
             }
         }
     }

@@ -167,7 +167,12 @@ pub fn shape_gradients(x: [Vec3; 4]) -> ([Vec3; 4], f64) {
 mod tests {
     use super::*;
 
-    const REFERENCE: [Vec3; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    const REFERENCE: [Vec3; 4] = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
 
     #[test]
     fn faces_of_a_positive_tetrahedron_point_outward() {
@@ -182,7 +187,12 @@ mod tests {
 
     #[test]
     fn shape_gradients_reproduce_a_linear_field() {
-        let x = [[0.3, 0.1, 0.2], [2.0, 0.4, 0.1], [0.2, 1.5, 0.3], [0.5, 0.2, 1.9]];
+        let x = [
+            [0.3, 0.1, 0.2],
+            [2.0, 0.4, 0.1],
+            [0.2, 1.5, 0.3],
+            [0.5, 0.2, 1.9],
+        ];
         let slope = [1.5, -0.7, 2.2];
         let (gradients, volume) = shape_gradients(x);
         assert!((volume - volume_mm3(x)).abs() < 1e-14);

@@ -44,7 +44,9 @@ pub fn frames(from: &TetMesh, to: &TetMesh) -> Vec<Frame> {
         }
         best.map_or(0, |(_, e)| e as usize)
     };
-    (0..to.n_tets()).map(|e| from.frames[nearest(to.centroid_mm(e))]).collect()
+    (0..to.n_tets())
+        .map(|e| from.frames[nearest(to.centroid_mm(e))])
+        .collect()
 }
 
 #[cfg(test)]
@@ -56,9 +58,21 @@ mod tests {
     #[test]
     fn directions_follow_the_place() {
         let mut mesh = block([4, 4, 4], [40.0, 40.0, 40.0]);
-        let by_side = |x: Vec3| if x[0] < 20.0 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-        let frame = |fibre: Vec3| Frame { fibre, sheet: [0.0, 0.0, 1.0], normal: [0.0; 3] };
-        mesh.frames = (0..mesh.n_tets()).map(|e| frame(by_side(mesh.centroid_mm(e)))).collect();
+        let by_side = |x: Vec3| {
+            if x[0] < 20.0 {
+                [1.0, 0.0, 0.0]
+            } else {
+                [0.0, 1.0, 0.0]
+            }
+        };
+        let frame = |fibre: Vec3| Frame {
+            fibre,
+            sheet: [0.0, 0.0, 1.0],
+            normal: [0.0; 3],
+        };
+        mesh.frames = (0..mesh.n_tets())
+            .map(|e| frame(by_side(mesh.centroid_mm(e))))
+            .collect();
         let fine = halve_edges(&mesh);
         let found = frames(&mesh, &fine);
         assert_eq!(found.len(), fine.n_tets());

@@ -36,7 +36,11 @@ pub fn dot(a: Vec3, b: Vec3) -> f64 {
 /// a × b
 #[must_use]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 /// |a|
@@ -67,7 +71,9 @@ pub fn reject(a: Vec3, n: Vec3) -> Vec3 {
 /// Some unit vector perpendicular to the unit vector `n`, always the same for the same `n`.
 #[must_use]
 pub fn any_perpendicular(n: Vec3) -> Vec3 {
-    let smallest = (0..3).min_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs())).unwrap_or(0);
+    let smallest = (0..3)
+        .min_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs()))
+        .unwrap_or(0);
     let mut axis = [0.0; 3];
     axis[smallest] = 1.0;
     let across = cross(n, axis);

@@ -18,15 +18,23 @@ fn arostica() -> PathBuf {
 }
 
 fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data")
+        .join(name)
 }
 
 fn small() -> TetMesh {
-    let mut mesh = generate(&EllipsoidSpec::new(Ml(80.0), Ml(90.0), 500)).unwrap().mesh;
+    let mut mesh = generate(&EllipsoidSpec::new(Ml(80.0), Ml(90.0), 500))
+        .unwrap()
+        .mesh;
     mesh.frames = (0..mesh.n_tets())
         .map(|e| {
             let (sin, cos) = (e as f64).sin_cos();
-            Frame { fibre: [cos, sin, 0.0], sheet: [-sin, cos, 0.0], normal: [0.0, 0.0, 1.0] }
+            Frame {
+                fibre: [cos, sin, 0.0],
+                sheet: [-sin, cos, 0.0],
+                normal: [0.0, 0.0, 1.0],
+            }
         })
         .collect();
     mesh
@@ -46,7 +54,11 @@ fn assert_same(a: &TetMesh, b: &TetMesh, ulp: f64) {
     }
     assert_eq!(a.frames.len(), b.frames.len());
     for (f, g) in a.frames.iter().zip(&b.frames) {
-        for (x, y) in [f.fibre, f.sheet, f.normal].iter().flatten().zip([g.fibre, g.sheet, g.normal].iter().flatten()) {
+        for (x, y) in [f.fibre, f.sheet, f.normal]
+            .iter()
+            .flatten()
+            .zip([g.fibre, g.sheet, g.normal].iter().flatten())
+        {
             assert!((x - y).abs() < 1e-14);
         }
     }
@@ -60,14 +72,30 @@ fn the_benchmark_ventricle_has_its_published_volumes_and_its_surfaces_are_found(
     let endo = mesh.surface("endo").unwrap();
     let cavity = Cavity::behind(&endo.triangles).unwrap();
     assert_eq!(cavity.openings.len(), 1);
-    assert!((cavity.volume(&mesh.nodes_mm).0 - 167.518).abs() < 1e-3, "{}", cavity.volume(&mesh.nodes_mm));
-    let expected = Expected { muscle_tags: &[1], surfaces: &["endo", "epi", "base"], ..Expected::default() };
+    assert!(
+        (cavity.volume(&mesh.nodes_mm).0 - 167.518).abs() < 1e-3,
+        "{}",
+        cavity.volume(&mesh.nodes_mm)
+    );
+    let expected = Expected {
+        muscle_tags: &[1],
+        surfaces: &["endo", "epi", "base"],
+        ..Expected::default()
+    };
     assert_eq!(check(&mesh, LengthUnit::Micrometre, &expected), vec![]);
-    let set =
-        |surface: &Surface| surface.triangles.iter().map(|t| sorted(*t)).collect::<std::collections::BTreeSet<_>>();
+    let set = |surface: &Surface| {
+        surface
+            .triangles
+            .iter()
+            .map(|t| sorted(*t))
+            .collect::<std::collections::BTreeSet<_>>()
+    };
     let found = find_surfaces(&mesh).unwrap();
-    let names =
-        [(surface_names::ENDOCARDIUM, "endo"), (surface_names::EPICARDIUM, "epi"), (surface_names::RIM, "base")];
+    let names = [
+        (surface_names::ENDOCARDIUM, "endo"),
+        (surface_names::EPICARDIUM, "epi"),
+        (surface_names::RIM, "base"),
+    ];
     for (ours, theirs) in names {
         let found = found.iter().find(|surface| surface.name == ours).unwrap();
         assert_eq!(set(found), set(mesh.surface(theirs).unwrap()), "{ours}");
@@ -80,16 +108,17 @@ fn carp_files_come_back() {
     let stem = folder.path().join("heart");
     let mesh = small();
     carp::write(&mesh, &stem).unwrap();
-    assert_same(&mesh, &carp::read(&stem, LengthUnit::Micrometre).unwrap(), 1e-15);
+    assert_same(
+        &mesh,
+        &carp::read(&stem, LengthUnit::Micrometre).unwrap(),
+        1e-15,
+    );
     let vtx = folder.path().join("apex.vtx");
     carp::write_vtx(&[4, 0, 17], &vtx).unwrap();
     assert_eq!(carp::read_vtx(&vtx, 18).unwrap(), [4, 0, 17]);
-    assert!(
-        carp::read_vtx(&vtx, 17)
-            .unwrap_err()
-            .to_string()
-            .ends_with("apex.vtx:5: element names node 17, but the mesh has 17 nodes, numbered from 0")
-    );
+    assert!(carp::read_vtx(&vtx, 17).unwrap_err().to_string().ends_with(
+        "apex.vtx:5: element names node 17, but the mesh has 17 nodes, numbered from 0"
+    ));
 }
 
 #[test]
@@ -97,8 +126,16 @@ fn vtu_files_come_back_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("heart.vtu");
     let mesh = small();
-    let pressure = vtu::Field::scalar("t_ms", (0..mesh.n_nodes()).map(|i| i as f64 * 0.1).collect());
-    let volume = vtu::Field::vector("centre_mm", &(0..mesh.n_tets()).map(|e| mesh.centroid_mm(e)).collect::<Vec<_>>());
+    let pressure = vtu::Field::scalar(
+        "t_ms",
+        (0..mesh.n_nodes()).map(|i| i as f64 * 0.1).collect(),
+    );
+    let volume = vtu::Field::vector(
+        "centre_mm",
+        &(0..mesh.n_tets())
+            .map(|e| mesh.centroid_mm(e))
+            .collect::<Vec<_>>(),
+    );
     let content = vtu::Content {
         surfaces: true,
         point_fields: std::slice::from_ref(&pressure),
@@ -108,14 +145,46 @@ fn vtu_files_come_back_bit_for_bit() {
     vtu::write(&file, &mesh, &content).unwrap();
     let grid = vtu::read(&file, LengthUnit::Millimetre).unwrap();
     assert_same(&mesh, &grid.mesh, 0.0);
-    assert_eq!((grid.point_fields, grid.cell_fields), (vec![pressure.clone()], vec![volume.clone()]));
-    let compact = vtu::encode(&mesh, &vtu::Content { compact: true, ..content });
+    assert_eq!(
+        (grid.point_fields, grid.cell_fields),
+        (vec![pressure.clone()], vec![volume.clone()])
+    );
+    let compact = vtu::encode(
+        &mesh,
+        &vtu::Content {
+            compact: true,
+            ..content
+        },
+    );
     let grid = vtu::parse(compact.as_bytes(), &file, LengthUnit::Millimetre).unwrap();
-    assert_same(&TetMesh { frames: vec![], ..mesh.clone() }, &TetMesh { frames: vec![], ..grid.mesh }, 1e-7);
+    assert_same(
+        &TetMesh {
+            frames: vec![],
+            ..mesh.clone()
+        },
+        &TetMesh {
+            frames: vec![],
+            ..grid.mesh
+        },
+        1e-7,
+    );
     assert!(compact.len() < 3 * vtu::encode(&mesh, &content).len() / 4);
     let short = vtu::Field::scalar("short", vec![1.0]);
-    let error = vtu::write(&file, &mesh, &vtu::Content { point_fields: &[short], ..content }).unwrap_err();
-    assert!(error.to_string().contains("found 1 values of the field short, expected 1 for each of"), "{error}");
+    let error = vtu::write(
+        &file,
+        &mesh,
+        &vtu::Content {
+            point_fields: &[short],
+            ..content
+        },
+    )
+    .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("found 1 values of the field short, expected 1 for each of"),
+        "{error}"
+    );
 }
 
 /// The same two tetrahedra and one triangle, as other programs write them.
@@ -126,9 +195,23 @@ fn vtu_files_of_all_encodings_are_read() {
     assert_eq!(ascii.mesh.tags, [1, 2]);
     assert_eq!(ascii.mesh.nodes_mm[4], [10.0, 10.0, 10.0]);
     assert_eq!(ascii.point_fields[0].values, [0.0, 1.0, 2.0, 3.0, 4.5]);
-    for name in ["binary", "binary_zlib", "appended_raw", "appended_base64", "appended_zlib", "big_endian"] {
-        let other = vtu::read(&data(&format!("two_tets_{name}.vtu")), LengthUnit::Centimetre);
-        assert_eq!(other.unwrap_or_else(|e| panic!("{name}: {e}")), ascii, "{name}");
+    for name in [
+        "binary",
+        "binary_zlib",
+        "appended_raw",
+        "appended_base64",
+        "appended_zlib",
+        "big_endian",
+    ] {
+        let other = vtu::read(
+            &data(&format!("two_tets_{name}.vtu")),
+            LengthUnit::Centimetre,
+        );
+        assert_eq!(
+            other.unwrap_or_else(|e| panic!("{name}: {e}")),
+            ascii,
+            "{name}"
+        );
     }
 }
 
@@ -138,7 +221,13 @@ fn a_broken_vtu_file_is_told_with_its_line() {
     let told = |from: &str, to: &str| {
         assert!(text.contains(from), "{from}");
         let broken = text.replacen(from, to, 1);
-        vtu::parse(broken.as_bytes(), Path::new("a.vtu"), LengthUnit::Millimetre).unwrap_err().to_string()
+        vtu::parse(
+            broken.as_bytes(),
+            Path::new("a.vtu"),
+            LengthUnit::Millimetre,
+        )
+        .unwrap_err()
+        .to_string()
     };
     assert_eq!(
         told("10 10 5", "10 12 5"),
@@ -148,7 +237,13 @@ fn a_broken_vtu_file_is_told_with_its_line() {
     assert!(told("4 8 11", "4 8").contains("the array offsets of 2 numbers, expected 3 numbers"));
     assert!(told("<Points>", "<Pts>").contains("text that is not XML"));
     assert!(told("UnstructuredGrid\"", "PolyData\"").contains("a.vtu:2: found another document"));
-    assert!(told("<Piece ", "<Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"/><Piece ").contains("found 2 pieces"));
+    assert!(
+        told(
+            "<Piece ",
+            "<Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"/><Piece "
+        )
+        .contains("found 2 pieces")
+    );
 }
 
 #[test]
@@ -160,9 +255,20 @@ fn gmsh_files_of_both_versions_give_the_same_mesh() {
     assert_eq!(second.tags, [7, 8]);
     assert_eq!(second.surfaces.len(), 1);
     assert_eq!(second.surfaces[0].name, "endocardium");
-    let defects =
-        check(&second, LengthUnit::Centimetre, &Expected { surfaces: &["endocardium"], ..Expected::default() });
-    assert!(defects.iter().all(|defect| matches!(defect, cardiotwin_mesh::checks::Defect::Size { .. })), "{defects:?}");
+    let defects = check(
+        &second,
+        LengthUnit::Centimetre,
+        &Expected {
+            surfaces: &["endocardium"],
+            ..Expected::default()
+        },
+    );
+    assert!(
+        defects
+            .iter()
+            .all(|defect| matches!(defect, cardiotwin_mesh::checks::Defect::Size { .. })),
+        "{defects:?}"
+    );
 }
 
 #[test]
@@ -171,12 +277,18 @@ fn broken_gmsh_files_are_told_with_their_line() {
     let told = |from: &str, to: &str| {
         assert!(text.contains(from), "{from}");
         let broken = text.replacen(from, to, 1);
-        gmsh::parse(&broken, Path::new("a.msh"), LengthUnit::Millimetre).unwrap_err().to_string()
+        gmsh::parse(&broken, Path::new("a.msh"), LengthUnit::Millimetre)
+            .unwrap_err()
+            .to_string()
     };
-    assert!(told("2.2 0 8", "2.2 1 8").starts_with("a.msh:2: found `2.2 1 8`, expected an ASCII file"));
+    assert!(
+        told("2.2 0 8", "2.2 1 8").starts_with("a.msh:2: found `2.2 1 8`, expected an ASCII file")
+    );
     assert!(told("2.2 0 8", "4.0 0 8").contains("expected version 2.2 or 4.1"));
     assert!(told("2 4 2 7 1 ", "2 11 2 7 1 ").contains("first order, not of gmsh's type 11"));
-    assert!(told("2 4 2 7 1 1 2 3 4", "2 4 2 7 1 1 2 3").contains("expected 4 nodes of an element"));
+    assert!(
+        told("2 4 2 7 1 1 2 3 4", "2 4 2 7 1 1 2 3").contains("expected 4 nodes of an element")
+    );
     assert!(told("2 4 2 7 1 1 2 3 4", "2 4 2 7 1 1 2 3 77").contains("found node 77"));
     assert!(told("$EndNodes", "$End").contains("expected `$EndNodes`"));
 }
@@ -186,26 +298,64 @@ fn broken_carp_files_are_told_with_their_line() {
     let file = Path::new("h");
     let um = LengthUnit::Micrometre;
     let told = carp::parse_pts("2\n1 2 3\n1 2\n", file, um).unwrap_err();
-    assert_eq!(told.to_string(), "h:3: found `1 2`, expected three numbers, x y z");
+    assert_eq!(
+        told.to_string(),
+        "h:3: found `1 2`, expected three numbers, x y z"
+    );
     let told = carp::parse_pts("2\n1 2 3\n", file, um).unwrap_err();
-    assert_eq!(told.to_string(), "h:3: found the end of the file, expected 1 more points (the header says 2)");
+    assert_eq!(
+        told.to_string(),
+        "h:3: found the end of the file, expected 1 more points (the header says 2)"
+    );
     let told = carp::parse_pts("1\n1 2 3\n4 5 6\n", file, um).unwrap_err();
-    assert_eq!(told.to_string(), "h:3: found `4 5 6`, expected the end of the file after 1 points, as its header says");
-    assert!(carp::parse_pts("1\n1 nan 3\n", file, um).unwrap_err().to_string().contains("finite"));
+    assert_eq!(
+        told.to_string(),
+        "h:3: found `4 5 6`, expected the end of the file after 1 points, as its header says"
+    );
+    assert!(
+        carp::parse_pts("1\n1 nan 3\n", file, um)
+            .unwrap_err()
+            .to_string()
+            .contains("finite")
+    );
     let told = carp::parse_elem("1\nTt 0 1 2 9 1\n", file, 4).unwrap_err();
-    assert_eq!(told.to_string(), "h:2: element names node 9, but the mesh has 4 nodes, numbered from 0");
-    assert!(carp::parse_elem("1\nHx 0 1 2 3 4 5 6 7 1\n", file, 8).unwrap_err().to_string().contains("a tetrahedron"));
-    assert!(carp::parse_lon("3\n", file, 1).unwrap_err().to_string().contains("expected 1 (a fibre"));
-    let told = carp::parse_lon("2\n1 0 0 1 0 0\n", file, 1).unwrap_err().to_string();
+    assert_eq!(
+        told.to_string(),
+        "h:2: element names node 9, but the mesh has 4 nodes, numbered from 0"
+    );
+    assert!(
+        carp::parse_elem("1\nHx 0 1 2 3 4 5 6 7 1\n", file, 8)
+            .unwrap_err()
+            .to_string()
+            .contains("a tetrahedron")
+    );
+    assert!(
+        carp::parse_lon("3\n", file, 1)
+            .unwrap_err()
+            .to_string()
+            .contains("expected 1 (a fibre")
+    );
+    let told = carp::parse_lon("2\n1 0 0 1 0 0\n", file, 1)
+        .unwrap_err()
+        .to_string();
     assert!(told.contains("perpendicular"), "{told}");
     let fibre = carp::parse_lon("1\n0 3 4\n", file, 1).unwrap()[0].fibre;
-    assert!((fibre[1] - 0.6).abs() + (fibre[2] - 0.8).abs() < 1e-15, "{fibre:?}");
+    assert!(
+        (fibre[1] - 0.6).abs() + (fibre[2] - 0.8).abs() < 1e-15,
+        "{fibre:?}"
+    );
     let error = carp::read(Path::new("nowhere/heart"), um).unwrap_err();
     assert_eq!(error.to_string(), "cannot read nowhere/heart.pts");
     assert!(
-        node_values::parse("# t_ms\n1\n2\n", file, 3).unwrap_err().to_string().contains("found 2 numbers, expected 3")
+        node_values::parse("# t_ms\n1\n2\n", file, 3)
+            .unwrap_err()
+            .to_string()
+            .contains("found 2 numbers, expected 3")
     );
-    assert_eq!(node_values::parse("# t_ms\n1\n2.5\n", file, 2).unwrap(), [1.0, 2.5]);
+    assert_eq!(
+        node_values::parse("# t_ms\n1\n2.5\n", file, 2).unwrap(),
+        [1.0, 2.5]
+    );
 }
 
 proptest! {
@@ -247,21 +397,40 @@ fn carp_fibres_are_of_nodes_or_of_elements_by_their_number() {
     let mesh = small();
     carp::write(&mesh, &stem).unwrap();
     let of_elements = carp::read(&stem, LengthUnit::Micrometre).unwrap();
-    assert_eq!((of_elements.fibres.n_nodes(), of_elements.frames.len()), (None, mesh.n_tets()));
+    assert_eq!(
+        (of_elements.fibres.n_nodes(), of_elements.frames.len()),
+        (None, mesh.n_tets())
+    );
     // A fibre that turns with the height.
-    let rows = mesh.nodes_mm.iter().map(|x| (0.05 * x[2]).sin_cos()).map(|(sin, cos)| format!("{cos} {sin} 0\n"));
-    let text = std::iter::once("1\n".to_owned()).chain(rows).collect::<String>();
+    let rows = mesh
+        .nodes_mm
+        .iter()
+        .map(|x| (0.05 * x[2]).sin_cos())
+        .map(|(sin, cos)| format!("{cos} {sin} 0\n"));
+    let text = std::iter::once("1\n".to_owned())
+        .chain(rows)
+        .collect::<String>();
     std::fs::write(stem.with_extension("lon"), &text).unwrap();
     let of_nodes = carp::read(&stem, LengthUnit::Micrometre).unwrap();
-    assert_eq!((of_nodes.fibres.n_nodes(), of_nodes.frames.len()), (Some(mesh.n_nodes()), mesh.n_tets()));
+    assert_eq!(
+        (of_nodes.fibres.n_nodes(), of_nodes.frames.len()),
+        (Some(mesh.n_nodes()), mesh.n_tets())
+    );
     for e in 0..mesh.n_tets() {
         let z = mesh.centroid_mm(e)[2];
-        let along = of_nodes.frames[e].fibre[0] * (0.05 * z).cos() + of_nodes.frames[e].fibre[1] * (0.05 * z).sin();
+        let along = of_nodes.frames[e].fibre[0] * (0.05 * z).cos()
+            + of_nodes.frames[e].fibre[1] * (0.05 * z).sin();
         assert!(along.abs() > 0.99, "element {e}: {along}");
     }
-    let cut = text.lines().take(mesh.n_nodes()).collect::<Vec<_>>().join("\n");
+    let cut = text
+        .lines()
+        .take(mesh.n_nodes())
+        .collect::<Vec<_>>()
+        .join("\n");
     std::fs::write(stem.with_extension("lon"), cut).unwrap();
-    let error = carp::read(&stem, LengthUnit::Micrometre).unwrap_err().to_string();
+    let error = carp::read(&stem, LengthUnit::Micrometre)
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("one for each element"), "{error}");
 }
 
@@ -278,10 +447,30 @@ fn fibres_of_a_mesh_with_as_many_nodes_as_elements_are_refused() {
         [-9.0 * cos, 9.0 * sin, 0.0],
         [-9.0 * cos, -9.0 * sin, 0.0],
     ];
-    let tets = vec![[0, 2, 3, 1], [0, 3, 4, 1], [0, 4, 2, 1], [0, 2, 3, 1], [0, 3, 4, 1]];
-    let mesh = TetMesh { nodes_mm, tags: vec![1; tets.len()], tets, ..TetMesh::default() };
+    let tets = vec![
+        [0, 2, 3, 1],
+        [0, 3, 4, 1],
+        [0, 4, 2, 1],
+        [0, 2, 3, 1],
+        [0, 3, 4, 1],
+    ];
+    let mesh = TetMesh {
+        nodes_mm,
+        tags: vec![1; tets.len()],
+        tets,
+        ..TetMesh::default()
+    };
     carp::write(&mesh, &stem).unwrap();
-    std::fs::write(stem.with_extension("lon"), "1\n".to_owned() + &"1 0 0\n".repeat(5)).unwrap();
-    let error = carp::read(&stem, LengthUnit::Micrometre).unwrap_err().to_string();
-    assert!(error.contains("as many nodes as elements") && error.contains("VTU"), "{error}");
+    std::fs::write(
+        stem.with_extension("lon"),
+        "1\n".to_owned() + &"1 0 0\n".repeat(5),
+    )
+    .unwrap();
+    let error = carp::read(&stem, LengthUnit::Micrometre)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("as many nodes as elements") && error.contains("VTU"),
+        "{error}"
+    );
 }

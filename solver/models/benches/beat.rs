@@ -6,8 +6,8 @@ use cardiotwin_models::circulation::windkessel::WindkesselParameters;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{
-    ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle, PassiveStateInput,
-    PassiveStateMode,
+    ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
+    PassiveStateInput, PassiveStateMode,
 };
 use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -47,7 +47,10 @@ fn run(contraction: GroupContraction, record_nodes: bool) -> f64 {
     };
     let mut ventricle = OneFibreVentricle::new(parameters).unwrap();
     let mut circulation = heart.build().unwrap();
-    let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(CYCLE) };
+    let settings = BeatSettings {
+        record_nodes,
+        ..BeatSettings::one_beat(CYCLE)
+    };
     match run_beats(&mut ventricle, &mut circulation, &settings) {
         BeatOutcome::Finished(result) => result.traces.volume_ml[300],
         BeatOutcome::Diverged { reason, .. } => panic!("{reason}"),
@@ -64,10 +67,18 @@ fn beat(c: &mut Criterion) {
     };
     for (name, nodes) in [("traces", false), ("nodal_traces", true)] {
         c.bench_function(&format!("one_fibre/tanh/{name}"), |b| {
-            b.iter(|| black_box(run(GroupContraction::tanh(Tanh::new(black_box(tanh)).unwrap()), nodes)));
+            b.iter(|| {
+                black_box(run(
+                    GroupContraction::tanh(Tanh::new(black_box(tanh)).unwrap()),
+                    nodes,
+                ))
+            });
         });
     }
-    let mut cell = CellParameters { cycle_length_ms: CYCLE.0, ..CellParameters::default() };
+    let mut cell = CellParameters {
+        cycle_length_ms: CYCLE.0,
+        ..CellParameters::default()
+    };
     cell.land.ca50_ref_um = 0.5;
     let cell = cell.build().unwrap();
     let periodic = cell.solve_periodic(&CellSolverSettings::default()).unwrap();

@@ -6,7 +6,10 @@ use std::hint::black_box;
 
 fn cell(c: &mut Criterion) {
     let default = CellParameters::default().build().unwrap();
-    let mut fast = CellParameters { cycle_length_ms: 659.0, ..CellParameters::default() };
+    let mut fast = CellParameters {
+        cycle_length_ms: 659.0,
+        ..CellParameters::default()
+    };
     fast.passive.a_p_kpa = 60.0;
     fast.land.ca50_ref_um = 0.5;
     let fast = fast.build().unwrap();
@@ -15,7 +18,9 @@ fn cell(c: &mut Criterion) {
     for (name, cell) in [("defaults_1000ms", default), ("patient_like_659ms", fast)] {
         c.bench_function(&format!("cell0d/periodic/{name}"), |b| {
             b.iter(|| {
-                black_box(&cell).solve_periodic_into(&settings, &mut beat).unwrap();
+                black_box(&cell)
+                    .solve_periodic_into(&settings, &mut beat)
+                    .unwrap();
                 black_box(beat.beats_to_periodic)
             });
         });

@@ -122,7 +122,12 @@ impl BeatCheck {
     /// A check that was made.
     #[must_use]
     pub fn new(name: &str, passed: bool, value: f64, expected: &str) -> Self {
-        Self { name: name.to_owned(), passed, value, expected: expected.to_owned() }
+        Self {
+            name: name.to_owned(),
+            passed,
+            value,
+            expected: expected.to_owned(),
+        }
     }
 }
 
@@ -218,16 +223,33 @@ impl BeatTraces {
     pub fn plausible(&self) -> [BeatCheck; 3] {
         let smallest = |trace: &[f64]| trace.iter().copied().fold(f64::INFINITY, f64::min);
         let (v_low, p_low) = (smallest(&self.volume_ml), smallest(&self.pressure_mmhg));
-        let p_high = self.pressure_mmhg.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let p_high = self
+            .pressure_mmhg
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
         [
             BeatCheck::new("volume_positive_ml", v_low > 0.0, v_low, "above 0 mL"),
-            BeatCheck::new("pressure_not_below_mmhg", p_low >= -30.0, p_low, "-30 mmHg or more"),
-            BeatCheck::new("pressure_not_above_mmhg", p_high <= 400.0, p_high, "400 mmHg or less"),
+            BeatCheck::new(
+                "pressure_not_below_mmhg",
+                p_low >= -30.0,
+                p_low,
+                "-30 mmHg or more",
+            ),
+            BeatCheck::new(
+                "pressure_not_above_mmhg",
+                p_high <= 400.0,
+                p_high,
+                "400 mmHg or less",
+            ),
         ]
     }
 
     fn clear(&mut self, n: usize, nodes: Option<NodalTraces>) {
-        *self = Self { nodes, ..Self::default() };
+        *self = Self {
+            nodes,
+            ..Self::default()
+        };
         for trace in [
             &mut self.time_ms,
             &mut self.pressure_mmhg,
@@ -245,17 +267,31 @@ impl BeatTraces {
     /// Whether the ventricle fills after ejection, and its pressure changes slowly.
     fn is_filling_slowly(&self) -> bool {
         let n = self.time_ms.len();
-        let (Some(true), Some(false)) = (self.mitral_open.last(), self.aortic_open.last()) else { return false };
-        let [.., before, last] = self.pressure_mmhg[..] else { return false };
+        let (Some(true), Some(false)) = (self.mitral_open.last(), self.aortic_open.last()) else {
+            return false;
+        };
+        let [.., before, last] = self.pressure_mmhg[..] else {
+            return false;
+        };
         let rate = (last - before) / (self.time_ms[n - 1] - self.time_ms[n - 2]);
         rate.abs() <= SLOW_MMHG_PER_MS && self.aortic_open.contains(&true)
     }
 
     /// Samples between the last two, at these times: linear, with the valves of the sample before.
     fn fill_in(&mut self, times_ms: &[f64]) {
-        let Some(at) = self.time_ms.len().checked_sub(2).filter(|_| !times_ms.is_empty()) else { return };
+        let Some(at) = self
+            .time_ms
+            .len()
+            .checked_sub(2)
+            .filter(|_| !times_ms.is_empty())
+        else {
+            return;
+        };
         let (begin, end) = (self.time_ms[at], self.time_ms[at + 1]);
-        let shares: Vec<f64> = times_ms.iter().map(|t| (t - begin) / (end - begin)).collect();
+        let shares: Vec<f64> = times_ms
+            .iter()
+            .map(|t| (t - begin) / (end - begin))
+            .collect();
         for trace in [
             &mut self.pressure_mmhg,
             &mut self.volume_ml,
@@ -370,8 +406,14 @@ impl<V: Ventricle + ?Sized> Observed<'_, V> {
 
 /// Runs beats from the present state of both sides. The step is cut by half on failure and doubled after a success, and
 /// always ends on the output grid.
-pub fn run_beats(ventricle: &mut dyn Ventricle, circulation: &mut Circulation, settings: &BeatSettings) -> BeatOutcome {
-    match run_observed(ventricle, circulation, settings, None, |_| ControlFlow::<Infallible>::Continue(())) {
+pub fn run_beats(
+    ventricle: &mut dyn Ventricle,
+    circulation: &mut Circulation,
+    settings: &BeatSettings,
+) -> BeatOutcome {
+    match run_observed(ventricle, circulation, settings, None, |_| {
+        ControlFlow::<Infallible>::Continue(())
+    }) {
         ControlFlow::Continue(outcome) => outcome,
         ControlFlow::Break(never) => match never {},
     }
@@ -390,10 +432,16 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
     let length = settings.cycle_length.0;
     // A last interval shorter than a thousandth of a step is round-off of the cycle length.
     let n_intervals = (length / settings.step.0 - 1e-3).ceil().max(1.0) as usize;
-    let n_per_diastolic_step = (settings.diastolic_step.0 / settings.step.0 + 1e-9).floor().max(1.0) as usize;
+    let n_per_diastolic_step = (settings.diastolic_step.0 / settings.step.0 + 1e-9)
+        .floor()
+        .max(1.0) as usize;
     let (limit, tolerance) = match settings.beats {
         Beats::Exactly(n) => (n.max(1), None),
-        Beats::UntilPeriodic { limit, volume, pressure } => (limit.max(1), Some((volume.0, pressure.0))),
+        Beats::UntilPeriodic {
+            limit,
+            volume,
+            pressure,
+        } => (limit.max(1), Some((volume.0, pressure.0))),
     };
     let begun = |n_beats, next_step_ms, work, ventricle: &mut V, circulation: &Circulation| {
         let mut progress = RunProgress {
@@ -407,49 +455,121 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
             work,
             traces: BeatTraces::default(),
         };
-        let nodes = settings.record_nodes.then(|| empty_nodes(ventricle, n_intervals + 1));
+        let nodes = settings
+            .record_nodes
+            .then(|| empty_nodes(ventricle, n_intervals + 1));
         progress.traces.clear(n_intervals + 1, nodes);
         progress.traces.record(0.0, ventricle, circulation, &probes);
         progress
     };
-    let mut now = from.unwrap_or_else(|| begun(1, settings.step.0, BeatWork::default(), ventricle, circulation));
+    let mut now = from.unwrap_or_else(|| {
+        begun(
+            1,
+            settings.step.0,
+            BeatWork::default(),
+            ventricle,
+            circulation,
+        )
+    });
     loop {
         while now.intervals < n_intervals {
-            let stride = if now.traces.is_filling_slowly() { n_per_diastolic_step } else { 1 };
+            let stride = if now.traces.is_filling_slowly() {
+                n_per_diastolic_step
+            } else {
+                1
+            };
             let interval = (now.intervals + stride).min(n_intervals);
-            let grid = if interval == n_intervals { length } else { interval as f64 * settings.step.0 };
+            let grid = if interval == n_intervals {
+                length
+            } else {
+                interval as f64 * settings.step.0
+            };
             let end = now.beat_start_ms + grid;
             let (next_step, work) = (&mut now.next_step_ms, &mut now.work);
             // Kept to the output interval otherwise, to the bit.
-            let longest = if interval - now.intervals > 1 { end - ventricle.time().0 } else { settings.step.0 };
-            *next_step = if longest > settings.step.0 { longest } else { next_step.min(longest) };
-            if let Err(reason) = advance(ventricle, circulation, end, (longest, settings), next_step, work) {
+            let longest = if interval - now.intervals > 1 {
+                end - ventricle.time().0
+            } else {
+                settings.step.0
+            };
+            *next_step = if longest > settings.step.0 {
+                longest
+            } else {
+                next_step.min(longest)
+            };
+            if let Err(reason) = advance(
+                ventricle,
+                circulation,
+                end,
+                (longest, settings),
+                next_step,
+                work,
+            ) {
                 ventricle.roll_back();
                 circulation.roll_back();
-                let last_good = RunState { ventricle: ventricle.snapshot(), circulation: circulation.snapshot() };
+                let last_good = RunState {
+                    ventricle: ventricle.snapshot(),
+                    circulation: circulation.snapshot(),
+                };
                 let (last_good, traces) = (Box::new(last_good), Box::new(now.traces));
                 let (t, work) = (ventricle.time(), now.work);
-                return ControlFlow::Continue(BeatOutcome::Diverged { t, last_good, reason, traces, work });
+                return ControlFlow::Continue(BeatOutcome::Diverged {
+                    t,
+                    last_good,
+                    reason,
+                    traces,
+                    work,
+                });
             }
             now.traces.record(grid, ventricle, circulation, &probes);
-            let skipped = (now.intervals + 1..interval).map(|k| k as f64 * settings.step.0).collect::<Vec<_>>();
+            let skipped = (now.intervals + 1..interval)
+                .map(|k| k as f64 * settings.step.0)
+                .collect::<Vec<_>>();
             now.traces.fill_in(&skipped);
             now.intervals = interval;
-            observe(Observed { progress: &now, ventricle, circulation })?;
+            observe(Observed {
+                progress: &now,
+                ventricle,
+                circulation,
+            })?;
         }
         let volume_change_ml = ventricle.volume().0 - now.start_volume_ml;
         let after = circulation.snapshot();
-        let pressure_change_mmhg = (after.pressures_mmhg.iter().zip(&now.start_circulation.pressures_mmhg))
-            .fold(0.0, |largest: f64, (a, b)| largest.max((a - b).abs()));
-        let periodic = tolerance.map(|(v, p)| volume_change_ml.abs() <= v && pressure_change_mmhg <= p);
+        let pressure_change_mmhg = (after
+            .pressures_mmhg
+            .iter()
+            .zip(&now.start_circulation.pressures_mmhg))
+        .fold(0.0, |largest: f64, (a, b)| largest.max((a - b).abs()));
+        let periodic =
+            tolerance.map(|(v, p)| volume_change_ml.abs() <= v && pressure_change_mmhg <= p);
         if now.n_beats >= limit || periodic == Some(true) {
-            let imbalance = volume_change_ml - (circulation.net_volume_in().0 - now.start_volume_in_ml);
-            let RunProgress { n_beats, work, traces, .. } = now;
+            let imbalance =
+                volume_change_ml - (circulation.net_volume_in().0 - now.start_volume_in_ml);
+            let RunProgress {
+                n_beats,
+                work,
+                traces,
+                ..
+            } = now;
             let checks = checks(&traces, imbalance, length);
-            let result = BeatResult { traces, n_beats, volume_change_ml, pressure_change_mmhg, periodic, checks, work };
+            let result = BeatResult {
+                traces,
+                n_beats,
+                volume_change_ml,
+                pressure_change_mmhg,
+                periodic,
+                checks,
+                work,
+            };
             return ControlFlow::Continue(BeatOutcome::Finished(Box::new(result)));
         }
-        now = begun(now.n_beats + 1, now.next_step_ms, now.work, ventricle, circulation);
+        now = begun(
+            now.n_beats + 1,
+            now.next_step_ms,
+            now.work,
+            ventricle,
+            circulation,
+        );
     }
 }
 
@@ -481,8 +601,16 @@ fn advance<V: Ventricle + ?Sized>(
             return Ok(());
         }
         // The grid's own step, not the difference of two times: components keep what depends on the step's length.
-        let left = if (left - settings.step.0).abs() <= 1e-9 * settings.step.0 { settings.step.0 } else { left };
-        let dt = if *next_step >= 0.999_999 * left { left } else { *next_step };
+        let left = if (left - settings.step.0).abs() <= 1e-9 * settings.step.0 {
+            settings.step.0
+        } else {
+            left
+        };
+        let dt = if *next_step >= 0.999_999 * left {
+            left
+        } else {
+            *next_step
+        };
         match ventricle.try_step(circulation, Ms(dt)) {
             Ok(tried) => {
                 ventricle.commit();
@@ -512,13 +640,24 @@ fn checks(traces: &BeatTraces, imbalance_ml: f64, cycle_length_ms: f64) -> Vec<B
         let closed = open.windows(2).any(|w| w[0] && !w[1]) || (opened && open.iter().any(|o| !*o));
         opened && closed
     };
-    let share = |open: &[bool]| open.iter().filter(|o| **o).count() as f64 / open.len().max(1) as f64;
+    let share =
+        |open: &[bool]| open.iter().filter(|o| **o).count() as f64 / open.len().max(1) as f64;
     let end = traces.time_ms.last().copied().unwrap_or(0.0);
-    let finite = [&traces.pressure_mmhg, &traces.volume_ml, &traces.aortic_pressure_mmhg, &traces.net_inflow_ml_per_s]
-        .iter()
-        .all(|trace| trace.iter().all(|x| x.is_finite()));
+    let finite = [
+        &traces.pressure_mmhg,
+        &traces.volume_ml,
+        &traces.aortic_pressure_mmhg,
+        &traces.net_inflow_ml_per_s,
+    ]
+    .iter()
+    .all(|trace| trace.iter().all(|x| x.is_finite()));
     let mut checks = vec![
-        BeatCheck::new("cycle_end_reached", (end - cycle_length_ms).abs() < 1e-6, end, "the cycle length in ms"),
+        BeatCheck::new(
+            "cycle_end_reached",
+            (end - cycle_length_ms).abs() < 1e-6,
+            end,
+            "the cycle length in ms",
+        ),
         BeatCheck::new("states_finite", finite, f64::from(u8::from(finite)), "1"),
         BeatCheck::new(
             "aortic_valve_opened_and_closed",
@@ -532,7 +671,12 @@ fn checks(traces: &BeatTraces, imbalance_ml: f64, cycle_length_ms: f64) -> Vec<B
             share(&traces.mitral_open),
             "share of the beat it is open, between 0 and 1",
         ),
-        BeatCheck::new("volume_balance_ml", imbalance_ml.abs() <= 0.1, imbalance_ml, "-0.1 to 0.1 mL"),
+        BeatCheck::new(
+            "volume_balance_ml",
+            imbalance_ml.abs() <= 0.1,
+            imbalance_ml,
+            "-0.1 to 0.1 mL",
+        ),
     ];
     checks.extend(traces.plausible());
     checks

@@ -43,10 +43,14 @@ impl NodalSpread {
     #[must_use]
     pub fn of(beat: &BeatTraces) -> Option<Self> {
         let nodes = beat.nodes.as_ref()?;
-        let mut growing = GrowingSpread::new(nodes.activation_ms.clone(), nodes.weights.clone(), true);
+        let mut growing =
+            GrowingSpread::new(nodes.activation_ms.clone(), nodes.weights.clone(), true);
         for (k, time_ms) in beat.time_ms.iter().enumerate() {
             let of = |trace: &[f64]| trace[k * nodes.n_nodes..(k + 1) * nodes.n_nodes].to_vec();
-            growing.add(*time_ms, [of(&nodes.sa_kpa), of(&nodes.ca_um), of(&nodes.lambda)].concat());
+            growing.add(
+                *time_ms,
+                [of(&nodes.sa_kpa), of(&nodes.ca_um), of(&nodes.lambda)].concat(),
+            );
         }
         growing.finish()
     }
@@ -100,8 +104,12 @@ impl GrowingSpread {
     /// Of nodes that are activated at these times \[ms\], with their weights; samples have calcium or not.
     #[must_use]
     pub fn new(activation_ms: Vec<f64>, weights: Vec<f64>, with_calcium: bool) -> Self {
-        let latest_ms = activation_ms.iter().fold(0.0, |latest: f64, t| latest.max(*t));
-        let earliest_ms = activation_ms.iter().fold(latest_ms, |earliest, t| earliest.min(*t));
+        let latest_ms = activation_ms
+            .iter()
+            .fold(0.0, |latest: f64, t| latest.max(*t));
+        let earliest_ms = activation_ms
+            .iter()
+            .fold(latest_ms, |earliest, t| earliest.min(*t));
         Self {
             activation_ms,
             weights,
@@ -173,18 +181,28 @@ impl GrowingSpread {
         let mut values = Vec::with_capacity(n_nodes);
         let mut quantiles = |quantity: usize| {
             values.clear();
-            values.extend(self.activation_ms.iter().zip(&self.weights).enumerate().map(|(i, (t_a, weight))| {
-                let at = t + t_a;
-                let k = self.before(at).min(newest - 1) - self.first;
-                let ((begin_ms, from), (end_ms, to)) = (&self.held[k], &self.held[k + 1]);
-                let share = ((at - begin_ms) / (end_ms - begin_ms)).clamp(0.0, 1.0);
-                let (from, to) = (from[quantity * n_nodes + i], to[quantity * n_nodes + i]);
-                (from + share * (to - from), *weight)
-            }));
+            values.extend(
+                self.activation_ms
+                    .iter()
+                    .zip(&self.weights)
+                    .enumerate()
+                    .map(|(i, (t_a, weight))| {
+                        let at = t + t_a;
+                        let k = self.before(at).min(newest - 1) - self.first;
+                        let ((begin_ms, from), (end_ms, to)) = (&self.held[k], &self.held[k + 1]);
+                        let share = ((at - begin_ms) / (end_ms - begin_ms)).clamp(0.0, 1.0);
+                        let (from, to) = (from[quantity * n_nodes + i], to[quantity * n_nodes + i]);
+                        (from + share * (to - from), *weight)
+                    }),
+            );
             weighted_quantiles(&mut values)
         };
         let stress = quantiles(0);
-        let calcium = if self.with_calcium { quantiles(1) } else { [0.0; 5] };
+        let calcium = if self.with_calcium {
+            quantiles(1)
+        } else {
+            [0.0; 5]
+        };
         let stretch = quantiles(if self.with_calcium { 2 } else { 1 });
         self.found.sa_kpa.push(stress);
         self.found.ca_um.push(calcium);
@@ -209,7 +227,9 @@ fn quantile(sorted: &[(f64, f64)], wanted: f64) -> f64 {
         if position >= wanted {
             return match previous {
                 Some((earlier_position, earlier)) if position > earlier_position => {
-                    earlier + (wanted - earlier_position) / (position - earlier_position) * (value - earlier)
+                    earlier
+                        + (wanted - earlier_position) / (position - earlier_position)
+                            * (value - earlier)
                 }
                 _ => value,
             };
@@ -228,7 +248,10 @@ mod tests {
     #[test]
     fn equal_weights_give_the_ordinary_median() {
         let equal = |values: &[f64]| {
-            let mut pairs: Vec<(f64, f64)> = values.iter().map(|v| (*v, 1.0 / values.len() as f64)).collect();
+            let mut pairs: Vec<(f64, f64)> = values
+                .iter()
+                .map(|v| (*v, 1.0 / values.len() as f64))
+                .collect();
             weighted_quantiles(&mut pairs)[2]
         };
         assert!((equal(&[3.0, 1.0, 2.0]) - 2.0).abs() < 1e-12);
@@ -245,7 +268,10 @@ mod tests {
         for (level, value) in LEVELS.iter().zip(found) {
             assert!((value - 1000.0 * level).abs() < 1e-9, "{level} {value}");
         }
-        assert_eq!(weighted_quantiles(&mut [(2.0, 0.5), (1.0, 0.5)]), [1.0, 1.0, 1.5, 2.0, 2.0]);
+        assert_eq!(
+            weighted_quantiles(&mut [(2.0, 0.5), (1.0, 0.5)]),
+            [1.0, 1.0, 1.5, 2.0, 2.0]
+        );
     }
 
     #[test]
@@ -253,8 +279,15 @@ mod tests {
         let activation_ms = vec![0.0, 3.5, 8.0];
         let shape = |s: f64| if s > 0.0 { 2.0 * s } else { 0.0 };
         let time_ms: Vec<f64> = (0..=50).map(f64::from).collect();
-        let sa_kpa =
-            time_ms.iter().flat_map(|t| activation_ms.iter().map(|t_a| shape(t - t_a)).collect::<Vec<_>>()).collect();
+        let sa_kpa = time_ms
+            .iter()
+            .flat_map(|t| {
+                activation_ms
+                    .iter()
+                    .map(|t_a| shape(t - t_a))
+                    .collect::<Vec<_>>()
+            })
+            .collect();
         let n = time_ms.len() * 3;
         let nodes = NodalTraces {
             n_nodes: 3,
@@ -264,7 +297,11 @@ mod tests {
             ca_um: vec![0.0; n],
             lambda: vec![1.0; n],
         };
-        let traces = BeatTraces { time_ms, nodes: Some(nodes), ..Default::default() };
+        let traces = BeatTraces {
+            time_ms,
+            nodes: Some(nodes),
+            ..Default::default()
+        };
         let median = MedianTraces::of(&traces).unwrap();
         assert_eq!(median.time_ms.len(), 43, "cut to the last activated node");
         for (t, sa) in median.time_ms.iter().zip(&median.sa_kpa) {
@@ -281,7 +318,10 @@ mod tests {
         let value = |t: f64, i: usize| (0.1 * t).sin() + i as f64 * (0.05 * t).cos();
         let mut growing = GrowingSpread::new(activation_ms.clone(), weights.clone(), false);
         for t in &time_ms {
-            let row = (0..4).map(|i| value(*t, i)).chain((0..4).map(|i| -value(*t, i))).collect();
+            let row = (0..4)
+                .map(|i| value(*t, i))
+                .chain((0..4).map(|i| -value(*t, i)))
+                .collect();
             growing.add(*t, row);
             // 7.5 ms between the activations.
             assert!(growing.held.len() <= 15 + 3, "{}", growing.held.len());
@@ -299,7 +339,11 @@ mod tests {
                     (from + share * (to - from), weights[i])
                 })
                 .collect();
-            assert_eq!(found.sa_kpa[k], weighted_quantiles(&mut values), "at {t} ms");
+            assert_eq!(
+                found.sa_kpa[k],
+                weighted_quantiles(&mut values),
+                "at {t} ms"
+            );
             assert_eq!(found.ca_um[k], [0.0; 5]);
             assert!((found.lambda[k][2] + found.sa_kpa[k][2]).abs() < 1e-12);
         }

@@ -63,9 +63,18 @@ pub fn increasing_root(
         return Err(RootError::NotFinite { at: high });
     }
     if f_low > 0.0 || f_high < 0.0 {
-        return Err(RootError::NoBracket { low, high, f_low, f_high });
+        return Err(RootError::NoBracket {
+            low,
+            high,
+            f_low,
+            f_high,
+        });
     }
-    let mut x = if guess > low && guess < high { guess } else { 0.5 * (low + high) };
+    let mut x = if guess > low && guess < high {
+        guess
+    } else {
+        0.5 * (low + high)
+    };
     let mut last_step = high - low;
     for _ in 0..LIMIT {
         let (value, slope) = f(x);
@@ -91,7 +100,11 @@ pub fn increasing_root(
         }
         x = next;
     }
-    Err(RootError::Iterations { iterations: LIMIT, low, high })
+    Err(RootError::Iterations {
+        iterations: LIMIT,
+        low,
+        high,
+    })
 }
 
 #[cfg(test)]
@@ -113,7 +126,13 @@ mod tests {
 
     #[test]
     fn not_a_number_is_an_error() {
-        let error = increasing_root(0.0, 1.0, 0.5, 1e-12, |x| if x == 0.5 { (f64::NAN, 1.0) } else { (x - 0.3, 1.0) });
+        let error = increasing_root(0.0, 1.0, 0.5, 1e-12, |x| {
+            if x == 0.5 {
+                (f64::NAN, 1.0)
+            } else {
+                (x - 0.3, 1.0)
+            }
+        });
         assert_eq!(error.unwrap_err(), RootError::NotFinite { at: 0.5 });
     }
 

@@ -3,8 +3,8 @@
 
 use cardiotwin_models::calcium::Rice2008Parameters;
 use cardiotwin_models::cell0d::{
-    CalciumInput, CellBeat, CellCost, CellParameters, CellPenalty, CellSolverSettings, CellTargets, CellWeights,
-    LandPassiveParameters,
+    CalciumInput, CellBeat, CellCost, CellParameters, CellPenalty, CellSolverSettings, CellTargets,
+    CellWeights, LandPassiveParameters,
 };
 use cardiotwin_models::contraction::{Land2017Parameters, Tanh, TanhParameters};
 use cardiotwin_units::{Ms, Stretch};
@@ -15,11 +15,20 @@ fn reference() -> Value {
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect()
 }
 
 fn parameters(set: &Value) -> CellParameters {
-    let p = |name: &str| set["parameters"][name].as_f64().unwrap_or_else(|| panic!("no {name}"));
+    let p = |name: &str| {
+        set["parameters"][name]
+            .as_f64()
+            .unwrap_or_else(|| panic!("no {name}"))
+    };
     CellParameters {
         land: Land2017Parameters {
             k_trpn_per_ms: p("kTRPN"),
@@ -63,7 +72,9 @@ fn parameters(set: &Value) -> CellParameters {
 
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).fold(0.0, |largest, (x, y)| largest.max((x - y).abs()))
+    a.iter()
+        .zip(b)
+        .fold(0.0, |largest, (x, y)| largest.max((x - y).abs()))
 }
 
 #[test]
@@ -76,7 +87,8 @@ fn every_reference_trajectory() {
     let mut failed = false;
     for set in sets {
         let cell = parameters(set).build().unwrap();
-        cell.solve_periodic_into(&CellSolverSettings::default(), &mut beat).unwrap();
+        cell.solve_periodic_into(&CellSolverSettings::default(), &mut beat)
+            .unwrap();
         let sa = largest_difference(&beat.sa_kpa, &numbers(&set["Sa_kPa"]));
         let lambda = largest_difference(&beat.lambda, &numbers(&set["lambda"]));
         let bad = sa > 0.005 || lambda > 2e-5;
@@ -108,13 +120,21 @@ fn every_reference_biomarker() {
         let want = |name: &str| set["biomarkers"][name].as_f64();
         let check = |name: &str, got: f64, tolerance: f64| {
             let want = want(name).unwrap();
-            assert!((got - want).abs() <= tolerance, "{} {name}: {got} instead of {want}", set["name"]);
+            assert!(
+                (got - want).abs() <= tolerance,
+                "{} {name}: {got} instead of {want}",
+                set["name"]
+            );
         };
         let relative = |name: &str, part: f64| part * want(name).unwrap().abs();
         // One random set makes no stress (1e-13 kPa): relative tolerances mean nothing there.
         if b.sa_max_kpa > 1e-3 {
             check("Sa_max_kPa", b.sa_max_kpa, relative("Sa_max_kPa", 1e-3));
-            check("dSa_dt_max_kPa_per_ms", b.dsadt_max_kpa_per_ms, relative("dSa_dt_max_kPa_per_ms", 5e-3));
+            check(
+                "dSa_dt_max_kPa_per_ms",
+                b.dsadt_max_kpa_per_ms,
+                relative("dSa_dt_max_kPa_per_ms", 5e-3),
+            );
             for (name, value, open) in [
                 ("STD30_ms", b.std30_ms, b.open_levels[0]),
                 ("STD50_ms", b.std50_ms, b.open_levels[1]),
@@ -153,21 +173,57 @@ fn every_reference_cost_and_penalty() {
         let cost = CellCost::new(&target, &biomarkers, &CellWeights::default()).total();
         if let Some(want) = set["cost"].as_f64() {
             // Without stress (1e-13 kPa in the reference) the durations are those of noise, and bounded by the beat.
-            let tolerance = if biomarkers.sa_max_kpa > 1e-3 { 2e-3 * (want + 0.5) } else { 0.1 * want };
-            assert!((cost - want).abs() < tolerance, "{} {cost} {want}", set["name"]);
+            let tolerance = if biomarkers.sa_max_kpa > 1e-3 {
+                2e-3 * (want + 0.5)
+            } else {
+                0.1 * want
+            };
+            assert!(
+                (cost - want).abs() < tolerance,
+                "{} {cost} {want}",
+                set["name"]
+            );
             n_costs += 1;
         }
-        let penalty = CellPenalty::new(&beat.time_ms, &beat.sa_kpa, &cell.calcium_biomarkers().unwrap());
+        let penalty = CellPenalty::new(
+            &beat.time_ms,
+            &beat.sa_kpa,
+            &cell.calcium_biomarkers().unwrap(),
+        );
         let want = |name: &str| set["penalty"][name].as_f64().unwrap();
         let check = |name: &str, got: f64, want: f64| {
-            assert!((got - want).abs() < 2e-3 * want + 1e-4, "{} {name} {got} {want}", set["name"]);
+            assert!(
+                (got - want).abs() < 2e-3 * want + 1e-4,
+                "{} {name} {got} {want}",
+                set["name"]
+            );
         };
         check("Sa_res", penalty.sa_res, want("Sa_res"));
-        check("negative_stress", penalty.negative_stress, want("negative_stress"));
-        check("rise_after_max", penalty.rise_after_max, want("rise_after_max"));
-        check("CTD50", penalty.ctd50, want("CTD50_low") + want("CTD50_high"));
-        check("CTD90", penalty.ctd90, want("CTD90_low") + want("CTD90_high"));
-        check("total", penalty.total(), set["penalty_total"].as_f64().unwrap());
+        check(
+            "negative_stress",
+            penalty.negative_stress,
+            want("negative_stress"),
+        );
+        check(
+            "rise_after_max",
+            penalty.rise_after_max,
+            want("rise_after_max"),
+        );
+        check(
+            "CTD50",
+            penalty.ctd50,
+            want("CTD50_low") + want("CTD50_high"),
+        );
+        check(
+            "CTD90",
+            penalty.ctd90,
+            want("CTD90_low") + want("CTD90_high"),
+        );
+        check(
+            "total",
+            penalty.total(),
+            set["penalty_total"].as_f64().unwrap(),
+        );
     }
     assert_eq!(n_costs, 27);
 }
@@ -181,7 +237,12 @@ fn start_states_agree() {
         let want = |name: &str| set["state_at_start_of_beat"][name].as_f64().unwrap();
         let names = ["CaTRPN", "B", "W", "S", "xiW", "xiS"];
         for (name, value) in names.iter().zip(beat.start_state.land) {
-            assert!((value - want(name)).abs() < 1e-4, "{} {name} {value} {}", set["name"], want(name));
+            assert!(
+                (value - want(name)).abs() < 1e-4,
+                "{} {name} {value} {}",
+                set["name"],
+                want(name)
+            );
         }
         assert!((beat.start_state.lambda - want("lambda")).abs() < 2e-5);
         assert!((beat.start_state.c_v - want("CV")).abs() < 2e-5);
@@ -194,9 +255,16 @@ fn swapped_calcium_time_constants_change_nothing() {
     let beat = |name: &str| {
         let sets = reference["sets"].as_array().unwrap();
         let set = sets.iter().find(|set| set["name"] == name).unwrap();
-        parameters(set).build().unwrap().solve_periodic(&CellSolverSettings::default()).unwrap()
+        parameters(set)
+            .build()
+            .unwrap()
+            .solve_periodic(&CellSolverSettings::default())
+            .unwrap()
     };
-    assert_eq!(beat("defaults_gsa_setup"), beat("swapped_calcium_time_constants"));
+    assert_eq!(
+        beat("defaults_gsa_setup"),
+        beat("swapped_calcium_time_constants")
+    );
 }
 
 #[test]
@@ -205,12 +273,19 @@ fn tolerance_controls_the_error() {
     let set = &reference["sets"][0];
     let cell = parameters(set).build().unwrap();
     let error = |tolerance: f64| {
-        let settings = CellSolverSettings { tolerance, periodic_tolerance: 1e-9, ..Default::default() };
+        let settings = CellSolverSettings {
+            tolerance,
+            periodic_tolerance: 1e-9,
+            ..Default::default()
+        };
         let beat = cell.solve_periodic(&settings).unwrap();
         largest_difference(&beat.sa_kpa, &numbers(&set["Sa_kPa"]))
     };
     let errors = [1e-3, 1e-5, 1e-7].map(error);
-    assert!(errors[1] < 0.1 * errors[0] && errors[2] < 0.1 * errors[1], "{errors:?}");
+    assert!(
+        errors[1] < 0.1 * errors[0] && errors[2] < 0.1 * errors[1],
+        "{errors:?}"
+    );
     assert!(errors[2] < 1e-5, "{errors:?}");
 }
 
@@ -238,8 +313,16 @@ fn tanh_reference_traces() {
         for (i, stretch) in lambda.iter().enumerate() {
             let since = Ms(i as f64 - activation);
             let at = |lambda| tanh.active_stress(since, Stretch(lambda)).unwrap().0;
-            assert!((at(*stretch) - shortening[i]).abs() < 1e-6, "{} {i}", case["name"]);
-            assert!((at(1.0) - isometric[i]).abs() < 1e-6, "{} {i}", case["name"]);
+            assert!(
+                (at(*stretch) - shortening[i]).abs() < 1e-6,
+                "{} {i}",
+                case["name"]
+            );
+            assert!(
+                (at(1.0) - isometric[i]).abs() < 1e-6,
+                "{} {i}",
+                case["name"]
+            );
         }
     }
 }

@@ -37,18 +37,27 @@ fn committed_pages_are_current() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/effects");
     let files = pages::all();
     for (name, text) in &files {
-        let found = std::fs::read_to_string(folder.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let found =
+            std::fs::read_to_string(folder.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
         if name.ends_with(".svg") {
             let ((shape, numbers), (expected_shape, expected)) = (split(&found), split(text));
-            assert!(shape == expected_shape && numbers.len() == expected.len(), "{name} is out of date");
-            let near = numbers.iter().zip(&expected).all(|(a, b)| (a - b).abs() <= PIXELS);
+            assert!(
+                shape == expected_shape && numbers.len() == expected.len(),
+                "{name} is out of date"
+            );
+            let near = numbers
+                .iter()
+                .zip(&expected)
+                .all(|(a, b)| (a - b).abs() <= PIXELS);
             assert!(near, "{name} is out of date");
         } else {
             assert!(found == *text, "{name} is out of date");
         }
     }
-    let present: BTreeSet<String> =
-        std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let present: BTreeSet<String> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
     let wanted: BTreeSet<String> = files.into_iter().map(|(name, _)| name).collect();
     assert_eq!(present, wanted);
 }

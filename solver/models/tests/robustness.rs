@@ -2,13 +2,15 @@
 
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::calcium::Rice2008Parameters;
-use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings, LandPassiveParameters};
+use cardiotwin_models::cell0d::{
+    CalciumInput, CellError, CellParameters, CellSolverSettings, LandPassiveParameters,
+};
 use cardiotwin_models::circulation::windkessel::WindkesselParameters;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Land2017Parameters, Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{
-    ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle, PassiveStateInput,
-    PassiveStateMode,
+    ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
+    PassiveStateInput, PassiveStateMode,
 };
 use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use proptest::collection::vec;
@@ -39,7 +41,10 @@ fn cell(u: &[f64], lambda0: f64, cycle_length_ms: f64) -> CellParameters {
             cap_unblocking: false,
             allow_negative_k_wu: true,
         },
-        passive: LandPassiveParameters { a_p_kpa: at(21, 1.0, 100.0), ..Default::default() },
+        passive: LandPassiveParameters {
+            a_p_kpa: at(21, 1.0, 100.0),
+            ..Default::default()
+        },
         calcium: CalciumInput::Rice(Rice2008Parameters {
             ca_res_um: at(17, 0.075, 0.225),
             ca_max_um: at(18, 0.3, 0.9),
@@ -58,11 +63,19 @@ fn cells_of_the_sensitivity_analysis_are_periodic() {
     let (mut n_failed, mut n_beats) = (0, 0);
     for draw in 1..=2000u32 {
         // Kronecker sequence with square roots of primes.
-        let primes = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79];
-        let u: Vec<f64> = primes.map(|p: u32| (f64::from(p).sqrt() * f64::from(draw)).fract()).to_vec();
+        let primes = [
+            2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79,
+        ];
+        let u: Vec<f64> = primes
+            .map(|p: u32| (f64::from(p).sqrt() * f64::from(draw)).fract())
+            .to_vec();
         let mut parameters = cell(&u, 1.1, 1000.0);
         parameters.passive.a_p_kpa = 42.0;
-        match parameters.build().unwrap().solve_periodic(&CellSolverSettings::default()) {
+        match parameters
+            .build()
+            .unwrap()
+            .solve_periodic(&CellSolverSettings::default())
+        {
             Ok(beat) => n_beats += beat.beats_to_periodic,
             Err(CellError::NotPeriodic { .. }) => n_failed += 1,
             Err(error) => panic!("{error}: {parameters:?}"),

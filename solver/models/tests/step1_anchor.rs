@@ -9,8 +9,8 @@ use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::median_traces::MedianTraces;
 use cardiotwin_models::ventricle::{
-    ActivationSpread, DiastasisPoint, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
-    PassiveStateInput, PassiveStateMode, passive_state,
+    ActivationSpread, DiastasisPoint, GroupContraction, OneFibreParameters, OneFibrePassive,
+    OneFibreVentricle, PassiveStateInput, PassiveStateMode, passive_state,
 };
 use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
 use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
@@ -23,16 +23,22 @@ struct Patient {
     measured: BiomarkerSet,
 }
 
-const PATIENTS: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+const PATIENTS: [&str; 7] = [
+    "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
+];
 
 fn samples(file: &str) -> (Vec<f64>, Vec<f64>) {
     let rows = file.lines().skip(1).filter_map(|line| line.split_once(','));
-    rows.map(|(t, x)| (t.parse::<f64>().unwrap(), x.parse::<f64>().unwrap())).unzip()
+    rows.map(|(t, x)| (t.parse::<f64>().unwrap(), x.parse::<f64>().unwrap()))
+        .unzip()
 }
 
 impl Patient {
     fn read(id: &'static str) -> Self {
-        let folder = format!("{}/../../examples/coa-seven/patients/{id}", env!("CARGO_MANIFEST_DIR"));
+        let folder = format!(
+            "{}/../../examples/coa-seven/patients/{id}",
+            env!("CARGO_MANIFEST_DIR")
+        );
         let file = |name: &str| std::fs::read_to_string(format!("{folder}/{name}")).unwrap();
         let text = file("patient.toml");
         // The numbers in the file, by section and key; the test needs no more of TOML.
@@ -40,7 +46,8 @@ impl Patient {
             let mut inside = section.is_empty();
             for line in text.lines() {
                 if line.starts_with('[') {
-                    inside = line == format!("[{section}]") || line.starts_with(&format!("[{section}] "));
+                    inside = line == format!("[{section}]")
+                        || line.starts_with(&format!("[{section}] "));
                 } else if let Some((k, value)) = line.split_once('=')
                     && inside
                     && k.trim() == key
@@ -55,7 +62,8 @@ impl Patient {
         let (volume_time, volume) = samples(&text_of("volume.csv"));
         let cycle_length = Ms(key("", "cycle_length_ms"));
         let diastasis_pressure =
-            passive_state::pressure_at(&time, &pressure, Ms(key("measured.diastasis", "time_ms"))).unwrap();
+            passive_state::pressure_at(&time, &pressure, Ms(key("measured.diastasis", "time_ms")))
+                .unwrap();
         let passive = OneFibrePassive::fit(&PassiveStateInput {
             end_diastolic_volume: Ml(volume[0]),
             end_diastolic_pressure: Mmhg(key("measured", "end_diastolic_pressure_mmHg")),
@@ -67,10 +75,16 @@ impl Patient {
             mode: PassiveStateMode::EndDiastole,
         })
         .unwrap();
-        let trace = |quantity, t: &[f64], x: &[f64]| Trace::new(quantity, t.to_vec(), x.to_vec()).unwrap();
+        let trace =
+            |quantity, t: &[f64], x: &[f64]| Trace::new(quantity, t.to_vec(), x.to_vec()).unwrap();
         let pressure = trace(Quantity::Pressure, &time, &pressure);
         let volume = trace(Quantity::Volume, &volume_time, &volume);
-        let measured = BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::periodic(cycle_length)).unwrap();
+        let measured = BiomarkerSet::of(
+            Some(&pressure),
+            Some(&volume),
+            Continuation::periodic(cycle_length),
+        )
+        .unwrap();
         let heart = LeftHeart {
             left_atrial_pressure: Mmhg(key("preload", "left_atrial_pressure_mmHg")),
             mitral_forward: LeftHeart::FORWARD,
@@ -78,17 +92,37 @@ impl Patient {
             aortic_forward: LeftHeart::FORWARD,
             aortic_backward: LeftHeart::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(key("afterload", "characteristic_resistance_mmHg_s_per_mL")),
-                peripheral_resistance: MmhgSPerMl(key("afterload", "peripheral_resistance_mmHg_s_per_mL")),
+                characteristic_resistance: MmhgSPerMl(key(
+                    "afterload",
+                    "characteristic_resistance_mmHg_s_per_mL",
+                )),
+                peripheral_resistance: MmhgSPerMl(key(
+                    "afterload",
+                    "peripheral_resistance_mmHg_s_per_mL",
+                )),
                 compliance: MlPerMmhg(key("afterload", "compliance_mL_per_mmHg")),
             },
-            start: StartPressure::DiastolicCuff(Mmhg(key("measured.aortic_pressure", "diastolic_mmHg"))),
+            start: StartPressure::DiastolicCuff(Mmhg(key(
+                "measured.aortic_pressure",
+                "diastolic_mmHg",
+            ))),
             cycle_length,
         };
-        Self { id, cycle_length, passive, heart, measured }
+        Self {
+            id,
+            cycle_length,
+            passive,
+            heart,
+            measured,
+        }
     }
 
-    fn beat(&self, tanh: TanhParameters, heart: LeftHeart, record_nodes: bool) -> Option<BeatResult> {
+    fn beat(
+        &self,
+        tanh: TanhParameters,
+        heart: LeftHeart,
+        record_nodes: bool,
+    ) -> Option<BeatResult> {
         let mut ventricle = OneFibreVentricle::new(OneFibreParameters {
             passive: self.passive,
             activation: ActivationSpread::default(),
@@ -98,7 +132,10 @@ impl Patient {
         })
         .unwrap();
         let mut circulation = heart.build().unwrap();
-        let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(self.cycle_length) };
+        let settings = BeatSettings {
+            record_nodes,
+            ..BeatSettings::one_beat(self.cycle_length)
+        };
         match run_beats(&mut ventricle, &mut circulation, &settings) {
             BeatOutcome::Finished(result) => Some(*result),
             BeatOutcome::Diverged { .. } => None,
@@ -108,7 +145,12 @@ impl Patient {
 
 fn biomarkers(result: &BeatResult) -> BiomarkerSet {
     let t = &result.traces;
-    let pressure = Trace::new(Quantity::Pressure, t.time_ms.clone(), t.pressure_mmhg.clone()).unwrap();
+    let pressure = Trace::new(
+        Quantity::Pressure,
+        t.time_ms.clone(),
+        t.pressure_mmhg.clone(),
+    )
+    .unwrap();
     let volume = Trace::new(Quantity::Volume, t.time_ms.clone(), t.volume_ml.clone()).unwrap();
     BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::Single).unwrap()
 }
@@ -133,15 +175,30 @@ fn personalise(patient: &Patient) -> (Vec<f64>, [f64; 7], String) {
     let want = values(&patient.measured);
     let (mut costs, mut best, mut note) = (Vec::new(), [f64::NAN; 7], String::new());
     for _ in 0..8 {
-        let Some(result) = patient.beat(tanh, heart, true) else { break };
+        let Some(result) = patient.beat(tanh, heart, true) else {
+            break;
+        };
         let got = values(&biomarkers(&result));
         let differences: [f64; 7] = std::array::from_fn(|i| (want[i] - got[i]) / want[i]);
-        let cost: f64 = differences[..6].iter().filter(|d| d.is_finite()).map(|d| d * d).sum();
+        let cost: f64 = differences[..6]
+            .iter()
+            .filter(|d| d.is_finite())
+            .map(|d| d * d)
+            .sum();
         if costs.iter().all(|c| cost < *c) {
             best = differences;
-            let failed: Vec<&str> = result.checks.iter().filter(|c| !c.passed).map(|c| c.name.as_str()).collect();
-            let median = MedianTraces::of(&result.traces).unwrap().biomarkers().unwrap();
-            let gap = patient.passive.end_diastolic_volume.0 - result.traces.volume_ml.last().unwrap();
+            let failed: Vec<&str> = result
+                .checks
+                .iter()
+                .filter(|c| !c.passed)
+                .map(|c| c.name.as_str())
+                .collect();
+            let median = MedianTraces::of(&result.traces)
+                .unwrap()
+                .biomarkers()
+                .unwrap();
+            let gap =
+                patient.passive.end_diastolic_volume.0 - result.traces.volume_ml.last().unwrap();
             note = format!(
                 "b {:.1} Smax {:.0} tau_SR {:.1} tau_SD {:.0} t_CR {:.0} R_av {:.4} R_mv {:.4}, lambda_min {:.3}, gap {gap:.1} mL, iterations/step {:.2}, cut {}, failed {failed:?}",
                 patient.passive.exponent,
@@ -161,7 +218,10 @@ fn personalise(patient: &Patient) -> (Vec<f64>, [f64; 7], String) {
         tanh.tau_sr_ref_ms *= got[1] / want[1];
         tanh.tau_sd_ms *= got[2] / want[2];
         tanh.t_cr_ms *= want[3] / got[3];
-        for (resistance, i) in [(&mut heart.aortic_forward, 4), (&mut heart.mitral_forward, 5)] {
+        for (resistance, i) in [
+            (&mut heart.aortic_forward, 4),
+            (&mut heart.mitral_forward, 5),
+        ] {
             if got[i].is_finite() {
                 resistance.0 = (resistance.0 * want[i] / got[i]).max(1e-5);
             }
@@ -196,7 +256,13 @@ fn fixed_point_reaches_the_cohort() {
         means[0], means[1], means[2], means[3], means[6]
     );
     assert!(n_within_four >= 6, "{n_within_four} patients");
-    for (mean, limit) in [(means[0], 5.4), (means[3], 1.4), (means[1], 13.6), (means[2], 7.7), (means[6], 10.0)] {
+    for (mean, limit) in [
+        (means[0], 5.4),
+        (means[3], 1.4),
+        (means[1], 13.6),
+        (means[2], 7.7),
+        (means[6], 10.0),
+    ] {
         assert!(mean <= limit, "{mean} above {limit}");
     }
 }

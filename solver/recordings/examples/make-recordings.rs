@@ -13,8 +13,16 @@ use made::{Kind, Wish, make};
 
 fn main() -> std::io::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let folder = PathBuf::from(arguments.first().expect("make-recordings FOLDER [MINUTES [SEED [HZ]]]"));
-    let number = |k: usize, otherwise: f64| arguments.get(k).map_or(otherwise, |text| text.parse().expect("a number"));
+    let folder = PathBuf::from(
+        arguments
+            .first()
+            .expect("make-recordings FOLDER [MINUTES [SEED [HZ]]]"),
+    );
+    let number = |k: usize, otherwise: f64| {
+        arguments
+            .get(k)
+            .map_or(otherwise, |text| text.parse().expect("a number"))
+    };
     let (minutes, seed, hz) = (number(1, 0.7), number(2, 5.0) as u64, number(3, 250.0));
     let wish = Wish {
         n_beats: (minutes * 72.0) as usize + 6,
@@ -30,15 +38,31 @@ fn main() -> std::io::Result<()> {
     let recording = &raw.recording;
     std::fs::create_dir_all(&folder)?;
     let channel = |c: &Option<Vec<f64>>| c.clone().unwrap_or_default();
-    let (lv, aorta) = (channel(&recording.lv_pressure_mmhg), channel(&recording.aortic_pressure_mmhg));
+    let (lv, aorta) = (
+        channel(&recording.lv_pressure_mmhg),
+        channel(&recording.aortic_pressure_mmhg),
+    );
     let ecg = channel(&recording.ecg_mv);
-    let n = recording.n_samples().min((minutes * 60_000.0 / recording.step_ms) as usize);
+    let n = recording
+        .n_samples()
+        .min((minutes * 60_000.0 / recording.step_ms) as usize);
     let mut text = String::from("time_s,lv_pressure_mmHg,aortic_pressure_mmHg,ecg_mV\n");
-    let shown =
-        |value: f64, decimals: usize| if value.is_finite() { format!("{value:.decimals$}") } else { String::new() };
+    let shown = |value: f64, decimals: usize| {
+        if value.is_finite() {
+            format!("{value:.decimals$}")
+        } else {
+            String::new()
+        }
+    };
     for i in 0..n {
         let t = i as f64 * recording.step_ms * 1e-3;
-        let _ = writeln!(text, "{t:.3},{},{},{}", shown(lv[i], 1), shown(aorta[i], 1), shown(ecg[i], 2));
+        let _ = writeln!(
+            text,
+            "{t:.3},{},{},{}",
+            shown(lv[i], 1),
+            shown(aorta[i], 1),
+            shown(ecg[i], 2)
+        );
     }
     std::fs::write(folder.join("catheter.csv"), text)?;
     let cine = raw.cine.expect("made");
@@ -47,12 +71,21 @@ fn main() -> std::io::Result<()> {
         let _ = writeln!(text, "{t:.1},{v:.1}");
     }
     std::fs::write(folder.join("cine.csv"), text)?;
-    let WholeHeart { time_ms, volume_ml, .. } = raw.whole_heart.expect("made");
+    let WholeHeart {
+        time_ms, volume_ml, ..
+    } = raw.whole_heart.expect("made");
     println!("[cine]\ncycle_length_ms = {:.1}\n", cine.cycle_length_ms);
     println!("[whole_heart]\ntime_ms = {time_ms:.0}\nvolume_mL = {volume_ml:.1}\nsd_mL = 4\n");
     let end = |kind: Kind| truth.kinds.iter().filter(|k| **k == kind).count();
-    println!("# truth: cycle {} ms, ejection {:?} ms after the R wave,", truth.cycle_ms, truth.ejection_ms);
-    println!("# {} ectopic and {} damaged beats, drift 4 mmHg/min,", end(Kind::Ectopic), end(Kind::Damaged));
+    println!(
+        "# truth: cycle {} ms, ejection {:?} ms after the R wave,",
+        truth.cycle_ms, truth.ejection_ms
+    );
+    println!(
+        "# {} ectopic and {} damaged beats, drift 4 mmHg/min,",
+        end(Kind::Ectopic),
+        end(Kind::Damaged)
+    );
     let (systole, diastole, lag) = truth.cine;
     println!(
         "# cine: systole times {systole:.3}, diastole times {diastole:.3}, lag {lag:.1} ms; line delays {:.1} ms,",

@@ -33,7 +33,12 @@ pub struct AverageSettings {
 
 impl Default for AverageSettings {
     fn default() -> Self {
-        Self { enabled: true, align: true, cycle_length_ms: None, beat: None }
+        Self {
+            enabled: true,
+            align: true,
+            cycle_length_ms: None,
+            beat: None,
+        }
     }
 }
 
@@ -94,32 +99,60 @@ pub fn average(
     drifts: &Drifts,
     settings: &AverageSettings,
 ) -> Average {
-    let cycle_length_ms = settings.cycle_length_ms.unwrap_or_else(|| median(beats.iter().map(|beat| beat.length_ms)));
+    let cycle_length_ms = settings
+        .cycle_length_ms
+        .unwrap_or_else(|| median(beats.iter().map(|beat| beat.length_ms)));
     let step_ms = STEP_MS.max(recording.step_ms);
     let n = ((cycle_length_ms / step_ms - 1e-6).floor() as usize + 1).max(8);
-    let leading_drift = if recording.lv_pressure_mmhg.is_some() { drifts.lv_pressure } else { drifts.aortic_pressure };
-    let mut frame = Frame { recording, cycle_length_ms, step_ms, n, rise_ms: 0.0, fall_ms: 0.0 };
+    let leading_drift = if recording.lv_pressure_mmhg.is_some() {
+        drifts.lv_pressure
+    } else {
+        drifts.aortic_pressure
+    };
+    let mut frame = Frame {
+        recording,
+        cycle_length_ms,
+        step_ms,
+        n,
+        rise_ms: 0.0,
+        fall_ms: 0.0,
+    };
     let leading = recording.leading_pressure();
     let mut warps: Vec<Warp> = beats.iter().map(|beat| frame.plain(beat)).collect();
     let mut mean = frame.mean(leading, leading_drift, beats, &warps).mean;
     (frame.rise_ms, frame.fall_ms) = frame.landmarks(&mean);
-    warps = beats.iter().map(|beat| frame.warp(beat, frame.rise_ms, frame.fall_ms)).collect();
+    warps = beats
+        .iter()
+        .map(|beat| frame.warp(beat, frame.rise_ms, frame.fall_ms))
+        .collect();
     let mut landmark_sd_ms = [0.0; 2];
     if settings.align && beats.len() > 1 {
         for _ in 0..ROUNDS {
             mean = frame.mean(leading, leading_drift, beats, &warps).mean;
-            let laid_on = Mean { values: &mean, step_ms, half_width_ms: HALF_WIDTH_MS };
+            let laid_on = Mean {
+                values: &mean,
+                step_ms,
+                half_width_ms: HALF_WIDTH_MS,
+            };
             let here: Vec<(f64, f64)> = beats
                 .iter()
                 .map(|beat| {
-                    let at = |t: f64| laid_on.locate(recording, leading, beat.onset_ms, t).unwrap_or(t);
+                    let at = |t: f64| {
+                        laid_on
+                            .locate(recording, leading, beat.onset_ms, t)
+                            .unwrap_or(t)
+                    };
                     (at(frame.rise_ms), at(frame.fall_ms))
                 })
                 .collect();
             frame.rise_ms = median(here.iter().map(|x| x.0));
             frame.fall_ms = median(here.iter().map(|x| x.1));
             landmark_sd_ms = [sd(here.iter().map(|x| x.0)), sd(here.iter().map(|x| x.1))];
-            warps = beats.iter().zip(&here).map(|(beat, (rise, fall))| frame.warp(beat, *rise, *fall)).collect();
+            warps = beats
+                .iter()
+                .zip(&here)
+                .map(|(beat, (rise, fall))| frame.warp(beat, *rise, *fall))
+                .collect();
         }
     }
     let of_all = frame.mean(leading, leading_drift, beats, &warps);
@@ -127,13 +160,23 @@ pub fn average(
         .iter()
         .zip(&warps)
         .map(|(beat, warp)| {
-            frame.beat(leading, leading_drift, beat, warp).zip(&of_all.mean).map(|(p, m)| p - m).collect()
+            frame
+                .beat(leading, leading_drift, beat, warp)
+                .zip(&of_all.mean)
+                .map(|(p, m)| p - m)
+                .collect()
         })
         .collect();
     let one = (!settings.enabled).then(|| {
-        let by_number = settings.beat.and_then(|number| numbers.iter().position(|n| *n == number));
+        let by_number = settings
+            .beat
+            .and_then(|number| numbers.iter().position(|n| *n == number));
         let size = |i: usize| residuals[i].iter().map(|r| r * r).sum::<f64>();
-        by_number.unwrap_or_else(|| (0..beats.len()).min_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0))
+        by_number.unwrap_or_else(|| {
+            (0..beats.len())
+                .min_by(|a, b| size(*a).total_cmp(&size(*b)))
+                .unwrap_or(0)
+        })
     });
     let of_channel = |values: &Option<Vec<f64>>, drift: Option<Drift>| -> Option<MeanTrace> {
         let values = values.as_ref()?;
@@ -143,8 +186,11 @@ pub fn average(
         }
         Some(trace)
     };
-    let range =
-        beats.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], b| [l.min(b.length_ms), h.max(b.length_ms)]);
+    let range = beats
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], b| {
+            [l.min(b.length_ms), h.max(b.length_ms)]
+        });
     Average {
         cycle_length_ms,
         step_ms,
@@ -164,7 +210,10 @@ impl Average {
     /// The leading pressure's mean, mmHg.
     #[must_use]
     pub fn leading_pressure(&self) -> &[f64] {
-        self.lv_pressure.as_ref().or(self.aortic_pressure.as_ref()).map_or(&[], |trace| &trace.mean)
+        self.lv_pressure
+            .as_ref()
+            .or(self.aortic_pressure.as_ref())
+            .map_or(&[], |trace| &trace.mean)
     }
 }
 
@@ -184,7 +233,11 @@ impl Frame<'_> {
     /// Beginnings on beginnings, nothing stretched; a beat that is shorter is held at its end.
     fn plain(&self, beat: &Beat) -> Warp {
         let common = beat.length_ms.min(self.cycle_length_ms);
-        vec![(0.0, 0.0), (common, common), (self.cycle_length_ms + 1.0, common)]
+        vec![
+            (0.0, 0.0),
+            (common, common),
+            (self.cycle_length_ms + 1.0, common),
+        ]
     }
 
     /// Rise on rise, fall on fall, relaxation as long as it is, the rest of diastole stretched.
@@ -192,7 +245,11 @@ impl Frame<'_> {
         let (cycle, length) = (self.cycle_length_ms, beat.length_ms);
         let rest = (cycle - self.fall_ms).min(length - fall);
         let relaxation = RELAXATION_MS.min(RELAXATION_SHARE * rest);
-        let sound = self.rise_ms > 0.0 && self.fall_ms > self.rise_ms && rise > 0.0 && fall > rise && relaxation > 0.0;
+        let sound = self.rise_ms > 0.0
+            && self.fall_ms > self.rise_ms
+            && rise > 0.0
+            && fall > rise
+            && relaxation > 0.0;
         if !sound {
             return vec![(0.0, 0.0), (cycle, length)];
         }
@@ -224,14 +281,24 @@ impl Frame<'_> {
         })
     }
 
-    fn mean(&self, values: &[f64], drift: Option<Drift>, beats: &[Beat], warps: &[Warp]) -> MeanTrace {
-        let (mut sum, mut squares, mut count) = (vec![0.0; self.n], vec![0.0; self.n], vec![0.0; self.n]);
+    fn mean(
+        &self,
+        values: &[f64],
+        drift: Option<Drift>,
+        beats: &[Beat],
+        warps: &[Warp],
+    ) -> MeanTrace {
+        let (mut sum, mut squares, mut count) =
+            (vec![0.0; self.n], vec![0.0; self.n], vec![0.0; self.n]);
         // Squares around the first beat's values: pressures near 100 would cost digits.
         let mut base: Vec<f64> = Vec::new();
         for (beat, warp) in beats.iter().zip(warps) {
             let here: Vec<f64> = self.beat(values, drift, beat, warp).collect();
             if base.is_empty() {
-                base = here.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect();
+                base = here
+                    .iter()
+                    .map(|v| if v.is_finite() { *v } else { 0.0 })
+                    .collect();
             }
             for k in 0..self.n {
                 let d = here[k] - base[k];
@@ -242,7 +309,9 @@ impl Frame<'_> {
                 }
             }
         }
-        let mean = (0..self.n).map(|k| base[k] + sum[k] / f64::max(count[k], 1.0)).collect();
+        let mean = (0..self.n)
+            .map(|k| base[k] + sum[k] / f64::max(count[k], 1.0))
+            .collect();
         let sd = (0..self.n)
             .map(|k| {
                 let m = sum[k] / f64::max(count[k], 1.0);
@@ -259,10 +328,18 @@ impl Frame<'_> {
         let slope = periodic_slope(&periodic_smooth(mean, half), self.step_ms);
         // The last samples of beats that are shorter are held: they have no part in this.
         let last = (0.85 * self.n as f64) as usize;
-        let peak = (0..last).max_by(|a, b| mean[*a].total_cmp(&mean[*b])).unwrap_or(0);
-        let rise = (1..peak.max(2)).max_by(|a, b| slope[*a].total_cmp(&slope[*b])).unwrap_or(1);
-        let fall = (peak + 1..last.max(peak + 2)).min_by(|a, b| slope[*a % self.n].total_cmp(&slope[*b % self.n]));
-        (rise as f64 * self.step_ms, fall.unwrap_or(peak + 1) as f64 * self.step_ms)
+        let peak = (0..last)
+            .max_by(|a, b| mean[*a].total_cmp(&mean[*b]))
+            .unwrap_or(0);
+        let rise = (1..peak.max(2))
+            .max_by(|a, b| slope[*a].total_cmp(&slope[*b]))
+            .unwrap_or(1);
+        let fall = (peak + 1..last.max(peak + 2))
+            .min_by(|a, b| slope[*a % self.n].total_cmp(&slope[*b % self.n]));
+        (
+            rise as f64 * self.step_ms,
+            fall.unwrap_or(peak + 1) as f64 * self.step_ms,
+        )
     }
 }
 
@@ -283,7 +360,12 @@ mod tests {
     /// Beats whose rise and fall wander by some ms: the mean of aligned beats is as steep as each of them.
     #[test]
     fn an_aligned_mean_is_as_steep_as_its_beats() {
-        let beats: Vec<Beat> = (0..40).map(|i| Beat { onset_ms: 800.0 * f64::from(i), length_ms: 800.0 }).collect();
+        let beats: Vec<Beat> = (0..40)
+            .map(|i| Beat {
+                onset_ms: 800.0 * f64::from(i),
+                length_ms: 800.0,
+            })
+            .collect();
         let wander = |i: usize| 9.0 * ((i * 7 % 13) as f64 / 6.0 - 1.0);
         let pressure: Vec<f64> = (0..33_000)
             .map(|s| {
@@ -291,21 +373,52 @@ mod tests {
                 bell((s % 800) as f64, 70.0 + wander(i), 330.0 + wander(i + 3))
             })
             .collect();
-        let recording = Recording { step_ms: 1.0, lv_pressure_mmhg: Some(pressure), ..Recording::default() };
+        let recording = Recording {
+            step_ms: 1.0,
+            lv_pressure_mmhg: Some(pressure),
+            ..Recording::default()
+        };
         let numbers: Vec<usize> = (1..=40).collect();
         let of = |align| {
-            let settings = AverageSettings { align, ..AverageSettings::default() };
+            let settings = AverageSettings {
+                align,
+                ..AverageSettings::default()
+            };
             average(&recording, &beats, &numbers, &Drifts::default(), &settings)
         };
-        let steepest = |a: &Average| periodic_slope(a.leading_pressure(), 1.0).into_iter().fold(0.0, f64::max);
-        let each = (0..800).map(|t| bell(f64::from(t) + 1.0, 70.0, 330.0) - bell(f64::from(t) - 1.0, 70.0, 330.0));
+        let steepest = |a: &Average| {
+            periodic_slope(a.leading_pressure(), 1.0)
+                .into_iter()
+                .fold(0.0, f64::max)
+        };
+        let each = (0..800)
+            .map(|t| bell(f64::from(t) + 1.0, 70.0, 330.0) - bell(f64::from(t) - 1.0, 70.0, 330.0));
         let each = each.fold(0.0, f64::max) / 2.0;
         let (aligned, plain) = (of(true), of(false));
-        assert!(steepest(&aligned) > 0.985 * each, "{} of {each}", steepest(&aligned));
-        assert!(steepest(&plain) < 0.95 * each, "{} of {each}", steepest(&plain));
-        assert!((aligned.rise_ms - 70.0).abs() < 1.5 && (aligned.fall_ms - 330.0).abs() < 3.0, "{aligned:?}");
-        assert!((aligned.landmark_sd_ms[0] - 5.8).abs() < 1.0, "{:?}", aligned.landmark_sd_ms);
-        let one = AverageSettings { enabled: false, beat: Some(5), ..AverageSettings::default() };
+        assert!(
+            steepest(&aligned) > 0.985 * each,
+            "{} of {each}",
+            steepest(&aligned)
+        );
+        assert!(
+            steepest(&plain) < 0.95 * each,
+            "{} of {each}",
+            steepest(&plain)
+        );
+        assert!(
+            (aligned.rise_ms - 70.0).abs() < 1.5 && (aligned.fall_ms - 330.0).abs() < 3.0,
+            "{aligned:?}"
+        );
+        assert!(
+            (aligned.landmark_sd_ms[0] - 5.8).abs() < 1.0,
+            "{:?}",
+            aligned.landmark_sd_ms
+        );
+        let one = AverageSettings {
+            enabled: false,
+            beat: Some(5),
+            ..AverageSettings::default()
+        };
         let one = average(&recording, &beats, &numbers, &Drifts::default(), &one);
         assert_eq!(one.n_averaged, 1);
     }
@@ -317,15 +430,33 @@ mod tests {
         let mut pressure = Vec::new();
         let mut beats = Vec::new();
         for length in lengths {
-            beats.push(Beat { onset_ms: onset, length_ms: length });
+            beats.push(Beat {
+                onset_ms: onset,
+                length_ms: length,
+            });
             pressure.extend((0..length as usize).map(|t| bell(t as f64, 70.0, 330.0)));
             onset += length;
         }
         pressure.extend(std::iter::repeat_n(8.0, 900));
-        let recording = Recording { step_ms: 1.0, lv_pressure_mmhg: Some(pressure), ..Recording::default() };
-        let a = average(&recording, &beats, &[1, 2, 3, 4, 5, 6], &Drifts::default(), &AverageSettings::default());
-        assert_eq!((a.cycle_length_ms, a.lengths_ms, a.leading_pressure().len()), (800.0, [760.0, 840.0], 800));
-        let worst = (0..800).map(|t| (a.leading_pressure()[t] - bell(t as f64, 70.0, 330.0)).abs()).fold(0.0, f64::max);
+        let recording = Recording {
+            step_ms: 1.0,
+            lv_pressure_mmhg: Some(pressure),
+            ..Recording::default()
+        };
+        let a = average(
+            &recording,
+            &beats,
+            &[1, 2, 3, 4, 5, 6],
+            &Drifts::default(),
+            &AverageSettings::default(),
+        );
+        assert_eq!(
+            (a.cycle_length_ms, a.lengths_ms, a.leading_pressure().len()),
+            (800.0, [760.0, 840.0], 800)
+        );
+        let worst = (0..800)
+            .map(|t| (a.leading_pressure()[t] - bell(t as f64, 70.0, 330.0)).abs())
+            .fold(0.0, f64::max);
         assert!(worst < 0.3, "{worst}");
     }
 }

@@ -62,7 +62,9 @@ pub enum BeatError {
     #[error("no electrocardiogram to take R waves from")]
     NoEcg,
     /// Fewer than two beginnings.
-    #[error("{n_found} beginnings of beats in {length_ms:.0} ms, but a beat lasts from one to the next")]
+    #[error(
+        "{n_found} beginnings of beats in {length_ms:.0} ms, but a beat lasts from one to the next"
+    )]
     NoBeats {
         /// How many were found.
         n_found: usize,
@@ -78,27 +80,48 @@ pub enum BeatError {
 pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
     let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
-    let source =
-        settings.source.unwrap_or(if recording.ecg_mv.is_some() { Source::RWave } else { Source::PressureRise });
+    let source = settings.source.unwrap_or(if recording.ecg_mv.is_some() {
+        Source::RWave
+    } else {
+        Source::PressureRise
+    });
     let onsets = match source {
-        Source::RWave => r_waves::find(recording, recording.ecg_mv.as_deref().ok_or(BeatError::NoEcg)?),
+        Source::RWave => r_waves::find(
+            recording,
+            recording.ecg_mv.as_deref().ok_or(BeatError::NoEcg)?,
+        ),
         Source::PressureRise => {
             let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);
             let lead = lead_of_the_foot(recording, &rises);
             rises.iter().map(|t| t - lead).collect()
         }
-        Source::Given => settings.onsets_ms.iter().map(|t| t - recording.begin_ms).collect(),
+        Source::Given => settings
+            .onsets_ms
+            .iter()
+            .map(|t| t - recording.begin_ms)
+            .collect(),
     };
     let beats: Vec<Beat> = onsets
         .windows(2)
-        .map(|w| Beat { onset_ms: w[0], length_ms: w[1] - w[0] })
+        .map(|w| Beat {
+            onset_ms: w[0],
+            length_ms: w[1] - w[0],
+        })
         .filter(|beat| beat.onset_ms >= 0.0 && LENGTHS_MS.contains(&beat.length_ms))
         .collect();
     if beats.is_empty() {
-        return Err(BeatError::NoBeats { n_found: onsets.len(), length_ms: recording.length_ms() });
+        return Err(BeatError::NoBeats {
+            n_found: onsets.len(),
+            length_ms: recording.length_ms(),
+        });
     }
     let left_over_ms = recording.length_ms() - beats.iter().map(|beat| beat.length_ms).sum::<f64>();
-    Ok(FoundBeats { source, beats, rises_ms, left_over_ms: left_over_ms.max(0.0) })
+    Ok(FoundBeats {
+        source,
+        beats,
+        rises_ms,
+        left_over_ms: left_over_ms.max(0.0),
+    })
 }
 
 /// Time from the foot of the rise to its steepest place, ms: where the tangent of the usual rise meets the usual pressure
@@ -109,16 +132,28 @@ fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
     let middle = (middle_ms / step).round() as usize;
     let slope = |k: usize| (usual[k + 1] - usual[k - 1]) / (2.0 * step);
     let near = (middle - middle / 4).max(1)..=(middle + middle / 4).min(usual.len() - 2);
-    let Some(steepest) = near.max_by(|a, b| slope(*a).total_cmp(&slope(*b))) else { return 0.0 };
+    let Some(steepest) = near.max_by(|a, b| slope(*a).total_cmp(&slope(*b))) else {
+        return 0.0;
+    };
     // The lowest pressure before the rise lies early in diastole: the foot is where the rise leaves the level just before it.
-    let level = (1..steepest).rev().find(|k| slope(*k) < 0.1 * slope(steepest)).map_or(usual[0], |k| usual[k]);
+    let level = (1..steepest)
+        .rev()
+        .find(|k| slope(*k) < 0.1 * slope(steepest))
+        .map_or(usual[0], |k| usual[k]);
     let lead = (usual[steepest] - level) / slope(steepest) + middle_ms - steepest as f64 * step;
-    if lead.is_finite() { lead.clamp(0.0, 150.0) } else { 0.0 }
+    if lead.is_finite() {
+        lead.clamp(0.0, 150.0)
+    } else {
+        0.0
+    }
 }
 
 /// Number of the rises of pressure that belong to a beat.
 #[must_use]
 pub fn rises_of(beat: &Beat, rises_ms: &[f64]) -> usize {
-    let (first, last) = (beat.onset_ms - EARLY_MS, beat.onset_ms + beat.length_ms - EARLY_MS);
+    let (first, last) = (
+        beat.onset_ms - EARLY_MS,
+        beat.onset_ms + beat.length_ms - EARLY_MS,
+    );
     rises_ms.partition_point(|t| *t < last) - rises_ms.partition_point(|t| *t < first)
 }

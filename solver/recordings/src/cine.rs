@@ -56,26 +56,44 @@ impl Cine {
     ///
     /// # Errors
     /// [`CineError`] for too few frames, frames beyond the cycle, or volumes that are none.
-    pub fn new(time_ms: Vec<f64>, volume_ml: Vec<f64>, cycle_length_ms: Option<f64>) -> Result<Self, CineError> {
+    pub fn new(
+        time_ms: Vec<f64>,
+        volume_ml: Vec<f64>,
+        cycle_length_ms: Option<f64>,
+    ) -> Result<Self, CineError> {
         let n = time_ms.len().min(volume_ml.len());
         if n < FEWEST {
             return Err(CineError::TooFew { n_frames: n });
         }
-        let bad = time_ms.iter().zip(&volume_ml).find(|(_, v)| !(v.is_finite() && **v > 0.0));
+        let bad = time_ms
+            .iter()
+            .zip(&volume_ml)
+            .find(|(_, v)| !(v.is_finite() && **v > 0.0));
         if let Some((time_ms, volume_ml)) = bad {
-            return Err(CineError::Volume { time_ms: *time_ms, volume_ml: *volume_ml });
+            return Err(CineError::Volume {
+                time_ms: *time_ms,
+                volume_ml: *volume_ml,
+            });
         }
         let step = median(time_ms.windows(2).map(|w| w[1] - w[0]));
         let (first_ms, last_ms) = (time_ms[0], time_ms[n - 1]);
         let cycle = cycle_length_ms.unwrap_or(last_ms - first_ms + step);
         if last_ms - first_ms > cycle + 0.5 * step || cycle <= 0.0 || cycle.is_nan() {
-            return Err(CineError::Beyond { first_ms, last_ms, cycle_length_ms: cycle });
+            return Err(CineError::Beyond {
+                first_ms,
+                last_ms,
+                cycle_length_ms: cycle,
+            });
         }
         let kept = time_ms.partition_point(|t| t - first_ms < cycle - CLOSING * step);
         let (mut time_ms, mut volume_ml) = (time_ms, volume_ml);
         time_ms.truncate(kept);
         volume_ml.truncate(kept);
-        Ok(Self { time_ms, volume_ml, cycle_length_ms: cycle })
+        Ok(Self {
+            time_ms,
+            volume_ml,
+            cycle_length_ms: cycle,
+        })
     }
 
     /// Usual distance of frames, ms.
@@ -93,17 +111,29 @@ impl Cine {
             .time_ms
             .iter()
             .zip(&self.volume_ml)
-            .map(|(t, v)| ((t - time_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle, *v))
+            .map(|(t, v)| {
+                (
+                    (t - time_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle,
+                    *v,
+                )
+            })
             .filter(|(d, _)| d.abs() <= half)
             .collect();
         let n = close.len() as f64;
         if n < 2.0 {
             return self.at(time_ms);
         }
-        let (mt, mv) = (close.iter().map(|p| p.0).sum::<f64>() / n, close.iter().map(|p| p.1).sum::<f64>() / n);
+        let (mt, mv) = (
+            close.iter().map(|p| p.0).sum::<f64>() / n,
+            close.iter().map(|p| p.1).sum::<f64>() / n,
+        );
         let cross: f64 = close.iter().map(|p| (p.0 - mt) * (p.1 - mv)).sum();
         let square: f64 = close.iter().map(|p| (p.0 - mt).powi(2)).sum();
-        if square > 0.0 { mv - mt * cross / square } else { mv }
+        if square > 0.0 {
+            mv - mt * cross / square
+        } else {
+            mv
+        }
     }
 
     /// Volume at a time, linear between frames.
@@ -113,7 +143,11 @@ impl Cine {
         let first = self.time_ms[0];
         let t = first + (time_ms - first).rem_euclid(self.cycle_length_ms);
         let i = self.time_ms.partition_point(|k| *k <= t).clamp(1, n) - 1;
-        let end = if i + 1 < n { self.time_ms[i + 1] } else { first + self.cycle_length_ms };
+        let end = if i + 1 < n {
+            self.time_ms[i + 1]
+        } else {
+            first + self.cycle_length_ms
+        };
         let share = (t - self.time_ms[i]) / (end - self.time_ms[i]);
         self.volume_ml[i] + share * (self.volume_ml[(i + 1) % n] - self.volume_ml[i])
     }
@@ -142,8 +176,12 @@ impl Cine {
     /// Largest less smallest volume, mL.
     #[must_use]
     pub fn stroke_volume_ml(&self) -> f64 {
-        let (low, high) =
-            self.volume_ml.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) = self
+            .volume_ml
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
         high - low
     }
 
@@ -163,7 +201,11 @@ impl Cine {
         frames.sort_by(|a, b| a.0.total_cmp(&b.0));
         frames.dedup_by(|b, a| b.0 - a.0 < 1e-6);
         let (time_ms, volume_ml) = frames.into_iter().unzip();
-        Self { time_ms, volume_ml, cycle_length_ms }
+        Self {
+            time_ms,
+            volume_ml,
+            cycle_length_ms,
+        }
     }
 }
 
@@ -177,7 +219,9 @@ mod tests {
         let time: Vec<f64> = (0..n).map(|i| i as f64 * 900.0 / n as f64).collect();
         let volume = time
             .iter()
-            .map(|t| 110.0 + 35.0 * (t / 900.0 * std::f64::consts::TAU).cos() + noise * random.normal())
+            .map(|t| {
+                110.0 + 35.0 * (t / 900.0 * std::f64::consts::TAU).cos() + noise * random.normal()
+            })
             .collect();
         Cine::new(time, volume, Some(900.0)).unwrap()
     }
@@ -185,7 +229,9 @@ mod tests {
     #[test]
     fn noise_of_frames_is_seen_beside_their_course() {
         assert!(made(30, 0.0, 0).noise_rms_ml() < 0.3);
-        let seen: Vec<f64> = (0..20).map(|seed| made(30, 2.5, seed).noise_rms_ml()).collect();
+        let seen: Vec<f64> = (0..20)
+            .map(|seed| made(30, 2.5, seed).noise_rms_ml())
+            .collect();
         assert!((median(seen.into_iter()) / 2.5 - 1.0).abs() < 0.2);
     }
 
@@ -194,8 +240,14 @@ mod tests {
         let time: Vec<f64> = (0..=20).map(|i| f64::from(i) * 40.0).collect();
         let cine = Cine::new(time.clone(), vec![100.0; 21], Some(800.0)).unwrap();
         assert_eq!(cine.time_ms.len(), 20);
-        assert!(matches!(Cine::new(time.clone(), vec![100.0; 21], Some(700.0)), Err(CineError::Beyond { .. })));
-        assert!(matches!(Cine::new(time, vec![0.0; 21], None), Err(CineError::Volume { .. })));
+        assert!(matches!(
+            Cine::new(time.clone(), vec![100.0; 21], Some(700.0)),
+            Err(CineError::Beyond { .. })
+        ));
+        assert!(matches!(
+            Cine::new(time, vec![0.0; 21], None),
+            Err(CineError::Volume { .. })
+        ));
     }
 
     #[test]

@@ -14,7 +14,10 @@ pub struct CycleSettings {
 
 impl Default for CycleSettings {
     fn default() -> Self {
-        Self { enabled: true, systole_factor: None }
+        Self {
+            enabled: true,
+            systole_factor: None,
+        }
     }
 }
 
@@ -52,13 +55,22 @@ pub fn reconcile(
         _ => (alike, None),
     };
     let mut diastole_factor = (to - factor * end) / (from - end);
-    if !(settings.enabled || settings.systole_factor.is_some()) || end <= 0.0 || diastole_factor <= 0.1 {
+    if !(settings.enabled || settings.systole_factor.is_some())
+        || end <= 0.0
+        || diastole_factor <= 0.1
+    {
         if diastole_factor <= 0.1 {
             implausible = Some(factor);
         }
         (factor, diastole_factor) = (alike, alike);
     }
-    Reconciled { cycle_lengths_ms, systole_end_ms: end, systole_factor: factor, diastole_factor, implausible }
+    Reconciled {
+        cycle_lengths_ms,
+        systole_end_ms: end,
+        systole_factor: factor,
+        diastole_factor,
+        implausible,
+    }
 }
 
 impl Reconciled {
@@ -83,11 +95,18 @@ mod tests {
 
     #[test]
     fn systole_and_diastole_are_scaled_apart_and_fill_the_cycle() {
-        let r = reconcile([900.0, 750.0], Some([(60.0, 350.0), (50.0, 325.0)]), CycleSettings::default());
+        let r = reconcile(
+            [900.0, 750.0],
+            Some([(60.0, 350.0), (50.0, 325.0)]),
+            CycleSettings::default(),
+        );
         assert!((r.systole_factor - 275.0 / 290.0).abs() < 1e-12);
         assert!(r.diastole_factor < r.systole_factor);
         assert!((r.map(350.0) - r.systole_factor * 350.0).abs() < 1e-9);
-        assert!((r.map(900.0) - 750.0).abs() < 1e-9 && (r.map(1250.0) - 750.0 - r.map(350.0)).abs() < 1e-9);
+        assert!(
+            (r.map(900.0) - 750.0).abs() < 1e-9
+                && (r.map(1250.0) - 750.0 - r.map(350.0)).abs() < 1e-9
+        );
         assert!((r.map(-100.0) - (r.map(800.0) - 750.0)).abs() < 1e-9);
     }
 
@@ -96,10 +115,17 @@ mod tests {
         let off = reconcile(
             [900.0, 750.0],
             Some([(60.0, 350.0), (50.0, 325.0)]),
-            CycleSettings { enabled: false, systole_factor: None },
+            CycleSettings {
+                enabled: false,
+                systole_factor: None,
+            },
         );
         assert!((off.map(450.0) - 375.0).abs() < 1e-9);
-        let mad = reconcile([900.0, 750.0], Some([(60.0, 150.0), (50.0, 325.0)]), CycleSettings::default());
+        let mad = reconcile(
+            [900.0, 750.0],
+            Some([(60.0, 150.0), (50.0, 325.0)]),
+            CycleSettings::default(),
+        );
         assert!(mad.implausible.is_some() && (mad.systole_factor - 750.0 / 900.0).abs() < 1e-12);
     }
 }

@@ -44,7 +44,10 @@ pub struct DriftSettings {
 
 impl Default for DriftSettings {
     fn default() -> Self {
-        Self { enabled: true, reference: Reference::Begin }
+        Self {
+            enabled: true,
+            reference: Reference::Begin,
+        }
     }
 }
 
@@ -64,7 +67,12 @@ pub struct Drift {
 /// The drift that the diastolic pressures of some beats show: the median slope between all pairs of beats (Theil 1950, Sen
 /// 1968), which beats that are a little off do not bend. None with too few beats.
 #[must_use]
-pub fn of(recording: &Recording, pressure_mmhg: &[f64], beats: &[Beat], settings: DriftSettings) -> Option<Drift> {
+pub fn of(
+    recording: &Recording,
+    pressure_mmhg: &[f64],
+    beats: &[Beat],
+    settings: DriftSettings,
+) -> Option<Drift> {
     if beats.len() < FEWEST_BEATS {
         return None;
     }
@@ -74,7 +82,11 @@ pub fn of(recording: &Recording, pressure_mmhg: &[f64], beats: &[Beat], settings
         .step_by(every)
         .filter_map(|beat| Some((beat.onset_ms, diastolic(recording, pressure_mmhg, beat)?)))
         .collect();
-    let points = if recording.length_ms() < BREATHS_MS { without_breath(points) } else { points };
+    let points = if recording.length_ms() < BREATHS_MS {
+        without_breath(points)
+    } else {
+        points
+    };
     let mut slopes = Vec::with_capacity(points.len() * points.len() / 2);
     for (i, a) in points.iter().enumerate() {
         slopes.extend(points[i + 1..].iter().map(|b| (b.1 - a.1) / (b.0 - a.0)));
@@ -85,7 +97,11 @@ pub fn of(recording: &Recording, pressure_mmhg: &[f64], beats: &[Beat], settings
     let (_, sd) = centre_and_spread(&residuals);
     let n = points.len() as f64;
     let mean = points.iter().map(|p| p.0).sum::<f64>() / n;
-    let width = points.iter().map(|p| (p.0 - mean).powi(2)).sum::<f64>().sqrt();
+    let width = points
+        .iter()
+        .map(|p| (p.0 - mean).powi(2))
+        .sum::<f64>()
+        .sqrt();
     // Neighbouring beats breathe alike: as if one in two counted.
     let error = sd / width * 2.0_f64.sqrt();
     let over_all = (slope * recording.length_ms()).abs();
@@ -113,7 +129,10 @@ fn without_breath(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let step = 0.25 / width;
     let n_steps = ((1.0 / BREATH_MS.0 - 1.0 / BREATH_MS.1) / step) as usize + 1;
     let squares_of = |coefficients: &[f64; 4], w: f64| -> f64 {
-        points.iter().map(|(t, y)| (y - value(coefficients, w, (t - middle) / width, t - middle)).powi(2)).sum()
+        points
+            .iter()
+            .map(|(t, y)| (y - value(coefficients, w, (t - middle) / width, t - middle)).powi(2))
+            .sum()
     };
     let line = fit(&points, None, middle, width);
     let before = line.map_or(f64::INFINITY, |c| squares_of(&c, 0.0));
@@ -126,14 +145,28 @@ fn without_breath(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
         .min_by(|a, b| a.0.total_cmp(&b.0));
     match best {
         Some((squares, w, [_, _, c, s])) if n > 15.0 && squares < (1.0 - BREATH_SHARE) * before => {
-            points.iter().map(|(t, y)| (*t, y - c * (w * (t - middle)).cos() - s * (w * (t - middle)).sin())).collect()
+            points
+                .iter()
+                .map(|(t, y)| {
+                    (
+                        *t,
+                        y - c * (w * (t - middle)).cos() - s * (w * (t - middle)).sin(),
+                    )
+                })
+                .collect()
         }
         _ => points,
     }
 }
 
 fn value([level, slope, c, s]: &[f64; 4], w: f64, x: f64, t: f64) -> f64 {
-    level + slope * x + if w > 0.0 { c * (w * t).cos() + s * (w * t).sin() } else { 0.0 }
+    level
+        + slope * x
+        + if w > 0.0 {
+            c * (w * t).cos() + s * (w * t).sin()
+        } else {
+            0.0
+        }
 }
 
 /// Least squares of level, slope, and a wave's cosine and sine.
@@ -160,14 +193,23 @@ impl Drift {
     /// What it adds to a pressure at a time since the recording's begin, mmHg; zero where it was not taken out.
     #[must_use]
     pub fn at(&self, since_begin_ms: f64) -> f64 {
-        if self.removed { self.mmhg_per_min / 60_000.0 * (since_begin_ms - self.reference_ms) } else { 0.0 }
+        if self.removed {
+            self.mmhg_per_min / 60_000.0 * (since_begin_ms - self.reference_ms)
+        } else {
+            0.0
+        }
     }
 }
 
 fn diastolic(recording: &Recording, pressure: &[f64], beat: &Beat) -> Option<f64> {
     let first = recording.position(beat.onset_ms) as usize;
     let last = (recording.position(beat.onset_ms + beat.length_ms) as usize).min(pressure.len());
-    let mut values: Vec<f64> = pressure.get(first..last)?.iter().copied().filter(|v| v.is_finite()).collect();
+    let mut values: Vec<f64> = pressure
+        .get(first..last)?
+        .iter()
+        .copied()
+        .filter(|v| v.is_finite())
+        .collect();
     if values.len() < 10 {
         return None;
     }
@@ -185,22 +227,48 @@ mod tests {
             .map(|i| {
                 let t = f64::from(i);
                 let breath = 2.0 * (t / 4000.0 * std::f64::consts::TAU).sin();
-                60.0 + 50.0 * (t / 800.0 * std::f64::consts::TAU).sin() + breath + slope_per_min * t / 60_000.0
+                60.0 + 50.0 * (t / 800.0 * std::f64::consts::TAU).sin()
+                    + breath
+                    + slope_per_min * t / 60_000.0
             })
             .collect();
-        let recording = Recording { step_ms: 1.0, lv_pressure_mmhg: Some(pressure), ..Recording::default() };
-        let beats = (0..74).map(|i| Beat { onset_ms: 800.0 * f64::from(i), length_ms: 800.0 }).collect();
+        let recording = Recording {
+            step_ms: 1.0,
+            lv_pressure_mmhg: Some(pressure),
+            ..Recording::default()
+        };
+        let beats = (0..74)
+            .map(|i| Beat {
+                onset_ms: 800.0 * f64::from(i),
+                length_ms: 800.0,
+            })
+            .collect();
         (recording, beats)
     }
 
     #[test]
     fn a_drift_is_found_through_breathing_and_none_is_not_invented() {
         let (recording, beats) = made(6.0);
-        let drift = of(&recording, recording.leading_pressure(), &beats, DriftSettings::default()).unwrap();
-        assert!((drift.mmhg_per_min - 6.0).abs() < 0.6 && drift.removed, "{drift:?}");
+        let drift = of(
+            &recording,
+            recording.leading_pressure(),
+            &beats,
+            DriftSettings::default(),
+        )
+        .unwrap();
+        assert!(
+            (drift.mmhg_per_min - 6.0).abs() < 0.6 && drift.removed,
+            "{drift:?}"
+        );
         assert_eq!(drift.at(0.0), 0.0);
         let (recording, beats) = made(0.0);
-        let drift = of(&recording, recording.leading_pressure(), &beats, DriftSettings::default()).unwrap();
+        let drift = of(
+            &recording,
+            recording.leading_pressure(),
+            &beats,
+            DriftSettings::default(),
+        )
+        .unwrap();
         assert!(!drift.removed && drift.at(50_000.0) == 0.0, "{drift:?}");
     }
 }

@@ -58,7 +58,9 @@ pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<E
         return None;
     }
     let time = |k: usize| cine.time_ms[k % n] + (k / n) as f64 * cine.cycle_length_ms;
-    let filled = (1..n / 2).find(|k| cine.volume_ml[(lowest + k) % n] > least + FILLED * stroke).unwrap_or(n / 4);
+    let filled = (1..n / 2)
+        .find(|k| cine.volume_ml[(lowest + k) % n] > least + FILLED * stroke)
+        .unwrap_or(n / 4);
     let last_ms = time(lowest + filled) - 0.25 * cine.step_ms();
     let half_ms = half_out(cine, lowest, least + 0.5 * stroke)?;
     let usual = duration(cine.cycle_length_ms) / duration(cycle_length_ms);
@@ -68,16 +70,32 @@ pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<E
     let frames = |begin: f64| -> Vec<(f64, f64)> {
         let begin = begin - PLATEAU_MS;
         let here = |t: f64| begin + (t - begin).rem_euclid(cine.cycle_length_ms);
-        let placed = cine.time_ms.iter().zip(&cine.volume_ml).map(|(t, v)| (here(*t), *v));
+        let placed = cine
+            .time_ms
+            .iter()
+            .zip(&cine.volume_ml)
+            .map(|(t, v)| (here(*t), *v));
         placed.filter(|(t, _)| *t <= last_ms).collect()
     };
     let noise_ml = cine.noise_rms_ml().max(LEAST_NOISE * stroke);
-    let mut search = Search { frames: frames(half_ms + usual * (open - half)), valves, usual, noise_ml, tables };
+    let mut search = Search {
+        frames: frames(half_ms + usual * (open - half)),
+        valves,
+        usual,
+        noise_ml,
+        tables,
+    };
     // Coarse: by the time at which half of it is out, which the frames show at once.
     let mut coarse = Best::default();
     for k in -3..=3 {
         let factor = usual * (1.0 + 0.04 * f64::from(k));
-        (-8..=8).for_each(|j| search.try_it(factor, half_ms - factor * half + 6.0 * f64::from(j), &mut coarse));
+        (-8..=8).for_each(|j| {
+            search.try_it(
+                factor,
+                half_ms - factor * half + 6.0 * f64::from(j),
+                &mut coarse,
+            )
+        });
     }
     let (factor, lag) = coarse.place?;
     // Fine, with the frames that belong to this place.
@@ -107,7 +125,12 @@ fn half_out(cine: &Cine, lowest: usize, level_ml: f64) -> Option<f64> {
     let place = |back: usize| (lowest + n - back) % n;
     let back = (1..n).find(|back| cine.volume_ml[place(*back)] >= level_ml)?;
     let (a, b) = (place(back), place(back - 1));
-    let before = cine.time_ms[a] - if a > lowest { cine.cycle_length_ms } else { 0.0 };
+    let before = cine.time_ms[a]
+        - if a > lowest {
+            cine.cycle_length_ms
+        } else {
+            0.0
+        };
     let step = (cine.time_ms[b] - cine.time_ms[a]).rem_euclid(cine.cycle_length_ms);
     let (high, low) = (cine.volume_ml[a], cine.volume_ml[b]);
     Some(before + step * (high - level_ml) / (high - low))
@@ -123,7 +146,11 @@ fn table(q: f64) -> Vec<f64> {
         ejected.push(sum);
     }
     let evenly = |k: usize| EVEN * k as f64 / TABLE as f64;
-    ejected.iter().enumerate().map(|(k, e)| (1.0 - EVEN) * e / sum + evenly(k)).collect()
+    ejected
+        .iter()
+        .enumerate()
+        .map(|(k, e)| (1.0 - EVEN) * e / sum + evenly(k))
+        .collect()
 }
 
 #[derive(Default)]
@@ -142,9 +169,14 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn try_it(&self, factor: f64, lag: f64, best: &mut Best) {
-        let Some(cost) = self.cost(factor, lag) else { return };
+        let Some(cost) = self.cost(factor, lag) else {
+            return;
+        };
         if best.cost.is_none_or(|least| cost < least) {
-            *best = Best { cost: Some(cost), place: Some((factor, lag)) };
+            *best = Best {
+                cost: Some(cost),
+                place: Some((factor, lag)),
+            };
         }
     }
 
@@ -159,7 +191,12 @@ impl Search<'_> {
             let squares = self.squares(factor, lag, table)?;
             Some(squares / self.noise_ml.powi(2) + ((q - USUAL_FALL.0) / USUAL_FALL.1).powi(2))
         };
-        let best = self.tables.iter().zip(&FALLS).filter_map(of_shape).min_by(f64::total_cmp)?;
+        let best = self
+            .tables
+            .iter()
+            .zip(&FALLS)
+            .filter_map(of_shape)
+            .min_by(f64::total_cmp)?;
         Some(best + duration)
     }
 
@@ -171,7 +208,14 @@ impl Search<'_> {
             let place = ((tau - open) / (close - open)).clamp(0.0, 1.0) * TABLE as f64;
             let k = (place as usize).min(TABLE - 1);
             let ejected = table[k] + (place - k as f64) * (table[k + 1] - table[k]);
-            ([1.0, -ejected, 0.01 * (tau - self.valves.mitral_opening_ms).max(0.0)], v - base)
+            (
+                [
+                    1.0,
+                    -ejected,
+                    0.01 * (tau - self.valves.mitral_opening_ms).max(0.0),
+                ],
+                v - base,
+            )
         });
         let mut a = vec![vec![0.0; 4]; 3];
         let mut whole = 0.0;
@@ -208,6 +252,10 @@ impl Search<'_> {
             return f64::INFINITY;
         };
         let curvature = (before + after - 2.0 * here) / (h * h);
-        if curvature > 0.0 { (2.0 / curvature).sqrt() } else { f64::INFINITY }
+        if curvature > 0.0 {
+            (2.0 / curvature).sqrt()
+        } else {
+            f64::INFINITY
+        }
     }
 }

@@ -47,7 +47,8 @@ pub fn of_ventricle(pressure_mmhg: &[f64], step_ms: f64) -> Option<ValveEvents> 
         return None;
     }
     let steps = |ms: f64| (ms / step_ms).round().max(1.0) as usize;
-    let sharpest = |range: std::ops::Range<usize>| range.min_by(|a, b| bend[*a].total_cmp(&bend[*b]));
+    let sharpest =
+        |range: std::ops::Range<usize>| range.min_by(|a, b| bend[*a].total_cmp(&bend[*b]));
     let opening = sharpest(rise..(rise + steps(OPENING_MS)).min(peak.max(rise + 1)))?;
     let closure = sharpest(fall.saturating_sub(steps(CLOSURE_MS)).max(opening + 1)..fall)?;
     let level = smooth[0];

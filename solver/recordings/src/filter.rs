@@ -21,7 +21,11 @@ pub(crate) fn moving_average(values: &[f64], half: usize) -> Vec<f64> {
             }
             leave += 1;
         }
-        out.push(if count > 0 { sum / count as f64 } else { f64::NAN });
+        out.push(if count > 0 {
+            sum / count as f64
+        } else {
+            f64::NAN
+        });
     }
     out
 }
@@ -40,7 +44,11 @@ pub(crate) fn slope(values: &[f64], step_ms: f64) -> Vec<f64> {
     let mut out = vec![0.0; n];
     for i in 1..n.saturating_sub(1) {
         let difference = (values[i + 1] - values[i - 1]) / (2.0 * step_ms);
-        out[i] = if difference.is_finite() { difference } else { 0.0 };
+        out[i] = if difference.is_finite() {
+            difference
+        } else {
+            0.0
+        };
     }
     out
 }
@@ -68,7 +76,9 @@ pub(crate) fn periodic_smooth(values: &[f64], half: usize) -> Vec<f64> {
 /// Central differences per ms of a periodic trace.
 pub(crate) fn periodic_slope(values: &[f64], step_ms: f64) -> Vec<f64> {
     let n = values.len();
-    (0..n).map(|i| (values[(i + 1) % n] - values[(i + n - 1) % n]) / (2.0 * step_ms)).collect()
+    (0..n)
+        .map(|i| (values[(i + 1) % n] - values[(i + n - 1) % n]) / (2.0 * step_ms))
+        .collect()
 }
 
 /// The usual height of peaks along a trace: the largest value of each window of `window` samples, and of these the running
@@ -76,10 +86,22 @@ pub(crate) fn periodic_slope(values: &[f64], step_ms: f64) -> Vec<f64> {
 pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
     let largest: Vec<f64> = values
         .chunks(window.max(1))
-        .map(|chunk| chunk.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max))
+        .map(|chunk| {
+            chunk
+                .iter()
+                .copied()
+                .filter(|v| v.is_finite())
+                .fold(0.0, f64::max)
+        })
         .collect();
     (0..largest.len())
-        .map(|i| median(largest[i.saturating_sub(10)..(i + 11).min(largest.len())].iter().copied()))
+        .map(|i| {
+            median(
+                largest[i.saturating_sub(10)..(i + 11).min(largest.len())]
+                    .iter()
+                    .copied(),
+            )
+        })
         .collect()
 }
 
@@ -87,7 +109,11 @@ pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
 pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
     let curvature = before - 2.0 * here + after;
     let offset = 0.5 * (before - after) / curvature;
-    if offset.is_finite() { offset.clamp(-0.5, 0.5) } else { 0.0 }
+    if offset.is_finite() {
+        offset.clamp(-0.5, 0.5)
+    } else {
+        0.0
+    }
 }
 
 /// The middle value of those that are finite; NaN without any.
@@ -101,14 +127,20 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     if sorted.len() % 2 == 1 {
         return upper;
     }
-    let lower = sorted[..middle].iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let lower = sorted[..middle]
+        .iter()
+        .copied()
+        .fold(f64::NEG_INFINITY, f64::max);
     0.5 * (lower + upper)
 }
 
 /// Median, and the standard deviation of a normal distribution with the same median distance from it.
 pub(crate) fn centre_and_spread(values: &[f64]) -> (f64, f64) {
     let centre = median(values.iter().copied());
-    (centre, 1.4826 * median(values.iter().map(|v| (v - centre).abs())))
+    (
+        centre,
+        1.4826 * median(values.iter().map(|v| (v - centre).abs())),
+    )
 }
 
 /// Solution of a small system, its right side in the last column, by elimination; none where it is singular.
@@ -159,7 +191,9 @@ mod tests {
 
     #[test]
     fn periodic_means_wrap() {
-        let v: Vec<f64> = (0..40).map(|i| (f64::from(i) * std::f64::consts::TAU / 40.0).sin()).collect();
+        let v: Vec<f64> = (0..40)
+            .map(|i| (f64::from(i) * std::f64::consts::TAU / 40.0).sin())
+            .collect();
         let m = periodic_smooth(&v, 2);
         let direct = |i: usize| (0..5).map(|k| v[(i + 40 + k - 2) % 40]).sum::<f64>() / 5.0;
         let twice = (0..5).map(|k| direct((40 + k - 2) % 40)).sum::<f64>() / 5.0;

@@ -12,24 +12,50 @@ const REACH_MS: f64 = 40.0;
 const MOST_BEATS: usize = 301;
 
 /// The same times moved to where the usual course around them fits best; those where none does stay.
-pub(crate) fn refine(recording: &Recording, values: &[f64], times_ms: &[f64], half_width_ms: f64) -> Vec<f64> {
+pub(crate) fn refine(
+    recording: &Recording,
+    values: &[f64],
+    times_ms: &[f64],
+    half_width_ms: f64,
+) -> Vec<f64> {
     let (usual, before_ms) = usual_course(recording, values, times_ms, half_width_ms + REACH_MS);
-    let mean = Mean { values: &usual, step_ms: recording.step_ms, half_width_ms };
+    let mean = Mean {
+        values: &usual,
+        step_ms: recording.step_ms,
+        half_width_ms,
+    };
     let place = |t: f64| mean.locate(recording, values, t - before_ms, before_ms);
-    let moved: Vec<f64> = times_ms.iter().map(|t| place(*t).map_or(*t, |at| t - before_ms + at)).collect();
+    let moved: Vec<f64> = times_ms
+        .iter()
+        .map(|t| place(*t).map_or(*t, |at| t - before_ms + at))
+        .collect();
     // Two that move to the same place, or past each other, are not both right.
-    if moved.windows(2).all(|w| w[1] - w[0] > HALF_WIDTH_MS) { moved } else { times_ms.to_vec() }
+    if moved.windows(2).all(|w| w[1] - w[0] > HALF_WIDTH_MS) {
+        moved
+    } else {
+        times_ms.to_vec()
+    }
 }
 
 /// Median course around some times, so far to both sides, and the time of the middle from its first sample, ms.
-pub(crate) fn usual_course(recording: &Recording, values: &[f64], times_ms: &[f64], reach_ms: f64) -> (Vec<f64>, f64) {
+pub(crate) fn usual_course(
+    recording: &Recording,
+    values: &[f64],
+    times_ms: &[f64],
+    reach_ms: f64,
+) -> (Vec<f64>, f64) {
     let step = recording.step_ms;
     let reach = (reach_ms / step).round().max(8.0) as usize;
     let every = times_ms.len().div_ceil(MOST_BEATS).max(1);
     let usual = (0..=2 * reach)
         .map(|k| {
             let offset = k as f64 - reach as f64;
-            median(times_ms.iter().step_by(every).map(|t| at(values, t / step + offset)))
+            median(
+                times_ms
+                    .iter()
+                    .step_by(every)
+                    .map(|t| at(values, t / step + offset)),
+            )
         })
         .collect();
     (usual, reach as f64 * step)
@@ -58,11 +84,18 @@ impl Mean<'_> {
         let reach = (REACH_MS / step_ms).round().max(2.0) as isize;
         let middle = (landmark_ms / step_ms).round() as isize;
         let n = mean.len() as isize;
-        let template: Vec<f64> = (middle - half..=middle + half).map(|k| mean[k.rem_euclid(n) as usize]).collect();
+        let template: Vec<f64> = (middle - half..=middle + half)
+            .map(|k| mean[k.rem_euclid(n) as usize])
+            .collect();
         let width = template.len();
         let first = middle - half - reach;
         let beat: Vec<f64> = (0..width as isize + 2 * reach)
-            .map(|k| at(pressure, recording.position(onset_ms + (first + k) as f64 * step_ms)))
+            .map(|k| {
+                at(
+                    pressure,
+                    recording.position(onset_ms + (first + k) as f64 * step_ms),
+                )
+            })
             .collect();
         // The level is free: only where the rise lies counts, not how high it begins.
         let misfit: Vec<f64> = beat
@@ -77,12 +110,14 @@ impl Mean<'_> {
                 squares - sum * sum / width as f64
             })
             .collect();
-        let best =
-            (0..misfit.len()).filter(|k| misfit[*k].is_finite()).min_by(|a, b| misfit[*a].total_cmp(&misfit[*b]))?;
+        let best = (0..misfit.len())
+            .filter(|k| misfit[*k].is_finite())
+            .min_by(|a, b| misfit[*a].total_cmp(&misfit[*b]))?;
         if best == 0 || best + 1 == misfit.len() {
             return None;
         }
-        let shift = best as f64 - reach as f64 + vertex(misfit[best - 1], misfit[best], misfit[best + 1]);
+        let shift =
+            best as f64 - reach as f64 + vertex(misfit[best - 1], misfit[best], misfit[best + 1]);
         Some(landmark_ms + shift * step_ms)
     }
 }

@@ -25,7 +25,12 @@ pub struct Noise {
 /// Noise from what `n_averaged` beats differ from their mean by; none with fewer than three beats to compare.
 /// - `residuals_mmhg`: equally long, in order of time, samples `step_ms` apart, as many as of `mean_mmhg`
 #[must_use]
-pub fn of(residuals_mmhg: &[Vec<f64>], mean_mmhg: &[f64], step_ms: f64, n_averaged: usize) -> Option<Noise> {
+pub fn of(
+    residuals_mmhg: &[Vec<f64>],
+    mean_mmhg: &[f64],
+    step_ms: f64,
+    n_averaged: usize,
+) -> Option<Noise> {
     let n = residuals_mmhg.len();
     if n < 3 {
         return None;
@@ -38,39 +43,67 @@ pub fn of(residuals_mmhg: &[Vec<f64>], mean_mmhg: &[f64], step_ms: f64, n_averag
     let strengths: Vec<f64> = residuals_mmhg
         .iter()
         .map(|r| {
-            r.iter().zip(&course).filter(|(r, _)| r.is_finite()).map(|(r, p)| r * p).sum::<f64>() / swing.max(1e-9)
+            r.iter()
+                .zip(&course)
+                .filter(|(r, _)| r.is_finite())
+                .map(|(r, p)| r * p)
+                .sum::<f64>()
+                / swing.max(1e-9)
         })
         .collect();
     // The mean took one beat's freedom.
     let freedom = n as f64 / (n as f64 - 1.0);
-    let n_lags = ((LONGEST_MS.min(LONGEST_SHARE * length as f64 * step_ms) / step_ms) as usize).max(2);
+    let n_lags =
+        ((LONGEST_MS.min(LONGEST_SHARE * length as f64 * step_ms) / step_ms) as usize).max(2);
     let mut products = vec![0.0; n_lags];
     let mut counts = vec![0.0; n_lags];
     // Half an hour has millions of products for each lag: some hundred beats tell as much.
     let every = n.div_ceil(256);
     let mut squares = 0.0;
     let mut n_squares = 0.0;
-    for (idx, ((residual, level), strength)) in residuals_mmhg.iter().zip(&levels).zip(&strengths).enumerate() {
-        let rest = |(r, p): (&f64, &f64)| if r.is_finite() { r - level - strength * p } else { 0.0 };
+    for (idx, ((residual, level), strength)) in residuals_mmhg
+        .iter()
+        .zip(&levels)
+        .zip(&strengths)
+        .enumerate()
+    {
+        let rest = |(r, p): (&f64, &f64)| {
+            if r.is_finite() {
+                r - level - strength * p
+            } else {
+                0.0
+            }
+        };
         let fast: Vec<f64> = residual.iter().zip(&course).map(rest).collect();
         squares += fast.iter().map(|r| r * r).sum::<f64>();
         n_squares += length as f64;
         if idx % every == 0 {
             for lag in 0..n_lags {
-                products[lag] += fast[lag..].iter().zip(&fast).map(|(a, b)| a * b).sum::<f64>();
+                products[lag] += fast[lag..]
+                    .iter()
+                    .zip(&fast)
+                    .map(|(a, b)| a * b)
+                    .sum::<f64>();
                 counts[lag] += (length - lag) as f64;
             }
         }
     }
     let fast_variance = squares / n_squares * freedom;
-    let correlation: Vec<f64> =
-        products.iter().zip(&counts).map(|(p, c)| p / c / (products[0] / counts[0]).max(1e-12)).collect();
+    let correlation: Vec<f64> = products
+        .iter()
+        .zip(&counts)
+        .map(|(p, c)| p / c / (products[0] / counts[0]).max(1e-12))
+        .collect();
     let correlation_ms = fall_to(&correlation, (-1.0_f64).exp()) * step_ms;
     let level_variance = levels.iter().map(|l| l * l).sum::<f64>() / (n as f64 - 1.0);
     let strength_variance = strengths.iter().map(|g| g * g).sum::<f64>() / (n as f64 - 1.0);
     let of_strength = strength_variance * swing / length as f64;
     let worth = effective(&levels);
-    let (m_fast, m_level) = if n_averaged > 1 { (n_averaged as f64, worth) } else { (1.0, 1.0) };
+    let (m_fast, m_level) = if n_averaged > 1 {
+        (n_averaged as f64, worth)
+    } else {
+        (1.0, 1.0)
+    };
     Some(Noise {
         beat_rms_mmhg: fast_variance.sqrt(),
         level_sd_mmhg: level_variance.sqrt(),
@@ -82,7 +115,10 @@ pub fn of(residuals_mmhg: &[Vec<f64>], mean_mmhg: &[f64], step_ms: f64, n_averag
 }
 
 fn finite_mean(values: &[f64]) -> f64 {
-    let (sum, n) = values.iter().filter(|v| v.is_finite()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    let (sum, n) = values
+        .iter()
+        .filter(|v| v.is_finite())
+        .fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
     sum / f64::max(n, 1.0)
 }
 
@@ -90,7 +126,9 @@ fn finite_mean(values: &[f64]) -> f64 {
 fn fall_to(values: &[f64], level: f64) -> f64 {
     (1..values.len())
         .find(|i| values[*i] <= level)
-        .map_or(values.len() as f64, |i| i as f64 - 1.0 + (values[i - 1] - level) / (values[i - 1] - values[i]))
+        .map_or(values.len() as f64, |i| {
+            i as f64 - 1.0 + (values[i - 1] - level) / (values[i - 1] - values[i])
+        })
 }
 
 /// Independent values that a sequence is worth for its mean: lags up to the first that is not correlated.
@@ -118,7 +156,9 @@ mod tests {
 
     #[test]
     fn noise_of_known_size_and_correlation_is_found() {
-        let mean: Vec<f64> = (0..800).map(|i| 60.0 + 50.0 * (f64::from(i) * 0.0025).cos().abs()).collect();
+        let mean: Vec<f64> = (0..800)
+            .map(|i| 60.0 + 50.0 * (f64::from(i) * 0.0025).cos().abs())
+            .collect();
         for (rms, tau, level) in [(1.0, 12.0, 0.0), (2.0, 6.0, 1.5), (0.5, 25.0, 0.3)] {
             let mut random = Random::new(7, 3);
             let rho = f64::exp(-1.0 / tau);
@@ -136,13 +176,25 @@ mod tests {
                 })
                 .collect();
             let noise = of(&residuals, &mean, 1.0, 60).unwrap();
-            assert!((noise.beat_rms_mmhg / rms - 1.0).abs() < 0.07, "{rms} {tau}: {noise:?}");
-            assert!((noise.correlation_ms / tau - 1.0).abs() < 0.2, "{rms} {tau}: {noise:?}");
+            assert!(
+                (noise.beat_rms_mmhg / rms - 1.0).abs() < 0.07,
+                "{rms} {tau}: {noise:?}"
+            );
+            assert!(
+                (noise.correlation_ms / tau - 1.0).abs() < 0.2,
+                "{rms} {tau}: {noise:?}"
+            );
             // Levels of the fast noise itself add to those of the beats.
             let own = rms * (2.0 * tau / 800.0).sqrt();
-            assert!((noise.level_sd_mmhg / f64::hypot(level, own) - 1.0).abs() < 0.3, "{level} {own}: {noise:?}");
+            assert!(
+                (noise.level_sd_mmhg / f64::hypot(level, own) - 1.0).abs() < 0.3,
+                "{level} {own}: {noise:?}"
+            );
             assert!(noise.mean_rms_mmhg < 0.35 * (rms + level));
         }
-        assert_eq!(of(&[vec![0.0; 10], vec![0.0; 10]], &[0.0; 10], 1.0, 2), None);
+        assert_eq!(
+            of(&[vec![0.0; 10], vec![0.0; 10]], &[0.0; 10], 1.0, 2),
+            None
+        );
     }
 }

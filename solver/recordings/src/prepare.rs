@@ -118,24 +118,63 @@ pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError>
     let recording = &raw.recording;
     let found = find(recording, &settings.beats)?;
     let n_found = found.beats.len();
-    let named = settings.reject.keep.iter().chain(&settings.reject.leave_out).chain(&settings.average.beat);
-    if let Some(number) = named.copied().find(|number| !(1..=n_found).contains(number)) {
+    let named = settings
+        .reject
+        .keep
+        .iter()
+        .chain(&settings.reject.leave_out)
+        .chain(&settings.average.beat);
+    if let Some(number) = named
+        .copied()
+        .find(|number| !(1..=n_found).contains(number))
+    {
         return Err(PrepareError::NoSuchBeat { number, n_found });
     }
     let reasons = judge(recording, &found, &settings.reject);
-    let numbers: Vec<usize> = (1..=n_found).filter(|number| reasons[number - 1].is_empty()).collect();
-    let kept: Vec<Beat> = numbers.iter().map(|number| found.beats[number - 1]).collect();
+    let numbers: Vec<usize> = (1..=n_found)
+        .filter(|number| reasons[number - 1].is_empty())
+        .collect();
+    let kept: Vec<Beat> = numbers
+        .iter()
+        .map(|number| found.beats[number - 1])
+        .collect();
     if kept.is_empty() {
-        return Err(PrepareError::NoneKept { n_found, why: counts(&reasons) });
+        return Err(PrepareError::NoneKept {
+            n_found,
+            why: counts(&reasons),
+        });
     }
-    let of = |pressure: &Option<Vec<f64>>| drift::of(recording, pressure.as_deref()?, &kept, settings.drift);
-    let drifts =
-        Drifts { lv_pressure: of(&recording.lv_pressure_mmhg), aortic_pressure: of(&recording.aortic_pressure_mmhg) };
+    let of = |pressure: &Option<Vec<f64>>| {
+        drift::of(recording, pressure.as_deref()?, &kept, settings.drift)
+    };
+    let drifts = Drifts {
+        lv_pressure: of(&recording.lv_pressure_mmhg),
+        aortic_pressure: of(&recording.aortic_pressure_mmhg),
+    };
     let average = average(recording, &kept, &numbers, &drifts, &settings.average);
-    let noise = noise::of(&average.residuals_mmhg, average.leading_pressure(), average.step_ms, average.n_averaged);
-    let valves = average.lv_pressure.as_ref().and_then(|lv| of_ventricle(&lv.mean, average.step_ms));
-    let volume = raw.cine.as_ref().map(|cine| volume(cine, raw.whole_heart.as_ref(), &average, valves, settings));
-    Ok(Prepared { found, reasons, drifts, average, noise, valves, volume })
+    let noise = noise::of(
+        &average.residuals_mmhg,
+        average.leading_pressure(),
+        average.step_ms,
+        average.n_averaged,
+    );
+    let valves = average
+        .lv_pressure
+        .as_ref()
+        .and_then(|lv| of_ventricle(&lv.mean, average.step_ms));
+    let volume = raw
+        .cine
+        .as_ref()
+        .map(|cine| volume(cine, raw.whole_heart.as_ref(), &average, valves, settings));
+    Ok(Prepared {
+        found,
+        reasons,
+        drifts,
+        average,
+        noise,
+        valves,
+        volume,
+    })
 }
 
 /// How many beats are left out for which kind of reason, in words.
@@ -145,7 +184,10 @@ pub fn counts(reasons: &[Vec<Reason>]) -> String {
     for reason in reasons.iter().filter_map(|reasons| reasons.first()) {
         *kinds.entry(reason.kind()).or_default() += 1;
     }
-    let words: Vec<String> = kinds.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+    let words: Vec<String> = kinds
+        .iter()
+        .map(|(kind, n)| format!("{n} {kind}"))
+        .collect();
     words.join(", ")
 }
 
@@ -160,13 +202,20 @@ fn volume(
     let cycle = average.cycle_length_ms;
     let ejection = valves.and_then(|valves| ejection::find(&adjusted.cine, &valves, cycle));
     let of_valves = valves.map(|v| (v.aortic_opening_ms, v.aortic_closure_ms));
-    let both = ejection.zip(of_valves).map(|(e, v)| [(e.begin_ms, e.end_ms), v]);
+    let both = ejection
+        .zip(of_valves)
+        .map(|(e, v)| [(e.begin_ms, e.end_ms), v]);
     let reconciled = reconcile([cine.cycle_length_ms, cycle], both, settings.cycle);
     let here = ejection.map(|e| (reconciled.map(e.begin_ms), reconciled.map(e.end_ms)));
     let lag = lag(here, of_valves, cycle, settings.synchronise);
-    let sheared = adjusted.cine.moved(cycle, |t| t * cycle / cine.cycle_length_ms);
-    let synchronised = adjusted.cine.moved(cycle, |t| reconciled.map(t) - lag.taken_ms());
-    let image_time_ms = image.map(|image| (reconciled.map(image.time_ms) - lag.taken_ms()).rem_euclid(cycle));
+    let sheared = adjusted
+        .cine
+        .moved(cycle, |t| t * cycle / cine.cycle_length_ms);
+    let synchronised = adjusted
+        .cine
+        .moved(cycle, |t| reconciled.map(t) - lag.taken_ms());
+    let image_time_ms =
+        image.map(|image| (reconciled.map(image.time_ms) - lag.taken_ms()).rem_euclid(cycle));
     PreparedVolume {
         original: cine.clone(),
         noise_rms_ml: adjusted.cine.noise_rms_ml(),

@@ -21,32 +21,60 @@ const WINDOW_MS: f64 = 2000.0;
 /// Times of R waves since the recording's begin, ms.
 pub(crate) fn find(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
     let samples = |ms| recording.samples(ms);
-    let (fine, coarse) = (moving_average(ecg_mv, samples(BAND_MS.0)), moving_average(ecg_mv, samples(BAND_MS.1)));
-    let band: Vec<f64> =
-        fine.iter().zip(&coarse).zip(ecg_mv).map(|((f, c), e)| if e.is_finite() { f - c } else { f64::NAN }).collect();
+    let (fine, coarse) = (
+        moving_average(ecg_mv, samples(BAND_MS.0)),
+        moving_average(ecg_mv, samples(BAND_MS.1)),
+    );
+    let band: Vec<f64> = fine
+        .iter()
+        .zip(&coarse)
+        .zip(ecg_mv)
+        .map(|((f, c), e)| if e.is_finite() { f - c } else { f64::NAN })
+        .collect();
     let lag = samples(4.0);
     let mut energy = vec![0.0; band.len()];
     for i in lag..band.len().saturating_sub(lag) {
         let difference = band[i + lag] - band[i - lag];
-        energy[i] = if difference.is_finite() { difference * difference } else { 0.0 };
+        energy[i] = if difference.is_finite() {
+            difference * difference
+        } else {
+            0.0
+        };
     }
     let energy = moving_average(&energy, samples(GATHER_MS));
     let window = samples(WINDOW_MS);
     let usual = usual_peaks(&energy, window);
-    let complexes = regions(&energy, |i| THRESHOLD * usual[(i / window).min(usual.len() - 1)], samples(REFRACTORY_MS));
+    let complexes = regions(
+        &energy,
+        |i| THRESHOLD * usual[(i / window).min(usual.len() - 1)],
+        samples(REFRACTORY_MS),
+    );
     // The same deflection in each beat: upwards, or downwards where the lead stands so.
     let reach = samples(REACH_MS);
     let around = |peak: usize| peak.saturating_sub(reach)..(peak + reach + 1).min(band.len());
-    let largest = |sign: f64, peak: usize| around(peak).map(|i| sign * band[i]).fold(f64::NEG_INFINITY, f64::max);
+    let largest = |sign: f64, peak: usize| {
+        around(peak)
+            .map(|i| sign * band[i])
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
     let height = |sign: f64| median(complexes.iter().map(|peak| largest(sign, *peak)));
-    let sign = if height(1.0) >= height(-1.0) { 1.0 } else { -1.0 };
+    let sign = if height(1.0) >= height(-1.0) {
+        1.0
+    } else {
+        -1.0
+    };
     let peaks: Vec<f64> = complexes
         .iter()
         .filter_map(|peak| {
             let i = around(*peak)
                 .filter(|i| band[*i].is_finite())
                 .max_by(|a, b| (sign * band[*a]).total_cmp(&(sign * band[*b])))?;
-            let neighbour = |k: usize| band.get(k).copied().filter(|v| v.is_finite()).unwrap_or(band[i]);
+            let neighbour = |k: usize| {
+                band.get(k)
+                    .copied()
+                    .filter(|v| v.is_finite())
+                    .unwrap_or(band[i])
+            };
             let offset = vertex(neighbour(i.wrapping_sub(1)), band[i], neighbour(i + 1));
             Some((i as f64 + offset) * recording.step_ms)
         })
@@ -56,7 +84,11 @@ pub(crate) fn find(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
 }
 
 /// Places of the largest value of each stretch above the threshold; of two within `apart` samples the larger one.
-pub(crate) fn regions(values: &[f64], threshold: impl Fn(usize) -> f64, apart: usize) -> Vec<usize> {
+pub(crate) fn regions(
+    values: &[f64],
+    threshold: impl Fn(usize) -> f64,
+    apart: usize,
+) -> Vec<usize> {
     let mut found: Vec<usize> = Vec::new();
     let mut best: Option<usize> = None;
     let mut close = |best: &mut Option<usize>| {

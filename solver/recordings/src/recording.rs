@@ -29,7 +29,9 @@ pub enum RecordingError {
         step_ms: f64,
     },
     /// The times span far more than the samples fill.
-    #[error("times from {first_ms} to {last_ms} ms, where {n_samples} samples every {step_ms} ms are far too few")]
+    #[error(
+        "times from {first_ms} to {last_ms} ms, where {n_samples} samples every {step_ms} ms are far too few"
+    )]
     Span {
         /// First time, ms.
         first_ms: f64,
@@ -84,7 +86,13 @@ impl Recording {
     /// # Errors
     /// [`RecordingError`] where there are too few samples, a strange step, or no pressure.
     pub fn new(channels: Channels) -> Result<Self, RecordingError> {
-        let Channels { time_ms, lv_pressure_mmhg, aortic_pressure_mmhg, flow_ml_per_s, ecg_mv } = channels;
+        let Channels {
+            time_ms,
+            lv_pressure_mmhg,
+            aortic_pressure_mmhg,
+            flow_ml_per_s,
+            ecg_mv,
+        } = channels;
         let n = time_ms.len();
         if n < FEWEST {
             return Err(RecordingError::TooFew { n_samples: n });
@@ -100,15 +108,30 @@ impl Recording {
         // Without gaps the whole length gives the step to more digits than one difference of rounded times.
         let mean = (last_ms - first_ms) / (n - 1) as f64;
         let without_gaps = time_ms.windows(2).all(|w| w[1] - w[0] < 1.8 * usual);
-        let step_ms = if without_gaps || (mean / usual - 1.0).abs() < 1e-3 { mean } else { usual };
+        let step_ms = if without_gaps || (mean / usual - 1.0).abs() < 1e-3 {
+            mean
+        } else {
+            usual
+        };
         let n_grid = ((last_ms - first_ms) / step_ms).round() + 1.0;
         if n_grid > MOST as f64 || n_grid > 50.0 * n as f64 {
-            return Err(RecordingError::Span { first_ms, last_ms, n_samples: n, step_ms });
+            return Err(RecordingError::Span {
+                first_ms,
+                last_ms,
+                n_samples: n,
+                step_ms,
+            });
         }
-        let on_grid = |i: usize| (time_ms[i] - first_ms - i as f64 * step_ms).abs() <= ON_GRID * step_ms;
-        let grid = Grid { time_ms: &time_ms, step_ms, n: n_grid as usize };
+        let on_grid =
+            |i: usize| (time_ms[i] - first_ms - i as f64 * step_ms).abs() <= ON_GRID * step_ms;
+        let grid = Grid {
+            time_ms: &time_ms,
+            step_ms,
+            n: n_grid as usize,
+        };
         let as_it_is = n_grid as usize == n && (0..n).all(on_grid);
-        let place = |values: Option<Vec<f64>>| values.map(|v| if as_it_is { v } else { grid.place(&v) });
+        let place =
+            |values: Option<Vec<f64>>| values.map(|v| if as_it_is { v } else { grid.place(&v) });
         Ok(Self {
             begin_ms: first_ms,
             step_ms,
@@ -122,7 +145,10 @@ impl Recording {
     /// The pressure that beats are judged and aligned by: the ventricle's, or without one the aorta's.
     #[must_use]
     pub fn leading_pressure(&self) -> &[f64] {
-        self.lv_pressure_mmhg.as_deref().or(self.aortic_pressure_mmhg.as_deref()).unwrap_or_default()
+        self.lv_pressure_mmhg
+            .as_deref()
+            .or(self.aortic_pressure_mmhg.as_deref())
+            .unwrap_or_default()
     }
 
     /// Number of samples on the grid.
@@ -193,9 +219,21 @@ pub fn at(values: &[f64], position: f64) -> f64 {
     }
     let (p1, p2) = (values[i], values[i + 1]);
     let p0 = if i > 0 { values[i - 1] } else { 2.0 * p1 - p2 };
-    let p3 = if i + 2 < n { values[i + 2] } else { 2.0 * p2 - p1 };
-    let cubic = p1 + 0.5 * x * (p2 - p0 + x * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + x * (3.0 * (p1 - p2) + p3 - p0)));
-    if cubic.is_finite() { cubic } else { p1 + x * (p2 - p1) }
+    let p3 = if i + 2 < n {
+        values[i + 2]
+    } else {
+        2.0 * p2 - p1
+    };
+    let cubic = p1
+        + 0.5
+            * x
+            * (p2 - p0
+                + x * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + x * (3.0 * (p1 - p2) + p3 - p0)));
+    if cubic.is_finite() {
+        cubic
+    } else {
+        p1 + x * (p2 - p1)
+    }
 }
 
 #[cfg(test)]
@@ -204,7 +242,11 @@ mod tests {
 
     fn channels(time_ms: Vec<f64>, value: impl Fn(f64) -> f64) -> Channels {
         let values = time_ms.iter().map(|t| value(*t)).collect();
-        Channels { time_ms, lv_pressure_mmhg: Some(values), ..Channels::default() }
+        Channels {
+            time_ms,
+            lv_pressure_mmhg: Some(values),
+            ..Channels::default()
+        }
     }
 
     #[test]
@@ -217,7 +259,10 @@ mod tests {
 
     #[test]
     fn a_long_gap_is_missing_and_a_lost_sample_is_bridged() {
-        let mut time: Vec<f64> = (0..600).map(f64::from).filter(|t| !(200.0..240.0).contains(t)).collect();
+        let mut time: Vec<f64> = (0..600)
+            .map(f64::from)
+            .filter(|t| !(200.0..240.0).contains(t))
+            .collect();
         time.retain(|t| *t != 300.0);
         let r = Recording::new(channels(time, |t| t)).unwrap();
         let p = r.leading_pressure();
@@ -238,11 +283,20 @@ mod tests {
     #[test]
     fn what_is_no_recording_is_refused() {
         let seconds: Vec<f64> = (0..500).map(|i| f64::from(i) * 1e-3).collect();
-        assert!(matches!(Recording::new(channels(seconds, |t| t)), Err(RecordingError::Step { .. })));
+        assert!(matches!(
+            Recording::new(channels(seconds, |t| t)),
+            Err(RecordingError::Step { .. })
+        ));
         let mut far: Vec<f64> = (0..500).map(f64::from).collect();
         far[499] = 1e12;
-        assert!(matches!(Recording::new(channels(far, |t| t)), Err(RecordingError::Span { .. })));
-        let none = Channels { time_ms: (0..500).map(f64::from).collect(), ..Channels::default() };
+        assert!(matches!(
+            Recording::new(channels(far, |t| t)),
+            Err(RecordingError::Span { .. })
+        ));
+        let none = Channels {
+            time_ms: (0..500).map(f64::from).collect(),
+            ..Channels::default()
+        };
         assert_eq!(Recording::new(none), Err(RecordingError::NoPressure));
     }
 

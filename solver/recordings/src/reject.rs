@@ -81,15 +81,26 @@ impl std::fmt::Display for Reason {
             Self::Flat(ms) => write!(f, "the same value for {ms:.0} ms"),
             Self::Jump(rate) => write!(f, "a jump of {rate:.1} mmHg/ms"),
             Self::Impossible(mmhg) => write!(f, "a pressure of {mmhg:.0} mmHg"),
-            Self::Premature(share) => write!(f, "came early, after {:.0} % of the usual cycle", 100.0 * share),
+            Self::Premature(share) => write!(
+                f,
+                "came early, after {:.0} % of the usual cycle",
+                100.0 * share
+            ),
             Self::CutShort(share) => {
-                write!(f, "the next beat came early, after {:.0} % of the usual cycle", 100.0 * share)
+                write!(
+                    f,
+                    "the next beat came early, after {:.0} % of the usual cycle",
+                    100.0 * share
+                )
             }
             Self::AfterPremature => f.write_str("follows a beat that came early"),
             Self::Pause(share) => write!(f, "lasted {:.0} % of the usual cycle", 100.0 * share),
             Self::Rises(0) => f.write_str("pressure does not rise"),
             Self::Rises(n) => write!(f, "pressure rises {n} times"),
-            Self::Shape(rms, limit) => write!(f, "differs from the usual beat by {rms:.1} mmHg (limit {limit:.1})"),
+            Self::Shape(rms, limit) => write!(
+                f,
+                "differs from the usual beat by {rms:.1} mmHg (limit {limit:.1})"
+            ),
             Self::ByHand => f.write_str("left out in prepare.toml"),
         }
     }
@@ -110,13 +121,22 @@ pub struct RejectSettings {
 
 impl Default for RejectSettings {
     fn default() -> Self {
-        Self { enabled: true, keep: Vec::new(), leave_out: Vec::new(), leave_out_ms: Vec::new() }
+        Self {
+            enabled: true,
+            keep: Vec::new(),
+            leave_out: Vec::new(),
+            leave_out_ms: Vec::new(),
+        }
     }
 }
 
 /// Reasons against each beat, the gravest first; empty where it is kept.
 #[must_use]
-pub fn judge(recording: &Recording, found: &FoundBeats, settings: &RejectSettings) -> Vec<Vec<Reason>> {
+pub fn judge(
+    recording: &Recording,
+    found: &FoundBeats,
+    settings: &RejectSettings,
+) -> Vec<Vec<Reason>> {
     let beats = &found.beats;
     let mut reasons: Vec<Vec<Reason>> = vec![Vec::new(); beats.len()];
     missing(recording, beats, &mut reasons);
@@ -126,8 +146,14 @@ pub fn judge(recording: &Recording, found: &FoundBeats, settings: &RejectSetting
         shape(recording, beats, &mut reasons);
     }
     for (idx, (beat, reasons)) in beats.iter().zip(&mut reasons).enumerate() {
-        let (from, to) = (recording.begin_ms + beat.onset_ms, recording.begin_ms + beat.onset_ms + beat.length_ms);
-        let inside = settings.leave_out_ms.iter().any(|[begin, end]| from < *end && to > *begin);
+        let (from, to) = (
+            recording.begin_ms + beat.onset_ms,
+            recording.begin_ms + beat.onset_ms + beat.length_ms,
+        );
+        let inside = settings
+            .leave_out_ms
+            .iter()
+            .any(|[begin, end]| from < *end && to > *begin);
         if inside || settings.leave_out.contains(&(idx + 1)) {
             reasons.insert(0, Reason::ByHand);
         } else if settings.keep.contains(&(idx + 1)) {
@@ -146,11 +172,17 @@ fn span(recording: &Recording, beat: &Beat) -> std::ops::Range<usize> {
 }
 
 fn missing(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
-    let channels = [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg, &recording.flow_ml_per_s];
+    let channels = [
+        &recording.lv_pressure_mmhg,
+        &recording.aortic_pressure_mmhg,
+        &recording.flow_ml_per_s,
+    ];
     for (beat, reasons) in beats.iter().zip(reasons) {
         let span = span(recording, beat);
-        let lost =
-            channels.iter().filter_map(|c| c.as_ref()).map(|c| c[span.clone()].iter().filter(|v| v.is_nan()).count());
+        let lost = channels
+            .iter()
+            .filter_map(|c| c.as_ref())
+            .map(|c| c[span.clone()].iter().filter(|v| v.is_nan()).count());
         let lost = lost.max().unwrap_or(0);
         if lost > 0 {
             reasons.push(Reason::Missing(lost as f64 * recording.step_ms));
@@ -160,7 +192,10 @@ fn missing(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
 
 fn damage(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
     let step = recording.step_ms;
-    for pressure in [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg].into_iter().flatten() {
+    for pressure in [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg]
+        .into_iter()
+        .flatten()
+    {
         let seen: Vec<(f64, f64, f64)> = beats
             .iter()
             .map(|beat| {
@@ -202,9 +237,14 @@ fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
         })
         .collect();
     let sd = centre_and_spread(&shares).1.max(LEAST_LENGTH_SD);
-    let (short, long) = (1.0 - SHORT.max(LENGTH_SD.0 * sd), 1.0 + LONG.max(LENGTH_SD.1 * sd));
-    let follows =
-        |i: usize| i + 1 < beats.len() && (beats[i].onset_ms + beats[i].length_ms - beats[i + 1].onset_ms).abs() < 1e-6;
+    let (short, long) = (
+        1.0 - SHORT.max(LENGTH_SD.0 * sd),
+        1.0 + LONG.max(LENGTH_SD.1 * sd),
+    );
+    let follows = |i: usize| {
+        i + 1 < beats.len()
+            && (beats[i].onset_ms + beats[i].length_ms - beats[i + 1].onset_ms).abs() < 1e-6
+    };
     for i in 0..beats.len() {
         let n_rises = rises_of(&beats[i], &found.rises_ms);
         if shares[i] < short {
@@ -214,7 +254,10 @@ fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
             if sure && follows(i) {
                 reasons[i + 1].insert(0, Reason::Premature(shares[i]));
                 // A false beginning has no rise of its own, and disturbs nothing after it.
-                if rises_of(&beats[i + 1], &found.rises_ms) > 0 && follows(i + 1) && shares[i + 1] >= short {
+                if rises_of(&beats[i + 1], &found.rises_ms) > 0
+                    && follows(i + 1)
+                    && shares[i + 1] >= short
+                {
                     reasons[i + 2].push(Reason::AfterPremature);
                 }
             }
@@ -233,24 +276,44 @@ fn shape(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
     let n = ((SHAPE_SHARE * usual_length / SHAPE_STEP_MS) as usize).max(8);
     let sampled = |beat: &Beat| -> Vec<f64> {
         let time = |k: usize| beat.onset_ms + k as f64 * SHAPE_STEP_MS;
-        (0..n).map(|k| at(pressure, recording.position(time(k)))).collect()
+        (0..n)
+            .map(|k| at(pressure, recording.position(time(k))))
+            .collect()
     };
-    let good: Vec<usize> = (0..beats.len()).filter(|i| reasons[*i].is_empty()).collect();
+    let good: Vec<usize> = (0..beats.len())
+        .filter(|i| reasons[*i].is_empty())
+        .collect();
     if good.len() < 4 {
         return;
     }
     let every = good.len().div_ceil(SHAPE_BEATS);
-    let chosen: Vec<Vec<f64>> = good.iter().step_by(every).map(|i| sampled(&beats[*i])).collect();
-    let usual: Vec<f64> = (0..n).map(|k| median(chosen.iter().map(|s| s[k]))).collect();
+    let chosen: Vec<Vec<f64>> = good
+        .iter()
+        .step_by(every)
+        .map(|i| sampled(&beats[*i]))
+        .collect();
+    let usual: Vec<f64> = (0..n)
+        .map(|k| median(chosen.iter().map(|s| s[k])))
+        .collect();
     let distance = |beat: &Beat| -> f64 {
         let here = sampled(beat);
         let m = here.iter().zip(&usual).map(|(a, b)| a - b).sum::<f64>() / n as f64;
-        (here.iter().zip(&usual).map(|(a, b)| (a - b - m).powi(2)).sum::<f64>() / n as f64).sqrt()
+        (here
+            .iter()
+            .zip(&usual)
+            .map(|(a, b)| (a - b - m).powi(2))
+            .sum::<f64>()
+            / n as f64)
+            .sqrt()
     };
     let distances: Vec<f64> = beats.iter().map(distance).collect();
     let of_good: Vec<f64> = good.iter().map(|i| distances[*i]).collect();
     let (centre, spread) = centre_and_spread(&of_good);
-    let (low, high) = usual.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let (low, high) = usual
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+            (l.min(*v), h.max(*v))
+        });
     let limit = centre + (SHAPE.0 * spread).max(SHAPE.1 * (high - low));
     for (distance, reasons) in distances.into_iter().zip(reasons) {
         if distance > limit {
@@ -273,18 +336,40 @@ mod tests {
             }))
             .collect();
         let n = *onsets.last().unwrap() as usize + 300;
-        let bell = |t: f64| 100.0 / (1.0 + (-(t - 80.0) / 12.0).exp()) / (1.0 + ((t - 330.0) / 18.0).exp());
+        let bell = |t: f64| {
+            100.0 / (1.0 + (-(t - 80.0) / 12.0).exp()) / (1.0 + ((t - 330.0) / 18.0).exp())
+        };
         let pressure = (0..n)
-            .map(|i| 8.0 + onsets.iter().map(|o| bell(i as f64 - o)).fold(0.0, f64::max) + 1e-3 * (i % 7) as f64)
+            .map(|i| {
+                8.0 + onsets
+                    .iter()
+                    .map(|o| bell(i as f64 - o))
+                    .fold(0.0, f64::max)
+                    + 1e-3 * (i % 7) as f64
+            })
             .collect();
-        let recording = Recording { step_ms: 1.0, lv_pressure_mmhg: Some(pressure), ..Recording::default() };
-        let settings = BeatSettings { source: Some(Source::Given), onsets_ms: onsets };
+        let recording = Recording {
+            step_ms: 1.0,
+            lv_pressure_mmhg: Some(pressure),
+            ..Recording::default()
+        };
+        let settings = BeatSettings {
+            source: Some(Source::Given),
+            onsets_ms: onsets,
+        };
         let found = find(&recording, &settings).unwrap();
         (recording, found)
     }
 
-    fn kinds(recording: &Recording, found: &FoundBeats, settings: &RejectSettings) -> Vec<Vec<&'static str>> {
-        judge(recording, found, settings).iter().map(|r| r.iter().map(Reason::kind).collect()).collect()
+    fn kinds(
+        recording: &Recording,
+        found: &FoundBeats,
+        settings: &RejectSettings,
+    ) -> Vec<Vec<&'static str>> {
+        judge(recording, found, settings)
+            .iter()
+            .map(|r| r.iter().map(Reason::kind).collect())
+            .collect()
     }
 
     #[test]
@@ -310,7 +395,10 @@ mod tests {
         let seen = of(&RejectSettings::default());
         let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
         assert_eq!(named, [2, 5, 8]);
-        assert!([2, 5, 8].iter().all(|i| seen[*i][0] == "damaged"), "{seen:?}");
+        assert!(
+            [2, 5, 8].iter().all(|i| seen[*i][0] == "damaged"),
+            "{seen:?}"
+        );
         let by_hand = RejectSettings {
             keep: vec![3, 6],
             leave_out: vec![1],
@@ -320,7 +408,10 @@ mod tests {
         let seen = of(&by_hand);
         let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
         assert_eq!(named, [0, 2, 8, 18], "a beat without samples stays out");
-        let off = RejectSettings { enabled: false, ..RejectSettings::default() };
+        let off = RejectSettings {
+            enabled: false,
+            ..RejectSettings::default()
+        };
         assert_eq!(of(&off).iter().filter(|k| !k.is_empty()).count(), 1);
     }
 
@@ -328,7 +419,9 @@ mod tests {
     fn a_weak_beat_at_its_time_is_unusual() {
         let (mut recording, found) = recording(&[800.0; 20]);
         let pressure = recording.lv_pressure_mmhg.as_mut().unwrap();
-        pressure[8000..8790].iter_mut().for_each(|p| *p = 8.0 + 0.75 * (*p - 8.0));
+        pressure[8000..8790]
+            .iter_mut()
+            .for_each(|p| *p = 8.0 + 0.75 * (*p - 8.0));
         let seen = kinds(&recording, &found, &RejectSettings::default());
         assert_eq!(seen[10], ["unusual-shape"]);
         assert_eq!(seen.iter().filter(|k| !k.is_empty()).count(), 1);

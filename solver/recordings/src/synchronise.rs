@@ -11,7 +11,10 @@ pub struct SynchroniseSettings {
 
 impl Default for SynchroniseSettings {
     fn default() -> Self {
-        Self { enabled: true, lag_ms: None }
+        Self {
+            enabled: true,
+            lag_ms: None,
+        }
     }
 }
 
@@ -36,13 +39,19 @@ pub fn lag(
     cycle_length_ms: f64,
     settings: SynchroniseSettings,
 ) -> Lag {
-    let near = |t: f64| (t + 0.5 * cycle_length_ms).rem_euclid(cycle_length_ms) - 0.5 * cycle_length_ms;
-    let by_events_ms =
-        ejection_ms.zip(valve_ms).map(|(volume, valve)| [near(volume.0 - valve.0), near(volume.1 - valve.1)]);
+    let near =
+        |t: f64| (t + 0.5 * cycle_length_ms).rem_euclid(cycle_length_ms) - 0.5 * cycle_length_ms;
+    let by_events_ms = ejection_ms
+        .zip(valve_ms)
+        .map(|(volume, valve)| [near(volume.0 - valve.0), near(volume.1 - valve.1)]);
     let seen = by_events_ms.map(|[opening, closure]| 0.5 * (opening + closure));
     let ms = settings.lag_ms.or(seen).unwrap_or(0.0);
     let removed = settings.enabled && (settings.lag_ms.is_some() || seen.is_some());
-    Lag { ms, by_events_ms, removed }
+    Lag {
+        ms,
+        by_events_ms,
+        removed,
+    }
 }
 
 impl Lag {
@@ -59,13 +68,35 @@ mod tests {
 
     #[test]
     fn a_lag_is_that_of_both_events_around_the_cycles_end() {
-        let of = |ejection| lag(Some(ejection), Some((60.0, 330.0)), 800.0, SynchroniseSettings::default());
+        let of = |ejection| {
+            lag(
+                Some(ejection),
+                Some((60.0, 330.0)),
+                800.0,
+                SynchroniseSettings::default(),
+            )
+        };
         assert_eq!(of((100.0, 366.0)).ms, 38.0);
-        assert_eq!(of((-760.0 + 20.0, 320.0 - 800.0)).by_events_ms, Some([0.0, -10.0]));
-        let given = SynchroniseSettings { enabled: true, lag_ms: Some(-5.0) };
+        assert_eq!(
+            of((-760.0 + 20.0, 320.0 - 800.0)).by_events_ms,
+            Some([0.0, -10.0])
+        );
+        let given = SynchroniseSettings {
+            enabled: true,
+            lag_ms: Some(-5.0),
+        };
         assert_eq!(lag(None, None, 800.0, given).taken_ms(), -5.0);
-        let off = SynchroniseSettings { enabled: false, lag_ms: None };
-        assert_eq!(lag(Some((100.0, 370.0)), Some((60.0, 330.0)), 800.0, off).taken_ms(), 0.0);
-        assert_eq!(lag(None, None, 800.0, SynchroniseSettings::default()).taken_ms(), 0.0);
+        let off = SynchroniseSettings {
+            enabled: false,
+            lag_ms: None,
+        };
+        assert_eq!(
+            lag(Some((100.0, 370.0)), Some((60.0, 330.0)), 800.0, off).taken_ms(),
+            0.0
+        );
+        assert_eq!(
+            lag(None, None, 800.0, SynchroniseSettings::default()).taken_ms(),
+            0.0
+        );
     }
 }

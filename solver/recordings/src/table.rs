@@ -40,7 +40,8 @@ impl Table {
     #[must_use]
     pub fn line(&self, row: usize) -> usize {
         let run = self.lines.partition_point(|(first, _)| *first <= row);
-        run.checked_sub(1).map_or(1, |run| self.lines[run].1 + row - self.lines[run].0)
+        run.checked_sub(1)
+            .map_or(1, |run| self.lines[run].1 + row - self.lines[run].0)
     }
 }
 
@@ -58,12 +59,20 @@ pub struct TableReading {
 #[must_use]
 pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> TableReading {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut parser = Parser { file, wanted, problems: Vec::new(), told: BTreeMap::new() };
+    let mut parser = Parser {
+        file,
+        wanted,
+        problems: Vec::new(),
+        told: BTreeMap::new(),
+    };
     let table = parser.table(bytes);
     parser.count_the_rest();
     let Parser { problems, .. } = parser;
     let sound = !problems.iter().any(Problem::is_error);
-    TableReading { table: table.filter(|_| sound), problems }
+    TableReading {
+        table: table.filter(|_| sound),
+        problems,
+    }
 }
 
 struct Parser<'a> {
@@ -82,19 +91,34 @@ struct Column {
 
 impl Parser<'_> {
     fn table(&mut self, bytes: &[u8]) -> Option<Table> {
-        let mut lines = bytes.split(|b| *b == b'\n').enumerate().filter(|(_, line)| {
-            let line = line.trim_ascii();
-            !line.is_empty() && line[0] != b'#'
-        });
+        let mut lines = bytes
+            .split(|b| *b == b'\n')
+            .enumerate()
+            .filter(|(_, line)| {
+                let line = line.trim_ascii();
+                !line.is_empty() && line[0] != b'#'
+            });
         let Some((header_idx, header)) = lines.next() else {
             let expected = format!("a header with {}", self.names_of(0));
-            self.problems.push(Problem::error(self.file, "an empty file", expected, "export the recording again"));
+            self.problems.push(Problem::error(
+                self.file,
+                "an empty file",
+                expected,
+                "export the recording again",
+            ));
             return None;
         };
         let header = String::from_utf8_lossy(header);
-        let names: Vec<&str> = header.trim().split(',').map(|name| name.trim().trim_matches('"')).collect();
+        let names: Vec<&str> = header
+            .trim()
+            .split(',')
+            .map(|name| name.trim().trim_matches('"'))
+            .collect();
         let columns = self.columns(header_idx + 1, &names)?;
-        let mut values: Vec<Vec<f64>> = columns.iter().map(|_| Vec::with_capacity(bytes.len() / 24)).collect();
+        let mut values: Vec<Vec<f64>> = columns
+            .iter()
+            .map(|_| Vec::with_capacity(bytes.len() / 24))
+            .collect();
         let mut runs: Vec<(usize, usize)> = Vec::new();
         let mut expected_line = 0;
         let mut cells: Vec<&[u8]> = Vec::with_capacity(names.len() + 1);
@@ -134,9 +158,17 @@ impl Parser<'_> {
         }
         if values[0].len() < 2 && self.problems.is_empty() {
             let found = format!("{} samples", values[0].len());
-            self.problems.push(Problem::error(self.file, found, "a recording", "export the recording again"));
+            self.problems.push(Problem::error(
+                self.file,
+                found,
+                "a recording",
+                "export the recording again",
+            ));
         }
-        let mut table = Table { lines: runs, ..Table::default() };
+        let mut table = Table {
+            lines: runs,
+            ..Table::default()
+        };
         for (column, values) in columns.into_iter().zip(values) {
             let quantity = self.wanted[column.wanted].quantity;
             table.columns.insert(quantity, values);
@@ -150,9 +182,11 @@ impl Parser<'_> {
         let n_before = self.problems.len();
         if names.iter().all(|name| number(name.as_bytes()).is_some()) {
             let found = format!("the numbers `{}` and no header", names.join(","));
-            let remedy = "put names above the numbers, with the units in them: units are never guessed";
+            let remedy =
+                "put names above the numbers, with the units in them: units are never guessed";
             let expected = format!("a header with {}", self.names_of(0));
-            self.problems.push(Problem::error(self.file, found, expected, remedy).at_line(line));
+            self.problems
+                .push(Problem::error(self.file, found, expected, remedy).at_line(line));
             return None;
         }
         let mut columns = Vec::new();
@@ -166,17 +200,29 @@ impl Parser<'_> {
                 })
                 .collect();
             match found[..] {
-                [(place, factor)] => columns.push(Column { place, wanted: idx, factor }),
+                [(place, factor)] => columns.push(Column {
+                    place,
+                    wanted: idx,
+                    factor,
+                }),
                 [] if wanted.required || self.without_unit(wanted, names) => {
                     let alike = names.iter().find(|name| {
-                        name.to_lowercase().starts_with(wanted.quantity.split('_').next().unwrap_or_default())
+                        name.to_lowercase()
+                            .starts_with(wanted.quantity.split('_').next().unwrap_or_default())
                     });
-                    let found =
-                        alike.map_or_else(|| format!("`{}`", names.join(",")), |name| format!("column `{name}`"));
-                    let remedy =
-                        "name the column so, or say in prepare.toml which column it is; the name carries the unit";
-                    let problem = Problem::error(self.file, found, format!("a column {}", self.names_of(idx)), remedy);
-                    self.problems.push(problem.at_line(line).at_key(wanted.names[0].0.clone()));
+                    let found = alike.map_or_else(
+                        || format!("`{}`", names.join(",")),
+                        |name| format!("column `{name}`"),
+                    );
+                    let remedy = "name the column so, or say in prepare.toml which column it is; the name carries the unit";
+                    let problem = Problem::error(
+                        self.file,
+                        found,
+                        format!("a column {}", self.names_of(idx)),
+                        remedy,
+                    );
+                    self.problems
+                        .push(problem.at_line(line).at_key(wanted.names[0].0.clone()));
                 }
                 [] => {}
                 _ => {
@@ -187,29 +233,50 @@ impl Parser<'_> {
                         format!("one column {}", self.names_of(idx)),
                         "remove or rename the others",
                     );
-                    self.problems.push(problem.at_line(line).at_key(wanted.names[0].0.clone()));
+                    self.problems
+                        .push(problem.at_line(line).at_key(wanted.names[0].0.clone()));
                 }
             }
         }
-        let known = |name: &str| self.wanted.iter().flat_map(|w| &w.names).any(|(known, _)| known == name);
+        let known = |name: &str| {
+            self.wanted
+                .iter()
+                .flat_map(|w| &w.names)
+                .any(|(known, _)| known == name)
+        };
         let others: Vec<&str> = names.iter().copied().filter(|name| !known(name)).collect();
         if !others.is_empty() {
-            let all: Vec<String> = (0..self.wanted.len()).map(|idx| self.names_of(idx)).collect();
+            let all: Vec<String> = (0..self.wanted.len())
+                .map(|idx| self.names_of(idx))
+                .collect();
             let found = format!("columns that are not read: `{}`", others.join("`, `"));
-            let remedy = "remove them, or say in prepare.toml what they are, if they should be read";
-            self.problems.push(Problem::warning(self.file, found, all.join("; "), remedy).at_line(line));
+            let remedy =
+                "remove them, or say in prepare.toml what they are, if they should be read";
+            self.problems
+                .push(Problem::warning(self.file, found, all.join("; "), remedy).at_line(line));
         }
         (!self.problems[n_before..].iter().any(Problem::is_error)).then_some(columns)
     }
 
     /// Whether a column looks as if it were meant, but carries no unit or another one: it is not left out in silence.
     fn without_unit(&self, wanted: &Wanted, names: &[&str]) -> bool {
-        let known = |name: &str| self.wanted.iter().flat_map(|w| &w.names).any(|(known, _)| known == name);
-        names.iter().any(|name| name.to_lowercase().starts_with(wanted.quantity) && !known(name))
+        let known = |name: &str| {
+            self.wanted
+                .iter()
+                .flat_map(|w| &w.names)
+                .any(|(known, _)| known == name)
+        };
+        names
+            .iter()
+            .any(|name| name.to_lowercase().starts_with(wanted.quantity) && !known(name))
     }
 
     fn names_of(&self, idx: usize) -> String {
-        let names: Vec<String> = self.wanted[idx].names.iter().map(|(name, _)| format!("`{name}`")).collect();
+        let names: Vec<String> = self.wanted[idx]
+            .names
+            .iter()
+            .map(|(name, _)| format!("`{name}`"))
+            .collect();
         names.join(" or ")
     }
 
@@ -218,16 +285,33 @@ impl Parser<'_> {
             return value;
         }
         let wanted = &self.wanted[column.wanted];
-        let missing = cell.is_empty() || [&b"nan"[..], b"na"].iter().any(|word| cell.eq_ignore_ascii_case(word));
+        let missing = cell.is_empty()
+            || [&b"nan"[..], b"na"]
+                .iter()
+                .any(|word| cell.eq_ignore_ascii_case(word));
         if missing && wanted.may_lack {
             return f64::NAN;
         }
-        let found = if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{}`", shown(cell)) };
-        let expected = if wanted.may_lack { "a number, or an empty cell" } else { "a number" };
-        let remedy = "leave the cell empty where a sample was lost, and write decimals with a point";
+        let found = if cell.is_empty() {
+            "an empty cell".to_owned()
+        } else {
+            format!("`{}`", shown(cell))
+        };
+        let expected = if wanted.may_lack {
+            "a number, or an empty cell"
+        } else {
+            "a number"
+        };
+        let remedy =
+            "leave the cell empty where a sample was lost, and write decimals with a point";
         let key = wanted.names[0].0.clone();
         let kind = if missing { "missing" } else { "number" };
-        self.tell(kind, Problem::error(self.file, found, expected, remedy).at_line(line).at_key(key));
+        self.tell(
+            kind,
+            Problem::error(self.file, found, expected, remedy)
+                .at_line(line)
+                .at_key(key),
+        );
         f64::NAN
     }
 
@@ -244,7 +328,11 @@ impl Parser<'_> {
     fn count_the_rest(&mut self) {
         for (n, last) in std::mem::take(&mut self.told).into_values() {
             let Some(last) = last else { continue };
-            let found = format!("{} more lines like those before, the last one with {}", n - MAX_TOLD, last.found);
+            let found = format!(
+                "{} more lines like those before, the last one with {}",
+                n - MAX_TOLD,
+                last.found
+            );
             self.problems.push(Problem { found, ..last });
         }
         self.problems.sort_by_key(|p| p.line);
@@ -254,7 +342,11 @@ impl Parser<'_> {
 fn shown(text: &[u8]) -> String {
     let text = String::from_utf8_lossy(text);
     let text = text.trim();
-    if text.chars().count() <= 60 { text.to_owned() } else { text.chars().take(57).chain("...".chars()).collect() }
+    if text.chars().count() <= 60 {
+        text.to_owned()
+    } else {
+        text.chars().take(57).chain("...".chars()).collect()
+    }
 }
 
 /// A finite decimal number. Up to 15 digits and powers of ten to 22 are exact in floats, so that one division rounds right
@@ -269,7 +361,9 @@ fn number(text: &[u8]) -> Option<f64> {
     for byte in digits {
         match byte {
             b'0'..=b'9' => {
-                mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+                mantissa = mantissa
+                    .wrapping_mul(10)
+                    .wrapping_add(u64::from(byte - b'0'));
                 n_digits += u32::from(mantissa > 0);
                 n_decimals += usize::from(point);
             }
@@ -285,12 +379,16 @@ fn number(text: &[u8]) -> Option<f64> {
 }
 
 const POWERS: [f64; 23] = [
-    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
-    1e21, 1e22,
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
 fn slow(text: &[u8]) -> Option<f64> {
-    std::str::from_utf8(text).ok()?.parse::<f64>().ok().filter(|value| value.is_finite())
+    std::str::from_utf8(text)
+        .ok()?
+        .parse::<f64>()
+        .ok()
+        .filter(|value| value.is_finite())
 }
 
 #[cfg(test)]
@@ -300,13 +398,21 @@ mod tests {
     fn wanted() -> Vec<Wanted> {
         let column = |quantity, names: &[(&str, f64)], required, may_lack| Wanted {
             quantity,
-            names: names.iter().map(|(name, factor)| ((*name).to_owned(), *factor)).collect(),
+            names: names
+                .iter()
+                .map(|(name, factor)| ((*name).to_owned(), *factor))
+                .collect(),
             required,
             may_lack,
         };
         vec![
             column("time", &[("time_ms", 1.0), ("time_s", 1000.0)], true, false),
-            column("lv_pressure", &[("lv_pressure_mmHg", 1.0), ("lv_pressure_kPa", 7.5)], true, true),
+            column(
+                "lv_pressure",
+                &[("lv_pressure_mmHg", 1.0), ("lv_pressure_kPa", 7.5)],
+                true,
+                true,
+            ),
             column("ecg", &[("ecg_mV", 1.0)], false, true),
         ]
     }
@@ -332,7 +438,11 @@ mod tests {
             "99.99999999999999",
             "+4",
         ] {
-            assert_eq!(number(text.as_bytes()), Some(text.parse().unwrap()), "{text}");
+            assert_eq!(
+                number(text.as_bytes()),
+                Some(text.parse().unwrap()),
+                "{text}"
+            );
         }
         for text in ["", "-", ".", "1,5", "1.2.3", "abc", "inf", "nan", "--1"] {
             assert_eq!(number(text.as_bytes()), None, "{text}");
@@ -341,8 +451,9 @@ mod tests {
 
     #[test]
     fn columns_are_found_by_name_in_any_order_and_unit() {
-        let reading =
-            read("# a lab\necg_mV, lv_pressure_kPa ,time_s\r\n0.1,1.0,0.000\r\n,2,0.001\r\n# x\n0.3,nan,0.002\n");
+        let reading = read(
+            "# a lab\necg_mV, lv_pressure_kPa ,time_s\r\n0.1,1.0,0.000\r\n,2,0.001\r\n# x\n0.3,nan,0.002\n",
+        );
         assert_eq!(reading.problems, []);
         let table = reading.table.unwrap();
         assert_eq!(table.columns["time"], [0.0, 1.0, 2.0]);
@@ -358,19 +469,43 @@ mod tests {
         let told: Vec<String> = reading.problems.iter().map(ToString::to_string).collect();
         assert!(reading.table.is_none());
         assert_eq!(told.len(), 3, "{told:#?}");
-        assert!(told[0].starts_with("error: raw/catheter.csv:3: lv_pressure_mmHg: found `x`"), "{}", told[0]);
-        assert!(told[1].starts_with("error: raw/catheter.csv:4: time_ms: found 1 ms after 1 ms"), "{}", told[1]);
-        assert!(told[2].contains("catheter.csv:5: found 1 fields in `2`"), "{}", told[2]);
+        assert!(
+            told[0].starts_with("error: raw/catheter.csv:3: lv_pressure_mmHg: found `x`"),
+            "{}",
+            told[0]
+        );
+        assert!(
+            told[1].starts_with("error: raw/catheter.csv:4: time_ms: found 1 ms after 1 ms"),
+            "{}",
+            told[1]
+        );
+        assert!(
+            told[2].contains("catheter.csv:5: found 1 fields in `2`"),
+            "{}",
+            told[2]
+        );
     }
 
     #[test]
     fn headers_are_never_guessed() {
-        let text = |text: &str| read(text).problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+        let text = |text: &str| {
+            read(text)
+                .problems
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join("\n")
+        };
         assert!(text("0,7\n1,8\n").contains("no header"));
         assert!(text("time_ms,lv_pressure\n0,7\n").contains("found column `lv_pressure`"));
         assert!(text("").contains("an empty file"));
-        assert!(text("time_ms,time_s,lv_pressure_mmHg\n0,0,7\n1,1,8\n").contains("2 columns of it"));
-        assert!(text("time_ms,lv_pressure_mmHg,ecg\n0,7,0\n1,8,0\n").contains("ecg_mV: found column `ecg`"));
+        assert!(
+            text("time_ms,time_s,lv_pressure_mmHg\n0,0,7\n1,1,8\n").contains("2 columns of it")
+        );
+        assert!(
+            text("time_ms,lv_pressure_mmHg,ecg\n0,7,0\n1,8,0\n")
+                .contains("ecg_mV: found column `ecg`")
+        );
         let more = read("time_ms,lv_pressure_mmHg,temperature\n0,7,36\n1,7,36\n");
         assert!(more.table.is_some() && more.problems.len() == 1 && !more.problems[0].is_error());
     }
@@ -380,6 +515,10 @@ mod tests {
         let body: String = (0..1000).map(|i| format!("{i},bad\n")).collect();
         let reading = read(&format!("time_ms,lv_pressure_mmHg\n{body}"));
         assert_eq!(reading.problems.len(), MAX_TOLD + 1);
-        assert!(reading.problems[MAX_TOLD].found.starts_with("995 more lines"));
+        assert!(
+            reading.problems[MAX_TOLD]
+                .found
+                .starts_with("995 more lines")
+        );
     }
 }

@@ -16,7 +16,11 @@ const WINDOW_MS: f64 = 2000.0;
 /// The pressure's slope, mmHg/ms.
 pub(crate) fn slopes(recording: &Recording, pressure_mmhg: &[f64]) -> Vec<f64> {
     // Below one step of smoothing there is nothing to smooth with.
-    let half = if recording.step_ms > SMOOTH_MS { 0 } else { recording.samples(SMOOTH_MS) };
+    let half = if recording.step_ms > SMOOTH_MS {
+        0
+    } else {
+        recording.samples(SMOOTH_MS)
+    };
     slope(&smooth(pressure_mmhg, half), recording.step_ms)
 }
 
@@ -49,15 +53,26 @@ pub(crate) fn find(recording: &Recording, pressure_mmhg: &[f64], slopes: &[f64])
     let found = regions(&sound, threshold, recording.samples(REFRACTORY_MS));
     let reach = recording.samples(HEIGHT_MS);
     let height = |i: &usize| {
-        let finite = |range: &[f64]| range.iter().copied().filter(|p| p.is_finite()).collect::<Vec<_>>();
-        let before = finite(&pressure_mmhg[i.saturating_sub(reach)..=*i]).into_iter().fold(f64::INFINITY, f64::min);
+        let finite = |range: &[f64]| {
+            range
+                .iter()
+                .copied()
+                .filter(|p| p.is_finite())
+                .collect::<Vec<_>>()
+        };
+        let before = finite(&pressure_mmhg[i.saturating_sub(reach)..=*i])
+            .into_iter()
+            .fold(f64::INFINITY, f64::min);
         let after = finite(&pressure_mmhg[*i..(i + reach + 1).min(pressure_mmhg.len())]);
         after.into_iter().fold(f64::NEG_INFINITY, f64::max) - before
     };
     let heights: Vec<f64> = found.iter().map(height).collect();
     let mut sorted = heights.clone();
     sorted.sort_by(f64::total_cmp);
-    let usual_height = sorted.get((USUAL * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+    let usual_height = sorted
+        .get((USUAL * sorted.len() as f64) as usize)
+        .copied()
+        .unwrap_or(0.0);
     std::iter::zip(found, heights)
         .filter(|(_, height)| *height >= HEIGHT * usual_height)
         .map(|(i, _)| i)

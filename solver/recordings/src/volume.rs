@@ -51,8 +51,15 @@ pub fn adjust(cine: &Cine, image: Option<&WholeHeart>, how: Adjust) -> Adjusted 
         _ => (1.0, 0.0),
     };
     let mut cine = cine.clone();
-    cine.volume_ml.iter_mut().for_each(|v| *v = factor * *v + shift_ml);
-    Adjusted { cine, before_ml, factor, shift_ml }
+    cine.volume_ml
+        .iter_mut()
+        .for_each(|v| *v = factor * *v + shift_ml);
+    Adjusted {
+        cine,
+        before_ml,
+        factor,
+        shift_ml,
+    }
 }
 
 #[cfg(test)]
@@ -62,10 +69,18 @@ mod tests {
     #[test]
     fn volumes_meet_the_image_and_keep_what_they_should() {
         let time: Vec<f64> = (0..25).map(|i| f64::from(i) * 32.0).collect();
-        let volume = time.iter().map(|t| 120.0 + 40.0 * (t / 800.0 * std::f64::consts::TAU).cos()).collect();
+        let volume = time
+            .iter()
+            .map(|t| 120.0 + 40.0 * (t / 800.0 * std::f64::consts::TAU).cos())
+            .collect();
         let cine = Cine::new(time, volume, Some(800.0)).unwrap();
-        let image = WholeHeart { time_ms: 640.0, volume_ml: 140.0, sd_ml: None };
-        let fraction = |c: &Cine| c.stroke_volume_ml() / c.volume_ml.iter().copied().fold(0.0, f64::max);
+        let image = WholeHeart {
+            time_ms: 640.0,
+            volume_ml: 140.0,
+            sd_ml: None,
+        };
+        let fraction =
+            |c: &Cine| c.stroke_volume_ml() / c.volume_ml.iter().copied().fold(0.0, f64::max);
         let scaled = adjust(&cine, Some(&image), Adjust::Scale);
         assert!((scaled.cine.near(640.0) - 140.0).abs() < 1e-9 && scaled.factor > 1.0);
         assert!((fraction(&scaled.cine) - fraction(&cine)).abs() < 1e-12);

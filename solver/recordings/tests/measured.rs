@@ -9,16 +9,29 @@ use cardiotwin_recordings::table::{Wanted, parse};
 use cardiotwin_recordings::{Raw, Recording, Settings};
 
 fn column(file: &str, name: &str) -> (Vec<f64>, Vec<f64>) {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/afterload")).join(file);
+    let path = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/afterload"
+    ))
+    .join(file);
     let wanted = |quantity, name: &str| Wanted {
         quantity,
         names: vec![(name.to_owned(), 1.0)],
         required: true,
         may_lack: false,
     };
-    let reading = parse(&std::fs::read(&path).unwrap(), &path, &[wanted("time", "time_ms"), wanted("value", name)]);
-    let mut table = reading.table.unwrap_or_else(|| panic!("{:?}", reading.problems));
-    (table.columns.remove("time").unwrap(), table.columns.remove("value").unwrap())
+    let reading = parse(
+        &std::fs::read(&path).unwrap(),
+        &path,
+        &[wanted("time", "time_ms"), wanted("value", name)],
+    );
+    let mut table = reading
+        .table
+        .unwrap_or_else(|| panic!("{:?}", reading.problems));
+    (
+        table.columns.remove("time").unwrap(),
+        table.columns.remove("value").unwrap(),
+    )
 }
 
 /// Flow brought to the pressure's times: they are up to 2 ms apart.
@@ -26,14 +39,27 @@ fn record(pressure: &str, flow: &str) -> Result<Prepared, PrepareError> {
     let (time_ms, p) = column(pressure, "pressure_mmHg");
     let (flow_time, q) = column(flow, "flow_mL_per_s");
     let at = |t: &f64| {
-        let i = flow_time.partition_point(|x| x <= t).clamp(1, flow_time.len() - 1);
+        let i = flow_time
+            .partition_point(|x| x <= t)
+            .clamp(1, flow_time.len() - 1);
         let share = ((t - flow_time[i - 1]) / (flow_time[i] - flow_time[i - 1])).clamp(0.0, 1.0);
         q[i - 1] + share * (q[i] - q[i - 1])
     };
     let flow = time_ms.iter().map(at).collect();
-    let channels =
-        Channels { time_ms, aortic_pressure_mmhg: Some(p), flow_ml_per_s: Some(flow), ..Channels::default() };
-    prepare(&Raw { recording: Recording::new(channels).unwrap(), cine: None, whole_heart: None }, &Settings::default())
+    let channels = Channels {
+        time_ms,
+        aortic_pressure_mmhg: Some(p),
+        flow_ml_per_s: Some(flow),
+        ..Channels::default()
+    };
+    prepare(
+        &Raw {
+            recording: Recording::new(channels).unwrap(),
+            cine: None,
+            whole_heart: None,
+        },
+        &Settings::default(),
+    )
 }
 
 #[test]
@@ -41,14 +67,25 @@ fn porcine_aortas_have_their_beats_and_their_mean() {
     for (kind, cycle) in [("in-vivo", 800.0..900.0), ("ex-vivo", 460.0..510.0)] {
         for part in 1..=4 {
             let folder = format!("porcine-{kind}");
-            let prepared =
-                record(&format!("{folder}/pressure-{part}.csv"), &format!("{folder}/flow-{part}.csv")).unwrap();
+            let prepared = record(
+                &format!("{folder}/pressure-{part}.csv"),
+                &format!("{folder}/flow-{part}.csv"),
+            )
+            .unwrap();
             let (average, found) = (&prepared.average, &prepared.found);
             assert_eq!(found.source, Source::PressureRise);
-            let (p, q) = (&average.aortic_pressure.as_ref().unwrap(), &average.flow.as_ref().unwrap().mean);
-            let peak =
-                |v: &[f64]| (0..v.len()).max_by(|a, b| v[*a].total_cmp(&v[*b])).unwrap() as f64 * average.step_ms;
-            let (low, high) = p.mean.iter().fold((f64::MAX, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
+            let (p, q) = (
+                &average.aortic_pressure.as_ref().unwrap(),
+                &average.flow.as_ref().unwrap().mean,
+            );
+            let peak = |v: &[f64]| {
+                (0..v.len()).max_by(|a, b| v[*a].total_cmp(&v[*b])).unwrap() as f64
+                    * average.step_ms
+            };
+            let (low, high) = p
+                .mean
+                .iter()
+                .fold((f64::MAX, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
             let stroke = q.iter().sum::<f64>() * average.step_ms * 1e-3;
             println!(
                 "{kind} {part}: {} beats, {} kept, cycle {:.0} ms ({:.0} to {:.0}), {high:.1}/{low:.1} mmHg, {stroke:.1} mL, flow peaks \
@@ -59,14 +96,28 @@ fn porcine_aortas_have_their_beats_and_their_mean() {
                 average.lengths_ms[0],
                 average.lengths_ms[1],
                 peak(q) - average.rise_ms,
+                prepared.noise.map(|n| format!(
+                    "beats differ by {:.2} mmHg over {:.0} ms",
+                    n.beat_rms_mmhg, n.correlation_ms
+                )),
                 prepared
-                    .noise
-                    .map(|n| format!("beats differ by {:.2} mmHg over {:.0} ms", n.beat_rms_mmhg, n.correlation_ms)),
-                prepared.reasons.iter().flatten().map(ToString::to_string).collect::<Vec<_>>(),
+                    .reasons
+                    .iter()
+                    .flatten()
+                    .map(ToString::to_string)
+                    .collect::<Vec<_>>(),
             );
             // Five beats were recorded, of which four or five begin and end in the record.
-            assert!((3..=5).contains(&found.beats.len()), "{}", found.beats.len());
-            assert!(cycle.contains(&average.cycle_length_ms), "{}", average.cycle_length_ms);
+            assert!(
+                (3..=5).contains(&found.beats.len()),
+                "{}",
+                found.beats.len()
+            );
+            assert!(
+                cycle.contains(&average.cycle_length_ms),
+                "{}",
+                average.cycle_length_ms
+            );
             assert!(average.n_averaged >= 3 && high - low > 8.0);
         }
     }
@@ -75,5 +126,8 @@ fn porcine_aortas_have_their_beats_and_their_mean() {
 #[test]
 fn one_human_beat_is_no_recording_of_many() {
     let error = record("human-1999/pressure.csv", "human-1999/flow.csv").unwrap_err();
-    assert!(matches!(error, PrepareError::Beats(BeatError::NoBeats { .. })), "{error}");
+    assert!(
+        matches!(error, PrepareError::Beats(BeatError::NoBeats { .. })),
+        "{error}"
+    );
 }

@@ -129,7 +129,9 @@ impl ActiveStressBiomarkers {
 /// [`CellTraceError`] when the trace is too short or not finite.
 pub fn lambda_min(lambda: &[f64]) -> Result<Stretch, CellTraceError> {
     check(lambda, lambda, "stretch")?;
-    Ok(Stretch(lambda.iter().copied().fold(f64::INFINITY, f64::min)))
+    Ok(Stretch(
+        lambda.iter().copied().fold(f64::INFINITY, f64::min),
+    ))
 }
 
 /// Durations of a calcium transient from the activation time.
@@ -154,13 +156,19 @@ impl CalciumDurations {
     ///
     /// # Errors
     /// [`CellTraceError`] when the slices do not fit or hold values that are not finite.
-    pub fn of(time_ms: &[f64], ca_um: &[f64], resting: MicroMolar, activation: Ms) -> Result<Self, CellTraceError> {
+    pub fn of(
+        time_ms: &[f64],
+        ca_um: &[f64],
+        resting: MicroMolar,
+        activation: Ms,
+    ) -> Result<Self, CellTraceError> {
         check(time_ms, ca_um, "calcium")?;
         let cycle = Cycle::new(time_ms, ca_um, Continuation::Single);
         let peak = cycle.argmax();
         let end = time_ms[time_ms.len() - 1];
         let amplitude = cycle.value(peak) - resting.0;
-        let decay = |fraction: f64| cycle.first_fall(cycle.value(peak) - fraction * amplitude, peak);
+        let decay =
+            |fraction: f64| cycle.first_fall(cycle.value(peak) - fraction * amplitude, peak);
         let (half, most) = (decay(0.5), decay(0.9));
         Ok(Self {
             ctd50: Ms(half.unwrap_or(end)) - activation,
@@ -172,11 +180,18 @@ impl CalciumDurations {
 
 fn check(time_ms: &[f64], values: &[f64], quantity: &'static str) -> Result<(), CellTraceError> {
     if values.len() < 3 || time_ms.len() != values.len() {
-        return Err(CellTraceError::Length { n_times: time_ms.len(), n_values: values.len() });
+        return Err(CellTraceError::Length {
+            n_times: time_ms.len(),
+            n_values: values.len(),
+        });
     }
     for (what, slice) in [("time", time_ms), (quantity, values)] {
         if let Some(idx) = slice.iter().position(|v| !v.is_finite()) {
-            return Err(CellTraceError::NotFinite { quantity: what, idx, value: slice[idx] });
+            return Err(CellTraceError::NotFinite {
+                quantity: what,
+                idx,
+                value: slice[idx],
+            });
         }
     }
     Ok(())
@@ -210,7 +225,13 @@ mod tests {
     fn a_level_not_reached_is_taken_at_the_end_and_noted() {
         let (t, sa) = triangle(250); // 30 kPa are left at the end
         let b = ActiveStressBiomarkers::of(&t, &sa).unwrap();
-        assert_eq!(b.unreached, Unreached { upstroke: [false; 3], downstroke: [false, false, true] });
+        assert_eq!(
+            b.unreached,
+            Unreached {
+                upstroke: [false; 3],
+                downstroke: [false, false, true]
+            }
+        );
         assert!((b.std90.0 - 230.0).abs() < 1e-9);
     }
 
@@ -219,7 +240,13 @@ mod tests {
         let (t, mut sa) = triangle(400);
         sa.iter_mut().for_each(|s| *s = s.max(20.0));
         let b = ActiveStressBiomarkers::of(&t, &sa).unwrap();
-        assert_eq!(b.unreached, Unreached { upstroke: [false, false, true], downstroke: [false, false, true] });
+        assert_eq!(
+            b.unreached,
+            Unreached {
+                upstroke: [false, false, true],
+                downstroke: [false, false, true]
+            }
+        );
     }
 
     #[test]
@@ -234,7 +261,10 @@ mod tests {
         ));
         assert!(matches!(
             ActiveStressBiomarkers::of(&[0.0, 1.0], &[0.0; 3]),
-            Err(CellTraceError::Length { n_times: 2, n_values: 3 })
+            Err(CellTraceError::Length {
+                n_times: 2,
+                n_values: 3
+            })
         ));
         assert!(lambda_min(&[1.0, f64::INFINITY, 1.0]).is_err());
     }
@@ -243,13 +273,22 @@ mod tests {
     fn calcium_durations_of_an_exponential_decay() {
         let time: Vec<f64> = (0..=1000).map(f64::from).collect();
         let tau = 150.0;
-        let ca: Vec<f64> =
-            time.iter().map(|t| if *t < 20.0 { 0.15 } else { 0.15 + 0.45 * (-(t - 20.0) / tau).exp() }).collect();
+        let ca: Vec<f64> = time
+            .iter()
+            .map(|t| {
+                if *t < 20.0 {
+                    0.15
+                } else {
+                    0.15 + 0.45 * (-(t - 20.0) / tau).exp()
+                }
+            })
+            .collect();
         let d = CalciumDurations::of(&time, &ca, MicroMolar(0.15), Ms(5.0)).unwrap();
         assert!((d.ctd50.0 - (15.0 + tau * 2.0f64.ln())).abs() < 0.01);
         assert!((d.ctd90.0 - (15.0 + tau * 10.0f64.ln())).abs() < 0.01);
         assert_eq!(d.unreached, [false, false]);
-        let cut = CalciumDurations::of(&time[..200], &ca[..200], MicroMolar(0.15), Ms(5.0)).unwrap();
+        let cut =
+            CalciumDurations::of(&time[..200], &ca[..200], MicroMolar(0.15), Ms(5.0)).unwrap();
         assert_eq!(cut.unreached, [false, true]);
         assert_eq!(cut.ctd90, Ms(194.0));
     }

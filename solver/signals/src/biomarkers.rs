@@ -101,10 +101,16 @@ pub struct BiomarkerSet {
     #[serde(rename = "P_max_mmHg", skip_serializing_if = "Option::is_none")]
     pub p_max: Option<Mmhg>,
     /// Largest rate of pressure before its peak, mmHg/ms.
-    #[serde(rename = "dPdt_max_mmHg_per_ms", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "dPdt_max_mmHg_per_ms",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub dpdt_max_mmhg_per_ms: Option<f64>,
     /// Smallest rate of pressure after its peak, mmHg/ms, negative.
-    #[serde(rename = "dPdt_min_mmHg_per_ms", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "dPdt_min_mmHg_per_ms",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub dpdt_min_mmhg_per_ms: Option<f64>,
     /// Pressure transient duration between the 10 % crossings.
     #[serde(rename = "PTD90_ms", skip_serializing_if = "Option::is_none")]
@@ -169,8 +175,13 @@ impl BiomarkerSet {
         volume: Option<&Trace>,
         continuation: Continuation,
     ) -> Result<Self, BiomarkerError> {
-        let at_step = |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
-        Self::of_samples(at_step(pressure)?.as_ref(), at_step(volume)?.as_ref(), continuation)
+        let at_step =
+            |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
+        Self::of_samples(
+            at_step(pressure)?.as_ref(),
+            at_step(volume)?.as_ref(),
+            continuation,
+        )
     }
 
     /// Biomarkers of the samples as they are, without resampling.
@@ -186,7 +197,10 @@ impl BiomarkerSet {
         for (trace, expected) in [(pressure, Quantity::Pressure), (volume, Quantity::Volume)] {
             let Some(trace) = trace else { continue };
             if trace.quantity() != expected {
-                return Err(BiomarkerError::Quantity { expected, found: trace.quantity() });
+                return Err(BiomarkerError::Quantity {
+                    expected,
+                    found: trace.quantity(),
+                });
             }
             let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
             match expected {
@@ -214,17 +228,24 @@ impl BiomarkerSet {
         continuation: Continuation,
         windows: NoiseWindows,
     ) -> Result<Self, BiomarkerError> {
-        let at_step = |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
+        let at_step =
+            |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
         let (pressure, mut volume) = (at_step(pressure)?, at_step(volume)?);
         if let (Some(trace), Some(window)) = (&mut volume, windows.volume) {
             let values = noise_windows::smoothed(trace, continuation, window);
-            *trace = Trace::new(trace.quantity(), trace.time_ms().to_vec(), values).map_err(ResampleError::from)?;
+            *trace = Trace::new(trace.quantity(), trace.time_ms().to_vec(), values)
+                .map_err(ResampleError::from)?;
         }
         let mut set = Self::of_samples(pressure.as_ref(), volume.as_ref(), continuation)?;
-        if let (Some(trace), Some(window), false) = (&pressure, windows.pressure, set.has(Flag::NoPressurePulse)) {
+        if let (Some(trace), Some(window), false) =
+            (&pressure, windows.pressure, set.has(Flag::NoPressurePulse))
+        {
             let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
             set.add_rates(&cycle, noise_windows::reach_of(window, &cycle));
-            set.p_max = noise_windows::smoothed(trace, continuation, window).into_iter().reduce(f64::max).map(Mmhg);
+            set.p_max = noise_windows::smoothed(trace, continuation, window)
+                .into_iter()
+                .reduce(f64::max)
+                .map(Mmhg);
         }
         Ok(set)
     }
@@ -255,8 +276,13 @@ impl BiomarkerSet {
         let half = level(0.5);
         let upstroke = p.last_on_limb(peak, Way::Back, Side::Above, half);
         let downstroke = p.last_on_limb(peak, Way::On, Side::Above, half);
-        let crossing = |anchor, way| p.leaves(anchor, way, Side::Above, level(PRESSURE_LEVEL), rate);
-        let (Some(rise), Some(fall)) = (crossing(upstroke, Way::Back), crossing(downstroke, Way::On)) else { return };
+        let crossing =
+            |anchor, way| p.leaves(anchor, way, Side::Above, level(PRESSURE_LEVEL), rate);
+        let (Some(rise), Some(fall)) =
+            (crossing(upstroke, Way::Back), crossing(downstroke, Way::On))
+        else {
+            return;
+        };
         if !rise.on_trace {
             self.flags.push(Flag::PressureRiseNotReached);
         }
@@ -279,8 +305,14 @@ impl BiomarkerSet {
         // leaves out the diastole in which an end and a beginning that do not fit may be joined.
         let last = p.len() as isize - 1;
         let half = p.len() as isize / 2;
-        let [first, end] = if p.is_periodic() { [peak - half, peak + half] } else { [0, last] };
-        let slopes = |range: std::ops::Range<isize>| range.filter_map(|i| p.slope_over(i, reach).map(|s| (i, s)));
+        let [first, end] = if p.is_periodic() {
+            [peak - half, peak + half]
+        } else {
+            [0, last]
+        };
+        let slopes = |range: std::ops::Range<isize>| {
+            range.filter_map(|i| p.slope_over(i, reach).map(|s| (i, s)))
+        };
         let steepest = slopes(first..peak).max_by(|a, b| a.1.total_cmp(&b.1));
         let fastest_fall = slopes(peak + 1..end + 1).min_by(|a, b| a.1.total_cmp(&b.1));
         self.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
@@ -308,18 +340,28 @@ impl BiomarkerSet {
 
     /// Regression of ln((V − min V)/SV) on t in ejection, the last fall before the smallest volume.
     fn add_ejection(&mut self, v: &Cycle, lowest: isize, min: f64, sv: f64) {
-        let high = (v.lowest(lowest)..=lowest).map(|i| v.value(i)).fold(min, f64::max) - min;
+        let high = (v.lowest(lowest)..=lowest)
+            .map(|i| v.value(i))
+            .fold(min, f64::max)
+            - min;
         // A simulated beat may end fuller than it began: its ejection then starts inside the window.
         let [upper, lower] = [FIT_WINDOW[0].min(high / sv), FIT_WINDOW[1]];
         if upper <= lower {
             self.flags.push(Flag::EjectionTooShort);
             return;
         }
-        let after = v.last_on_limb(lowest, Way::Back, Side::Below, min + 0.5 * (upper + lower) * sv);
+        let after = v.last_on_limb(
+            lowest,
+            Way::Back,
+            Side::Below,
+            min + 0.5 * (upper + lower) * sv,
+        );
         let rate = VOLUME_STEEPNESS_PER_MS * sv;
         let at = |c: Option<Crossing>| c.map(|c| v.within(c.time_ms));
-        let fullest = |share: f64| at(v.leaves(after, Way::Back, Side::Below, min + share * sv, rate));
-        let emptiest = |share: f64| at(v.leaves(after - 1, Way::On, Side::Above, min + share * sv, rate));
+        let fullest =
+            |share: f64| at(v.leaves(after, Way::Back, Side::Below, min + share * sv, rate));
+        let emptiest =
+            |share: f64| at(v.leaves(after - 1, Way::On, Side::Above, min + share * sv, rate));
         self.time_points.t4 = fullest(high / sv - PLATEAU).map(Ms);
         self.time_points.t5 = emptiest(PLATEAU).map(Ms);
         let window = fullest(upper).zip(emptiest(lower));
@@ -331,7 +373,10 @@ impl BiomarkerSet {
 
     /// Regression of ln(1 − (V − min V)/(V(t7) − min V)) on t in early filling, the first rise after the smallest volume.
     fn add_filling(&mut self, v: &Cycle, lowest: isize, min: f64, sv: f64) {
-        let most = (lowest..=v.highest(lowest)).map(|i| v.value(i)).fold(min, f64::max) - min;
+        let most = (lowest..=v.highest(lowest))
+            .map(|i| v.value(i))
+            .fold(min, f64::max)
+            - min;
         if most < RECOVERY_LEVEL * sv {
             self.flags.push(Flag::FillingNotRecovered);
         }
@@ -343,14 +388,16 @@ impl BiomarkerSet {
         let before = v.last_on_limb(lowest, Way::On, Side::Below, min + 0.5 * recovered);
         let rate = VOLUME_STEEPNESS_PER_MS * sv;
         let at = |c: Option<Crossing>| c.map(|c| v.within(c.time_ms));
-        let emptiest = |height: f64| at(v.leaves(before + 1, Way::Back, Side::Above, min + height, rate));
+        let emptiest =
+            |height: f64| at(v.leaves(before + 1, Way::Back, Side::Above, min + height, rate));
         let fullest = |height: f64| at(v.leaves(before, Way::On, Side::Below, min + height, rate));
         self.time_points.t6 = emptiest(PLATEAU * sv).map(Ms);
         self.time_points.t7 = fullest(RECOVERY_LEVEL * sv).map(Ms);
         // 1 − x falls from 0.9 to 0.1 while the recovered fraction x rises from 0.1 to 0.9.
         let [early, late] = FIT_WINDOW.map(|argument| (1.0 - argument) * recovered);
-        self.tau_vr =
-            emptiest(early).zip(fullest(late)).and_then(|w| time_constant(v, w, |x| 1.0 - (x - min) / recovered));
+        self.tau_vr = emptiest(early)
+            .zip(fullest(late))
+            .and_then(|w| time_constant(v, w, |x| 1.0 - (x - min) / recovered));
         if self.tau_vr.is_none() {
             self.flags.push(Flag::FillingTooShort);
         }
@@ -366,7 +413,9 @@ fn time_constant(v: &Cycle, (begin, end): (f64, f64), argument: impl Fn(f64) -> 
         return None;
     }
     let inside = v.inside(begin, end).map(|i| (v.time(i), v.value(i)));
-    let knots = std::iter::once((begin, v.at(begin))).chain(inside).chain(std::iter::once((end, v.at(end))));
+    let knots = std::iter::once((begin, v.at(begin)))
+        .chain(inside)
+        .chain(std::iter::once((end, v.at(end))));
     // Times from the window's middle, where the mean time is: the two sums below are then all that is needed.
     let middle = 0.5 * (begin + end);
     let mut before: Option<(f64, f64)> = None;

@@ -8,7 +8,8 @@ fn volume(t: f64, tau_vd: f64, tau_vr: f64) -> f64 {
     let ejection_end = 0.02f64; // ejection stops where 2 % of the exponential are left
     let t_ej = 50.0;
     let t_es = t_ej - tau_vd * ejection_end.ln();
-    let fall = |t: f64| 50.0 + 70.0 * ((-(t - t_ej) / tau_vd).exp() - ejection_end) / (1.0 - ejection_end);
+    let fall =
+        |t: f64| 50.0 + 70.0 * ((-(t - t_ej) / tau_vd).exp() - ejection_end) / (1.0 - ejection_end);
     if t < t_ej {
         120.0
     } else if t < t_es {
@@ -17,7 +18,11 @@ fn volume(t: f64, tau_vd: f64, tau_vr: f64) -> f64 {
         50.0
     } else {
         let filled = 50.0 + 58.0 * (1.0 - (-(t - t_es - 60.0) / tau_vr).exp());
-        if t < 700.0 { filled } else { filled + (120.0 - filled) * (t - 700.0) / 100.0 }
+        if t < 700.0 {
+            filled
+        } else {
+            filled + (120.0 - filled) * (t - 700.0) / 100.0
+        }
     }
 }
 
@@ -41,54 +46,101 @@ fn periodic() -> Continuation {
 
 #[test]
 fn pressure_biomarkers_of_a_pulse() {
-    let b = BiomarkerSet::of(Some(&sampled(Quantity::Pressure, 1.0, pressure)), None, periodic()).unwrap();
+    let b = BiomarkerSet::of(
+        Some(&sampled(Quantity::Pressure, 1.0, pressure)),
+        None,
+        periodic(),
+    )
+    .unwrap();
     assert_eq!(b.p_max, Some(Mmhg(118.0)));
     let slope = 110.0 * std::f64::consts::PI / 300.0;
     assert!((b.dpdt_max_mmhg_per_ms.unwrap() - slope).abs() < 1e-3 * slope);
     assert!((b.dpdt_min_mmhg_per_ms.unwrap() + slope).abs() < 1e-3 * slope);
     // sin² = 0.1 at both ends.
     let ptd90 = 300.0 * (1.0 - 2.0 * 0.1f64.sqrt().asin() / std::f64::consts::PI);
-    assert!((b.ptd90.unwrap().0 - ptd90).abs() < 0.02, "{:?} {ptd90}", b.ptd90);
-    assert_eq!((b.edp, b.time_points.t2), (Some(Mmhg(8.0)), Some(Ms(210.0))));
+    assert!(
+        (b.ptd90.unwrap().0 - ptd90).abs() < 0.02,
+        "{:?} {ptd90}",
+        b.ptd90
+    );
+    assert_eq!(
+        (b.edp, b.time_points.t2),
+        (Some(Mmhg(8.0)), Some(Ms(210.0)))
+    );
     assert_eq!((b.sv, b.flags.len()), (None, 0));
 }
 
 #[test]
 fn an_atrial_kick_above_the_level_ends_at_the_foot_of_the_upstroke() {
     // The 10 % level of a pulse from 2 to 127 mmHg is 14.5: the end-diastolic 17 mmHg lie above it, from the kick on.
-    let p = |t: f64| if !(210.0..=720.0).contains(&t) { pressure(t) + 9.0 } else { pressure(t) };
-    let trace = sampled(Quantity::Pressure, 1.0, |t| if t > 400.0 && t < 700.0 { 2.0 } else { p(t) });
+    let p = |t: f64| {
+        if !(210.0..=720.0).contains(&t) {
+            pressure(t) + 9.0
+        } else {
+            pressure(t)
+        }
+    };
+    let trace = sampled(Quantity::Pressure, 1.0, |t| {
+        if t > 400.0 && t < 700.0 { 2.0 } else { p(t) }
+    });
     let [wrapped, single] = [periodic(), Continuation::Single]
         .map(|continuation| BiomarkerSet::of(Some(&trace), None, continuation).unwrap());
     // 2.5 mmHg at a five-hundredth of 125 mmHg per ms below the foot at 60 ms, which the upstroke leaves a little later.
     let t1 = wrapped.time_points.t1.unwrap().0;
     assert!((50.0..56.0).contains(&t1), "{t1}");
-    assert_eq!((single.time_points.t1, single.ptd90), (wrapped.time_points.t1, wrapped.ptd90));
-    assert_eq!([wrapped.flags, single.flags], [[Flag::PressureRiseNotReached], [Flag::PressureRiseNotReached]]);
+    assert_eq!(
+        (single.time_points.t1, single.ptd90),
+        (wrapped.time_points.t1, wrapped.ptd90)
+    );
+    assert_eq!(
+        [wrapped.flags, single.flags],
+        [
+            [Flag::PressureRiseNotReached],
+            [Flag::PressureRiseNotReached]
+        ]
+    );
 }
 
 #[test]
 fn an_upstroke_from_the_first_sample_on_begins_before_the_beat() {
     let values: Vec<f64> = (0..=400).map(|t| pressure(f64::from(t) + 100.0)).collect();
-    let b =
-        BiomarkerSet::of(Some(&Trace::uniform(Quantity::Pressure, 1.0, values).unwrap()), None, Continuation::Single)
-            .unwrap();
+    let b = BiomarkerSet::of(
+        Some(&Trace::uniform(Quantity::Pressure, 1.0, values).unwrap()),
+        None,
+        Continuation::Single,
+    )
+    .unwrap();
     assert!(b.time_points.t1.unwrap().0 < 0.0);
-    assert_eq!(b.flags, [Flag::PressureRiseNotReached, Flag::PressureRiseBeforeBeat]);
+    assert_eq!(
+        b.flags,
+        [Flag::PressureRiseNotReached, Flag::PressureRiseBeforeBeat]
+    );
 }
 
 #[test]
 fn pressure_that_does_not_fall_ends_with_the_beat() {
     let cut: Vec<f64> = (0..=300).map(|t| pressure(f64::from(t))).collect();
-    let b = BiomarkerSet::of(Some(&Trace::uniform(Quantity::Pressure, 1.0, cut).unwrap()), None, Continuation::Single)
-        .unwrap();
-    assert_eq!((b.time_points.t3, b.flags.clone()), (Some(Ms(300.0)), vec![Flag::PressureFallNotReached]));
+    let b = BiomarkerSet::of(
+        Some(&Trace::uniform(Quantity::Pressure, 1.0, cut).unwrap()),
+        None,
+        Continuation::Single,
+    )
+    .unwrap();
+    assert_eq!(
+        (b.time_points.t3, b.flags.clone()),
+        (Some(Ms(300.0)), vec![Flag::PressureFallNotReached])
+    );
 }
 
 #[test]
 fn a_flat_or_rising_pressure_is_flagged() {
     for f in [|_: f64| 8.0, |t: f64| t] {
-        let b = BiomarkerSet::of(Some(&sampled(Quantity::Pressure, 1.0, f)), None, Continuation::Single).unwrap();
+        let b = BiomarkerSet::of(
+            Some(&sampled(Quantity::Pressure, 1.0, f)),
+            None,
+            Continuation::Single,
+        )
+        .unwrap();
         assert!(b.has(Flag::NoPressurePulse), "{b:?}");
     }
 }
@@ -97,14 +149,23 @@ fn a_flat_or_rising_pressure_is_flagged() {
 fn volume_biomarkers_of_known_exponentials() {
     let f = |t: f64| volume(t, 70.0, 45.0);
     for continuation in [periodic(), Continuation::Single] {
-        let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, f)), continuation).unwrap();
+        let b =
+            BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, f)), continuation).unwrap();
         assert!((b.sv.unwrap().0 - 70.0).abs() < 0.1);
         assert_eq!(b.edv, Some(Ml(120.0)));
         // Offset by the 2 % that are left: −d ln(x + 0.02)/dt is smaller than that of x, so the fitted constant is.
-        assert!((b.tau_vd.unwrap().0 / 70.0 - 0.931).abs() < 0.005, "{:?}", b.tau_vd);
+        assert!(
+            (b.tau_vd.unwrap().0 / 70.0 - 0.931).abs() < 0.005,
+            "{:?}",
+            b.tau_vd
+        );
         assert!((b.time_points.t4.unwrap().0 - 50.0).abs() <= 1.0);
         // Filling asymptotes to 58 mL, 80 % of SV are 56: nearly the whole exponential.
-        assert!((b.tau_vr.unwrap().0 / 45.0 - 1.0).abs() < 0.15, "{:?}", b.tau_vr);
+        assert!(
+            (b.tau_vr.unwrap().0 / 45.0 - 1.0).abs() < 0.15,
+            "{:?}",
+            b.tau_vr
+        );
         assert!(b.flags.is_empty(), "{:?}", b.flags);
     }
 }
@@ -114,8 +175,19 @@ fn an_exponential_is_recovered() {
     // V − min V = SV e^{−t/τ} down to the last sample, where it jumps to the minimum: the regression is exact but
     // for its two ends, where the crossing is found by linear interpolation.
     let tau = 60.0;
-    let v = |t: f64| if t < 200.0 { 50.0 + 70.0 * (-t / tau).exp() } else { 50.0 };
-    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
+    let v = |t: f64| {
+        if t < 200.0 {
+            50.0 + 70.0 * (-t / tau).exp()
+        } else {
+            50.0
+        }
+    };
+    let b = BiomarkerSet::of(
+        None,
+        Some(&sampled(Quantity::Volume, 1.0, v)),
+        Continuation::Single,
+    )
+    .unwrap();
     assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4);
     assert!((199.0..=200.0).contains(&b.time_points.t5.unwrap().0));
     assert!(b.has(Flag::FillingTooShort));
@@ -123,7 +195,9 @@ fn an_exponential_is_recovered() {
 
 #[test]
 fn filling_that_does_not_recover_ends_with_the_beat() {
-    let values: Vec<f64> = (0..=330).map(|t| volume(f64::from(t) + 60.0, 70.0, 200.0)).collect();
+    let values: Vec<f64> = (0..=330)
+        .map(|t| volume(f64::from(t) + 60.0, 70.0, 200.0))
+        .collect();
     let trace = Trace::uniform(Quantity::Volume, 1.0, values).unwrap();
     let b = BiomarkerSet::of(None, Some(&trace), Continuation::Single).unwrap();
     assert!(b.has(Flag::FillingNotRecovered), "{b:?}");
@@ -135,29 +209,50 @@ fn filling_that_does_not_recover_ends_with_the_beat() {
 #[test]
 fn a_beat_that_ends_fuller_than_it_began_still_has_its_ejection() {
     let tau = 60.0;
-    let v = |t: f64| if t < 200.0 { 60.0 + 40.0 * (-t / tau).exp() } else { 60.0 + (t - 200.0) * 0.1 };
-    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
+    let v = |t: f64| {
+        if t < 200.0 {
+            60.0 + 40.0 * (-t / tau).exp()
+        } else {
+            60.0 + (t - 200.0) * 0.1
+        }
+    };
+    let b = BiomarkerSet::of(
+        None,
+        Some(&sampled(Quantity::Volume, 1.0, v)),
+        Continuation::Single,
+    )
+    .unwrap();
     assert!(b.edv.unwrap().0 < b.esv.unwrap().0 + 0.9 * b.sv.unwrap().0);
     assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4, "{b:?}");
 }
 
 #[test]
 fn a_ventricle_that_never_ejects_is_flagged() {
-    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, |_| 100.0)), Continuation::Single).unwrap();
+    let b = BiomarkerSet::of(
+        None,
+        Some(&sampled(Quantity::Volume, 1.0, |_| 100.0)),
+        Continuation::Single,
+    )
+    .unwrap();
     assert_eq!((b.sv, b.flags), (Some(Ml(0.0)), vec![Flag::NoEjection]));
 }
 
 #[test]
 fn swapped_traces_are_refused() {
     let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
-    assert!(matches!(BiomarkerSet::of(Some(&v), None, periodic()), Err(BiomarkerError::Quantity { .. })));
+    assert!(matches!(
+        BiomarkerSet::of(Some(&v), None, periodic()),
+        Err(BiomarkerError::Quantity { .. })
+    ));
 }
 
 #[test]
 fn names_carry_their_units() {
     let p = sampled(Quantity::Pressure, 1.0, pressure);
     let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
-    let b = BiomarkerSet::of(Some(&p), Some(&v), periodic()).unwrap().with_gap_to(Ml(120.0));
+    let b = BiomarkerSet::of(Some(&p), Some(&v), periodic())
+        .unwrap()
+        .with_gap_to(Ml(120.0));
     let json = serde_json::to_value(&b).unwrap();
     for key in [
         "P_max_mmHg",

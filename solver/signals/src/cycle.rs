@@ -20,7 +20,9 @@ impl Continuation {
     /// A measured trace of this cycle length, or a simulation that was run to periodicity.
     #[must_use]
     pub fn periodic(cycle_length: Ms) -> Self {
-        Self::Periodic { cycle_length_ms: cycle_length }
+        Self::Periodic {
+            cycle_length_ms: cycle_length,
+        }
     }
 
     /// The cycle length in ms of a periodic trace.
@@ -80,7 +82,11 @@ impl<'a> Cycle<'a> {
                 n -= 1;
             }
         }
-        Self { time_ms: &time_ms[..n], values: &values[..n], period_ms }
+        Self {
+            time_ms: &time_ms[..n],
+            values: &values[..n],
+            period_ms,
+        }
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -97,12 +103,20 @@ impl<'a> Cycle<'a> {
 
     /// First index that may be asked for when going back from `i`: one whole cycle, or the first sample.
     pub(crate) fn lowest(&self, i: isize) -> isize {
-        if self.is_periodic() { i - self.len() as isize } else { 0 }
+        if self.is_periodic() {
+            i - self.len() as isize
+        } else {
+            0
+        }
     }
 
     /// Last index that may be asked for when going on from `i`: one whole cycle, or the last sample.
     pub(crate) fn highest(&self, i: isize) -> isize {
-        if self.is_periodic() { i + self.len() as isize } else { self.len() as isize - 1 }
+        if self.is_periodic() {
+            i + self.len() as isize
+        } else {
+            self.len() as isize - 1
+        }
     }
 
     pub(crate) fn value(&self, i: isize) -> f64 {
@@ -111,7 +125,8 @@ impl<'a> Cycle<'a> {
 
     pub(crate) fn time(&self, i: isize) -> f64 {
         let n = self.len() as isize;
-        self.time_ms[i.rem_euclid(n) as usize] + i.div_euclid(n) as f64 * self.period_ms.unwrap_or(0.0)
+        self.time_ms[i.rem_euclid(n) as usize]
+            + i.div_euclid(n) as f64 * self.period_ms.unwrap_or(0.0)
     }
 
     /// Central difference at sample `i`, in value per ms; none at the ends of a single beat.
@@ -134,7 +149,10 @@ impl<'a> Cycle<'a> {
         }
         let step_ms = (self.time(i + reach) - self.time(i - reach)) / (2 * reach) as f64;
         let (over, under) = (1..=reach).fold((0.0, 0.0), |(over, under), k| {
-            (over + k as f64 * (self.value(i + k) - self.value(i - k)), under + 2.0 * (k * k) as f64)
+            (
+                over + k as f64 * (self.value(i + k) - self.value(i - k)),
+                under + 2.0 * (k * k) as f64,
+            )
         });
         Some(over / (under * step_ms))
     }
@@ -145,7 +163,10 @@ impl<'a> Cycle<'a> {
         let stride = (reach / 8).max(1);
         let inside = |k: &isize| self.is_periodic() || (0..self.len() as isize).contains(&(i + k));
         let (mut moments, mut sums) = ([0.0; 5], [0.0; 3]);
-        for k in (-(reach / stride)..=reach / stride).map(|k| k * stride).filter(inside) {
+        for k in (-(reach / stride)..=reach / stride)
+            .map(|k| k * stride)
+            .filter(inside)
+        {
             let (x, value) = (k as f64 / reach as f64, self.value(i + k));
             for (power, moment) in moments.iter_mut().enumerate() {
                 *moment += x.powi(power as i32);
@@ -161,7 +182,12 @@ impl<'a> Cycle<'a> {
         if determinant.abs() < 1e-9 {
             return self.value(i);
         }
-        cofactors.iter().zip(sums).map(|(cofactor, sum)| cofactor * sum).sum::<f64>() / determinant
+        cofactors
+            .iter()
+            .zip(sums)
+            .map(|(cofactor, sum)| cofactor * sum)
+            .sum::<f64>()
+            / determinant
     }
 
     /// Index of the largest value, the first one if there are several.
@@ -197,7 +223,14 @@ impl<'a> Cycle<'a> {
     /// - `rate`: value per ms, positive
     ///
     /// None where the anchor is not above the level (below it on [`Side::Below`]).
-    pub(crate) fn leaves(&self, anchor: isize, way: Way, side: Side, level: f64, rate: f64) -> Option<Crossing> {
+    pub(crate) fn leaves(
+        &self,
+        anchor: isize,
+        way: Way,
+        side: Side,
+        level: f64,
+        rate: f64,
+    ) -> Option<Crossing> {
         let (step, last) = match way {
             Way::Back => (-1, self.lowest(anchor)),
             Way::On => (1, self.highest(anchor)),
@@ -210,14 +243,23 @@ impl<'a> Cycle<'a> {
             return None;
         }
         let forward = |t: f64| step as f64 * t;
-        let mut nearest = Crossing { time_ms: forward(f64::INFINITY), on_trace: false };
+        let mut nearest = Crossing {
+            time_ms: forward(f64::INFINITY),
+            on_trace: false,
+        };
         let mut i = anchor;
         loop {
             let h = height(i);
             let found = if h <= 0.0 {
-                Crossing { time_ms: self.interpolate(i.min(i - step), level), on_trace: true }
+                Crossing {
+                    time_ms: self.interpolate(i.min(i - step), level),
+                    on_trace: true,
+                }
             } else {
-                Crossing { time_ms: self.time(i) + forward(h / rate), on_trace: false }
+                Crossing {
+                    time_ms: self.time(i) + forward(h / rate),
+                    on_trace: false,
+                }
             };
             // At a tie the trace itself meets the level.
             if forward(found.time_ms) <= forward(nearest.time_ms) {
@@ -250,16 +292,32 @@ impl<'a> Cycle<'a> {
 
     /// A time cut to a single beat; any time of a periodic trace.
     pub(crate) fn within(&self, time_ms: f64) -> f64 {
-        if self.is_periodic() { time_ms } else { time_ms.clamp(self.time(0), self.time(self.len() as isize - 1)) }
+        if self.is_periodic() {
+            time_ms
+        } else {
+            time_ms.clamp(self.time(0), self.time(self.len() as isize - 1))
+        }
     }
 
     /// Indices of the samples strictly between two times.
-    pub(crate) fn inside(&self, begin_ms: f64, end_ms: f64) -> impl Iterator<Item = isize> + use<'a> {
+    pub(crate) fn inside(
+        &self,
+        begin_ms: f64,
+        end_ms: f64,
+    ) -> impl Iterator<Item = isize> + use<'a> {
         let this = *self;
-        let first =
-            this.len() as isize * this.period_ms.map_or(0, |p| ((begin_ms - this.time_ms[0]) / p).floor() as isize);
-        let last = if this.is_periodic() { isize::MAX } else { this.len() as isize };
-        (first..last).skip_while(move |i| this.time(*i) <= begin_ms).take_while(move |i| this.time(*i) < end_ms)
+        let first = this.len() as isize
+            * this
+                .period_ms
+                .map_or(0, |p| ((begin_ms - this.time_ms[0]) / p).floor() as isize);
+        let last = if this.is_periodic() {
+            isize::MAX
+        } else {
+            this.len() as isize
+        };
+        (first..last)
+            .skip_while(move |i| this.time(*i) <= begin_ms)
+            .take_while(move |i| this.time(*i) < end_ms)
     }
 
     /// Mean time between samples, ms.
@@ -270,7 +328,9 @@ impl<'a> Cycle<'a> {
     /// Value at a time by linear interpolation; a single beat's first or last value beyond its ends.
     pub(crate) fn at(&self, time_ms: f64) -> f64 {
         let n = self.len() as isize;
-        let cycles = self.period_ms.map_or(0.0, |period| ((time_ms - self.time_ms[0]) / period).floor());
+        let cycles = self
+            .period_ms
+            .map_or(0.0, |period| ((time_ms - self.time_ms[0]) / period).floor());
         let within = time_ms - cycles * self.period_ms.unwrap_or(0.0);
         let i = self.time_ms.partition_point(|t| *t <= within) as isize - 1;
         if !self.is_periodic() && (i < 0 || i + 1 >= n) {
@@ -284,14 +344,19 @@ impl<'a> Cycle<'a> {
     pub(crate) fn last_rise(&self, level: f64, before: isize) -> Option<f64> {
         let lowest = self.lowest(before);
         let crosses = |i: &isize| self.value(i - 1) < level && self.value(*i) >= level;
-        (lowest + 1..=before).rev().find(crosses).map(|i| self.interpolate(i - 1, level))
+        (lowest + 1..=before)
+            .rev()
+            .find(crosses)
+            .map(|i| self.interpolate(i - 1, level))
     }
 
     /// Time of the first crossing of `level` from above at or after sample `after`, by linear interpolation.
     pub(crate) fn first_fall(&self, level: f64, after: isize) -> Option<f64> {
         let highest = self.highest(after);
         let crosses = |i: &isize| self.value(*i) > level && self.value(i + 1) <= level;
-        (after..highest).find(crosses).map(|i| self.interpolate(i, level))
+        (after..highest)
+            .find(crosses)
+            .map(|i| self.interpolate(i, level))
     }
 
     fn interpolate(&self, i: isize, level: f64) -> f64 {
@@ -311,9 +376,18 @@ mod tests {
         let back = |c: &Cycle| c.leaves(1, Way::Back, Side::Above, 1.8, 0.5).unwrap();
         let single = Cycle::new(&t, &v, Continuation::Single);
         // From (0, 2.0) down to 1.8 at a rate of 0.5.
-        assert_eq!(back(&single), Crossing { time_ms: -0.3999999999999999, on_trace: false });
+        assert_eq!(
+            back(&single),
+            Crossing {
+                time_ms: -0.3999999999999999,
+                on_trace: false
+            }
+        );
         assert_eq!(single.slope(0), None);
-        assert_eq!((single.at(-5.0), single.at(0.5), single.at(9.0)), (2.0, 2.5, 1.4));
+        assert_eq!(
+            (single.at(-5.0), single.at(0.5), single.at(9.0)),
+            (2.0, 2.5, 1.4)
+        );
         let periodic = Cycle::new(&t, &v, Continuation::periodic(Ms(4.0)));
         // Between the last sample (3, 1.4) of the beat before and the first (4, 2.0) of this one, one period earlier.
         let crossing = back(&periodic);
@@ -328,8 +402,18 @@ mod tests {
         let t: Vec<f64> = (0..10).map(f64::from).collect();
         let v: Vec<f64> = t.iter().map(|t| 1.0 + (t - 3.0).max(0.0)).collect();
         let cycle = Cycle::new(&t, &v, Continuation::Single);
-        let at = |level: f64| cycle.leaves(9, Way::Back, Side::Above, level, 0.1).unwrap().time_ms;
-        assert!((at(1.001) - 3.001).abs() < 1e-9 && (at(0.999) - 2.99).abs() < 1e-9, "{} {}", at(1.001), at(0.999));
+        let at = |level: f64| {
+            cycle
+                .leaves(9, Way::Back, Side::Above, level, 0.1)
+                .unwrap()
+                .time_ms
+        };
+        assert!(
+            (at(1.001) - 3.001).abs() < 1e-9 && (at(0.999) - 2.99).abs() < 1e-9,
+            "{} {}",
+            at(1.001),
+            at(0.999)
+        );
         // Mirrored in value and in time.
         let fall: Vec<f64> = v.iter().rev().map(|v| -v).collect();
         let cycle = Cycle::new(&t, &fall, Continuation::Single);

@@ -14,7 +14,9 @@ pub fn klotz_unloaded_volume(end_diastolic_volume: Ml, end_diastolic_pressure: M
 pub fn is_before_end_diastole(image: (Ml, Mmhg), end_diastole: (Ml, Mmhg)) -> bool {
     let ((volume, pressure), (end_volume, end_pressure)) = (image, end_diastole);
     let filling = pressure.0 > 0.0 && pressure.0 < end_pressure.0;
-    filling && volume.0 < end_volume.0 && volume.0 > klotz_unloaded_volume(end_volume, end_pressure).0
+    filling
+        && volume.0 < end_volume.0
+        && volume.0 > klotz_unloaded_volume(end_volume, end_pressure).0
 }
 
 #[cfg(test)]
@@ -26,9 +28,21 @@ mod tests {
         let end = (Ml(120.0), Mmhg(10.0));
         assert_eq!(klotz_unloaded_volume(end.0, end.1), Ml(120.0 * 0.54));
         assert!(is_before_end_diastole((Ml(100.0), Mmhg(6.0)), end));
-        assert!(!is_before_end_diastole((Ml(60.0), Mmhg(6.0)), end), "below the unloaded volume");
-        assert!(!is_before_end_diastole((Ml(121.0), Mmhg(6.0)), end), "above end-diastole");
-        assert!(!is_before_end_diastole((Ml(100.0), Mmhg(12.0)), end), "above the end-diastolic pressure");
-        assert!(!is_before_end_diastole((Ml(100.0), Mmhg(-1.0)), end), "suction");
+        assert!(
+            !is_before_end_diastole((Ml(60.0), Mmhg(6.0)), end),
+            "below the unloaded volume"
+        );
+        assert!(
+            !is_before_end_diastole((Ml(121.0), Mmhg(6.0)), end),
+            "above end-diastole"
+        );
+        assert!(
+            !is_before_end_diastole((Ml(100.0), Mmhg(12.0)), end),
+            "above the end-diastolic pressure"
+        );
+        assert!(
+            !is_before_end_diastole((Ml(100.0), Mmhg(-1.0)), end),
+            "suction"
+        );
     }
 }

@@ -62,7 +62,10 @@ impl Problem {
         expected: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { severity: Severity::Warning, ..Self::error(file, found, expected, remedy) }
+        Self {
+            severity: Severity::Warning,
+            ..Self::error(file, found, expected, remedy)
+        }
     }
 
     /// The same problem at a line, from 1.
@@ -99,7 +102,11 @@ impl std::fmt::Display for Problem {
         if let Some(key) = &self.key {
             write!(f, ": {key}")?;
         }
-        write!(f, ": found {}; expected {}; {}", self.found, self.expected, self.remedy)
+        write!(
+            f,
+            ": found {}; expected {}; {}",
+            self.found, self.expected, self.remedy
+        )
     }
 }
 
@@ -109,15 +116,23 @@ mod tests {
 
     #[test]
     fn prints_where_what_and_what_to_do() {
-        let p = Problem::error(Path::new("a/pressure.csv"), "`NaN`", "a finite number in mmHg", "remove the line")
-            .at_line(17)
-            .at_key("pressure_mmHg");
+        let p = Problem::error(
+            Path::new("a/pressure.csv"),
+            "`NaN`",
+            "a finite number in mmHg",
+            "remove the line",
+        )
+        .at_line(17)
+        .at_key("pressure_mmHg");
         assert_eq!(
             p.to_string(),
             "error: a/pressure.csv:17: pressure_mmHg: found `NaN`; expected a finite number in mmHg; remove the line"
         );
         let json = serde_json::to_string(&p).unwrap();
-        assert!(json.contains(r#""severity":"error""#) && json.contains(r#""line":17"#), "{json}");
+        assert!(
+            json.contains(r#""severity":"error""#) && json.contains(r#""line":17"#),
+            "{json}"
+        );
         assert_eq!(serde_json::from_str::<Problem>(&json).unwrap(), p);
     }
 }

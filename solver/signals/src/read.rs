@@ -48,7 +48,10 @@ pub fn read_trace_from(origin: Origin, file: &Path, quantity: Quantity) -> Readi
             problems: vec![Problem::error(
                 file,
                 format!("no readable file ({cause})"),
-                format!("a CSV file with the columns {}", header(default_column(origin, quantity))),
+                format!(
+                    "a CSV file with the columns {}",
+                    header(default_column(origin, quantity))
+                ),
                 match origin {
                     Origin::Patient => "check the name in patient.toml and the file's permissions",
                     Origin::CommandLine => "check the name and the file's permissions",
@@ -68,8 +71,14 @@ pub fn parse_trace(bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
 #[must_use]
 pub fn parse_trace_from(origin: Origin, bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut parser =
-        Parser { file, bytes, quantity, origin, column: default_column(origin, quantity), problems: Vec::new() };
+    let mut parser = Parser {
+        file,
+        bytes,
+        quantity,
+        origin,
+        column: default_column(origin, quantity),
+        problems: Vec::new(),
+    };
     let samples = parser.samples();
     let trace = samples.and_then(|s| parser.trace(&s));
     let mut problems = parser.problems;
@@ -116,7 +125,8 @@ struct Parser<'a> {
 
 impl Parser<'_> {
     fn error(&mut self, found: String, expected: String, remedy: &str) {
-        self.problems.push(Problem::error(self.file, found, expected, remedy));
+        self.problems
+            .push(Problem::error(self.file, found, expected, remedy));
     }
 
     /// All samples; none if the header or any line is wrong.
@@ -139,7 +149,11 @@ impl Parser<'_> {
                 return None;
             }
             None => {
-                self.error("an empty file".into(), header(self.column), export_again(self.origin));
+                self.error(
+                    "an empty file".into(),
+                    header(self.column),
+                    export_again(self.origin),
+                );
                 return None;
             }
         };
@@ -169,7 +183,11 @@ impl Parser<'_> {
         told.finish(self.file, &mut self.problems);
         if samples.len() < 2 && sound {
             let found = format!("{} samples", samples.len());
-            self.error(found, "one beat's samples".into(), export_again(self.origin));
+            self.error(
+                found,
+                "one beat's samples".into(),
+                export_again(self.origin),
+            );
             return None;
         }
         sound.then_some(samples)
@@ -178,9 +196,13 @@ impl Parser<'_> {
     /// The line of a record, from 1: its position is that of the comments and empty lines before it.
     fn line(&self, position: Option<&csv::Position>) -> usize {
         let Some(position) = position else { return 1 };
-        let rest = self.bytes.get(position.byte() as usize..).unwrap_or_default();
-        let skipped =
-            rest.split(|b| *b == b'\n').take_while(|line| line.starts_with(b"#") || line.trim_ascii().is_empty());
+        let rest = self
+            .bytes
+            .get(position.byte() as usize..)
+            .unwrap_or_default();
+        let skipped = rest
+            .split(|b| *b == b'\n')
+            .take_while(|line| line.starts_with(b"#") || line.trim_ascii().is_empty());
         position.line() as usize + skipped.count()
     }
 
@@ -204,12 +226,19 @@ impl Parser<'_> {
             return None;
         }
         let known = [Some(self.quantity.column()), self.quantity.other_column()];
-        let known = known.into_iter().flatten().find(|column| names.contains(column));
+        let known = known
+            .into_iter()
+            .flatten()
+            .find(|column| names.contains(column));
         self.column = known.unwrap_or(self.column);
         let time = self.column(line, &names, "time_ms", time_like);
         let value = self.column(line, &names, self.column, |n| !time_like(n));
         let (time, value) = (time?, value?);
-        for (i, name) in names.iter().enumerate().filter(|(i, _)| *i != time && *i != value) {
+        for (i, name) in names
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| *i != time && *i != value)
+        {
             let problem = Problem::warning(
                 self.file,
                 format!("column {} `{name}`", i + 1),
@@ -218,12 +247,27 @@ impl Parser<'_> {
             );
             self.problems.push(problem.at_line(line).at_key(*name));
         }
-        Some(Columns { time, value, n: names.len() })
+        Some(Columns {
+            time,
+            value,
+            n: names.len(),
+        })
     }
 
     /// Position of one column; if it is missing, says what stands in its place.
-    fn column(&mut self, line: usize, names: &[&str], wanted: &str, alike: impl Fn(&str) -> bool) -> Option<usize> {
-        let positions: Vec<usize> = names.iter().enumerate().filter(|(_, n)| **n == wanted).map(|(i, _)| i).collect();
+    fn column(
+        &mut self,
+        line: usize,
+        names: &[&str],
+        wanted: &str,
+        alike: impl Fn(&str) -> bool,
+    ) -> Option<usize> {
+        let positions: Vec<usize> = names
+            .iter()
+            .enumerate()
+            .filter(|(_, n)| **n == wanted)
+            .map(|(i, _)| i)
+            .collect();
         match positions[..] {
             [position] => return Some(position),
             [] => {}
@@ -245,26 +289,51 @@ impl Parser<'_> {
             _ => None,
         };
         let stand_in = names.iter().find(|n| alike(n));
-        let found = stand_in.map_or_else(|| format!("`{}`", names.join(",")), |n| format!("column `{n}`"));
+        let found = stand_in.map_or_else(
+            || format!("`{}`", names.join(",")),
+            |n| format!("column `{n}`"),
+        );
         let remedy = match (stand_in, other) {
             (Some(n), Some(other)) if *n == other.column() && wanted != "time_ms" => {
-                let place = if self.origin == Origin::Patient { "in patient.toml" } else { "on the command line" };
+                let place = if self.origin == Origin::Patient {
+                    "in patient.toml"
+                } else {
+                    "on the command line"
+                };
                 format!("this is a {other} file: are the two files swapped {place}?")
             }
             (Some(n), _) => unit_remedy(n, wanted),
             (None, _) => format!("add the column; the header must be {}", header(self.column)),
         };
-        self.header_error(line, Some(wanted), found, format!("the column `{wanted}`"), remedy);
+        self.header_error(
+            line,
+            Some(wanted),
+            found,
+            format!("the column `{wanted}`"),
+            remedy,
+        );
         None
     }
 
-    fn header_error(&mut self, line: usize, key: Option<&str>, found: String, expected: String, remedy: String) {
+    fn header_error(
+        &mut self,
+        line: usize,
+        key: Option<&str>,
+        found: String,
+        expected: String,
+        remedy: String,
+    ) {
         let mut problem = Problem::error(self.file, found, expected, remedy).at_line(line);
         problem.key = key.map(str::to_owned);
         self.problems.push(problem);
     }
 
-    fn sample(&mut self, record: &csv::StringRecord, columns: &Columns, told: &mut Told) -> Option<Sample> {
+    fn sample(
+        &mut self,
+        record: &csv::StringRecord,
+        columns: &Columns,
+        told: &mut Told,
+    ) -> Option<Sample> {
         let line = self.line(record.position());
         if record.len() != columns.n {
             let shown: Vec<&str> = record.iter().collect();
@@ -288,13 +357,28 @@ impl Parser<'_> {
                 format!("a concentration in {unit}, 0 or more"),
                 "calibrate the signal to concentrations: a background that was subtracted belongs to the resting calcium",
             );
-            told.push(Kind::Negative, problem.at_line(line).at_key(value_column), &mut self.problems);
+            told.push(
+                Kind::Negative,
+                problem.at_line(line).at_key(value_column),
+                &mut self.problems,
+            );
             return None;
         }
-        Some(Sample { line, time_ms, value })
+        Some(Sample {
+            line,
+            time_ms,
+            value,
+        })
     }
 
-    fn number(&mut self, line: usize, cell: &str, column: &str, unit: &str, told: &mut Told) -> Option<f64> {
+    fn number(
+        &mut self,
+        line: usize,
+        cell: &str,
+        column: &str,
+        unit: &str,
+        told: &mut Told,
+    ) -> Option<f64> {
         let parsed = cell.parse::<f64>();
         if let Ok(number) = parsed
             && number.is_finite()
@@ -316,7 +400,11 @@ impl Parser<'_> {
                 "remove the line or fill in what was measured"
             },
         );
-        told.push(kind, problem.at_line(line).at_key(column), &mut self.problems);
+        told.push(
+            kind,
+            problem.at_line(line).at_key(column),
+            &mut self.problems,
+        );
         None
     }
 
@@ -327,7 +415,10 @@ impl Parser<'_> {
                 let problem = Problem::error(
                     self.file,
                     "values that increase throughout and times that do not",
-                    format!("increasing times under `time_ms` and {}s under `{}`", self.quantity, self.column),
+                    format!(
+                        "increasing times under `time_ms` and {}s under `{}`",
+                        self.quantity, self.column
+                    ),
                     "the two columns look swapped: exchange their names in the header",
                 );
                 self.problems.push(problem.at_line(samples[0].line));
@@ -341,7 +432,12 @@ impl Parser<'_> {
             self.gaps(samples);
         }
         let time_ms = samples.iter().map(|s| s.time_ms).collect();
-        Trace::new(self.quantity, time_ms, samples.iter().map(|s| s.value).collect()).ok()
+        Trace::new(
+            self.quantity,
+            time_ms,
+            samples.iter().map(|s| s.value).collect(),
+        )
+        .ok()
     }
 
     fn order(&mut self, samples: &[Sample]) {
@@ -349,7 +445,11 @@ impl Parser<'_> {
         for w in samples.windows(2).filter(|w| w[1].time_ms <= w[0].time_ms) {
             let doubled = w[1].time_ms == w[0].time_ms;
             let (kind, found, remedy) = if doubled {
-                (Kind::Doubled, format!("{} ms a second time", w[1].time_ms), "keep one sample for each time")
+                (
+                    Kind::Doubled,
+                    format!("{} ms a second time", w[1].time_ms),
+                    "keep one sample for each time",
+                )
             } else {
                 (
                     Kind::Backwards,
@@ -358,7 +458,11 @@ impl Parser<'_> {
                 )
             };
             let problem = Problem::error(self.file, found, "increasing times", remedy);
-            told.push(kind, problem.at_line(w[1].line).at_key("time_ms"), &mut self.problems);
+            told.push(
+                kind,
+                problem.at_line(w[1].line).at_key("time_ms"),
+                &mut self.problems,
+            );
         }
         told.finish(self.file, &mut self.problems);
     }
@@ -375,11 +479,26 @@ impl Parser<'_> {
             let expected = format!("one every {step} ms");
             let (kind, problem) = if gap > SEVERE_GAP_FACTOR * step && gap > SEVERE_GAP_MS {
                 let remedy = "fill in what was measured, or take another beat";
-                (Kind::SevereGap, Problem::error(self.file, found, expected, remedy))
+                (
+                    Kind::SevereGap,
+                    Problem::error(self.file, found, expected, remedy),
+                )
             } else {
-                (Kind::Gap, Problem::warning(self.file, found, expected, "the gap is bridged by interpolation"))
+                (
+                    Kind::Gap,
+                    Problem::warning(
+                        self.file,
+                        found,
+                        expected,
+                        "the gap is bridged by interpolation",
+                    ),
+                )
             };
-            told.push(kind, problem.at_line(w[1].line).at_key("time_ms"), &mut self.problems);
+            told.push(
+                kind,
+                problem.at_line(w[1].line).at_key("time_ms"),
+                &mut self.problems,
+            );
         }
         told.finish(self.file, &mut self.problems);
     }
@@ -403,18 +522,30 @@ fn unit_remedy(found: &str, wanted: &str) -> String {
         "time_ms" if lower.ends_with("_s") || lower.contains("sec") => Some("1 s = 1000 ms"),
         "pressure_mmHg" if lower.contains("kpa") => Some("1 kPa = 7.50062 mmHg"),
         "pressure_mmHg" if lower.contains("pa") => Some("1 Pa = 0.00750062 mmHg"),
-        "volume_mL" if lower == "volume_l" || lower.contains("litre") || lower.contains("liter") => {
+        "volume_mL"
+            if lower == "volume_l" || lower.contains("litre") || lower.contains("liter") =>
+        {
             Some("1 L = 1000 mL")
         }
-        "calcium_uM" | "Ca_uM" if lower.ends_with("_nm") || lower.contains("nmol") => Some("1000 nM = 1 µM"),
-        "calcium_uM" | "Ca_uM" if lower.contains("mmol") || found.ends_with("_mM") => Some("1 mM = 1000 µM"),
-        "flow_mL_per_s" if lower.contains("l_per_min") || lower.contains("l/min") => Some("1 L/min = 16.6667 mL/s"),
-        "flow_mL_per_s" if lower.contains("l_per_s") || lower.contains("l/s") => Some("1 L/s = 1000 mL/s"),
+        "calcium_uM" | "Ca_uM" if lower.ends_with("_nm") || lower.contains("nmol") => {
+            Some("1000 nM = 1 µM")
+        }
+        "calcium_uM" | "Ca_uM" if lower.contains("mmol") || found.ends_with("_mM") => {
+            Some("1 mM = 1000 µM")
+        }
+        "flow_mL_per_s" if lower.contains("l_per_min") || lower.contains("l/min") => {
+            Some("1 L/min = 16.6667 mL/s")
+        }
+        "flow_mL_per_s" if lower.contains("l_per_s") || lower.contains("l/s") => {
+            Some("1 L/s = 1000 mL/s")
+        }
         "volume_mL" if lower.contains("mm3") || lower.contains("ul") => Some("1000 mm3 = 1 mL"),
         _ => None,
     };
     match factor {
-        Some(factor) => format!("convert the numbers ({factor}) and rename the column to `{wanted}`"),
+        Some(factor) => {
+            format!("convert the numbers ({factor}) and rename the column to `{wanted}`")
+        }
         None => format!(
             "rename it to `{wanted}` if its numbers have that unit, convert them if not: units are never guessed"
         ),

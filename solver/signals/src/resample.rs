@@ -41,7 +41,9 @@ pub enum ResampleError {
         cycle_length_ms: f64,
     },
     /// A step or a cycle length that is not positive.
-    #[error("step and cycle length must be positive, but are {step_ms} ms and {cycle_length_ms:?} ms")]
+    #[error(
+        "step and cycle length must be positive, but are {step_ms} ms and {cycle_length_ms:?} ms"
+    )]
     Step {
         /// Step, ms.
         step_ms: f64,
@@ -58,11 +60,18 @@ pub enum ResampleError {
 /// # Errors
 /// [`ResampleError`] when a periodic trace has fewer than three samples or spans more than its cycle, or when the step
 /// or the cycle length is not positive.
-pub fn resample(trace: &Trace, continuation: Continuation, step: Ms) -> Result<Trace, ResampleError> {
+pub fn resample(
+    trace: &Trace,
+    continuation: Continuation,
+    step: Ms,
+) -> Result<Trace, ResampleError> {
     let cycle_length_ms = continuation.cycle_length_ms();
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if !positive(step.0) || cycle_length_ms.is_some_and(|t| !positive(t)) {
-        return Err(ResampleError::Step { step_ms: step.0, cycle_length_ms });
+        return Err(ResampleError::Step {
+            step_ms: step.0,
+            cycle_length_ms,
+        });
     }
     match cycle_length_ms {
         Some(period) => periodic(trace, period, step.0),
@@ -75,14 +84,22 @@ fn periodic(trace: &Trace, period_ms: f64, step_ms: f64) -> Result<Trace, Resamp
     let (mut time, mut values) = (trace.time_ms(), trace.values());
     let span_ms = trace.end_ms() - time[0];
     if span_ms > period_ms * (1.0 + OVERLAP) {
-        return Err(ResampleError::LongerThanCycle { quantity, span_ms, cycle_length_ms: period_ms });
+        return Err(ResampleError::LongerThanCycle {
+            quantity,
+            span_ms,
+            cycle_length_ms: period_ms,
+        });
     }
     // A sample at the cycle's end or just before it is the first one again: two knots so near would bend the spline.
     let usual_step = span_ms / (time.len() - 1) as f64;
     let n = time.partition_point(|t| t - time[0] < period_ms - CLOSING * usual_step);
     (time, values) = (&time[..n], &values[..n]);
     if time.len() < 3 {
-        return Err(ResampleError::TooFew { quantity, n_samples: time.len(), cycle_length_ms: period_ms });
+        return Err(ResampleError::TooFew {
+            quantity,
+            n_samples: time.len(),
+            cycle_length_ms: period_ms,
+        });
     }
     // A grid point within a millionth of a step of the cycle's end would be time zero again.
     let n_grid = ((period_ms / step_ms - 1e-6).floor() as usize) + 1;
@@ -115,7 +132,12 @@ fn single(trace: &Trace, step_ms: f64) -> Result<Trace, ResampleError> {
             while j + 2 < time.len() && *t >= time[j + 1] {
                 j += 1;
             }
-            hermite([time[j], time[j + 1]], [values[j], values[j + 1]], [slopes[j], slopes[j + 1]], *t)
+            hermite(
+                [time[j], time[j + 1]],
+                [values[j], values[j + 1]],
+                [slopes[j], slopes[j + 1]],
+                *t,
+            )
         })
         .collect();
     Ok(Trace::new(trace.quantity(), grid, resampled)?)
@@ -137,15 +159,28 @@ struct PeriodicSpline<'a> {
 impl<'a> PeriodicSpline<'a> {
     fn through(time: &'a [f64], values: &'a [f64], period: f64) -> Self {
         let n = time.len();
-        let width = |i: usize| if i + 1 < n { time[i + 1] - time[i] } else { time[0] + period - time[n - 1] };
+        let width = |i: usize| {
+            if i + 1 < n {
+                time[i + 1] - time[i]
+            } else {
+                time[0] + period - time[n - 1]
+            }
+        };
         let slope = |i: usize| (values[(i + 1) % n] - values[i]) / width(i);
         // h[i-1] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i] m[i+1] = 6 (slope[i] - slope[i-1]), cyclic.
         let before = |i: usize| (i + n - 1) % n;
         let lower: Vec<f64> = (0..n).map(|i| width(before(i))).collect();
         let upper: Vec<f64> = (0..n).map(width).collect();
         let diagonal: Vec<f64> = (0..n).map(|i| 2.0 * (lower[i] + upper[i])).collect();
-        let rhs: Vec<f64> = (0..n).map(|i| 6.0 * (slope(i) - slope(before(i)))).collect();
-        Self { time, values, second: solve_cyclic(&lower, diagonal, &upper, &rhs), period }
+        let rhs: Vec<f64> = (0..n)
+            .map(|i| 6.0 * (slope(i) - slope(before(i))))
+            .collect();
+        Self {
+            time,
+            values,
+            second: solve_cyclic(&lower, diagonal, &upper, &rhs),
+            period,
+        }
     }
 
     fn at(&self, t: f64) -> f64 {
@@ -153,7 +188,11 @@ impl<'a> PeriodicSpline<'a> {
         let t = self.time[0] + (t - self.time[0]).rem_euclid(self.period);
         let i = self.time.partition_point(|k| *k <= t) - 1;
         let next = (i + 1) % n;
-        let end = if i + 1 < n { self.time[i + 1] } else { self.time[0] + self.period };
+        let end = if i + 1 < n {
+            self.time[i + 1]
+        } else {
+            self.time[0] + self.period
+        };
         let h = end - self.time[i];
         let (a, b) = ((end - t) / h, (t - self.time[i]) / h);
         a * self.values[i]
@@ -174,7 +213,8 @@ fn solve_cyclic(lower: &[f64], mut diagonal: Vec<f64>, upper: &[f64], rhs: &[f64
     u[n - 1] = corner_low;
     let x = solve_tridiagonal(lower, &diagonal, upper, rhs);
     let z = solve_tridiagonal(lower, &diagonal, upper, &u);
-    let factor = (x[0] + corner_up * x[n - 1] / gamma) / (1.0 + z[0] + corner_up * z[n - 1] / gamma);
+    let factor =
+        (x[0] + corner_up * x[n - 1] / gamma) / (1.0 + z[0] + corner_up * z[n - 1] / gamma);
     x.iter().zip(&z).map(|(x, z)| x - factor * z).collect()
 }
 
@@ -199,7 +239,11 @@ fn solve_tridiagonal(lower: &[f64], diagonal: &[f64], upper: &[f64], rhs: &[f64]
 fn monotone_slopes(time: &[f64], values: &[f64]) -> Vec<f64> {
     let n = time.len();
     let h: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
-    let d: Vec<f64> = values.windows(2).zip(&h).map(|(w, h)| (w[1] - w[0]) / h).collect();
+    let d: Vec<f64> = values
+        .windows(2)
+        .zip(&h)
+        .map(|(w, h)| (w[1] - w[0]) / h)
+        .collect();
     let mut slopes = vec![0.0; n];
     slopes[0] = d[0];
     slopes[n - 1] = d[n - 2];
@@ -230,7 +274,10 @@ mod tests {
 
     fn frames(n: usize, period: f64) -> Trace {
         let time: Vec<f64> = (0..n).map(|i| i as f64 * period / n as f64).collect();
-        let values = time.iter().map(|t| 100.0 + 30.0 * (TAU * t / period).cos()).collect();
+        let values = time
+            .iter()
+            .map(|t| 100.0 + 30.0 * (TAU * t / period).cos())
+            .collect();
         Trace::new(Quantity::Volume, time, values).unwrap()
     }
 
@@ -241,7 +288,11 @@ mod tests {
             let r = resample(&frames(n, period), Continuation::periodic(Ms(period)), STEP).unwrap();
             assert_eq!(r.n_samples(), 853);
             let exact = |t: &f64| 100.0 + 30.0 * (TAU * t / period).cos();
-            r.time_ms().iter().zip(r.values()).map(|(t, v)| (v - exact(t)).abs()).fold(0.0, f64::max)
+            r.time_ms()
+                .iter()
+                .zip(r.values())
+                .map(|(t, v)| (v - exact(t)).abs())
+                .fold(0.0, f64::max)
         };
         let order = (error(20) / error(40)).log2();
         assert!((order - 4.0).abs() < 0.2, "order {order}");
@@ -250,7 +301,10 @@ mod tests {
     #[test]
     fn samples_on_the_grid_pass_unchanged() {
         let t = Trace::uniform(Quantity::Pressure, 1.0, vec![8.0, 9.0, 7.5, 8.1]).unwrap();
-        assert_eq!(resample(&t, Continuation::periodic(Ms(4.0)), STEP).unwrap(), t);
+        assert_eq!(
+            resample(&t, Continuation::periodic(Ms(4.0)), STEP).unwrap(),
+            t
+        );
         assert_eq!(resample(&t, Continuation::Single, STEP).unwrap(), t);
     }
 
@@ -269,7 +323,10 @@ mod tests {
     #[test]
     fn the_end_of_a_single_beat_is_kept() {
         let t = Trace::new(Quantity::Volume, vec![0.0, 1.5, 3.4], vec![1.0, 2.0, 3.0]).unwrap();
-        assert_eq!(resample(&t, Continuation::Single, STEP).unwrap().time_ms(), [0.0, 1.0, 2.0, 3.0, 3.4]);
+        assert_eq!(
+            resample(&t, Continuation::Single, STEP).unwrap().time_ms(),
+            [0.0, 1.0, 2.0, 3.0, 3.4]
+        );
     }
 
     #[test]
@@ -277,16 +334,29 @@ mod tests {
         let period = 852.4;
         // 854 samples: those at 852.4 and beyond belong to the next beat, the one at 852 is kept.
         let f = |t: f64| 60.0 + 50.0 * (TAU * t / period).sin();
-        let t = Trace::uniform(Quantity::Pressure, 1.0, (0..854).map(|i| f(f64::from(i))).collect()).unwrap();
+        let t = Trace::uniform(
+            Quantity::Pressure,
+            1.0,
+            (0..854).map(|i| f(f64::from(i))).collect(),
+        )
+        .unwrap();
         let r = resample(&t, Continuation::periodic(Ms(period)), STEP).unwrap();
         assert_eq!((r.n_samples(), r.end_ms()), (853, 852.0));
         // A closing frame with noise, 0.01 ms early, must not bend the curve.
-        let mut frames: Vec<(f64, f64)> = (0..30).map(|i| f64::from(i) * period / 30.0).map(|t| (t, f(t))).collect();
+        let mut frames: Vec<(f64, f64)> = (0..30)
+            .map(|i| f64::from(i) * period / 30.0)
+            .map(|t| (t, f(t)))
+            .collect();
         frames.push((period - 0.01, f(0.0) + 2.0));
         let (time, values) = frames.into_iter().unzip();
         let noisy = Trace::new(Quantity::Volume, time, values).unwrap();
         let r = resample(&noisy, Continuation::periodic(Ms(period)), STEP).unwrap();
-        assert!(r.time_ms().iter().zip(r.values()).all(|(t, v)| (v - f(*t)).abs() < 0.1));
+        assert!(
+            r.time_ms()
+                .iter()
+                .zip(r.values())
+                .all(|(t, v)| (v - f(*t)).abs() < 0.1)
+        );
     }
 
     #[test]

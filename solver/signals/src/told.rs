@@ -39,8 +39,16 @@ impl Told {
     pub(crate) fn finish(self, file: &Path, problems: &mut Vec<Problem>) {
         for (n, last) in self.0.into_values() {
             let Some(last) = last else { continue };
-            let found = format!("{} more lines like those before, the last one with {}", n - MAX_TOLD, last.found);
-            let summary = Problem { found, file: file.to_owned(), ..last };
+            let found = format!(
+                "{} more lines like those before, the last one with {}",
+                n - MAX_TOLD,
+                last.found
+            );
+            let summary = Problem {
+                found,
+                file: file.to_owned(),
+                ..last
+            };
             problems.push(summary);
         }
     }

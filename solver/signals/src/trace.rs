@@ -95,7 +95,9 @@ pub enum TraceError {
         value: f64,
     },
     /// Times do not increase.
-    #[error("times of the {quantity} trace do not increase at sample {idx}: {time_ms} ms after {previous_ms} ms")]
+    #[error(
+        "times of the {quantity} trace do not increase at sample {idx}: {time_ms} ms after {previous_ms} ms"
+    )]
     NotIncreasing {
         /// What the trace holds.
         quantity: Quantity,
@@ -137,19 +139,41 @@ impl Trace {
     ///
     /// # Errors
     /// [`TraceError`] when lengths differ, fewer than two samples are given, one is not finite, or times do not increase.
-    pub fn new(quantity: Quantity, time_ms: Vec<f64>, values: Vec<f64>) -> Result<Self, TraceError> {
+    pub fn new(
+        quantity: Quantity,
+        time_ms: Vec<f64>,
+        values: Vec<f64>,
+    ) -> Result<Self, TraceError> {
         if values.len() < 2 || time_ms.len() != values.len() {
-            return Err(TraceError::Length { quantity, n_times: time_ms.len(), n_values: values.len() });
+            return Err(TraceError::Length {
+                quantity,
+                n_times: time_ms.len(),
+                n_values: values.len(),
+            });
         }
         for (idx, (t, v)) in time_ms.iter().zip(&values).enumerate() {
             if !t.is_finite() || !v.is_finite() {
-                return Err(TraceError::NotFinite { quantity, idx, time_ms: *t, value: *v });
+                return Err(TraceError::NotFinite {
+                    quantity,
+                    idx,
+                    time_ms: *t,
+                    value: *v,
+                });
             }
             if idx > 0 && *t <= time_ms[idx - 1] {
-                return Err(TraceError::NotIncreasing { quantity, idx, time_ms: *t, previous_ms: time_ms[idx - 1] });
+                return Err(TraceError::NotIncreasing {
+                    quantity,
+                    idx,
+                    time_ms: *t,
+                    previous_ms: time_ms[idx - 1],
+                });
             }
         }
-        Ok(Self { quantity, time_ms, values })
+        Ok(Self {
+            quantity,
+            time_ms,
+            values,
+        })
     }
 
     /// A trace sampled every `step_ms` from time zero.
@@ -213,23 +237,37 @@ mod tests {
     #[test]
     fn only_finite_increasing_samples_make_a_trace() {
         let p = Quantity::Pressure;
-        assert!(matches!(Trace::new(p, vec![0.0], vec![1.0]), Err(TraceError::Length { .. })));
+        assert!(matches!(
+            Trace::new(p, vec![0.0], vec![1.0]),
+            Err(TraceError::Length { .. })
+        ));
         assert!(matches!(
             Trace::new(p, vec![0.0, 1.0], vec![1.0, f64::NAN]),
             Err(TraceError::NotFinite { idx: 1, .. })
         ));
-        assert!(matches!(Trace::new(p, vec![0.0, 0.0], vec![1.0, 2.0]), Err(TraceError::NotIncreasing { idx: 1, .. })));
+        assert!(matches!(
+            Trace::new(p, vec![0.0, 0.0], vec![1.0, 2.0]),
+            Err(TraceError::NotIncreasing { idx: 1, .. })
+        ));
     }
 
     #[test]
     fn deserialising_validates_too() {
         let bad = r#"{"quantity":"volume","time_ms":[0,-1],"values":[1,2]}"#;
-        assert!(serde_json::from_str::<Trace>(bad).unwrap_err().to_string().contains("do not increase"));
+        assert!(
+            serde_json::from_str::<Trace>(bad)
+                .unwrap_err()
+                .to_string()
+                .contains("do not increase")
+        );
     }
 
     #[test]
     fn interpolates_between_samples_and_holds_the_ends() {
         let t = Trace::uniform(Quantity::Volume, 2.0, vec![1.0, 3.0]).unwrap();
-        assert_eq!([t.at(-1.0), t.at(0.0), t.at(1.0), t.at(2.0), t.at(9.0)], [1.0, 1.0, 2.0, 3.0, 3.0]);
+        assert_eq!(
+            [t.at(-1.0), t.at(0.0), t.at(1.0), t.at(2.0), t.at(9.0)],
+            [1.0, 1.0, 2.0, 3.0, 3.0]
+        );
     }
 }

@@ -13,28 +13,42 @@ const PTD90_MS: f64 = 2.0 * (1000.0 + 400.0);
 /// Relative change of a time constant per unit of perturbation over the stroke volume, at most.
 const TAU: f64 = 60.0;
 
-const COHORT: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+const COHORT: [&str; 7] = [
+    "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
+];
 const CYCLES_MS: [f64; 7] = [659.0, 1231.0, 917.0, 631.0, 654.0, 697.0, 852.0];
 
 /// Pressure and volume of a patient at 1 ms.
 fn patient(k: usize) -> (Trace, Trace, Continuation) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/coa-seven/patients").join(COHORT[k]);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../examples/coa-seven/patients")
+        .join(COHORT[k]);
     let continuation = Continuation::periodic(Ms(CYCLES_MS[k]));
     let read = |file: &str, quantity| {
         let trace = read_trace(&folder.join(file), quantity).trace.unwrap();
         resample(&trace, continuation, Ms(1.0)).unwrap()
     };
-    (read("pressure.csv", Quantity::Pressure), read("volume.csv", Quantity::Volume), continuation)
+    (
+        read("pressure.csv", Quantity::Pressure),
+        read("volume.csv", Quantity::Volume),
+        continuation,
+    )
 }
 
 /// The trace with each sample and its time changed.
 fn changed(trace: &Trace, change: impl Fn(usize, f64) -> f64) -> Trace {
-    let values = trace.values().iter().enumerate().map(|(i, v)| change(i, *v)).collect();
+    let values = trace
+        .values()
+        .iter()
+        .enumerate()
+        .map(|(i, v)| change(i, *v))
+        .collect();
     Trace::new(trace.quantity(), trace.time_ms().to_vec(), values).unwrap()
 }
 
 fn amplitude(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 fn of(pressure: &Trace, volume: &Trace, continuation: Continuation) -> BiomarkerSet {
@@ -57,7 +71,15 @@ fn values(b: &BiomarkerSet) -> [f64; 7] {
 /// Each change over its bound, for samples moved by up to `p` mmHg and `v` mL.
 fn over_bounds(a: &BiomarkerSet, b: &BiomarkerSet, amplitude: f64, [p, v]: [f64; 2]) -> [f64; 7] {
     let ([a, b], sv) = ([values(a), values(b)], a.sv.unwrap().0);
-    let bounds = [p, p, p, PTD90_MS * p / amplitude, 2.0 * v, TAU * v / sv * a[5], TAU * v / sv * a[6]];
+    let bounds = [
+        p,
+        p,
+        p,
+        PTD90_MS * p / amplitude,
+        2.0 * v,
+        TAU * v / sv * a[5],
+        TAU * v / sv * a[6],
+    ];
     std::array::from_fn(|k| (b[k] - a[k]).abs() / (bounds[k] + 1e-9))
 }
 
@@ -101,7 +123,11 @@ fn a_level_that_sinks_through_end_diastolic_pressure_moves_ptd90_smoothly() {
     for (k, id) in COHORT.into_iter().enumerate() {
         let (p, v, periodic) = patient(k);
         let fall = of(&p, &v, periodic).time_points.t3.unwrap().0;
-        let dip = |depth: f64| changed(&p, |i, x| x - depth * (-((i as f64 - fall - 60.0) / 20.0).powi(2)).exp());
+        let dip = |depth: f64| {
+            changed(&p, |i, x| {
+                x - depth * (-((i as f64 - fall - 60.0) / 20.0).powi(2)).exp()
+            })
+        };
         for continuation in [periodic, Continuation::Single] {
             let at = |depth: f64| of(&dip(depth), &v, continuation);
             let mut before = at(0.0);
@@ -110,10 +136,17 @@ fn a_level_that_sinks_through_end_diastolic_pressure_moves_ptd90_smoothly() {
             for i in 1..=500 {
                 let b = at(f64::from(i) * step);
                 let over = over_bounds(&before, &b, amplitude(p.values()), [step, 0.0])[3];
-                assert!(over <= 1.0, "{id} at {}: {over} times the bound", f64::from(i) * step);
+                assert!(
+                    over <= 1.0,
+                    "{id} at {}: {over} times the bound",
+                    f64::from(i) * step
+                );
                 before = b;
             }
-            assert!(before.has(Flag::PressureRiseNotReached), "{id}: the level passed no pressure");
+            assert!(
+                before.has(Flag::PressureRiseNotReached),
+                "{id}: the level passed no pressure"
+            );
         }
     }
 }
@@ -128,16 +161,29 @@ fn a_diastasis_that_passes_the_window_moves_tau_vr_smoothly() {
             let kick = (70.0 - filled * 70.0) * ((t - 850.0) / 100.0).clamp(0.0, 1.0);
             120.0 - ejected + early + kick
         };
-        Trace::uniform(Quantity::Volume, 1.0, (0..1000).map(|t| v(f64::from(t))).collect()).unwrap()
+        Trace::uniform(
+            Quantity::Volume,
+            1.0,
+            (0..1000).map(|t| v(f64::from(t))).collect(),
+        )
+        .unwrap()
     };
     let tau = |filled: f64| {
         let continuation = Continuation::periodic(Ms(1000.0));
-        BiomarkerSet::of_samples(None, Some(&volume(filled)), continuation).unwrap().tau_vr.unwrap().0
+        BiomarkerSet::of_samples(None, Some(&volume(filled)), continuation)
+            .unwrap()
+            .tau_vr
+            .unwrap()
+            .0
     };
     let (step, mut before) = (2e-4, tau(0.66));
     for i in 1..=400 {
         let now = tau(0.66 + f64::from(i) * step);
-        assert!((now / before - 1.0).abs() <= TAU * step, "{before} to {now} ms at {}", 0.66 + f64::from(i) * step);
+        assert!(
+            (now / before - 1.0).abs() <= TAU * step,
+            "{before} to {now} ms at {}",
+            0.66 + f64::from(i) * step
+        );
         before = now;
     }
 }

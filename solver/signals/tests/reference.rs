@@ -3,20 +3,25 @@
 
 use cardiotwin_signals::checks::{Measured, MeasuredVolume, Source, check};
 use cardiotwin_signals::{
-    ActiveStressBiomarkers, BiomarkerSet, CalciumDurations, Continuation, Flag, Problem, Quantity, Trace,
-    active_stress, read_trace,
+    ActiveStressBiomarkers, BiomarkerSet, CalciumDurations, Continuation, Flag, Problem, Quantity,
+    Trace, active_stress, read_trace,
 };
 use cardiotwin_units::{MicroMolar, Ml, Mmhg, Ms};
 use std::path::{Path, PathBuf};
 
 fn data(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(path)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data")
+        .join(path)
 }
 
 /// One number of a patient file: enough for these files without a TOML parser.
 fn number(text: &str, section: &str, key: &str) -> Option<f64> {
     let mut at = "";
-    for line in text.lines().map(|l| l.split('#').next().unwrap_or("").trim()) {
+    for line in text
+        .lines()
+        .map(|l| l.split('#').next().unwrap_or("").trim())
+    {
         if line.starts_with('[') {
             at = line;
         } else if let Some((name, value)) = line.split_once('=')
@@ -42,8 +47,18 @@ impl Patient {
         let toml = std::fs::read_to_string(folder.join("patient.toml")).unwrap();
         let pressure = read_trace(&folder.join("pressure.csv"), Quantity::Pressure);
         let volume = read_trace(&folder.join("volume.csv"), Quantity::Volume);
-        let reading = pressure.problems.into_iter().chain(volume.problems).collect();
-        Self { folder, toml, pressure: pressure.trace.unwrap(), volume: volume.trace.unwrap(), reading }
+        let reading = pressure
+            .problems
+            .into_iter()
+            .chain(volume.problems)
+            .collect();
+        Self {
+            folder,
+            toml,
+            pressure: pressure.trace.unwrap(),
+            volume: volume.trace.unwrap(),
+            reading,
+        }
     }
 
     fn cycle_length(&self) -> Ms {
@@ -57,14 +72,25 @@ impl Patient {
 
     fn problems(&self) -> Vec<Problem> {
         let flow = |key| number(&self.toml, "[measured.forward_stroke_volume]", key).map(Ml);
-        let (p, v) = (self.folder.join("pressure.csv"), self.folder.join("volume.csv"));
+        let (p, v) = (
+            self.folder.join("pressure.csv"),
+            self.folder.join("volume.csv"),
+        );
         let checked = check(&Measured {
             patient_file: &self.folder.join("patient.toml"),
             cycle_length: self.cycle_length(),
-            pressure: Some(Source { file: &p, trace: &self.pressure }),
-            volume: Some(Source { file: &v, trace: &self.volume }),
-            end_diastolic_pressure: number(&self.toml, "[measured]", "end_diastolic_pressure_mmHg").map(Mmhg),
-            left_atrial_pressure: number(&self.toml, "[preload]", "left_atrial_pressure_mmHg").map(Mmhg),
+            pressure: Some(Source {
+                file: &p,
+                trace: &self.pressure,
+            }),
+            volume: Some(Source {
+                file: &v,
+                trace: &self.volume,
+            }),
+            end_diastolic_pressure: number(&self.toml, "[measured]", "end_diastolic_pressure_mmHg")
+                .map(Mmhg),
+            left_atrial_pressure: number(&self.toml, "[preload]", "left_atrial_pressure_mmHg")
+                .map(Mmhg),
             forward_stroke_volume: flow("volume_mL")
                 .zip(flow("sd_mL"))
                 .map(|(volume, sd)| MeasuredVolume { volume, sd }),
@@ -104,10 +130,17 @@ fn coa_seven_has_the_clinical_biomarkers_of_table_2() {
         // spline through the samples overshoots the printed one by up to 0.16 mL.
         let tolerances = [0.002, 0.002, 0.002, 0.02, 0.2];
         for ((value, expected), tolerance) in ours.iter().zip(clinical).zip(tolerances) {
-            assert!((value - expected).abs() <= tolerance, "{id}: {value} is not {expected}");
+            assert!(
+                (value - expected).abs() <= tolerance,
+                "{id}: {value} is not {expected}"
+            );
         }
         assert!(b.flags.is_empty(), "{id}: {:?}", b.flags);
-        assert!((20.0..150.0).contains(&b.tau_vd.unwrap().0) && (20.0..150.0).contains(&b.tau_vr.unwrap().0), "{id}");
+        assert!(
+            (20.0..150.0).contains(&b.tau_vd.unwrap().0)
+                && (20.0..150.0).contains(&b.tau_vr.unwrap().0),
+            "{id}"
+        );
     }
 }
 
@@ -219,14 +252,36 @@ fn the_continuous_definitions_agree_with_the_literal_ones_on_coa_seven() {
     for (id, literal) in LITERAL {
         let b = coa(id).biomarkers();
         let t = b.time_points;
-        let [p_max, t1, t3, ptd90] = [b.p_max.unwrap().0, t.t1.unwrap().0, t.t3.unwrap().0, b.ptd90.unwrap().0];
-        let rates = [b.dpdt_max_mmhg_per_ms.unwrap(), b.dpdt_min_mmhg_per_ms.unwrap()];
-        let ours =
-            [p_max, rates[0], rates[1], t1, t3, ptd90, b.sv.unwrap().0, b.tau_vd.unwrap().0, b.tau_vr.unwrap().0];
+        let [p_max, t1, t3, ptd90] = [
+            b.p_max.unwrap().0,
+            t.t1.unwrap().0,
+            t.t3.unwrap().0,
+            b.ptd90.unwrap().0,
+        ];
+        let rates = [
+            b.dpdt_max_mmhg_per_ms.unwrap(),
+            b.dpdt_min_mmhg_per_ms.unwrap(),
+        ];
+        let ours = [
+            p_max,
+            rates[0],
+            rates[1],
+            t1,
+            t3,
+            ptd90,
+            b.sv.unwrap().0,
+            b.tau_vd.unwrap().0,
+            b.tau_vr.unwrap().0,
+        ];
         // Time constants are integrals for sums, which jump by up to so much when a sample enters the window.
         let tolerances = [1e-9; 7].into_iter().chain([4e-3; 2]);
-        for (k, ((ours, literal), tolerance)) in ours.into_iter().zip(literal).zip(tolerances).enumerate() {
-            assert!((ours - literal).abs() <= tolerance * literal.abs().max(1.0), "{id}, value {k}: {ours} {literal}");
+        for (k, ((ours, literal), tolerance)) in
+            ours.into_iter().zip(literal).zip(tolerances).enumerate()
+        {
+            assert!(
+                (ours - literal).abs() <= tolerance * literal.abs().max(1.0),
+                "{id}, value {k}: {ours} {literal}"
+            );
         }
     }
 }
@@ -245,9 +300,18 @@ fn an_end_diastolic_pressure_above_the_level_begins_at_the_upstroke() {
 fn time_points_are_in_the_order_of_a_beat() {
     for (id, _) in TABLE_2 {
         let t = coa(id).biomarkers().time_points;
-        let [t1, t2, t3, t4, t5, t6, t7] = [t.t1, t.t2, t.t3, t.t4, t.t5, t.t6, t.t7].map(|t| t.unwrap().0);
-        assert!(0.0 < t1 && t1 < t4 && t4 < t2 && t2 < t5 && t5 <= t6 && t6 < t7, "{id}: {t:?}");
-        assert!(t.t_dpdt_max.unwrap().0 < t2 && t2 < t.t_dpdt_min.unwrap().0 && t.t_dpdt_min.unwrap().0 < t3, "{id}");
+        let [t1, t2, t3, t4, t5, t6, t7] =
+            [t.t1, t.t2, t.t3, t.t4, t.t5, t.t6, t.t7].map(|t| t.unwrap().0);
+        assert!(
+            0.0 < t1 && t1 < t4 && t4 < t2 && t2 < t5 && t5 <= t6 && t6 < t7,
+            "{id}: {t:?}"
+        );
+        assert!(
+            t.t_dpdt_max.unwrap().0 < t2
+                && t2 < t.t_dpdt_min.unwrap().0
+                && t.t_dpdt_min.unwrap().0 < t3,
+            "{id}"
+        );
     }
 }
 
@@ -257,14 +321,25 @@ fn frames_of_a_cine_series_give_nearly_the_same_volume_biomarkers() {
     let full = patient.biomarkers();
     let period = patient.cycle_length();
     let n = 30;
-    let times: Vec<f64> = (0..n).map(|i| f64::from(i) * period.0 / f64::from(n)).collect();
+    let times: Vec<f64> = (0..n)
+        .map(|i| f64::from(i) * period.0 / f64::from(n))
+        .collect();
     let values = times.iter().map(|t| patient.volume.at(*t)).collect();
     let frames = Trace::new(Quantity::Volume, times, values).unwrap();
     let b = BiomarkerSet::of(None, Some(&frames), Continuation::periodic(period)).unwrap();
     let relative = |a: f64, b: f64| (a / b - 1.0).abs();
-    assert!(relative(b.sv.unwrap().0, full.sv.unwrap().0) < 0.04, "{b:?}");
-    assert!(relative(b.tau_vd.unwrap().0, full.tau_vd.unwrap().0) < 0.05, "{b:?}");
-    assert!(relative(b.tau_vr.unwrap().0, full.tau_vr.unwrap().0) < 0.15, "{b:?}");
+    assert!(
+        relative(b.sv.unwrap().0, full.sv.unwrap().0) < 0.04,
+        "{b:?}"
+    );
+    assert!(
+        relative(b.tau_vd.unwrap().0, full.tau_vd.unwrap().0) < 0.05,
+        "{b:?}"
+    );
+    assert!(
+        relative(b.tau_vr.unwrap().0, full.tau_vr.unwrap().0) < 0.15,
+        "{b:?}"
+    );
 }
 
 #[test]
@@ -284,9 +359,15 @@ fn hidden_effects_give_no_errors() {
         ("dev-030", Some("synchronise")),
     ] {
         let problems = Patient::read(data("hidden-effects").join(id)).problems();
-        assert!(problems.iter().all(|p| !p.is_error()), "{id}: {problems:#?}");
+        assert!(
+            problems.iter().all(|p| !p.is_error()),
+            "{id}: {problems:#?}"
+        );
         if let Some(expected) = expected {
-            assert!(problems.iter().any(|p| p.to_string().contains(expected)), "{id}: {problems:#?}");
+            assert!(
+                problems.iter().any(|p| p.to_string().contains(expected)),
+                "{id}: {problems:#?}"
+            );
         }
     }
 }
@@ -296,8 +377,14 @@ fn active_stress_and_calcium_of_the_reference_cell() {
     let text = std::fs::read_to_string(data("cell0d_two_sets.json")).unwrap();
     let reference: serde_json::Value = serde_json::from_str(&text).unwrap();
     for set in reference["sets"].as_array().unwrap() {
-        let slice =
-            |key: &str| -> Vec<f64> { set[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect() };
+        let slice = |key: &str| -> Vec<f64> {
+            set[key]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|v| v.as_f64().unwrap())
+                .collect()
+        };
         let (sa, ca, lambda) = (slice("Sa_kPa"), slice("Ca_uM"), slice("lambda"));
         let time: Vec<f64> = (0..sa.len()).map(|i| i as f64).collect();
         let expected = |key: &str| set["biomarkers_on_the_1ms_grid"][key].as_f64().unwrap();
@@ -312,7 +399,12 @@ fn active_stress_and_calcium_of_the_reference_cell() {
             (b.std90.0, "STD90_ms"),
             (active_stress::lambda_min(&lambda).unwrap().0, "lambda_min"),
         ] {
-            assert!((value / expected(key) - 1.0).abs() < 1e-6, "{}: {key} {value} {}", set["name"], expected(key));
+            assert!(
+                (value / expected(key) - 1.0).abs() < 1e-6,
+                "{}: {key} {value} {}",
+                set["name"],
+                expected(key)
+            );
         }
         assert!(!b.unreached.any());
         // The reference's durations are of the analytic transient; the trace holds six digits at 1 ms.

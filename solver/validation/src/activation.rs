@@ -20,8 +20,14 @@ impl Twitch {
     /// From time constant \[ms\] and exponent of the rise; begin \[ms\], duration \[ms\] and exponent of the fall.
     #[must_use]
     pub fn new(rise: (f64, f64), fall: (f64, f64, f64)) -> Self {
-        let mut twitch = Self { rise, fall, scale: 1.0 };
-        let peak = (0..2000).map(|t| twitch.at(f64::from(t))).fold(0.0, f64::max);
+        let mut twitch = Self {
+            rise,
+            fall,
+            scale: 1.0,
+        };
+        let peak = (0..2000)
+            .map(|t| twitch.at(f64::from(t)))
+            .fold(0.0, f64::max);
         twitch.scale = 1.0 / peak;
         twitch
     }
@@ -67,7 +73,10 @@ impl Course {
         let whole = |since: f64| {
             let mut e = twitch.at(since);
             if let Some((share, delay)) = self.late {
-                let late: f64 = LATE_GROUPS.iter().map(|k| twitch.at(since - k * delay)).sum::<f64>();
+                let late: f64 = LATE_GROUPS
+                    .iter()
+                    .map(|k| twitch.at(since - k * delay))
+                    .sum::<f64>();
                 e = (1.0 - share) * e + share * late / LATE_GROUPS.len() as f64;
             }
             if let Some((height, at, width)) = self.after_contraction {
@@ -88,7 +97,8 @@ impl Course {
         let mut own = forced.clone();
         let mut e = forced[n - 1];
         for i in (0..3).flat_map(|_| 0..n) {
-            let followed = forced[i] + (e - forced[i]).max(0.0) * (-step / self.relaxation_ms).exp();
+            let followed =
+                forced[i] + (e - forced[i]).max(0.0) * (-step / self.relaxation_ms).exp();
             e = followed.max(forced[i]);
             own[i] = e;
         }
@@ -108,22 +118,38 @@ mod tests {
     fn a_twitch_peaks_at_one_and_is_gone_before_the_next() {
         let table = Course::default().table(&twitch(), 20.0, 850.0, 4250);
         let peak = table.iter().copied().fold(0.0, f64::max);
-        assert!((peak - 1.0).abs() < 2e-3 && table[0] < 1e-3 && table[3500] < 1e-3, "{peak} {}", table[3500]);
+        assert!(
+            (peak - 1.0).abs() < 2e-3 && table[0] < 1e-3 && table[3500] < 1e-3,
+            "{peak} {}",
+            table[3500]
+        );
     }
 
     #[test]
     fn slow_relaxation_leaves_the_rise_and_gives_an_exponential_tail() {
         let plain = Course::default().table(&twitch(), 20.0, 850.0, 4250);
-        let slow = Course { relaxation_ms: 50.0, ..Course::default() }.table(&twitch(), 20.0, 850.0, 4250);
+        let slow = Course {
+            relaxation_ms: 50.0,
+            ..Course::default()
+        }
+        .table(&twitch(), 20.0, 850.0, 4250);
         assert_eq!(plain[500..1000], slow[500..1000]);
         // 60 ms apart, far down the tail.
-        assert!((slow[3000] / slow[2700] - (-60.0f64 / 50.0).exp()).abs() < 0.01, "{}", slow[3000] / slow[2700]);
+        assert!(
+            (slow[3000] / slow[2700] - (-60.0f64 / 50.0).exp()).abs() < 0.01,
+            "{}",
+            slow[3000] / slow[2700]
+        );
     }
 
     #[test]
     fn a_late_part_delays_rise_and_fall() {
         let plain = Course::default().table(&twitch(), 20.0, 850.0, 4250);
-        let split = Course { late: Some((0.4, 60.0)), ..Course::default() }.table(&twitch(), 20.0, 850.0, 4250);
+        let split = Course {
+            late: Some((0.4, 60.0)),
+            ..Course::default()
+        }
+        .table(&twitch(), 20.0, 850.0, 4250);
         assert!(split[600] < plain[600] && split[2100] > plain[2100]);
     }
 }

@@ -195,19 +195,28 @@ impl Heart {
         }
     }
 
-    fn pressures(&self, s: &State, left_activation: f64, right_activation: f64, atrial: f64) -> Pressures {
-        let around = self
-            .pericardium
-            .map_or(0.0, |p| p.pressure_mmhg * ((s.left + s.right + s.atrium - p.volume_ml) / p.scale_ml).exp());
+    fn pressures(
+        &self,
+        s: &State,
+        left_activation: f64,
+        right_activation: f64,
+        atrial: f64,
+    ) -> Pressures {
+        let around = self.pericardium.map_or(0.0, |p| {
+            p.pressure_mmhg * ((s.left + s.right + s.atrium - p.volume_ml) / p.scale_ml).exp()
+        });
         let out = (s.valves[1].flow - s.valves[0].flow).max(0.0);
         let strength = (1.0 - self.left.rate_loss * out).max(0.0) * (1.0 - s.deactivation).max(0.0);
-        let right = around + (self.right.1 + (self.right.0 - self.right.1) * right_activation) * s.right;
+        let right =
+            around + (self.right.1 + (self.right.0 - self.right.1) * right_activation) * s.right;
         let left = around
             + self.left.passive(s.left)
             + left_activation * strength * self.left.active(s.left)
             + s.maxwell
             + self.left.septal_share * (right - around);
-        let added = self.atrial_contraction.map_or(0.0, |a| a.elastance * atrial);
+        let added = self
+            .atrial_contraction
+            .map_or(0.0, |a| a.elastance * atrial);
         Pressures {
             left,
             right,
@@ -226,7 +235,8 @@ impl Heart {
             self.mitral.step(s.valves[0], p.atrium - p.left, dt),
             self.aortic.step(s.valves[1], p.left - p.root, dt),
             self.tricuspid.step(s.valves[2], p.veins - p.right, dt),
-            self.pulmonary.step(s.valves[3], p.right - p.lung_arteries, dt),
+            self.pulmonary
+                .step(s.valves[3], p.right - p.lung_arteries, dt),
         ];
         let [mitral, aortic, tricuspid, pulmonary] = valves.map(|v| v.flow);
         let (link_r, link_l) = self.arterial_link;
@@ -252,14 +262,12 @@ impl Heart {
             lung_arteries: s.lung_arteries + dt * (pulmonary - lung),
             lung_veins: s.lung_veins + dt * (lung - return_flow),
             link_flow: link,
-            maxwell: self
-                .left
-                .maxwell
-                .map_or(0.0, |(stiffness, tau)| (s.maxwell + dt * stiffness * rate) / (1.0 + dt / tau)),
-            deactivation: self
-                .left
-                .deactivation
-                .map_or(0.0, |(per_ml, tau)| (s.deactivation + dt * per_ml * (-rate).max(0.0)) / (1.0 + dt / tau)),
+            maxwell: self.left.maxwell.map_or(0.0, |(stiffness, tau)| {
+                (s.maxwell + dt * stiffness * rate) / (1.0 + dt / tau)
+            }),
+            deactivation: self.left.deactivation.map_or(0.0, |(per_ml, tau)| {
+                (s.deactivation + dt * per_ml * (-rate).max(0.0)) / (1.0 + dt / tau)
+            }),
             valves,
         }
     }
@@ -271,13 +279,19 @@ impl Heart {
         let n = self.cycle_ms * STEPS_PER_MS;
         let cycle = self.cycle_ms as f64;
         let dt = 1e-3 / STEPS_PER_MS as f64;
-        let left = self.left.course.table(&self.left.twitch, self.onset_ms, cycle, n);
+        let left = self
+            .left
+            .course
+            .table(&self.left.twitch, self.onset_ms, cycle, n);
         let right = Course::default().table(&self.left.twitch, self.onset_ms + 5.0, cycle, n);
         let atrial: Vec<f64> = (0..n)
             .map(|i| {
-                let Some(a) = self.atrial_contraction else { return 0.0 };
+                let Some(a) = self.atrial_contraction else {
+                    return 0.0;
+                };
                 let t = i as f64 / STEPS_PER_MS as f64;
-                let from_middle = (t - self.onset_ms + a.lead_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle;
+                let from_middle =
+                    (t - self.onset_ms + a.lead_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle;
                 (-(from_middle / a.width_ms).powi(2)).exp()
             })
             .collect();
@@ -291,7 +305,8 @@ impl Heart {
                 if i % STEPS_PER_MS == 0 {
                     beat.pressure.push(p.left);
                     beat.volume.push(state.left);
-                    beat.aortic_pressure.push(p.root + self.root_resistance * state.valves[1].flow);
+                    beat.aortic_pressure
+                        .push(p.root + self.root_resistance * state.valves[1].flow);
                     beat.atrial_pressure.push(p.atrium);
                     beat.aortic_flow.push(state.valves[1].flow);
                     beat.mitral_flow.push(state.valves[0].flow);
@@ -306,7 +321,9 @@ impl Heart {
             let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
             let (atrium, artery) = (mean(&beat.atrial_pressure), mean(&beat.aortic_pressure));
             if beat_idx < CONTROLLED {
-                let off = ((self.wanted.0 - atrium) / self.wanted.0).abs().max((self.wanted.1 / artery).ln().abs());
+                let off = ((self.wanted.0 - atrium) / self.wanted.0)
+                    .abs()
+                    .max((self.wanted.1 / artery).ln().abs());
                 if beat_idx > 20 && beat.drift < 0.02 && off < 5e-3 {
                     return Some(beat);
                 }
@@ -321,8 +338,26 @@ impl Heart {
 }
 
 fn drift(a: &State, b: &State) -> f64 {
-    let volumes = |s: &State| [s.left, s.right, s.atrium, s.root, s.arteries, s.veins, s.lung_arteries, s.lung_veins];
-    let by_volume = volumes(a).into_iter().zip(volumes(b)).map(|(x, y)| (x - y).abs());
-    let by_flow = a.valves.iter().zip(&b.valves).map(|(x, y)| 0.01 * (x.flow - y.flow).abs());
+    let volumes = |s: &State| {
+        [
+            s.left,
+            s.right,
+            s.atrium,
+            s.root,
+            s.arteries,
+            s.veins,
+            s.lung_arteries,
+            s.lung_veins,
+        ]
+    };
+    let by_volume = volumes(a)
+        .into_iter()
+        .zip(volumes(b))
+        .map(|(x, y)| (x - y).abs());
+    let by_flow = a
+        .valves
+        .iter()
+        .zip(&b.valves)
+        .map(|(x, y)| 0.01 * (x.flow - y.flow).abs());
     by_volume.chain(by_flow).fold(0.0, f64::max)
 }

@@ -29,10 +29,18 @@ pub const NAMES: [(&str, f64, [f64; 4]); 16] = [
 ];
 
 /// Effects that pressure and volume of one ventricle hardly show, or not at all.
-pub const HARD: [&str; 3] = ["cross_fibre_stress", "wave_reflection", "pericardial_constraint"];
+pub const HARD: [&str; 3] = [
+    "cross_fibre_stress",
+    "wave_reflection",
+    "pericardial_constraint",
+];
 
 /// Gaps that the catalogue does not have.
-pub const OFF_CATALOGUE: [&str; 3] = ["shortening_deactivation", "septal_interaction", "after_contraction"];
+pub const OFF_CATALOGUE: [&str; 3] = [
+    "shortening_deactivation",
+    "septal_interaction",
+    "after_contraction",
+];
 
 /// A hidden effect with its values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -60,7 +68,12 @@ pub struct Instruments {
 
 impl Default for Instruments {
     fn default() -> Self {
-        Self { catheter: None, volume_delay_ms: 0.0, offset_mmhg: 0.0, volume_factor: 1.0 }
+        Self {
+            catheter: None,
+            volume_delay_ms: 0.0,
+            offset_mmhg: 0.0,
+            volume_factor: 1.0,
+        }
     }
 }
 
@@ -73,16 +86,28 @@ pub fn draw(name: &str, level: usize, random: &mut Random) -> Hidden {
     if let Some(effect) = OFF_CATALOGUE.into_iter().find(|n| *n == name) {
         let k = 0.7 + 0.3 * level as f64;
         let physical = match effect {
-            "shortening_deactivation" => {
-                [("per_mL", 0.006 * k), ("time_constant_s", random.between(0.08, 0.16))].into()
-            }
+            "shortening_deactivation" => [
+                ("per_mL", 0.006 * k),
+                ("time_constant_s", random.between(0.08, 0.16)),
+            ]
+            .into(),
             "septal_interaction" => [("septal_share", 0.35 * k)].into(),
-            _ => [("height", 0.06 * k), ("after_fall_ms", random.between(60.0, 110.0))].into(),
+            _ => [
+                ("height", 0.06 * k),
+                ("after_fall_ms", random.between(60.0, 110.0)),
+            ]
+            .into(),
         };
-        return Hidden { effect, strength: 0.0, physical };
+        return Hidden {
+            effect,
+            strength: 0.0,
+            physical,
+        };
     }
-    let (effect, smallest, levels) =
-        NAMES.into_iter().find(|(n, ..)| *n == name).unwrap_or_else(|| panic!("there is no effect {name}"));
+    let (effect, smallest, levels) = NAMES
+        .into_iter()
+        .find(|(n, ..)| *n == name)
+        .unwrap_or_else(|| panic!("there is no effect {name}"));
     let size = levels[level] * random.log_between(0.87, 1.15);
     let sign = random.sign();
     let physical: BTreeMap<&'static str, f64> = match effect {
@@ -92,7 +117,9 @@ pub fn draw(name: &str, level: usize, random: &mut Random) -> Hidden {
             ("duration_ms", random.between(110.0, 160.0)),
         ]
         .into(),
-        "mitral_regurgitation" | "aortic_regurgitation" | "ventricular_septal_defect" => [("orifice_cm2", size)].into(),
+        "mitral_regurgitation" | "aortic_regurgitation" | "ventricular_septal_defect" => {
+            [("orifice_cm2", size)].into()
+        }
         "aortic_stenosis" => [("loss_mmHg_s2_per_mL2", size)].into(),
         "wave_reflection" => [
             ("inertance_mmHg_s2_per_mL", size),
@@ -102,11 +129,21 @@ pub fn draw(name: &str, level: usize, random: &mut Random) -> Hidden {
         .into(),
         "delayed_relaxation" => [("tau_ms", size)].into(),
         "passive_stiffening" => [("exponent_factor", 1.0 + size)].into(),
-        "pericardial_constraint" => [("pressure_mmHg", size), ("volume_scale", random.between(0.08, 0.4))].into(),
-        "dyssynchrony" => [("delay_ms", size), ("late_share", random.between(0.25, 0.55))].into(),
-        "viscoelasticity" => {
-            [("viscosity_mmHg_s_per_mL", size), ("relaxation_time_ms", random.between(5.0, 12.0))].into()
-        }
+        "pericardial_constraint" => [
+            ("pressure_mmHg", size),
+            ("volume_scale", random.between(0.08, 0.4)),
+        ]
+        .into(),
+        "dyssynchrony" => [
+            ("delay_ms", size),
+            ("late_share", random.between(0.25, 0.55)),
+        ]
+        .into(),
+        "viscoelasticity" => [
+            ("viscosity_mmHg_s_per_mL", size),
+            ("relaxation_time_ms", random.between(5.0, 12.0)),
+        ]
+        .into(),
         "cross_fibre_stress" => [("cross_fibre_share", size)].into(),
         "catheter_response" => [
             ("natural_period_ms", size),
@@ -118,7 +155,11 @@ pub fn draw(name: &str, level: usize, random: &mut Random) -> Hidden {
         "pressure_offset" => [("offset_mmHg", sign * size)].into(),
         _ => [("volume_factor", 1.0 + sign * size)].into(),
     };
-    Hidden { effect, strength: size / smallest, physical }
+    Hidden {
+        effect,
+        strength: size / smallest,
+        physical,
+    }
 }
 
 impl Hidden {
@@ -134,7 +175,8 @@ impl Hidden {
                 // The amplitude at the mean volume of the atrium; less comes of it, as the atrium gives blood both ways.
                 let duration = self.value("duration_ms");
                 heart.atrial_contraction = Some(AtrialContraction {
-                    elastance: self.value("amplitude_mmHg") / (heart.atrial_compliance * heart.wanted.0),
+                    elastance: self.value("amplitude_mmHg")
+                        / (heart.atrial_compliance * heart.wanted.0),
                     lead_ms: self.value("lead_ms") - 0.5 * duration,
                     width_ms: 0.3 * duration,
                 });
@@ -142,7 +184,9 @@ impl Hidden {
             "mitral_regurgitation" => heart.mitral.leak_cm2 = self.value("orifice_cm2"),
             "aortic_regurgitation" => heart.aortic.leak_cm2 = self.value("orifice_cm2"),
             "ventricular_septal_defect" => heart.septal_defect_cm2 = self.value("orifice_cm2"),
-            "aortic_stenosis" => heart.aortic.open_cm2 = Valve::area_of_loss(self.value("loss_mmHg_s2_per_mL2")),
+            "aortic_stenosis" => {
+                heart.aortic.open_cm2 = Valve::area_of_loss(self.value("loss_mmHg_s2_per_mL2"))
+            }
             "wave_reflection" => {
                 let total = heart.arterial_compliance.0 + heart.arterial_compliance.1;
                 let share = self.value("proximal_share");
@@ -150,7 +194,10 @@ impl Hidden {
                 // What was between both compartments is now before them: the characteristic resistance stays.
                 heart.root_resistance += heart.arterial_link.0;
                 heart.aortic.resistance += heart.arterial_link.0;
-                heart.arterial_link = (self.value("resistance_mmHg_s_per_mL"), self.value("inertance_mmHg_s2_per_mL"));
+                heart.arterial_link = (
+                    self.value("resistance_mmHg_s_per_mL"),
+                    self.value("inertance_mmHg_s2_per_mL"),
+                );
             }
             "delayed_relaxation" => heart.left.course.relaxation_ms = self.value("tau_ms"),
             "passive_stiffening" => heart.left.passive_exponent *= self.value("exponent_factor"),
@@ -162,7 +209,9 @@ impl Hidden {
                     scale_ml: 2.0 * reference_ml * self.value("volume_scale"),
                 });
             }
-            "dyssynchrony" => heart.left.course.late = Some((self.value("late_share"), self.value("delay_ms"))),
+            "dyssynchrony" => {
+                heart.left.course.late = Some((self.value("late_share"), self.value("delay_ms")))
+            }
             "viscoelasticity" => {
                 let tau_s = 1e-3 * self.value("relaxation_time_ms");
                 heart.left.maxwell = Some((self.value("viscosity_mmHg_s_per_mL") / tau_s, tau_s));
@@ -170,20 +219,25 @@ impl Hidden {
             // An elastance has no directions: stress across the fibre is more pressure at the same activation.
             "cross_fibre_stress" => heart.left.peak_mmhg *= 1.0 + self.value("cross_fibre_share"),
             "catheter_response" => {
-                let [period, damping, lag] = ["natural_period_ms", "damping", "lag_ms"].map(|key| self.value(key));
+                let [period, damping, lag] =
+                    ["natural_period_ms", "damping", "lag_ms"].map(|key| self.value(key));
                 instruments.catheter = Some((period, damping, lag));
             }
             "pv_misalignment" => instruments.volume_delay_ms = self.value("volume_delay_ms"),
             "pressure_offset" => instruments.offset_mmhg = self.value("offset_mmHg"),
             "volume_scaling" => instruments.volume_factor = self.value("volume_factor"),
             "shortening_deactivation" => {
-                heart.left.deactivation = Some((self.value("per_mL"), self.value("time_constant_s")));
+                heart.left.deactivation =
+                    Some((self.value("per_mL"), self.value("time_constant_s")));
                 heart.left.peak_mmhg *= 1.0 + 50.0 * self.value("per_mL");
             }
             "septal_interaction" => heart.left.septal_share = self.value("septal_share"),
             _ => {
                 let at = heart.left.twitch.half_fall_ms() + self.value("after_fall_ms");
-                let course = Course { after_contraction: Some((self.value("height"), at, 25.0)), ..Course::default() };
+                let course = Course {
+                    after_contraction: Some((self.value("height"), at, 25.0)),
+                    ..Course::default()
+                };
                 heart.left.course = course;
             }
         }
@@ -211,21 +265,29 @@ mod tests {
     fn every_effect_moves_the_traces_and_more_of_it_moves_them_more() {
         let plain = patient::draw(&mut Random::new(3, 0));
         let (_, p0, v0) = traces(&plain, &Instruments::default());
-        for name in NAMES.map(|(name, ..)| name).into_iter().chain(OFF_CATALOGUE) {
+        for name in NAMES
+            .map(|(name, ..)| name)
+            .into_iter()
+            .chain(OFF_CATALOGUE)
+        {
             let moved = [0, 3].map(|level| {
                 let (mut heart, mut instruments) = (plain.clone(), Instruments::default());
                 draw(name, level, &mut Random::new(5, 1)).add(&mut heart, &mut instruments);
                 let (_, p, v) = traces(&heart, &instruments);
                 rms(&p, &p0) + rms(&v, &v0)
             });
-            assert!(moved[0] > 0.02 && moved[1] > 1.1 * moved[0], "{name}: {moved:?}");
+            assert!(
+                moved[0] > 0.02 && moved[1] > 1.1 * moved[0],
+                "{name}: {moved:?}"
+            );
         }
     }
 
     #[test]
     fn leaks_lose_what_their_orifice_says() {
         let mut heart = patient::draw(&mut Random::new(3, 0));
-        draw("mitral_regurgitation", 2, &mut Random::new(5, 1)).add(&mut heart, &mut Instruments::default());
+        draw("mitral_regurgitation", 2, &mut Random::new(5, 1))
+            .add(&mut heart, &mut Instruments::default());
         let area = heart.mitral.leak_cm2;
         let beat = heart.beat().expect("a steady beat");
         let lost: f64 = beat.mitral_flow.iter().map(|q| (-q).max(0.0) * 1e-3).sum();
@@ -233,7 +295,9 @@ mod tests {
             .map(|(l, a)| 50.0 * area * (l - a).max(0.0).sqrt() * 1e-3)
             .sum();
         assert!((lost / by_orifice - 1.0).abs() < 0.2, "{lost} {by_orifice}");
-        let swing = |v: &[f64]| v.iter().copied().fold(f64::MIN, f64::max) - v.iter().copied().fold(f64::MAX, f64::min);
+        let swing = |v: &[f64]| {
+            v.iter().copied().fold(f64::MIN, f64::max) - v.iter().copied().fold(f64::MAX, f64::min)
+        };
         assert!((swing(&beat.volume) - beat.forward_ml - lost).abs() < 4.0);
     }
 }

@@ -83,9 +83,13 @@ pub fn instruments_on(beat: &Beat, instruments: &Instruments) -> (Vec<f64>, Vec<
             }
         }
     }
-    pressure.iter_mut().for_each(|p| *p += instruments.offset_mmhg);
+    pressure
+        .iter_mut()
+        .for_each(|p| *p += instruments.offset_mmhg);
     let delay = instruments.volume_delay_ms;
-    let volume = (0..n).map(|i| instruments.volume_factor * at(&beat.volume, i as f64 - delay)).collect();
+    let volume = (0..n)
+        .map(|i| instruments.volume_factor * at(&beat.volume, i as f64 - delay))
+        .collect();
     (pressure, volume)
 }
 
@@ -106,15 +110,23 @@ impl Case {
             let mut random = Random::new(seed, 2 * attempt);
             let mut heart = draw(&mut random);
             let mut instruments = Instruments::default();
-            let hidden: Vec<Hidden> =
-                effects.iter().map(|(name, level)| crate::hidden::draw(name, *level, &mut random)).collect();
-            hidden.iter().for_each(|h| h.add(&mut heart, &mut instruments));
+            let hidden: Vec<Hidden> = effects
+                .iter()
+                .map(|(name, level)| crate::hidden::draw(name, *level, &mut random))
+                .collect();
+            hidden
+                .iter()
+                .for_each(|h| h.add(&mut heart, &mut instruments));
             if let Some(beat) = heart.beat().filter(|beat| implausible(beat).is_none()) {
                 let mut random = Random::new(seed, 2 * attempt + 1);
                 let wall_ml = heart.left.reference_ml * random.between(0.7, 1.0);
                 let traces = instruments_on(&beat, &instruments);
                 let case = Self::observe(&beat, traces, wall_ml, noise, &mut random);
-                return Some(Self { hidden, n_refused: attempt as usize, ..case });
+                return Some(Self {
+                    hidden,
+                    n_refused: attempt as usize,
+                    ..case
+                });
             }
         }
         None
@@ -125,14 +137,22 @@ impl Case {
     /// What is measured of a beat whose traces stand behind the instruments already: frames, noise and scalars are added.
     /// Nothing is entered as hidden.
     #[must_use]
-    pub fn observe(beat: &Beat, traces: (Vec<f64>, Vec<f64>), wall_ml: f64, noise: f64, random: &mut Random) -> Self {
+    pub fn observe(
+        beat: &Beat,
+        traces: (Vec<f64>, Vec<f64>),
+        wall_ml: f64,
+        noise: f64,
+        random: &mut Random,
+    ) -> Self {
         let (pressure, volume) = traces;
         let cycle_ms = pressure.len() as f64;
         let rms = noise * random.between(1.0, 1.5);
         let tau = random.between(8.0, 14.0);
         let volume_rms = noise * random.between(2.0, 3.0);
         let n_frames = random.between(25.0, 40.99) as usize;
-        let frame_ms: Vec<f64> = (0..n_frames).map(|k| k as f64 * cycle_ms / n_frames as f64).collect();
+        let frame_ms: Vec<f64> = (0..n_frames)
+            .map(|k| k as f64 * cycle_ms / n_frames as f64)
+            .collect();
         let clean_frame_ml: Vec<f64> = frame_ms.iter().map(|t| at(&volume, *t)).collect();
         let rho = (-1.0 / tau).exp();
         let mut state = random.normal();
@@ -154,9 +174,15 @@ impl Case {
             })
             .collect();
         let mut off = |value: f64| value * (0.1 * random.normal()).exp();
-        let stated =
-            Stated { pressure_rms_mmhg: off(rms), pressure_correlation_ms: off(tau), volume_rms_ml: off(volume_rms) };
-        let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let stated = Stated {
+            pressure_rms_mmhg: off(rms),
+            pressure_correlation_ms: off(tau),
+            volume_rms_ml: off(volume_rms),
+        };
+        let range = |v: &[f64]| {
+            v.iter()
+                .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+        };
         let (diastolic, systolic) = range(&beat.aortic_pressure);
         let whole_heart_ms = (random.between(0.65, 0.82) * cycle_ms).round();
         let clean_side = Side {
@@ -169,7 +195,10 @@ impl Case {
         };
         let (forward, forward_sd) = clean_side.forward;
         let side = Side {
-            cuff: (systolic + 4.0 * random.normal(), diastolic + 4.0 * random.normal()),
+            cuff: (
+                systolic + 4.0 * random.normal(),
+                diastolic + 4.0 * random.normal(),
+            ),
             forward: (forward + forward_sd * random.normal(), forward_sd),
             whole_heart: (clean_side.whole_heart.0 + 4.0 * random.normal(), 4.0),
             wall_ml: clean_side.wall_ml * (1.0 + 0.05 * random.normal()),
@@ -200,21 +229,29 @@ mod tests {
         let a = Case::draw(11, &[], 1.0).unwrap();
         assert_eq!(a, Case::draw(11, &[], 1.0).unwrap());
         assert_ne!(a.frame_ml, Case::draw(12, &[], 1.0).unwrap().frame_ml);
-        let rms =
-            |x: &[f64], y: &[f64]| (x.iter().zip(y).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / x.len() as f64).sqrt();
+        let rms = |x: &[f64], y: &[f64]| {
+            (x.iter().zip(y).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
+        };
         let mut ratios = (0.0, 0.0);
         for seed in 20..28 {
             let case = Case::draw(seed, &[], 1.0).unwrap();
-            ratios.0 += rms(&case.pressure_mmhg, &case.clean_pressure_mmhg) / case.stated.pressure_rms_mmhg / 8.0;
+            ratios.0 += rms(&case.pressure_mmhg, &case.clean_pressure_mmhg)
+                / case.stated.pressure_rms_mmhg
+                / 8.0;
             ratios.1 += rms(&case.frame_ml, &case.clean_frame_ml) / case.stated.volume_rms_ml / 8.0;
         }
-        assert!((ratios.0 - 1.0).abs() < 0.2 && (ratios.1 - 1.0).abs() < 0.2, "{ratios:?}");
+        assert!(
+            (ratios.0 - 1.0).abs() < 0.2 && (ratios.1 - 1.0).abs() < 0.2,
+            "{ratios:?}"
+        );
     }
 
     #[test]
     fn instruments_do_what_they_say() {
         let beat = Beat {
-            pressure: (0..800).map(|t| 60.0 + 50.0 * (std::f64::consts::TAU * f64::from(t) / 800.0).sin()).collect(),
+            pressure: (0..800)
+                .map(|t| 60.0 + 50.0 * (std::f64::consts::TAU * f64::from(t) / 800.0).sin())
+                .collect(),
             volume: (0..800).map(|t| 100.0 + f64::from(t % 400)).collect(),
             ..Beat::default()
         };

@@ -16,10 +16,17 @@ pub fn draw(random: &mut Random) -> Heart {
     let compliance = random.log_between(0.9, 2.4);
     let root = random.between(0.03, 0.1);
     let wanted = (atrium, random.between(80.0, 106.0));
-    let rise = (random.between(100.0, 170.0) * systole, random.between(1.3, 2.0));
+    let rise = (
+        random.between(100.0, 170.0) * systole,
+        random.between(1.3, 2.0),
+    );
     let fall_ms = random.between(110.0, 165.0);
     let middle_ms = random.between(325.0, 385.0) * systole;
-    let fall = (middle_ms - 0.5 * fall_ms, fall_ms, random.between(0.6, 0.95));
+    let fall = (
+        middle_ms - 0.5 * fall_ms,
+        fall_ms,
+        random.between(0.6, 0.95),
+    );
     let unloaded_share = random.between(0.28, 0.45);
     let passive_power = random.between(1.8, 3.0);
     let left = LeftVentricle {
@@ -55,7 +62,10 @@ pub fn draw(random: &mut Random) -> Heart {
         atrial_contraction: None,
         pericardium: None,
         mitral: valve(random.between(5.0, 7.5), random.between(0.006, 0.018)),
-        aortic: valve(random.between(5.6, 7.5), root_resistance + random.between(0.002, 0.006)),
+        aortic: valve(
+            random.between(5.6, 7.5),
+            root_resistance + random.between(0.002, 0.006),
+        ),
         tricuspid: valve(8.0, 0.005),
         pulmonary: valve(7.0, 0.005),
         septal_defect_cm2: 0.0,
@@ -73,10 +83,17 @@ pub fn draw(random: &mut Random) -> Heart {
 /// Why a beat is not one of a patient; none when it is.
 #[must_use]
 pub fn implausible(beat: &Beat) -> Option<String> {
-    let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let range = |v: &[f64]| {
+        v.iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+    };
     let (least_p, peak) = range(&beat.pressure);
     let (end_systolic, end_diastolic) = range(&beat.volume);
-    let slope = beat.pressure.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+    let slope = beat
+        .pressure
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .fold(0.0, f64::max);
     let pulse = range(&beat.aortic_pressure);
     let checks = [
         ("peak pressure", peak, 90.0, 230.0),
@@ -86,7 +103,12 @@ pub fn implausible(beat: &Beat) -> Option<String> {
         ("end-diastolic volume", end_diastolic, 85.0, 230.0),
         ("stroke volume", end_diastolic - end_systolic, 42.0, 135.0),
         ("net forward volume", beat.forward_ml, 30.0, 120.0),
-        ("ejection fraction", 1.0 - end_systolic / end_diastolic, 0.32, 0.78),
+        (
+            "ejection fraction",
+            1.0 - end_systolic / end_diastolic,
+            0.32,
+            0.78,
+        ),
         ("pulse pressure", pulse.1 - pulse.0, 22.0, 95.0),
     ];
     checks

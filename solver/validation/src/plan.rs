@@ -73,7 +73,10 @@ impl Plan {
                     }
                     Self::Doubles => {
                         let level = 2 + i / PAIRS.len() % 2;
-                        (PAIRS[i % PAIRS.len()].map(|name| (name, level)).to_vec(), 1.0)
+                        (
+                            PAIRS[i % PAIRS.len()].map(|name| (name, level)).to_vec(),
+                            1.0,
+                        )
                     }
                     Self::OffCatalogue => {
                         let k = OFF_CATALOGUE.len();
@@ -81,8 +84,16 @@ impl Plan {
                     }
                 };
                 let hard = effects.iter().any(|(name, _)| HARD.contains(name));
-                let seed = seed.wrapping_mul(1_000_003).wrapping_add(stream * 100_000 + i as u64);
-                PlannedCase { id: format!("{prefix}-{:03}", i + 1), effects, noise, hard, seed }
+                let seed = seed
+                    .wrapping_mul(1_000_003)
+                    .wrapping_add(stream * 100_000 + i as u64);
+                PlannedCase {
+                    id: format!("{prefix}-{:03}", i + 1),
+                    effects,
+                    noise,
+                    hard,
+                    seed,
+                }
             })
             .collect()
     }
@@ -118,13 +129,25 @@ mod tests {
         let singles = Plan::Singles.cases(192, 7);
         let of = |name: &str| singles.iter().filter(|c| c.effects[0].0 == name).count();
         assert!(NAMES.iter().all(|(name, ..)| of(name) == 12));
-        let kinds: BTreeSet<_> = singles.iter().map(|c| (&c.effects, (10.0 * c.noise) as u8)).collect();
+        let kinds: BTreeSet<_> = singles
+            .iter()
+            .map(|c| (&c.effects, (10.0 * c.noise) as u8))
+            .collect();
         assert_eq!(kinds.len(), 192);
         let first: BTreeSet<_> = singles[..16].iter().map(|c| c.effects[0].0).collect();
         assert_eq!(first.len(), 16);
-        let all = [Plan::Nulls, Plan::Singles, Plan::Doubles, Plan::OffCatalogue];
-        let seeds: BTreeSet<u64> =
-            all.iter().flat_map(|p| [1, 2].map(|s| p.cases(50, s))).flatten().map(|c| c.seed()).collect();
+        let all = [
+            Plan::Nulls,
+            Plan::Singles,
+            Plan::Doubles,
+            Plan::OffCatalogue,
+        ];
+        let seeds: BTreeSet<u64> = all
+            .iter()
+            .flat_map(|p| [1, 2].map(|s| p.cases(50, s)))
+            .flatten()
+            .map(|c| c.seed())
+            .collect();
         assert_eq!(seeds.len(), 400);
     }
 }

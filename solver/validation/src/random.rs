@@ -13,7 +13,9 @@ impl Random {
     #[must_use]
     pub fn new(seed: u64, stream: u64) -> Self {
         // SplitMix64, so that neighbouring seeds share nothing.
-        let mut z = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(stream.wrapping_mul(0xD1B5_4A32_D192_ED03));
+        let mut z = seed
+            .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+            .wrapping_add(stream.wrapping_mul(0xD1B5_4A32_D192_ED03));
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         Self(Pcg64::seed_from_u64(z ^ (z >> 31)))

@@ -60,7 +60,8 @@ impl Valve {
         let area = closed + (self.open_cm2 - closed).max(0.0) * opening;
         let (inertance, loss) = (DENSITY * self.length_cm / area, Self::loss_of_area(area));
         let k = dt_s / inertance;
-        let flow = (state.flow + k * difference) / (1.0 + k * (self.resistance + loss * state.flow.abs()));
+        let flow =
+            (state.flow + k * difference) / (1.0 + k * (self.resistance + loss * state.flow.abs()));
         ValveState { flow, opening }
     }
 }
@@ -69,8 +70,14 @@ impl Valve {
 mod tests {
     use super::*;
 
-    const AORTIC: Valve =
-        Valve { open_cm2: 5.0, leak_cm2: 0.0, length_cm: 1.5, resistance: 0.004, opening: 20.0, closing: 60.0 };
+    const AORTIC: Valve = Valve {
+        open_cm2: 5.0,
+        leak_cm2: 0.0,
+        length_cm: 1.5,
+        resistance: 0.004,
+        opening: 20.0,
+        closing: 60.0,
+    };
 
     fn settled(valve: &Valve, difference: f64) -> f64 {
         let mut state = ValveState::default();
@@ -84,14 +91,21 @@ mod tests {
     fn a_steady_flow_is_that_of_gorlin_and_resistance() {
         let flow = settled(&AORTIC, 5.0);
         let loss = Valve::loss_of_area(5.0);
-        assert!((AORTIC.resistance * flow + loss * flow * flow - 5.0).abs() < 1e-6, "{flow}");
+        assert!(
+            (AORTIC.resistance * flow + loss * flow * flow - 5.0).abs() < 1e-6,
+            "{flow}"
+        );
         assert!((Valve::area_of_loss(loss) - 5.0).abs() < 1e-12);
     }
 
     #[test]
     fn a_closed_valve_holds_and_a_leaking_one_leaks_as_an_orifice() {
         assert!(settled(&AORTIC, -80.0).abs() < 0.5);
-        let leaking = Valve { leak_cm2: 0.2, resistance: 0.0, ..AORTIC };
+        let leaking = Valve {
+            leak_cm2: 0.2,
+            resistance: 0.0,
+            ..AORTIC
+        };
         let expected = -0.2 * (2.0 * 80.0 / DENSITY).sqrt();
         assert!((settled(&leaking, -80.0) / expected - 1.0).abs() < 1e-3);
     }

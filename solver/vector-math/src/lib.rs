@@ -70,7 +70,10 @@ pub fn ln_ratios<const FMA: bool>(a: f64, b: f64, c: f64, d: f64) -> (f64, f64) 
     let (k2, d) = matched(c, d);
     let (sum1, sum2) = (a + b, c + d);
     let inverse = 1.0 / (sum1 * sum2);
-    (log::<FMA>(k1, (a - b) * (sum2 * inverse)), log::<FMA>(k2, (c - d) * (sum1 * inverse)))
+    (
+        log::<FMA>(k1, (a - b) * (sum2 * inverse)),
+        log::<FMA>(k2, (c - d) * (sum1 * inverse)),
+    )
 }
 
 /// The power of two, and b times it, that brings a/b into [0.66, 1.5].
@@ -80,7 +83,10 @@ fn matched(a: f64, b: f64) -> (f64, f64) {
     let offset = (1u64 << 61) + (1u64 << 51);
     let k = a.to_bits().wrapping_sub(b.to_bits()).wrapping_add(offset) >> 52;
     let scaled_b = f64::from_bits(b.to_bits().wrapping_add(k << 52).wrapping_sub(1u64 << 61));
-    (f64::from_bits(ROUND.to_bits().wrapping_add(k)) - (ROUND + 512.0), scaled_b)
+    (
+        f64::from_bits(ROUND.to_bits().wrapping_add(k)) - (ROUND + 512.0),
+        scaled_b,
+    )
 }
 
 /// k ln 2 + 2 artanh(s), |s| ≤ 0.205.

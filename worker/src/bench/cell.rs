@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::latin_hypercube;
-use cardiotwin_cell_engine::{CellEngine, CellInput, CellOutput, EngineSettings, SimdPath, Workspace};
+use cardiotwin_cell_engine::{
+    CellEngine, CellInput, CellOutput, EngineSettings, SimdPath, Workspace,
+};
 use cardiotwin_models::cell0d::{CellBeat, CellSolverSettings};
 use cardiotwin_schemas::settings::CellFitSettings;
 use serde::Serialize;
@@ -45,11 +47,18 @@ pub fn cell() -> Result<CellTiming, TaskError> {
     let mut outputs = vec![CellOutput::default(); CELLS];
     let mut by_set = BTreeMap::new();
     let mut best = 0.0;
-    for path in [SimdPath::Portable, SimdPath::Avx2, SimdPath::Avx512].into_iter().filter(|path| path.is_available()) {
-        let engine = CellEngine::new(EngineSettings { path: Some(path), ..EngineSettings::default() })?;
+    for path in [SimdPath::Portable, SimdPath::Avx2, SimdPath::Avx512]
+        .into_iter()
+        .filter(|path| path.is_available())
+    {
+        let engine = CellEngine::new(EngineSettings {
+            path: Some(path),
+            ..EngineSettings::default()
+        })?;
         let mut workspace = Workspace::new();
         let inputs: Vec<CellInput> = cells.iter().map(NamedCell::input).collect();
-        let (seconds, _) = median_seconds(|| Ok(engine.evaluate(&inputs, &mut workspace, &mut outputs)?))?;
+        let (seconds, _) =
+            median_seconds(|| Ok(engine.evaluate(&inputs, &mut workspace, &mut outputs)?))?;
         best = 1e6 * seconds / CELLS as f64;
         by_set.insert(name(path), best);
     }
@@ -57,7 +66,12 @@ pub fn cell() -> Result<CellTiming, TaskError> {
     let (scalar, settings) = (&cells[..SCALAR_CELLS], CellSolverSettings::default());
     let mut beat = CellBeat::default();
     let (seconds, _) = median_seconds(|| {
-        scalar.iter().try_for_each(|cell| Ok(cell.parameters().build()?.solve_periodic_into(&settings, &mut beat)?))
+        scalar.iter().try_for_each(|cell| {
+            Ok(cell
+                .parameters()
+                .build()?
+                .solve_periodic_into(&settings, &mut beat)?)
+        })
     })?;
     Ok(CellTiming {
         us_per_evaluation: best,
@@ -78,7 +92,10 @@ fn random_cells() -> Result<Vec<NamedCell>, TaskError> {
     let bounds = CellFitSettings::default().bounds;
     let points = latin_hypercube::unit(CELLS, bounds.len(), 1);
     let cell = |point: Vec<f64>| {
-        let values = bounds.iter().zip(point).map(|((name, [low, high]), u)| (name.clone(), low + (high - low) * u));
+        let values = bounds
+            .iter()
+            .zip(point)
+            .map(|((name, [low, high]), u)| (name.clone(), low + (high - low) * u));
         NamedCell::new(CYCLE_MS, 1.0).with(&values.collect())
     };
     points.into_iter().map(cell).collect()

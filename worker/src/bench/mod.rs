@@ -9,8 +9,8 @@ pub use cell::{CellTiming, cell};
 pub use strategies::{Case, Comparison, Row, cases, strategies};
 pub use triad::triad_gb_per_s;
 pub use ventricle::{
-    BeatBiomarkers, BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut, Shortcuts, VentricleBench,
-    VentricleTiming, follow, shortcuts, told, ventricle,
+    BeatBiomarkers, BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut,
+    Shortcuts, VentricleBench, VentricleTiming, follow, shortcuts, told, ventricle,
 };
 
 use std::time::{Duration, Instant};
@@ -20,8 +20,8 @@ use cardiotwin_models::effects::Assembled;
 use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
 use cardiotwin_schemas::biomarkers::NoiseWindows;
 use cardiotwin_schemas::organ::{
-    ActivationSpec, BeatCount, CellStretch, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec,
-    TanhParameters, ValveParameters, WindkesselParameters,
+    ActivationSpec, BeatCount, CellStretch, CirculationSpec, ContractionSpec, OneFibrePassive,
+    OrganSpec, TanhParameters, ValveParameters, WindkesselParameters,
 };
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Ms};
@@ -77,10 +77,19 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     let (spec, passive, activation) = average_ventricle();
     let mut steps = 0;
     let mut run = |record_nodes: bool| -> Result<(f64, usize), TaskError> {
-        let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(Ms(CYCLE_MS)) };
+        let settings = BeatSettings {
+            record_nodes,
+            ..BeatSettings::one_beat(Ms(CYCLE_MS))
+        };
         median_seconds(|| {
-            let Assembled { mut ventricle, mut circulation, .. } = organ_beat::reduced(&spec, &passive, &activation)?;
-            if let BeatOutcome::Finished(result) = run_beats(&mut ventricle, &mut circulation, &settings) {
+            let Assembled {
+                mut ventricle,
+                mut circulation,
+                ..
+            } = organ_beat::reduced(&spec, &passive, &activation)?;
+            if let BeatOutcome::Finished(result) =
+                run_beats(&mut ventricle, &mut circulation, &settings)
+            {
                 steps = result.work.n_steps;
             }
             Ok(())
@@ -89,7 +98,13 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     let (without, repetitions) = run(false)?;
     let (with, _) = run(true)?;
     let groups = activation.groups;
-    Ok(BeatTiming { ms_per_beat: 1e3 * without, ms_per_beat_with_nodes: 1e3 * with, steps, groups, repetitions })
+    Ok(BeatTiming {
+        ms_per_beat: 1e3 * without,
+        ms_per_beat_with_nodes: 1e3 * with,
+        steps,
+        groups,
+        repetitions,
+    })
 }
 
 /// Times periodic beats of the average base model as a fit asks for them.
@@ -126,7 +141,9 @@ pub fn periodic() -> Result<PeriodicTiming, TaskError> {
 }
 
 /// Median seconds of a call and the number of calls that were counted.
-fn median_seconds(mut work: impl FnMut() -> Result<(), TaskError>) -> Result<(f64, usize), TaskError> {
+fn median_seconds(
+    mut work: impl FnMut() -> Result<(), TaskError>,
+) -> Result<(f64, usize), TaskError> {
     let begin = Instant::now();
     while begin.elapsed() < WARM_UP {
         work()?;
@@ -157,13 +174,20 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
         peripheral_resistance_mmhg_s_per_ml: 0.85,
         compliance_ml_per_mmhg: 1.5,
     };
-    let activation = ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 0.0 };
+    let activation = ActivationSpec {
+        spread_ms: 40.0,
+        groups: 16,
+        onset_ms: 0.0,
+    };
     let spec = OrganBeatSpec {
         cycle_length_ms: CYCLE_MS,
         time_step_ms: 1.0,
         shortest_step_ms: 1.0 / 64.0,
         newton_iterations: 60,
-        organ: OrganSpec::Reduced { passive, activation },
+        organ: OrganSpec::Reduced {
+            passive,
+            activation,
+        },
         circulation: CirculationSpec {
             afterload,
             initial_windkessel_pressure_mmhg: 70.0,
@@ -171,7 +195,9 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
             effects: Vec::new(),
         },
         valves: ValveParameters::default(),
-        contraction: ContractionSpec::Tanh { parameters: TanhParameters::default() },
+        contraction: ContractionSpec::Tanh {
+            parameters: TanhParameters::default(),
+        },
         cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
@@ -185,6 +211,11 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
 #[must_use]
 pub fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+    let name = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(
+        || std::env::consts::ARCH.to_owned(),
+        |(_, name)| name.trim().to_owned(),
+    )
 }

@@ -71,7 +71,8 @@ struct Cases {
 /// Never: the data are checked by a test.
 #[must_use]
 pub fn cases() -> Vec<Case> {
-    let file: Cases = serde_json::from_str(include_str!("../../data/step2-targets.json")).expect("the data are sound");
+    let file: Cases = serde_json::from_str(include_str!("../../data/step2-targets.json"))
+        .expect("the data are sound");
     file.cases
 }
 
@@ -99,21 +100,33 @@ impl Case {
 pub fn strategies(seeds: u64, mut done: impl FnMut(&Row)) -> Result<Comparison, TaskError> {
     let mut rows = Vec::new();
     for case in cases() {
-        for strategy in [Strategy::DifferentialEvolution, Strategy::LShade, Strategy::CmaEs] {
+        for strategy in [
+            Strategy::DifferentialEvolution,
+            Strategy::LShade,
+            Strategy::CmaEs,
+        ] {
             let row = row(&case, strategy, seeds)?;
             done(&row);
             rows.push(row);
         }
     }
-    Ok(Comparison { seeds, processor: processor(), rows })
+    Ok(Comparison {
+        seeds,
+        processor: processor(),
+        rows,
+    })
 }
 
 fn row(case: &Case, strategy: Strategy, seeds: u64) -> Result<Row, TaskError> {
-    let (mut costs, mut evaluations, mut seconds, mut sets) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut costs, mut evaluations, mut seconds, mut sets) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for seed in 1..=seeds {
         let begin = Instant::now();
-        let found =
-            cell_fit::search_alone(&case.spec(CellFitSettings { seed, strategy, ..CellFitSettings::default() }))?;
+        let found = cell_fit::search_alone(&case.spec(CellFitSettings {
+            seed,
+            strategy,
+            ..CellFitSettings::default()
+        }))?;
         seconds.push(begin.elapsed().as_secs_f64());
         costs.push(found.cost);
         evaluations.push(found.evaluations as f64);
@@ -123,7 +136,11 @@ fn row(case: &Case, strategy: Strategy, seeds: u64) -> Result<Row, TaskError> {
     let spread = |(p, name): (usize, &String)| {
         let values: Vec<f64> = sets.iter().map(|set| set[p]).collect();
         let [lower, upper] = settings.bounds[name];
-        let spread = if values.len() > 1 { standard_deviation(&values) } else { 0.0 };
+        let spread = if values.len() > 1 {
+            standard_deviation(&values)
+        } else {
+            0.0
+        };
         (name.clone(), 100.0 * spread / (upper - lower))
     };
     Ok(Row {
@@ -142,10 +159,19 @@ impl Comparison {
     /// As a table for people.
     #[must_use]
     pub fn table(&self) -> String {
-        let heading = format!("{} seeds each, one thread, {}\n", self.seeds, self.processor);
-        let mut text = heading + "| targets | strategy | cost median | worst | reference | evaluations | s |";
-        let names: Vec<&String> = self.rows.first().map_or_else(Vec::new, |row| row.spread_percent.keys().collect());
-        names.iter().for_each(|name| text.push_str(&format!(" {name} % |")));
+        let heading = format!(
+            "{} seeds each, one thread, {}\n",
+            self.seeds, self.processor
+        );
+        let mut text =
+            heading + "| targets | strategy | cost median | worst | reference | evaluations | s |";
+        let names: Vec<&String> = self
+            .rows
+            .first()
+            .map_or_else(Vec::new, |row| row.spread_percent.keys().collect());
+        names
+            .iter()
+            .for_each(|name| text.push_str(&format!(" {name} % |")));
         text.push('\n');
         text.push_str(&"| --- ".repeat(7 + names.len()));
         text.push_str("|\n");
@@ -157,11 +183,14 @@ impl Comparison {
                 strategy.as_str().unwrap_or_default(),
                 row.median_cost,
                 row.worst_cost,
-                row.reference_cost.map_or_else(String::new, |cost| cost.to_string()),
+                row.reference_cost
+                    .map_or_else(String::new, |cost| cost.to_string()),
                 row.median_evaluations,
                 row.median_s
             ));
-            row.spread_percent.values().for_each(|spread| text.push_str(&format!(" {spread:.1} |")));
+            row.spread_percent
+                .values()
+                .for_each(|spread| text.push_str(&format!(" {spread:.1} |")));
             text.push('\n');
         }
         text

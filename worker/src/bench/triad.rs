@@ -33,7 +33,10 @@ pub fn triad_gb_per_s(threads: usize) -> f64 {
     let seconds = std::thread::scope(|scope| {
         let others: Vec<_> = (1..threads).map(|_| scope.spawn(on_thread)).collect();
         let own = on_thread();
-        others.into_iter().filter_map(|other| other.join().ok()).fold(own, f64::max)
+        others
+            .into_iter()
+            .filter_map(|other| other.join().ok())
+            .fold(own, f64::max)
     });
     1e-9 * 24.0 * (n * threads.max(1)) as f64 / seconds
 }

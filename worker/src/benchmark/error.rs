@@ -52,7 +52,9 @@ pub enum BenchmarkError {
         source: std::io::Error,
     },
     /// The computation failed.
-    #[error("{0}; the table holds what was reached. A smaller time or load step, or stiffer volume change, may help")]
+    #[error(
+        "{0}; the table holds what was reached. A smaller time or load step, or stiffer volume change, may help"
+    )]
     Failed(String),
     /// Asked to stop.
     #[error("stopped at {t_ms} ms; the table holds what was reached")]
@@ -64,8 +66,18 @@ pub enum BenchmarkError {
 
 impl BenchmarkError {
     /// A wrong value at a key.
-    pub fn key(file: &Path, key: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
-        Self::Key { file: file.to_owned(), key: key.into(), found: found.into(), expected: expected.into() }
+    pub fn key(
+        file: &Path,
+        key: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Key {
+            file: file.to_owned(),
+            key: key.into(),
+            found: found.into(),
+            expected: expected.into(),
+        }
     }
 }
 

@@ -47,7 +47,13 @@ pub struct BenchmarkSummary {
 
 impl std::fmt::Display for BenchmarkSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let RunCost { steps, n_cut, newton_iterations, krylov_iterations, factorisations } = self.cost;
+        let RunCost {
+            steps,
+            n_cut,
+            newton_iterations,
+            krylov_iterations,
+            factorisations,
+        } = self.cost;
         write!(
             f,
             "{} elements ({}), {} degrees of freedom: {steps} steps ({n_cut} cut), {newton_iterations} Newton and \
@@ -84,12 +90,12 @@ impl Method {
             return Ok(cohort);
         }
         let scheme = match &parsed.time {
-            TimeTable::Dynamic { alpha_m, alpha_f, .. } => {
-                GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
-                    let found = format!("{alpha_m}, {alpha_f}");
-                    BenchmarkError::key(file, "time.alpha_m, time.alpha_f", found, e.to_string())
-                })?
-            }
+            TimeTable::Dynamic {
+                alpha_m, alpha_f, ..
+            } => GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
+                let found = format!("{alpha_m}, {alpha_f}");
+                BenchmarkError::key(file, "time.alpha_m, time.alpha_f", found, e.to_string())
+            })?,
             TimeTable::Static { .. } => cohort.scheme,
         };
         let solver = &parsed.solver;
@@ -100,7 +106,11 @@ impl Method {
             linear: wall::linear_solver(solver.linear),
             ..StepSettings::default()
         };
-        Ok(Self { element: names::element(file, &parsed.element)?, scheme, steps })
+        Ok(Self {
+            element: names::element(file, &parsed.element)?,
+            scheme,
+            steps,
+        })
     }
 }
 
@@ -119,21 +129,38 @@ pub fn run_benchmark(
     progress: &mut dyn FnMut(&str),
 ) -> Result<BenchmarkSummary, BenchmarkError> {
     let watch = Instant::now();
-    let text =
-        std::fs::read_to_string(file).map_err(|source| BenchmarkError::Read { file: file.to_owned(), source })?;
-    let parsed: BenchmarkFile = toml::from_str(&text)
-        .map_err(|source| BenchmarkError::Format { file: file.to_owned(), source: Box::new(source) })?;
+    let text = std::fs::read_to_string(file).map_err(|source| BenchmarkError::Read {
+        file: file.to_owned(),
+        source,
+    })?;
+    let parsed: BenchmarkFile = toml::from_str(&text).map_err(|source| BenchmarkError::Format {
+        file: file.to_owned(),
+        source: Box::new(source),
+    })?;
     let method = Method::of(file, &parsed, as_cohort)?;
     let model = Model::read(file, &parsed)?;
-    let setup = model.problem(method.element)?.set_up().map_err(|e| by_name(file, &parsed, &e))?;
+    let setup = model
+        .problem(method.element)?
+        .set_up()
+        .map_err(|e| by_name(file, &parsed, &e))?;
     let (n_tets, n_dofs) = (model.mesh.n_tets(), 3 * setup.body.n_nodes());
-    progress(&format!("{}: {n_tets} elements ({}), {n_dofs} degrees of freedom", parsed.title, method.element));
+    progress(&format!(
+        "{}: {n_tets} elements ({}), {n_dofs} degrees of freedom",
+        parsed.title, method.element
+    ));
     let mut table = Table::create(&parsed, out)?;
     let cost = match &parsed.time {
-        TimeTable::Static { at_ms, first_load_step } => {
-            let mut steps = LoadSteps { first: *first_load_step, ..LoadSteps::default() };
+        TimeTable::Static {
+            at_ms,
+            first_load_step,
+        } => {
+            let mut steps = LoadSteps {
+                first: *first_load_step,
+                ..LoadSteps::default()
+            };
             steps.newton.linear = method.steps.linear;
-            let (sample, report) = settle(&setup, *at_ms, &steps).map_err(|e| BenchmarkError::Failed(chain(&e)))?;
+            let (sample, report) =
+                settle(&setup, *at_ms, &steps).map_err(|e| BenchmarkError::Failed(chain(&e)))?;
             table.row(&sample)?;
             RunCost {
                 steps: report.steps.len(),
@@ -142,11 +169,20 @@ pub fn run_benchmark(
                 ..RunCost::default()
             }
         }
-        TimeTable::Dynamic { mass_damping_per_ms, stiffness_damping_ms, .. } => {
+        TimeTable::Dynamic {
+            mass_damping_per_ms,
+            stiffness_damping_ms,
+            ..
+        } => {
             let schedule = names::schedule(file, &parsed.time)?;
-            let damping = Rayleigh { mass_per_ms: *mass_damping_per_ms, stiffness_ms: *stiffness_damping_ms };
+            let damping = Rayleigh {
+                mass_per_ms: *mass_damping_per_ms,
+                stiffness_ms: *stiffness_damping_ms,
+            };
             let Method { scheme, steps, .. } = &method;
-            move_body(setup, *scheme, damping, &schedule, steps, &mut table, &watch, stop, progress)?
+            move_body(
+                setup, *scheme, damping, &schedule, steps, &mut table, &watch, stop, progress,
+            )?
         }
     };
     table.finish()?;
@@ -164,23 +200,46 @@ pub fn run_benchmark(
 /// What is wrong with the body, under the name that the file gives the probe or cavity.
 fn by_name(file: &Path, parsed: &BenchmarkFile, error: &ProblemError) -> BenchmarkError {
     match error {
-        ProblemError::Probe { probe, at: [x, y, z], outside } => {
-            let name = parsed.probe.get(*probe).map_or_else(|| probe.to_string(), |p| p.name.clone());
+        ProblemError::Probe {
+            probe,
+            at: [x, y, z],
+            outside,
+        } => {
+            let name = parsed
+                .probe
+                .get(*probe)
+                .map_or_else(|| probe.to_string(), |p| p.name.clone());
             let found = format!(
                 "({x:.3}, {y:.3}, {z:.3}) mm, outside of every element (smallest barycentric coordinate in the nearest {outside:.2})"
             );
-            BenchmarkError::key(file, format!("probe {name:?}: at_mm"), found, "a place in the tissue, in mm")
+            BenchmarkError::key(
+                file,
+                format!("probe {name:?}: at_mm"),
+                found,
+                "a place in the tissue, in mm",
+            )
         }
         ProblemError::Cavity { cavity, source } => {
-            let name = parsed.cavity.get(*cavity).map_or_else(|| cavity.to_string(), |c| c.name.clone());
+            let name = parsed
+                .cavity
+                .get(*cavity)
+                .map_or_else(|| cavity.to_string(), |c| c.name.clone());
             let expected = "surfaces that enclose it but for openings";
-            BenchmarkError::key(file, format!("cavity {name:?}: surfaces"), source.to_string(), expected)
+            BenchmarkError::key(
+                file,
+                format!("cavity {name:?}: surfaces"),
+                source.to_string(),
+                expected,
+            )
         }
         error => BenchmarkError::key(file, "mesh", chain(error), "a body that can be built"),
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "the dynamic half of `run_benchmark`")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the dynamic half of `run_benchmark`"
+)]
 fn move_body(
     setup: cardiotwin_mechanics::prescribed::Setup,
     scheme: GeneralisedAlpha,
@@ -194,25 +253,36 @@ fn move_body(
 ) -> Result<RunCost, BenchmarkError> {
     let mut failure = None;
     let mut told = 0.0;
-    let result = run(setup, scheme, damping, schedule, settings, &mut |sample, cost| {
-        if let Err(error) = table.row(sample) {
-            failure = Some(error);
-            return ControlFlow::Break(());
-        }
-        if stop.is_raised() {
-            failure = Some(BenchmarkError::Stopped { t_ms: sample.t_ms });
-            return ControlFlow::Break(());
-        }
-        if watch.elapsed().as_secs_f64() > told + 10.0 {
-            told = watch.elapsed().as_secs_f64();
-            let RunCost { newton_iterations: newton, krylov_iterations: krylov, .. } = cost;
-            progress(&format!(
-                "{:.0} of {:.0} ms, {newton} Newton and {krylov} linear iterations, {told:.0} s",
-                sample.t_ms, schedule.end_ms
-            ));
-        }
-        ControlFlow::Continue(())
-    });
+    let result = run(
+        setup,
+        scheme,
+        damping,
+        schedule,
+        settings,
+        &mut |sample, cost| {
+            if let Err(error) = table.row(sample) {
+                failure = Some(error);
+                return ControlFlow::Break(());
+            }
+            if stop.is_raised() {
+                failure = Some(BenchmarkError::Stopped { t_ms: sample.t_ms });
+                return ControlFlow::Break(());
+            }
+            if watch.elapsed().as_secs_f64() > told + 10.0 {
+                told = watch.elapsed().as_secs_f64();
+                let RunCost {
+                    newton_iterations: newton,
+                    krylov_iterations: krylov,
+                    ..
+                } = cost;
+                progress(&format!(
+                    "{:.0} of {:.0} ms, {newton} Newton and {krylov} linear iterations, {told:.0} s",
+                    sample.t_ms, schedule.end_ms
+                ));
+            }
+            ControlFlow::Continue(())
+        },
+    );
     match failure {
         Some(error) => Err(error),
         None => result.map_err(|e| BenchmarkError::Failed(chain(&e))),
@@ -240,23 +310,39 @@ mod tests {
         let steps = StepSettings::default();
         assert_eq!(
             method,
-            Method { element: ElementKind::default(), scheme: WallParameters::default().scheme(), steps }
+            Method {
+                element: ElementKind::default(),
+                scheme: WallParameters::default().scheme(),
+                steps
+            }
         );
         let own = Method::of(Path::new("0a.toml"), &parsed(), false).unwrap();
-        assert_ne!(own, method, "the file asks for another share and other weights");
+        assert_ne!(
+            own, method,
+            "the file asks for another share and other weights"
+        );
     }
 
     #[test]
     fn a_files_parts_are_those_of_a_cohort_that_asks_for_the_same() {
         let mut file = parsed();
-        let settings = FiniteElementSettings { newton_iterations: 20, ..FiniteElementSettings::default() };
-        let equations = EquationSettings { tolerance: 1e-6, ..settings.equations() };
+        let settings = FiniteElementSettings {
+            newton_iterations: 20,
+            ..FiniteElementSettings::default()
+        };
+        let equations = EquationSettings {
+            tolerance: 1e-6,
+            ..settings.equations()
+        };
         file.element = toml::from_str("kind = \"quadratic-nodal\"").unwrap();
         file.solver.relative_tolerance = equations.tolerance;
         file.solver.max_iterations = 20;
         let method = Method::of(Path::new("0a.toml"), &file, false).unwrap();
         assert_eq!(method.element, ElementKind::QUADRATIC_NODAL);
-        assert_eq!(method.steps, wall::steps(&equations, settings.newton_iterations));
+        assert_eq!(
+            method.steps,
+            wall::steps(&equations, settings.newton_iterations)
+        );
         // The benchmark's law is the one that a cohort gets by `muscle_law = "holzapfel-ogden"`.
         let mut wall = settings.wall;
         wall.muscle_law = cardiotwin_schemas::muscle::MuscleLaw::HolzapfelOgden;
@@ -269,7 +355,9 @@ mod tests {
     fn an_element_is_named_or_told_by_its_parts() {
         let mut file = parsed();
         file.element = toml::from_str("kind = \"linear-nodal\"\npointwise_share = 0.1").unwrap();
-        let refused = Method::of(Path::new("0a.toml"), &file, false).unwrap_err().to_string();
+        let refused = Method::of(Path::new("0a.toml"), &file, false)
+            .unwrap_err()
+            .to_string();
         assert!(refused.contains("element.kind"), "{refused}");
     }
 }

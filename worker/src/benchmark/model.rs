@@ -57,7 +57,14 @@ impl<'a> Model<'a> {
         let middles = curved(file, parsed, &mesh)?;
         let places = middles.clone();
         let middle = Box::new(move |a: u32, b: u32| places.get(&(a.min(b), a.max(b))).copied());
-        Ok(Self { file, parsed, mesh, frame, middles, middle })
+        Ok(Self {
+            file,
+            parsed,
+            mesh,
+            frame,
+            middles,
+            middle,
+        })
     }
 
     /// The problem of the file on elements of a kind.
@@ -68,18 +75,30 @@ impl<'a> Model<'a> {
         let (file, parsed) = (self.file, self.parsed);
         let end_ms = names::end_ms(&parsed.time);
         let course = |key: String, table: &CourseTable| {
-            Course::new(names::course(table), end_ms)
-                .map_err(|e| BenchmarkError::key(file, format!("{key}.{}", e.name), e.value.to_string(), e.expected))
+            Course::new(names::course(table), end_ms).map_err(|e| {
+                BenchmarkError::key(
+                    file,
+                    format!("{key}.{}", e.name),
+                    e.value.to_string(),
+                    e.expected,
+                )
+            })
         };
         let triangles = |key: String, name: &str| surface(file, &self.mesh, &key, name);
         let mut supports = vec![];
         for (k, s) in parsed.support.iter().enumerate() {
             let key = |name: &str| format!("support[{k}].{name}");
-            for (name, value) in
-                [("spring_kPa_per_mm", s.spring_kpa_per_mm), ("dashpot_kPa_ms_per_mm", s.dashpot_kpa_ms_per_mm)]
-            {
+            for (name, value) in [
+                ("spring_kPa_per_mm", s.spring_kpa_per_mm),
+                ("dashpot_kPa_ms_per_mm", s.dashpot_kpa_ms_per_mm),
+            ] {
                 if !(value >= 0.0 && value.is_finite()) {
-                    return Err(BenchmarkError::key(file, key(name), value.to_string(), "zero or more, and finite"));
+                    return Err(BenchmarkError::key(
+                        file,
+                        key(name),
+                        value.to_string(),
+                        "zero or more, and finite",
+                    ));
                 }
             }
             supports.push(SurfaceSupport {
@@ -92,15 +111,23 @@ impl<'a> Model<'a> {
         let mut fixed = vec![];
         for (k, f) in parsed.fixed.iter().enumerate() {
             let mut components = [false; 3];
-            f.components.iter().for_each(|a| components[names::axis(*a)] = true);
-            fixed.push((triangles(format!("fixed[{k}].surface"), &f.surface)?, components));
+            f.components
+                .iter()
+                .for_each(|a| components[names::axis(*a)] = true);
+            fixed.push((
+                triangles(format!("fixed[{k}].surface"), &f.surface)?,
+                components,
+            ));
         }
         let mut pressures = vec![];
         for (k, p) in parsed.pressure.iter().enumerate() {
             let surface = triangles(format!("pressure[{k}].surface"), &p.surface)?;
             pressures.push((surface, course(format!("pressure[{k}].course"), &p.course)?));
         }
-        let active = parsed.active_stress.clone().unwrap_or(CourseTable::Constant { value_kpa: 0.0 });
+        let active = parsed
+            .active_stress
+            .clone()
+            .unwrap_or(CourseTable::Constant { value_kpa: 0.0 });
         let mut cavities = vec![];
         for (k, c) in parsed.cavity.iter().enumerate() {
             let mut all = vec![];
@@ -130,7 +157,10 @@ impl<'a> Model<'a> {
         let tissues = &self.parsed.tissue;
         (self.mesh.tags.iter())
             .map(|tag| {
-                (tissues.iter().position(|t| t.tags.is_empty() || t.tags.contains(tag))).ok_or_else(|| {
+                (tissues
+                    .iter()
+                    .position(|t| t.tags.is_empty() || t.tags.contains(tag)))
+                .ok_or_else(|| {
                     let found = format!("an element with tag {tag}, which no tissue names");
                     BenchmarkError::key(
                         self.file,
@@ -154,16 +184,32 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
             format!("one of {}", known.join(", ")),
         )
     })?;
-    let path: PathBuf = file.parent().unwrap_or(Path::new("")).join(&parsed.mesh.file);
+    let path: PathBuf = file
+        .parent()
+        .unwrap_or(Path::new(""))
+        .join(&parsed.mesh.file);
     let mesh = files::read(&path, unit);
-    let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh { file: file.to_owned(), source })?;
+    let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh {
+        file: file.to_owned(),
+        source,
+    })?;
     if parsed.mesh.refine > MOST_HALVINGS {
         let expected = format!("at most {MOST_HALVINGS}: each makes eight elements of one");
-        return Err(BenchmarkError::key(file, "mesh.refine", parsed.mesh.refine.to_string(), expected));
+        return Err(BenchmarkError::key(
+            file,
+            "mesh.refine",
+            parsed.mesh.refine.to_string(),
+            expected,
+        ));
     }
     if parsed.mesh.refine > 0 && parsed.mesh.curved.is_some() {
         let found = format!("{}, with mesh.curved", parsed.mesh.refine);
-        return Err(BenchmarkError::key(file, "mesh.refine", found, "one of the two: refined facets stay flat"));
+        return Err(BenchmarkError::key(
+            file,
+            "mesh.refine",
+            found,
+            "one of the two: refined facets stay flat",
+        ));
     }
     for _ in 0..parsed.mesh.refine {
         mesh = halve_edges(&mesh);
@@ -171,15 +217,26 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
     Ok(mesh)
 }
 
-fn surface(file: &Path, mesh: &TetMesh, key: &str, name: &str) -> Result<Vec<[u32; 3]>, BenchmarkError> {
-    mesh.surface(name).map(|s| s.triangles.clone()).ok_or_else(|| {
-        let known: Vec<&str> = mesh.surfaces.iter().map(|s| s.name.as_str()).collect();
-        let expected = format!(
-            "a surface of the mesh: {}",
-            if known.is_empty() { "it has none".to_owned() } else { known.join(", ") }
-        );
-        BenchmarkError::key(file, key, format!("{name:?}"), expected)
-    })
+fn surface(
+    file: &Path,
+    mesh: &TetMesh,
+    key: &str,
+    name: &str,
+) -> Result<Vec<[u32; 3]>, BenchmarkError> {
+    mesh.surface(name)
+        .map(|s| s.triangles.clone())
+        .ok_or_else(|| {
+            let known: Vec<&str> = mesh.surfaces.iter().map(|s| s.name.as_str()).collect();
+            let expected = format!(
+                "a surface of the mesh: {}",
+                if known.is_empty() {
+                    "it has none".to_owned()
+                } else {
+                    known.join(", ")
+                }
+            );
+            BenchmarkError::key(file, key, format!("{name:?}"), expected)
+        })
 }
 
 /// Fibre, sheet and the axis across both; `None` where they do not span a plane.
@@ -192,7 +249,11 @@ fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
     let f = unit(fibre)?;
     let along = dot(f, sheet);
     let s = unit(std::array::from_fn(|i| sheet[i] - along * f[i]))?;
-    let n = [f[1] * s[2] - f[2] * s[1], f[2] * s[0] - f[0] * s[2], f[0] * s[1] - f[1] * s[0]];
+    let n = [
+        f[1] * s[2] - f[2] * s[1],
+        f[2] * s[0] - f[0] * s[2],
+        f[0] * s[1] - f[1] * s[0],
+    ];
     Some(std::array::from_fn(|i| [f[i], s[i], n[i]]))
 }
 
@@ -200,7 +261,11 @@ fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
 fn barycentric(mesh: &TetMesh, e: usize, x: [f64; 3]) -> [f64; 4] {
     let corners = mesh.corners(e);
     let (gradients, _) = shape_gradients(corners);
-    std::array::from_fn(|k| 1.0 + (0..3).map(|i| gradients[k][i] * (x[i] - corners[k][i])).sum::<f64>())
+    std::array::from_fn(|k| {
+        1.0 + (0..3)
+            .map(|i| gradients[k][i] * (x[i] - corners[k][i]))
+            .sum::<f64>()
+    })
 }
 
 /// Frame at a point of an element, from directions at nodes.
@@ -216,29 +281,53 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
         FibreTable::FromMesh => {
             if mesh.frames.len() != mesh.n_tets() {
                 let found = format!("{} fibres in the mesh", mesh.frames.len());
-                let expected = format!("{}, one for each element: add them, or give another rule", mesh.n_tets());
+                let expected = format!(
+                    "{}, one for each element: add them, or give another rule",
+                    mesh.n_tets()
+                );
                 return Err(BenchmarkError::key(file, "fibres.rule", found, expected));
             }
-            let frames: Vec<Frame> =
-                mesh.frames.iter().map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES)).collect();
+            let frames: Vec<Frame> = mesh
+                .frames
+                .iter()
+                .map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES))
+                .collect();
             if !mesh.fibres.at_nodes() {
                 return Ok(Box::new(move |e, _| frames[e]));
             }
             let mesh = mesh.clone();
-            Ok(Box::new(move |e, x| frame_at(&mesh, e, x).unwrap_or(frames[e])))
+            Ok(Box::new(move |e, x| {
+                frame_at(&mesh, e, x).unwrap_or(frames[e])
+            }))
         }
         FibreTable::Constant { fibre, sheet } => {
             let frame = orthonormal(*fibre, *sheet).ok_or_else(|| {
                 let found = format!("{fibre:?} and {sheet:?}");
-                BenchmarkError::key(file, "fibres.fibre, fibres.sheet", found, "two directions that are not parallel")
+                BenchmarkError::key(
+                    file,
+                    "fibres.fibre, fibres.sheet",
+                    found,
+                    "two directions that are not parallel",
+                )
             })?;
             Ok(Box::new(move |_, _| frame))
         }
-        FibreTable::Ellipsoid { axis, short_mm, long_mm, alpha_deg, depth } => {
+        FibreTable::Ellipsoid {
+            axis,
+            short_mm,
+            long_mm,
+            alpha_deg,
+            depth,
+        } => {
             for (key, pair) in [("short_mm", short_mm), ("long_mm", long_mm)] {
                 if !(pair[0] > 0.0 && pair[1] > pair[0]) {
                     let expected = "two half-axes, the endocardium's first and smaller";
-                    return Err(BenchmarkError::key(file, format!("fibres.{key}"), format!("{pair:?}"), expected));
+                    return Err(BenchmarkError::key(
+                        file,
+                        format!("fibres.{key}"),
+                        format!("{pair:?}"),
+                        expected,
+                    ));
                 }
             }
             let rule = EllipsoidFibres {
@@ -249,17 +338,31 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
             };
             match depth {
                 DepthTable::Geometry => Ok(Box::new(move |_, x| rule.frame(x, rule.depth(x)))),
-                DepthTable::Laplace { endocardium, epicardium } => {
+                DepthTable::Laplace {
+                    endocardium,
+                    epicardium,
+                } => {
                     let depth = laplace_depth(file, mesh, endocardium, epicardium)?;
                     let mesh = mesh.clone();
                     Ok(Box::new(move |e, x| {
                         let shares = barycentric(&mesh, e, x);
-                        rule.frame(x, (0..4).map(|k| shares[k] * depth[mesh.tets[e][k] as usize]).sum())
+                        rule.frame(
+                            x,
+                            (0..4)
+                                .map(|k| shares[k] * depth[mesh.tets[e][k] as usize])
+                                .sum(),
+                        )
                     }))
                 }
             }
         }
-        FibreTable::LaplaceDirichlet { endocardium, epicardium, base, alpha_deg, beta_deg } => {
+        FibreTable::LaplaceDirichlet {
+            endocardium,
+            epicardium,
+            base,
+            alpha_deg,
+            beta_deg,
+        } => {
             let mut named = mesh.clone();
             named.surfaces.clear();
             for (key, theirs, ours) in [
@@ -268,7 +371,10 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
                 ("base", base, surface_names::RIM),
             ] {
                 let triangles = surface(file, mesh, &format!("fibres.{key}"), theirs)?;
-                named.surfaces.push(cardiotwin_mesh::Surface { name: ours.to_owned(), triangles });
+                named.surfaces.push(cardiotwin_mesh::Surface {
+                    name: ours.to_owned(),
+                    triangles,
+                });
             }
             let mut tags = mesh.tags.clone();
             tags.sort_unstable();
@@ -279,8 +385,9 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
                 beta_endo_deg: beta_deg[0],
                 beta_epi_deg: beta_deg[1],
             };
-            let found = fields(&named, &tags, Longitudinal::FromBase)
-                .map_err(|e| BenchmarkError::key(file, "fibres", chain(&e), "fields that can be solved for"))?;
+            let found = fields(&named, &tags, Longitudinal::FromBase).map_err(|e| {
+                BenchmarkError::key(file, "fibres", chain(&e), "fields that can be solved for")
+            })?;
             named.fibres = rule(&named, &tags, &found, &angles);
             Ok(Box::new(move |e, x| frame_at(&named, e, x).unwrap_or(AXES)))
         }
@@ -288,37 +395,73 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
 }
 
 /// 0 at the nodes of the first surfaces, 1 at those of the second, harmonic between.
-fn laplace_depth(file: &Path, mesh: &TetMesh, endo: &[String], epi: &[String]) -> Result<Vec<f64>, BenchmarkError> {
+fn laplace_depth(
+    file: &Path,
+    mesh: &TetMesh,
+    endo: &[String],
+    epi: &[String],
+) -> Result<Vec<f64>, BenchmarkError> {
     let mut given = vec![None; mesh.n_nodes()];
     for (key, names, value) in [("endocardium", endo, 0.0), ("epicardium", epi, 1.0)] {
         for name in names {
-            for node in surface(file, mesh, &format!("fibres.depth.{key}"), name)?.into_iter().flatten() {
+            for node in surface(file, mesh, &format!("fibres.depth.{key}"), name)?
+                .into_iter()
+                .flatten()
+            {
                 given[node as usize] = Some(value);
             }
         }
     }
-    laplace::solve("depth", mesh, &Alone(mesh.n_nodes()), &|_| true, &given, 0.0)
-        .map_err(|e| BenchmarkError::key(file, "fibres.depth", chain(&e), "a field that can be solved for"))
+    laplace::solve(
+        "depth",
+        mesh,
+        &Alone(mesh.n_nodes()),
+        &|_| true,
+        &given,
+        0.0,
+    )
+    .map_err(|e| {
+        BenchmarkError::key(
+            file,
+            "fibres.depth",
+            chain(&e),
+            "a field that can be solved for",
+        )
+    })
 }
 
 /// Middles of the edges of the named surfaces, moved onto their ellipsoids in the direction from the origin.
 fn curved(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<Middles, BenchmarkError> {
     let mut middles = Middles::new();
-    let Some(table) = &parsed.mesh.curved else { return Ok(middles) };
+    let Some(table) = &parsed.mesh.curved else {
+        return Ok(middles);
+    };
     let axis = names::axis(table.axis);
     for (k, s) in table.surface.iter().enumerate() {
         for (name, value) in [("short_mm", s.short_mm), ("long_mm", s.long_mm)] {
             if !(value > 0.0 && value.is_finite()) {
                 let key = format!("mesh.curved.surface[{k}].{name}");
-                return Err(BenchmarkError::key(file, key, value.to_string(), "more than zero"));
+                return Err(BenchmarkError::key(
+                    file,
+                    key,
+                    value.to_string(),
+                    "more than zero",
+                ));
             }
         }
-        for t in surface(file, mesh, &format!("mesh.curved.surface[{k}].name"), &s.name)? {
+        for t in surface(
+            file,
+            mesh,
+            &format!("mesh.curved.surface[{k}].name"),
+            &s.name,
+        )? {
             for (a, b) in cardiotwin_mesh::surface::edges(t) {
                 let (p, q) = (mesh.nodes_mm[a as usize], mesh.nodes_mm[b as usize]);
                 let m: [f64; 3] = std::array::from_fn(|i| 0.5 * (p[i] + q[i]));
-                let level: f64 =
-                    (0..3).map(|i| (m[i] / if i == axis { s.long_mm } else { s.short_mm }).powi(2)).sum::<f64>().sqrt();
+                let level: f64 = (0..3)
+                    .map(|i| (m[i] / if i == axis { s.long_mm } else { s.short_mm }).powi(2))
+                    .sum::<f64>()
+                    .sqrt();
                 middles.insert((a.min(b), a.max(b)), m.map(|x| x / level));
             }
         }

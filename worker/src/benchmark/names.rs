@@ -13,8 +13,8 @@ use cardiotwin_schemas::muscle::{HolzapfelOgdenSettings, MuscleLaw};
 
 use super::error::BenchmarkError;
 use super::file::{
-    Axis, CourseTable, Degree, DirectionName, ElementTable, PassiveTable, TimeTable, TissueTable, VolumeName,
-    VolumetricName,
+    Axis, CourseTable, Degree, DirectionName, ElementTable, PassiveTable, TimeTable, TissueTable,
+    VolumeName, VolumetricName,
 };
 use crate::finite_element::wall;
 
@@ -28,23 +28,44 @@ pub(super) fn axis(axis: Axis) -> usize {
 }
 
 pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, BenchmarkError> {
-    let ElementTable { kind, degree, volume, pointwise_share } = *table;
+    let ElementTable {
+        kind,
+        degree,
+        volume,
+        pointwise_share,
+    } = *table;
     if let Some(kind) = kind {
         if degree.is_some() || volume.is_some() || pointwise_share.is_some() {
-            let expected = "element.kind alone, or element.degree, element.volume and element.pointwise_share";
-            return Err(BenchmarkError::key(file, "element.kind", "other keys of [element] beside it", expected));
+            let expected =
+                "element.kind alone, or element.degree, element.volume and element.pointwise_share";
+            return Err(BenchmarkError::key(
+                file,
+                "element.kind",
+                "other keys of [element] beside it",
+                expected,
+            ));
         }
         return Ok(wall::element(kind, None));
     }
     let share = pointwise_share.unwrap_or(0.0);
     if !(0.0..=1.0).contains(&share) {
-        return Err(BenchmarkError::key(file, "element.pointwise_share", share.to_string(), "a share from 0 to 1"));
+        return Err(BenchmarkError::key(
+            file,
+            "element.pointwise_share",
+            share.to_string(),
+            "a share from 0 to 1",
+        ));
     }
     let volume = match volume {
         Some(VolumeName::Pointwise) => VolumeChange::Pointwise,
-        Some(VolumeName::Nodal) | None => VolumeChange::Nodal { pointwise_share: share },
+        Some(VolumeName::Nodal) | None => VolumeChange::Nodal {
+            pointwise_share: share,
+        },
     };
-    Ok(ElementKind { quadratic: degree != Some(Degree::Linear), volume })
+    Ok(ElementKind {
+        quadratic: degree != Some(Degree::Linear),
+        volume,
+    })
 }
 
 pub(super) fn direction(name: DirectionName) -> RobinDirection {
@@ -58,15 +79,49 @@ pub(super) fn direction(name: DirectionName) -> RobinDirection {
 pub(super) fn tissue(table: &TissueTable) -> Tissue {
     let wall = WallSettings::default();
     let wall = match table.passive {
-        PassiveTable::Guccione { c_kpa: guccione_c_kpa, b_f, b_t, b_fs } => {
-            WallSettings { muscle_law: MuscleLaw::Guccione, guccione_c_kpa, b_f, b_t, b_fs, ..wall }
-        }
-        PassiveTable::NeoHookean { mu_kpa: neo_hookean_mu_kpa } => {
-            WallSettings { muscle_law: MuscleLaw::NeoHookean, neo_hookean_mu_kpa, ..wall }
-        }
-        PassiveTable::HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch } => WallSettings {
+        PassiveTable::Guccione {
+            c_kpa: guccione_c_kpa,
+            b_f,
+            b_t,
+            b_fs,
+        } => WallSettings {
+            muscle_law: MuscleLaw::Guccione,
+            guccione_c_kpa,
+            b_f,
+            b_t,
+            b_fs,
+            ..wall
+        },
+        PassiveTable::NeoHookean {
+            mu_kpa: neo_hookean_mu_kpa,
+        } => WallSettings {
+            muscle_law: MuscleLaw::NeoHookean,
+            neo_hookean_mu_kpa,
+            ..wall
+        },
+        PassiveTable::HolzapfelOgden {
+            a_kpa,
+            b,
+            a_f_kpa,
+            b_f,
+            a_s_kpa,
+            b_s,
+            a_fs_kpa,
+            b_fs,
+            switch,
+        } => WallSettings {
             muscle_law: MuscleLaw::HolzapfelOgden,
-            holzapfel_ogden: HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch },
+            holzapfel_ogden: HolzapfelOgdenSettings {
+                a_kpa,
+                b,
+                a_f_kpa,
+                b_f,
+                a_s_kpa,
+                b_s,
+                a_fs_kpa,
+                b_fs,
+                switch,
+            },
             ..wall
         },
     };
@@ -77,8 +132,14 @@ pub(super) fn tissue(table: &TissueTable) -> Tissue {
     };
     Tissue {
         law: wall::muscle(&wall),
-        volumetric: Volumetric { law, kappa_kpa: table.volumetric.kappa_kpa },
-        active: table.active.as_ref().map(|a| wall::active(a.convention, a.cross_fibre)),
+        volumetric: Volumetric {
+            law,
+            kappa_kpa: table.volumetric.kappa_kpa,
+        },
+        active: table
+            .active
+            .as_ref()
+            .map(|a| wall::active(a.convention, a.cross_fibre)),
         density: table.density_mg_per_mm3,
     }
 }
@@ -88,9 +149,21 @@ pub(super) fn course(table: &CourseTable) -> TimeCourse {
         CourseTable::Constant { value_kpa } => TimeCourse::Constant { value_kpa },
         CourseTable::Ramp { value_kpa, until_s } => TimeCourse::Ramp { value_kpa, until_s },
         CourseTable::Table { t_s, value_kpa } => TimeCourse::Table { t_s, value_kpa },
-        CourseTable::Activation { contractility_kpa, rise_per_s, fall_per_s, on_s, off_s, switch_s } => {
-            TimeCourse::Activation { contractility_kpa, rise_per_s, fall_per_s, on_s, off_s, switch_s }
-        }
+        CourseTable::Activation {
+            contractility_kpa,
+            rise_per_s,
+            fall_per_s,
+            on_s,
+            off_s,
+            switch_s,
+        } => TimeCourse::Activation {
+            contractility_kpa,
+            rise_per_s,
+            fall_per_s,
+            on_s,
+            off_s,
+            switch_s,
+        },
         CourseTable::ChamberPressure {
             systolic_kpa,
             filling_kpa_per_s,
@@ -125,20 +198,43 @@ pub(super) fn end_ms(time: &TimeTable) -> f64 {
 
 /// Steps and output of a dynamic problem.
 pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, BenchmarkError> {
-    let TimeTable::Dynamic { dt_ms, end_ms, output_every_ms, .. } = *time else {
+    let TimeTable::Dynamic {
+        dt_ms,
+        end_ms,
+        output_every_ms,
+        ..
+    } = *time
+    else {
         return Err(BenchmarkError::key(file, "time.mode", "static", "dynamic"));
     };
-    for (key, value) in [("time.dt_ms", dt_ms), ("time.end_ms", end_ms), ("time.output_every_ms", output_every_ms)] {
+    for (key, value) in [
+        ("time.dt_ms", dt_ms),
+        ("time.end_ms", end_ms),
+        ("time.output_every_ms", output_every_ms),
+    ] {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(BenchmarkError::key(file, key, value.to_string(), "more than zero"));
+            return Err(BenchmarkError::key(
+                file,
+                key,
+                value.to_string(),
+                "more than zero",
+            ));
         }
     }
-    for (key, value) in [("time.end_ms", end_ms), ("time.output_every_ms", output_every_ms)] {
+    for (key, value) in [
+        ("time.end_ms", end_ms),
+        ("time.output_every_ms", output_every_ms),
+    ] {
         let steps = value / dt_ms;
         if (steps - steps.round()).abs() > 1e-6 {
             let expected = format!("a whole number of steps of time.dt_ms = {dt_ms}");
             return Err(BenchmarkError::key(file, key, value.to_string(), expected));
         }
     }
-    Ok(Schedule { dt_ms, end_ms, sample_every: (output_every_ms / dt_ms).round() as usize, max_halvings: 6 })
+    Ok(Schedule {
+        dt_ms,
+        end_ms,
+        sample_every: (output_every_ms / dt_ms).round() as usize,
+        max_halvings: 6,
+    })
 }

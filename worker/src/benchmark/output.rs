@@ -17,7 +17,9 @@ pub struct Table {
 
 impl std::fmt::Debug for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Table").field("name", &self.name).finish_non_exhaustive()
+        f.debug_struct("Table")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
     }
 }
 
@@ -31,8 +33,10 @@ impl Table {
         let sink: Box<dyn std::io::Write> = match out {
             None => Box::new(std::io::stdout()),
             Some(path) => {
-                let file =
-                    File::create(path).map_err(|source| BenchmarkError::Write { file: path.to_owned(), source })?;
+                let file = File::create(path).map_err(|source| BenchmarkError::Write {
+                    file: path.to_owned(),
+                    source,
+                })?;
                 Box::new(BufWriter::new(file))
             }
         };
@@ -53,7 +57,10 @@ impl Table {
     fn line(&mut self, text: &str) -> Result<(), BenchmarkError> {
         writeln!(self.sink, "{text}")
             .and_then(|()| self.sink.flush())
-            .map_err(|source| BenchmarkError::Write { file: self.name.clone(), source })
+            .map_err(|source| BenchmarkError::Write {
+                file: self.name.clone(),
+                source,
+            })
     }
 
     /// Adds a row.
@@ -76,6 +83,9 @@ impl Table {
     /// # Errors
     /// [`BenchmarkError::Write`].
     pub fn finish(mut self) -> Result<(), BenchmarkError> {
-        self.sink.flush().map_err(|source| BenchmarkError::Write { file: self.name, source })
+        self.sink.flush().map_err(|source| BenchmarkError::Write {
+            file: self.name,
+            source,
+        })
     }
 }

@@ -113,20 +113,26 @@ impl Arrays {
     /// Nothing yet but a kind and what it is about.
     #[must_use]
     pub fn new(kind: &str, about: serde_json::Value) -> Self {
-        Self { kind: kind.to_owned(), about, arrays: Vec::new() }
+        Self {
+            kind: kind.to_owned(),
+            about,
+            arrays: Vec::new(),
+        }
     }
 
     /// With a further array of numbers.
     #[must_use]
     pub fn with(mut self, name: &str, values: impl Into<Vec<f64>>) -> Self {
-        self.arrays.push((name.to_owned(), Values::F64(values.into())));
+        self.arrays
+            .push((name.to_owned(), Values::F64(values.into())));
         self
     }
 
     /// With a further array of indices.
     #[must_use]
     pub fn with_indices(mut self, name: &str, values: impl Into<Vec<u32>>) -> Self {
-        self.arrays.push((name.to_owned(), Values::U32(values.into())));
+        self.arrays
+            .push((name.to_owned(), Values::U32(values.into())));
         self
     }
 
@@ -137,7 +143,10 @@ impl Arrays {
     pub fn take(&mut self, name: &'static str) -> Result<Vec<f64>, ArraysError> {
         match self.find(name) {
             Some(Values::F64(values)) => Ok(values),
-            _ => Err(ArraysError::Missing { name, expected: "f64".to_owned() }),
+            _ => Err(ArraysError::Missing {
+                name,
+                expected: "f64".to_owned(),
+            }),
         }
     }
 
@@ -148,7 +157,10 @@ impl Arrays {
     pub fn take_indices(&mut self, name: &'static str) -> Result<Vec<u32>, ArraysError> {
         match self.find(name) {
             Some(Values::U32(values)) => Ok(values),
-            _ => Err(ArraysError::Missing { name, expected: "u32".to_owned() }),
+            _ => Err(ArraysError::Missing {
+                name,
+                expected: "u32".to_owned(),
+            }),
         }
     }
 
@@ -168,9 +180,17 @@ impl Arrays {
                 Values::F64(values) => (Type::F64, values.len()),
                 Values::U32(values) => (Type::U32, values.len()),
             };
-            Declared { name: name.clone(), of, length }
+            Declared {
+                name: name.clone(),
+                of,
+                length,
+            }
         });
-        let header = Header { kind: self.kind.clone(), about: self.about.clone(), arrays: declared.collect() };
+        let header = Header {
+            kind: self.kind.clone(),
+            about: self.about.clone(),
+            arrays: declared.collect(),
+        };
         let mut bytes = [MAGIC, FORMAT, b"\n"].concat();
         bytes.extend(serde_json::to_vec(&header).expect("a header is JSON"));
         bytes.push(b'\n');
@@ -193,33 +213,63 @@ impl Arrays {
         let rest = bytes.strip_prefix(MAGIC).ok_or(ArraysError::Foreign)?;
         let (format, _) = line(rest).ok_or(ArraysError::Checksum)?;
         if format != FORMAT {
-            return Err(ArraysError::Format { found: String::from_utf8_lossy(format).into_owned() });
+            return Err(ArraysError::Format {
+                found: String::from_utf8_lossy(format).into_owned(),
+            });
         }
-        let (content, checksum) = bytes.split_last_chunk::<CHECKSUM>().ok_or(ArraysError::Checksum)?;
+        let (content, checksum) = bytes
+            .split_last_chunk::<CHECKSUM>()
+            .ok_or(ArraysError::Checksum)?;
         if sha256_hex(content).as_bytes() != checksum {
             return Err(ArraysError::Checksum);
         }
         let (_, rest) = line(content).ok_or(ArraysError::Foreign)?;
         let (header, mut data) = line(rest).ok_or(ArraysError::Foreign)?;
         let header: Header = serde_json::from_slice(header).map_err(ArraysError::Header)?;
-        let expected = header.arrays.iter().map(|a| a.of.bytes().saturating_mul(a.length)).sum();
+        let expected = header
+            .arrays
+            .iter()
+            .map(|a| a.of.bytes().saturating_mul(a.length))
+            .sum();
         if data.len() != expected {
-            return Err(ArraysError::Length { found: data.len(), expected });
+            return Err(ArraysError::Length {
+                found: data.len(),
+                expected,
+            });
         }
         if header.kind != kind {
-            return Err(ArraysError::Kind { found: header.kind, expected: kind });
+            return Err(ArraysError::Kind {
+                found: header.kind,
+                expected: kind,
+            });
         }
         let mut arrays = Vec::with_capacity(header.arrays.len());
         for Declared { name, of, length } in header.arrays {
             let (own, others) = data.split_at(length * of.bytes());
             data = others;
             let values = match of {
-                Type::F64 => Values::F64(own.as_chunks().0.iter().map(|x| f64::from_le_bytes(*x)).collect()),
-                Type::U32 => Values::U32(own.as_chunks().0.iter().map(|x| u32::from_le_bytes(*x)).collect()),
+                Type::F64 => Values::F64(
+                    own.as_chunks()
+                        .0
+                        .iter()
+                        .map(|x| f64::from_le_bytes(*x))
+                        .collect(),
+                ),
+                Type::U32 => Values::U32(
+                    own.as_chunks()
+                        .0
+                        .iter()
+                        .map(|x| u32::from_le_bytes(*x))
+                        .collect(),
+                ),
             };
             arrays.push((name, values));
         }
-        Ok(Self { kind: header.kind, about: header.about, arrays })
+        Ok(Self {
+            kind: header.kind,
+            about: header.about,
+            arrays,
+        })
     }
 }
 
@@ -245,7 +295,10 @@ mod tests {
         assert_eq!(read, sample());
         assert_eq!(read.take("u").unwrap()[2].to_bits(), (-0.0f64).to_bits());
         assert_eq!(read.take_indices("tets").unwrap(), [1, 2, u32::MAX]);
-        assert!(matches!(read.take("u"), Err(ArraysError::Missing { name: "u", .. })));
+        assert!(matches!(
+            read.take("u"),
+            Err(ArraysError::Missing { name: "u", .. })
+        ));
     }
 
     #[test]
@@ -257,11 +310,26 @@ mod tests {
         for place in [20, 60, bytes.len() - 80, bytes.len() - 1] {
             let mut damaged = bytes.clone();
             damaged[place] ^= 1;
-            assert!(matches!(Arrays::from_bytes(&damaged, "test"), Err(ArraysError::Checksum)), "{place}");
+            assert!(
+                matches!(
+                    Arrays::from_bytes(&damaged, "test"),
+                    Err(ArraysError::Checksum)
+                ),
+                "{place}"
+            );
         }
-        assert!(matches!(Arrays::from_bytes(b"CARP mesh", "test"), Err(ArraysError::Foreign)));
-        assert!(matches!(Arrays::from_bytes(&bytes, "other"), Err(ArraysError::Kind { .. })));
+        assert!(matches!(
+            Arrays::from_bytes(b"CARP mesh", "test"),
+            Err(ArraysError::Foreign)
+        ));
+        assert!(matches!(
+            Arrays::from_bytes(&bytes, "other"),
+            Err(ArraysError::Kind { .. })
+        ));
         let newer = [&b"cardiotwin-arrays 2\n"[..], &bytes[20..]].concat();
-        assert!(matches!(Arrays::from_bytes(&newer, "test"), Err(ArraysError::Format { .. })));
+        assert!(matches!(
+            Arrays::from_bytes(&newer, "test"),
+            Err(ArraysError::Format { .. })
+        ));
     }
 }

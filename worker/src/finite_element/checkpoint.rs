@@ -71,7 +71,12 @@ impl BeatCheckpoint {
     /// Never: what stands beside the arrays is JSON.
     #[must_use]
     pub fn to_bytes(&self, task: &str) -> Vec<u8> {
-        let VentricleWork { steps, newton_iterations, krylov_iterations, factorisations } = self.work;
+        let VentricleWork {
+            steps,
+            newton_iterations,
+            krylov_iterations,
+            factorisations,
+        } = self.work;
         let about = About {
             task: task.to_owned(),
             snapshot: self.ventricle.kind.clone(),
@@ -95,9 +100,13 @@ impl BeatCheckpoint {
     /// [`CheckpointError`] for anything else.
     pub fn from_bytes(bytes: &[u8], task: &str) -> Result<Self, CheckpointError> {
         let mut arrays = Arrays::from_bytes(bytes, KIND)?;
-        let about: About = serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
+        let about: About =
+            serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         if about.task != task {
-            return Err(CheckpointError::Foreign { found: about.task, expected: task.to_owned() });
+            return Err(CheckpointError::Foreign {
+                found: about.task,
+                expected: task.to_owned(),
+            });
         }
         let mut shapes = about.shapes;
         shapes.begin.u = arrays.take("u_begin_mm")?;
@@ -106,8 +115,16 @@ impl BeatCheckpoint {
         Ok(Self {
             progress: about.progress,
             circulation: about.circulation,
-            ventricle: VentricleSnapshot { kind: about.snapshot, values: arrays.take("ventricle")? },
-            work: VentricleWork { steps, newton_iterations, krylov_iterations, factorisations },
+            ventricle: VentricleSnapshot {
+                kind: about.snapshot,
+                values: arrays.take("ventricle")?,
+            },
+            work: VentricleWork {
+                steps,
+                newton_iterations,
+                krylov_iterations,
+                factorisations,
+            },
             shapes,
             motion: arrays.take("motion")?,
         })
@@ -116,7 +133,9 @@ impl BeatCheckpoint {
     /// The first of `files` that can be gone on from, and which it is. Those that cannot be are told and left aside.
     #[must_use]
     pub fn first_of(files: &[PathBuf], task: &str) -> Option<(Self, PathBuf)> {
-        files.iter().find_map(|file| Some((Self::read(file, task)?, file.clone())))
+        files
+            .iter()
+            .find_map(|file| Some((Self::read(file, task)?, file.clone())))
     }
 
     fn read(file: &Path, task: &str) -> Option<Self> {
@@ -145,13 +164,19 @@ impl Due {
     /// Every `every_ms` of simulated time from `now_ms` on, `least` of real time apart; never for zero.
     #[must_use]
     pub fn new(every_ms: f64, least: Duration, now_ms: f64) -> Self {
-        Self { every_ms, least, last_ms: now_ms, last: Instant::now() }
+        Self {
+            every_ms,
+            least,
+            last_ms: now_ms,
+            last: Instant::now(),
+        }
     }
 
     /// Whether one is due; then it counts as written.
     pub fn at(&mut self, now_ms: f64) -> bool {
-        let due =
-            self.every_ms > 0.0 && now_ms - self.last_ms >= self.every_ms - 1e-6 && self.last.elapsed() >= self.least;
+        let due = self.every_ms > 0.0
+            && now_ms - self.last_ms >= self.every_ms - 1e-6
+            && self.last.elapsed() >= self.least;
         if due {
             (self.last_ms, self.last) = (now_ms, Instant::now());
         }

@@ -47,7 +47,9 @@ pub enum FiniteElementError {
         source: ArraysError,
     },
     /// A ventricle was made without an effect that it has to have.
-    #[error("the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}")]
+    #[error(
+        "the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}"
+    )]
     Exponents {
         /// Factor in the file.
         found: f64,
@@ -55,7 +57,9 @@ pub enum FiniteElementError {
         expected: f64,
     },
     /// A stiffness of Guccione's law is given for a muscle of another.
-    #[error("passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione")]
+    #[error(
+        "passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione"
+    )]
     StiffnessOfAnotherLaw {
         /// Which.
         law: &'static str,
@@ -96,7 +100,10 @@ fn listed(tags: &[i32]) -> String {
     if tags.is_empty() {
         return "none: all of it contracts".to_owned();
     }
-    tags.iter().map(i32::to_string).collect::<Vec<_>>().join(", ")
+    tags.iter()
+        .map(i32::to_string)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 impl FiniteElementError {
@@ -112,14 +119,16 @@ impl FiniteElementError {
             | Self::RightPressure { .. }
             | Self::PassiveState(PassiveStateError::NoExponents { .. }) => FailureClass::Input,
             // A volume that was not found says nothing of the patient's data.
-            Self::PassiveState(PassiveStateError::NoStiffness { at_low_ml, at_high_ml, .. })
-                if at_low_ml.is_finite() && at_high_ml.is_finite() =>
-            {
-                FailureClass::Input
-            }
-            Self::Fibres(_) | Self::Activation(_) | Self::Potentials(_) | Self::Anatomy(_) | Self::PassiveState(_) => {
-                FailureClass::Numerics
-            }
+            Self::PassiveState(PassiveStateError::NoStiffness {
+                at_low_ml,
+                at_high_ml,
+                ..
+            }) if at_low_ml.is_finite() && at_high_ml.is_finite() => FailureClass::Input,
+            Self::Fibres(_)
+            | Self::Activation(_)
+            | Self::Potentials(_)
+            | Self::Anatomy(_)
+            | Self::PassiveState(_) => FailureClass::Numerics,
             Self::File { .. } => FailureClass::Site,
             Self::Exponents { .. } => FailureClass::Bug,
         }
@@ -129,30 +138,34 @@ impl FiniteElementError {
     #[must_use]
     pub fn remedy(&self) -> Option<&'static str> {
         match self {
-            Self::Mesh(_) => {
-                Some("use more nodes (solver.finite_element.mesh_nodes), or correct wall and cavity volume")
-            }
-            Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
-                Some("correct the volumes and pressures of diastasis and end-diastole, or give passive.guccione_C_kPa")
-            }
-            Self::PassiveState(PassiveStateError::NoExponents { .. }) => {
-                Some("set solver.finite_element.wall.muscle_law to \"guccione\" or \"holzapfel-ogden\"")
-            }
+            Self::Mesh(_) => Some(
+                "use more nodes (solver.finite_element.mesh_nodes), or correct wall and cavity volume",
+            ),
+            Self::PassiveState(PassiveStateError::NoStiffness { .. }) => Some(
+                "correct the volumes and pressures of diastasis and end-diastole, or give passive.guccione_C_kPa",
+            ),
+            Self::PassiveState(PassiveStateError::NoExponents { .. }) => Some(
+                "set solver.finite_element.wall.muscle_law to \"guccione\" or \"holzapfel-ogden\"",
+            ),
             Self::StiffnessOfAnotherLaw { .. } => {
                 Some("leave passive.guccione_C_kPa away: step 0 fits the stiffness of any law")
             }
             Self::PassiveTag { .. } => Some("correct the tag, or leave the entry away"),
             Self::SprungSurface { .. } => Some("correct the name, or leave the entry away"),
-            Self::RightPressure { .. } => {
-                Some("correct measured.end_diastolic_pressure_mmHg, or the pressure of anatomy.mesh.right_ventricle")
-            }
+            Self::RightPressure { .. } => Some(
+                "correct measured.end_diastolic_pressure_mmHg, or the pressure of anatomy.mesh.right_ventricle",
+            ),
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
-            Self::OwnMesh { .. } => {
-                Some("mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing")
-            }
+            Self::OwnMesh { .. } => Some(
+                "mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing",
+            ),
             Self::File { .. } => Some("run step 0 again: `cardiotwin rerun PATIENT --from step0`"),
-            Self::Potentials(_) => Some("set solver.finite_element.ep = \"eikonal\": nothing else needs potentials"),
-            Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => None,
+            Self::Potentials(_) => {
+                Some("set solver.finite_element.ep = \"eikonal\": nothing else needs potentials")
+            }
+            Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => {
+                None
+            }
         }
     }
 }
@@ -173,6 +186,9 @@ mod tests {
             };
             FiniteElementError::PassiveState(error).class()
         };
-        assert_eq!((class(70.0), class(f64::NAN)), (FailureClass::Input, FailureClass::Numerics));
+        assert_eq!(
+            (class(70.0), class(f64::NAN)),
+            (FailureClass::Input, FailureClass::Numerics)
+        );
     }
 }

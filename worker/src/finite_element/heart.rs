@@ -3,7 +3,9 @@
 use cardiotwin_mesh::cutaway::{Half, Plane, Side, cut};
 use cardiotwin_mesh::decimate::decimate;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names, tags};
-use cardiotwin_mesh::vec3::{Vec3, any_perpendicular, axpy, cross, distance, reject, scale, sub, unit};
+use cardiotwin_mesh::vec3::{
+    Vec3, any_perpendicular, axpy, cross, distance, reject, scale, sub, unit,
+};
 use cardiotwin_models::beat::BeatTraces;
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::heart::{HeartPart, HeartState, HeartSurface};
@@ -33,12 +35,21 @@ pub type Fields = [Vec<f64>; 2];
 ///
 /// - `fields`: at the two shapes
 #[must_use]
-pub fn surface(organ: &Organ<'_>, shapes: &Shapes, traces: &BeatTraces, fields: &[Fields; 2]) -> Option<HeartSurface> {
+pub fn surface(
+    organ: &Organ<'_>,
+    shapes: &Shapes,
+    traces: &BeatTraces,
+    fields: &[Fields; 2],
+) -> Option<HeartSurface> {
     let mesh = organ.mesh;
     let view = View::of(mesh)?;
     let half = cut(mesh, &view.plane);
     let contracts = |tag: i32| tag == tags::LEFT_VENTRICLE;
-    let mut names: Vec<(Side, bool)> = half.parts.iter().map(|(side, tag)| (*side, contracts(*tag))).collect();
+    let mut names: Vec<(Side, bool)> = half
+        .parts
+        .iter()
+        .map(|(side, tag)| (*side, contracts(*tag)))
+        .collect();
     let labels = names.clone();
     names.sort_unstable();
     names.dedup();
@@ -52,7 +63,11 @@ pub fn surface(organ: &Organ<'_>, shapes: &Shapes, traces: &BeatTraces, fields: 
     let mut corners = Vec::new();
     let mut parts: Vec<HeartPart> = names
         .iter()
-        .map(|(side, contracts)| HeartPart { surface: name(mesh, *side), contracts: *contracts, triangles: Vec::new() })
+        .map(|(side, contracts)| HeartPart {
+            surface: name(mesh, *side),
+            contracts: *contracts,
+            triangles: Vec::new(),
+        })
         .collect();
     for (k, triangle) in kept {
         let renumbered = triangle.map(|corner| {
@@ -108,21 +123,29 @@ impl View {
     fn of(mesh: &TetMesh) -> Option<Self> {
         let middle = |name: &str| -> Option<Vec3> {
             let nodes = mesh.surface(name)?.nodes();
-            let sum = nodes.iter().fold([0.0; 3], |sum, k| axpy(sum, 1.0, mesh.nodes_mm[*k as usize]));
+            let sum = nodes.iter().fold([0.0; 3], |sum, k| {
+                axpy(sum, 1.0, mesh.nodes_mm[*k as usize])
+            });
             (!nodes.is_empty()).then(|| scale(sum, 1.0 / nodes.len() as f64))
         };
         let base = middle(surface_names::RIM)?;
         let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?.nodes();
         let far = |k: &u32| distance(mesh.nodes_mm[*k as usize], base);
-        let apex = endocardium.into_iter().max_by(|a, b| far(a).total_cmp(&far(b)))?;
+        let apex = endocardium
+            .into_iter()
+            .max_by(|a, b| far(a).total_cmp(&far(b)))?;
         let apex = mesh.nodes_mm[apex as usize];
         let long_axis = unit(sub(base, apex))?;
-        let septum = middle(surface_names::SEPTUM).or_else(|| middle(surface_names::RIGHT_VENTRICLE));
+        let septum =
+            middle(surface_names::SEPTUM).or_else(|| middle(surface_names::RIGHT_VENTRICLE));
         let septum = septum.and_then(|s| unit(reject(sub(s, apex), long_axis)));
         let right = septum.map_or_else(|| any_perpendicular(long_axis), |s| scale(s, -1.0));
         let normal = cross(right, long_axis);
         let point = axpy(apex, BESIDE_THE_AXIS * mesh.mean_edge_mm(), normal);
-        Some(Self { long_axis, plane: Plane { point, normal } })
+        Some(Self {
+            long_axis,
+            plane: Plane { point, normal },
+        })
     }
 }
 
@@ -134,7 +157,12 @@ fn state(
     (name, shape, [stress, stretch]): (&str, &Shape, &Fields),
 ) -> Option<HeartState> {
     let k = shape.sample;
-    let at: Vec<f64> = organ.unloaded.iter().zip(&shape.u).map(|(x, u)| x + u).collect();
+    let at: Vec<f64> = organ
+        .unloaded
+        .iter()
+        .zip(&shape.u)
+        .map(|(x, u)| x + u)
+        .collect();
     let at = at.as_chunks::<3>().0;
     let field = |values: &[f64], scale: f64| -> Option<Vec<Option<f64>>> {
         let mut all = vec![None; organ.mesh.n_nodes()];
@@ -155,7 +183,10 @@ fn state(
         time_ms: *traces.time_ms.get(k)?,
         volume_ml: *traces.volume_ml.get(k)?,
         pressure_mmhg: *traces.pressure_mmhg.get(k)?,
-        points_mm: corners.iter().map(|c| half.corners[*c].at(at).map(|x| rounded(x, 1e2))).collect(),
+        points_mm: corners
+            .iter()
+            .map(|c| half.corners[*c].at(at).map(|x| rounded(x, 1e2)))
+            .collect(),
         sa_kpa: field(stress, 1e2)?,
         lambda: field(stretch, 1e4)?,
     })

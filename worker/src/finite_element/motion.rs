@@ -24,7 +24,10 @@ impl Followed {
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Option<Self> {
         match Landmarks::of(&left_alone(mesh, &[tags::LEFT_VENTRICLE])) {
-            Ok(landmarks) => Some(Self { landmarks, tets: mesh.tets.clone() }),
+            Ok(landmarks) => Some(Self {
+                landmarks,
+                tets: mesh.tets.clone(),
+            }),
             Err(error) => {
                 tracing::warn!("the ventricle's motion is not measured: {error}");
                 None
@@ -36,7 +39,11 @@ impl Followed {
     fn at_the_beginning(&self, shapes: &Shapes, unloaded: &[f64]) -> (Vec<[f64; 3]>, Series) {
         let begin = positions(unloaded, &shapes.begin.u);
         let mut series = Series::new(self.landmarks.shape(&begin, &begin));
-        series.strained(volume_ratios(&self.tets, unloaded.as_chunks::<3>().0, &begin));
+        series.strained(volume_ratios(
+            &self.tets,
+            unloaded.as_chunks::<3>().0,
+            &begin,
+        ));
         (begin, series)
     }
 }
@@ -63,13 +70,22 @@ impl Motion {
     #[must_use]
     pub fn begin(followed: Followed, shapes: &Shapes, unloaded: &[f64]) -> Self {
         let (begin, series) = followed.at_the_beginning(shapes, unloaded);
-        Self { followed, beat: shapes.beat, begin, series }
+        Self {
+            followed,
+            beat: shapes.beat,
+            begin,
+            series,
+        }
     }
 
     /// Goes on with what a checkpoint holds, whose shapes these are; from the beginning where it holds nothing of use.
     pub fn resume(&mut self, shapes: &Shapes, unloaded: &[f64], numbers: &[f64]) {
         let (begin, fresh) = self.followed.at_the_beginning(shapes, unloaded);
-        (self.beat, self.begin, self.series) = (shapes.beat, begin, Series::of_numbers(numbers).unwrap_or(fresh));
+        (self.beat, self.begin, self.series) = (
+            shapes.beat,
+            begin,
+            Series::of_numbers(numbers).unwrap_or(fresh),
+        );
     }
 
     /// For a checkpoint.
@@ -86,15 +102,26 @@ impl Motion {
         let latest = shapes.latest();
         let x = positions(unloaded, &latest.u);
         if latest.sample / SAMPLES_PER_LOOK > self.series.last_sample() / SAMPLES_PER_LOOK {
-            self.series.strained(volume_ratios(&self.followed.tets, unloaded.as_chunks::<3>().0, &x));
+            self.series.strained(volume_ratios(
+                &self.followed.tets,
+                unloaded.as_chunks::<3>().0,
+                &x,
+            ));
         }
-        self.series.push(latest.sample, self.followed.landmarks.shape(&self.begin, &x));
+        self.series.push(
+            latest.sample,
+            self.followed.landmarks.shape(&self.begin, &x),
+        );
     }
 
     /// Measures of the beat; none where it did not eject.
     #[must_use]
     pub fn measures(&self, times: &TimePoints, traces: &BeatTraces) -> Option<MotionMeasures> {
-        let phases = Phases { ejection_ms: times.t4_ms?, end_systole_ms: times.t5_ms?, filling_ms: times.t6_ms };
+        let phases = Phases {
+            ejection_ms: times.t4_ms?,
+            end_systole_ms: times.t5_ms?,
+            filling_ms: times.t6_ms,
+        };
         let found = self.series.measures(&phases, &traces.time_ms);
         Some(MotionMeasures {
             base_descent_mm: found.base_descent_mm,
@@ -106,7 +133,11 @@ impl Motion {
             twist_endo_deg: found.twist_endo_deg,
             isovolumic_lengthening_percent: found.isovolumic_lengthening_percent,
             isovolumic_untwisting_percent: found.isovolumic_untwisting_percent,
-            least_pressure_mmhg: traces.pressure_mmhg.iter().copied().fold(f64::INFINITY, f64::min),
+            least_pressure_mmhg: traces
+                .pressure_mmhg
+                .iter()
+                .copied()
+                .fold(f64::INFINITY, f64::min),
             least_volume_ratio: found.least_volume_ratio,
             largest_volume_ratio: found.largest_volume_ratio,
         })

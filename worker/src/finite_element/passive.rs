@@ -1,8 +1,8 @@
 //! Step 0's search on one rank, on threads, or on the ranks of a team.
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, RightPressure, Search, UnloadingSettings,
-    WallParameters, parts_of,
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, RightPressure, Search,
+    UnloadingSettings, WallParameters, parts_of,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_schemas::finite_element::WallSettings;
@@ -36,12 +36,16 @@ impl PassiveOrder {
     /// Of a job whose wall these settings make, but for its law.
     fn of(job: &PassiveJob, settings: &WallSettings) -> Self {
         let fit = match job.target {
-            PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa } => {
-                (Fit::ImageUnloaded, vec![end_diastolic_pressure_kpa])
-            }
-            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
-                (Fit::Given, vec![image_pressure_kpa, end_diastolic_pressure_kpa])
-            }
+            PassiveFit::ImageUnloaded {
+                end_diastolic_pressure_kpa,
+            } => (Fit::ImageUnloaded, vec![end_diastolic_pressure_kpa]),
+            PassiveFit::Given {
+                image_pressure_kpa,
+                end_diastolic_pressure_kpa,
+            } => (
+                Fit::Given,
+                vec![image_pressure_kpa, end_diastolic_pressure_kpa],
+            ),
             PassiveFit::ThreePoints {
                 image_pressure_kpa,
                 end_diastolic_pressure_kpa,
@@ -49,34 +53,67 @@ impl PassiveOrder {
                 unloaded_volume_mm3,
             } => {
                 let pressures = [image_pressure_kpa, end_diastolic_pressure_kpa];
-                (Fit::ThreePoints, [pressures, [end_diastolic_volume_mm3, unloaded_volume_mm3]].concat())
+                (
+                    Fit::ThreePoints,
+                    [pressures, [end_diastolic_volume_mm3, unloaded_volume_mm3]].concat(),
+                )
             }
-            PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
-                (Fit::Unloaded, vec![end_diastolic_pressure_kpa, unloaded_volume_mm3])
-            }
+            PassiveFit::Unloaded {
+                end_diastolic_pressure_kpa,
+                unloaded_volume_mm3,
+            } => (
+                Fit::Unloaded,
+                vec![end_diastolic_pressure_kpa, unloaded_volume_mm3],
+            ),
         };
         let wall = wall::with_muscle(settings, job.wall.muscle);
-        let right_pressure = job.wall.right_pressure.as_ref().map(StoredRightPressure::from);
-        Self { wall, fit, slope: job.slope, steepened_by: job.steepened_by, right_pressure }
+        let right_pressure = job
+            .wall
+            .right_pressure
+            .as_ref()
+            .map(StoredRightPressure::from);
+        Self {
+            wall,
+            fit,
+            slope: job.slope,
+            steepened_by: job.steepened_by,
+            right_pressure,
+        }
     }
 
     fn job(&self) -> PassiveJob {
         let of = |k: usize| self.fit.1.get(k).copied().unwrap_or(f64::NAN);
         let target = match self.fit.0 {
-            Fit::ImageUnloaded => PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: of(0) },
-            Fit::Given => PassiveFit::Given { image_pressure_kpa: of(0), end_diastolic_pressure_kpa: of(1) },
+            Fit::ImageUnloaded => PassiveFit::ImageUnloaded {
+                end_diastolic_pressure_kpa: of(0),
+            },
+            Fit::Given => PassiveFit::Given {
+                image_pressure_kpa: of(0),
+                end_diastolic_pressure_kpa: of(1),
+            },
             Fit::ThreePoints => PassiveFit::ThreePoints {
                 image_pressure_kpa: of(0),
                 end_diastolic_pressure_kpa: of(1),
                 end_diastolic_volume_mm3: of(2),
                 unloaded_volume_mm3: of(3),
             },
-            Fit::Unloaded => PassiveFit::Unloaded { end_diastolic_pressure_kpa: of(0), unloaded_volume_mm3: of(1) },
+            Fit::Unloaded => PassiveFit::Unloaded {
+                end_diastolic_pressure_kpa: of(0),
+                unloaded_volume_mm3: of(1),
+            },
         };
         // The law's exponents are the settings' own.
         let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
-        let wall = WallParameters { right_pressure, ..wall::parameters(&self.wall, 1.0, 0.0) };
-        PassiveJob { wall, target, slope: self.slope, steepened_by: self.steepened_by }
+        let wall = WallParameters {
+            right_pressure,
+            ..wall::parameters(&self.wall, 1.0, 0.0)
+        };
+        PassiveJob {
+            wall,
+            target,
+            slope: self.slope,
+            steepened_by: self.steepened_by,
+        }
     }
 }
 
@@ -112,7 +149,9 @@ pub fn found(
     match workers {
         Workers::Team(team) if team.n_ranks() > 1 && search.settings.are_for_ranks(anatomy) => {
             let parts = parts_of(anatomy, team.n_ranks())?;
-            let _session = team.begin(&Call::PassiveState(Box::new(PassiveOrder::of(job, settings))));
+            let _session = team.begin(&Call::PassiveState(Box::new(PassiveOrder::of(
+                job, settings,
+            ))));
             let piece = Piece::sent(anatomy, parts, team.shared_comm());
             job.run(&piece, search)
         }
@@ -124,5 +163,7 @@ pub fn found(
 /// Does another rank's part of what [`found`] does on rank 0, which says what went wrong.
 pub(crate) fn serve(order: &PassiveOrder, team: &Team) {
     let piece = Piece::received(team.shared_comm());
-    let _ = order.job().run(&piece, &mut Search::new(UnloadingSettings::on_ranks()));
+    let _ = order
+        .job()
+        .run(&piece, &mut Search::new(UnloadingSettings::on_ranks()));
 }

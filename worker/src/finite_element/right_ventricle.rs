@@ -26,15 +26,36 @@ pub struct StoredRightPressure {
 
 impl From<&RightPressure> for StoredRightPressure {
     fn from(right: &RightPressure) -> Self {
-        let PressureCourse { time_ms, kpa, cycle_ms } = right.course.clone();
-        Self { time_ms, pressure_kpa: kpa, cycle_ms, per_left: right.per_left }
+        let PressureCourse {
+            time_ms,
+            kpa,
+            cycle_ms,
+        } = right.course.clone();
+        Self {
+            time_ms,
+            pressure_kpa: kpa,
+            cycle_ms,
+            per_left: right.per_left,
+        }
     }
 }
 
 impl From<&StoredRightPressure> for RightPressure {
     fn from(stored: &StoredRightPressure) -> Self {
-        let StoredRightPressure { time_ms, pressure_kpa, cycle_ms, per_left } = stored.clone();
-        Self { course: PressureCourse { time_ms, kpa: pressure_kpa, cycle_ms }, per_left }
+        let StoredRightPressure {
+            time_ms,
+            pressure_kpa,
+            cycle_ms,
+            per_left,
+        } = stored.clone();
+        Self {
+            course: PressureCourse {
+                time_ms,
+                kpa: pressure_kpa,
+                cycle_ms,
+            },
+            per_left,
+        }
     }
 }
 
@@ -49,20 +70,38 @@ pub fn read(
     end_diastolic_pressure_mmhg: f64,
 ) -> Result<RightPressure, TaskError> {
     let course = match spec {
-        RightPressureSpec::Constant { pressure_mmhg } => PressureCourse::constant(pressure_mmhg / MMHG_PER_KPA),
+        RightPressureSpec::Constant { pressure_mmhg } => {
+            PressureCourse::constant(pressure_mmhg / MMHG_PER_KPA)
+        }
         RightPressureSpec::Trace { file } => {
             let trace = read_trace(file, Quantity::Pressure)?;
             let trace = resample(&trace, Continuation::periodic(Ms(cycle_ms)), STEP)?;
-            let kpa = trace.values().iter().map(|mmhg| mmhg / MMHG_PER_KPA).collect();
-            PressureCourse { time_ms: trace.time_ms().to_vec(), kpa, cycle_ms }
+            let kpa = trace
+                .values()
+                .iter()
+                .map(|mmhg| mmhg / MMHG_PER_KPA)
+                .collect();
+            PressureCourse {
+                time_ms: trace.time_ms().to_vec(),
+                kpa,
+                cycle_ms,
+            }
         }
     };
     let at_end_diastole_mmhg = course.at(0.0) * MMHG_PER_KPA;
     if at_end_diastole_mmhg != 0.0 && end_diastolic_pressure_mmhg <= 0.0 {
         let (left_mmhg, right_mmhg) = (end_diastolic_pressure_mmhg, at_end_diastole_mmhg);
-        return Err(FiniteElementError::RightPressure { left_mmhg, right_mmhg }.into());
+        return Err(FiniteElementError::RightPressure {
+            left_mmhg,
+            right_mmhg,
+        }
+        .into());
     }
-    let per_left = if at_end_diastole_mmhg == 0.0 { 0.0 } else { at_end_diastole_mmhg / end_diastolic_pressure_mmhg };
+    let per_left = if at_end_diastole_mmhg == 0.0 {
+        0.0
+    } else {
+        at_end_diastole_mmhg / end_diastolic_pressure_mmhg
+    };
     Ok(RightPressure { course, per_left })
 }
 
@@ -85,16 +124,36 @@ mod tests {
             writeln!(text, "{t},{p}").unwrap();
         }
         std::fs::write(&path, &text).unwrap();
-        let file = InputFile { name: "right".to_owned(), path, sha256: sha256_hex(text.as_bytes()) };
+        let file = InputFile {
+            name: "right".to_owned(),
+            path,
+            sha256: sha256_hex(text.as_bytes()),
+        };
         let spec = RightPressureSpec::Trace { file };
         let right = read(&spec, 600.0, 10.0).unwrap();
         assert!((right.per_left - 0.5).abs() < 1e-12);
         for (t, mmhg) in [(0.0, 5.0), (300.0, 25.0), (600.0, 5.0), (900.0, 25.0)] {
-            assert!((right.course.at(t) * MMHG_PER_KPA - mmhg).abs() < 1e-6, "{t} ms");
+            assert!(
+                (right.course.at(t) * MMHG_PER_KPA - mmhg).abs() < 1e-6,
+                "{t} ms"
+            );
         }
-        assert_eq!(RightPressure::from(&StoredRightPressure::from(&right)), right);
-        assert!(read(&spec, 600.0, 0.0).unwrap_err().to_string().contains("end-diastolic"));
-        let none = read(&RightPressureSpec::Constant { pressure_mmhg: 0.0 }, 600.0, 0.0).unwrap();
+        assert_eq!(
+            RightPressure::from(&StoredRightPressure::from(&right)),
+            right
+        );
+        assert!(
+            read(&spec, 600.0, 0.0)
+                .unwrap_err()
+                .to_string()
+                .contains("end-diastolic")
+        );
+        let none = read(
+            &RightPressureSpec::Constant { pressure_mmhg: 0.0 },
+            600.0,
+            0.0,
+        )
+        .unwrap();
         assert_eq!((none.per_left, none.course.at(1.0)), (0.0, 0.0));
     }
 }

@@ -34,7 +34,12 @@ fn file_of(folder: &Path, beat: usize) -> PathBuf {
 
 fn create(folder: &Path, beat: usize) -> io::Result<File> {
     fs::create_dir_all(folder)?;
-    File::options().read(true).write(true).create(true).truncate(true).open(file_of(folder, beat))
+    File::options()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .open(file_of(folder, beat))
 }
 
 fn row_bytes(n_nodes: usize, with_calcium: bool) -> usize {
@@ -46,11 +51,24 @@ impl NodalRows {
     ///
     /// # Errors
     /// Any error of the file system.
-    pub fn begin(folder: &Path, ventricle: &FiniteElementVentricle, with_calcium: bool) -> io::Result<Self> {
+    pub fn begin(
+        folder: &Path,
+        ventricle: &FiniteElementVentricle,
+        with_calcium: bool,
+    ) -> io::Result<Self> {
         let n_nodes = ventricle.nodes().len();
         let file = create(folder, 1)?;
         let (folder, last) = (folder.to_owned(), vec![]);
-        let mut rows = Self { folder, n_nodes, with_calcium, oldest: 1, beat: 1, file, n_rows: 0, last };
+        let mut rows = Self {
+            folder,
+            n_nodes,
+            with_calcium,
+            oldest: 1,
+            beat: 1,
+            file,
+            n_rows: 0,
+            last,
+        };
         rows.append(1, ventricle)?;
         Ok(rows)
     }
@@ -79,7 +97,16 @@ impl NodalRows {
         let mut last = vec![0; row_bytes];
         file.seek(SeekFrom::Start(wanted - row_bytes as u64))?;
         file.read_exact(&mut last)?;
-        Ok(Self { folder: folder.to_owned(), n_nodes, with_calcium, oldest: beat, beat, file, n_rows, last })
+        Ok(Self {
+            folder: folder.to_owned(),
+            n_nodes,
+            with_calcium,
+            oldest: beat,
+            beat,
+            file,
+            n_rows,
+            last,
+        })
     }
 
     fn row_bytes(&self) -> usize {
@@ -92,7 +119,8 @@ impl NodalRows {
         let before = std::mem::take(&mut self.last);
         let mut take = |fill: &dyn Fn(&mut [f64])| {
             fill(&mut values);
-            self.last.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+            self.last
+                .extend(values.iter().flat_map(|value| value.to_le_bytes()));
         };
         take(&|out| ventricle.active_stress_kpa(out));
         if self.with_calcium {
@@ -102,7 +130,11 @@ impl NodalRows {
         let n_new = n_rows.saturating_sub(self.n_rows).max(1);
         for k in 1..n_new {
             let share = k as f64 / n_new as f64;
-            let pairs = before.as_chunks::<8>().0.iter().zip(self.last.as_chunks::<8>().0);
+            let pairs = before
+                .as_chunks::<8>()
+                .0
+                .iter()
+                .zip(self.last.as_chunks::<8>().0);
             let between = pairs.flat_map(|(from, to)| {
                 let (from, to) = (f64::from_le_bytes(*from), f64::from_le_bytes(*to));
                 (from + share * (to - from)).to_le_bytes()
@@ -118,7 +150,11 @@ impl NodalRows {
     ///
     /// # Errors
     /// Any error of the file system.
-    pub fn observe(&mut self, (beat, n_rows): (usize, usize), ventricle: &FiniteElementVentricle) -> io::Result<()> {
+    pub fn observe(
+        &mut self,
+        (beat, n_rows): (usize, usize),
+        ventricle: &FiniteElementVentricle,
+    ) -> io::Result<()> {
         if beat != self.beat {
             (self.beat, self.file, self.n_rows) = (beat, create(&self.folder, beat)?, 1);
             self.file.write_all(&self.last)?;
@@ -137,7 +173,8 @@ impl NodalRows {
     /// Removes those of earlier beats, on which no checkpoint counts any more.
     pub fn forget_earlier(&mut self) {
         // A file that stays takes up room and nothing else.
-        (self.oldest..self.beat).for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
+        (self.oldest..self.beat)
+            .for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
         self.oldest = self.beat;
     }
 
@@ -147,9 +184,15 @@ impl NodalRows {
     /// Any error of the file system.
     pub fn row(&mut self, k: usize) -> io::Result<Vec<f64>> {
         let mut bytes = vec![0; self.row_bytes()];
-        self.file.seek(SeekFrom::Start((k * self.row_bytes()) as u64))?;
+        self.file
+            .seek(SeekFrom::Start((k * self.row_bytes()) as u64))?;
         self.file.read_exact(&mut bytes)?;
-        Ok(bytes.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+        Ok(bytes
+            .as_chunks::<8>()
+            .0
+            .iter()
+            .map(|bytes| f64::from_le_bytes(*bytes))
+            .collect())
     }
 
     /// Active stress and stretch of row `k`.
@@ -170,7 +213,8 @@ impl Drop for NodalRows {
             return;
         }
         // No checkpoint counts on them.
-        (self.oldest..=self.beat).for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
+        (self.oldest..=self.beat)
+            .for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
         if self.folder.ends_with("checkpoint") {
             // Where nothing else is in it.
             let _ = fs::remove_dir(&self.folder);

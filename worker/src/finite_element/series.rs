@@ -49,10 +49,26 @@ impl Series {
         with_calcium: bool,
     ) -> Result<(Self, u64), TaskError> {
         let folder = directory.join(FOLDER);
-        fs::create_dir_all(&folder).map_err(|source| TaskError::Write { file: folder.clone(), source })?;
-        let mesh = TetMesh { frames: vec![], fibres: NodeFibres::PerElement, surfaces: vec![], ..mesh };
+        fs::create_dir_all(&folder).map_err(|source| TaskError::Write {
+            file: folder.clone(),
+            source,
+        })?;
+        let mesh = TetMesh {
+            frames: vec![],
+            fibres: NodeFibres::PerElement,
+            surfaces: vec![],
+            ..mesh
+        };
         let (begin, times_ms) = (Vec::new(), Vec::new());
-        let mut series = Self { folder, every_ms, with_calcium, mesh, begin, beat: 1, times_ms };
+        let mut series = Self {
+            folder,
+            every_ms,
+            with_calcium,
+            mesh,
+            begin,
+            beat: 1,
+            times_ms,
+        };
         series.move_to(ventricle);
         series.begin.clone_from(&series.mesh.nodes_mm);
         let bytes = series.write(0.0, ventricle)?;
@@ -86,7 +102,12 @@ impl Series {
     ///
     /// # Errors
     /// [`TaskError::Write`] when the file system refuses.
-    pub fn observe(&mut self, beat: usize, time_ms: f64, ventricle: &FiniteElementVentricle) -> Result<(), TaskError> {
+    pub fn observe(
+        &mut self,
+        beat: usize,
+        time_ms: f64,
+        ventricle: &FiniteElementVentricle,
+    ) -> Result<(), TaskError> {
         if beat != self.beat {
             self.beat = beat;
             self.times_ms.clear();
@@ -101,8 +122,16 @@ impl Series {
     /// The index's text, of the frames that are there.
     #[must_use]
     pub fn index(&self) -> String {
-        let frames = self.times_ms.iter().enumerate().map(|(k, time)| (Ms(*time), frame_name(k)));
-        pvd::text(&frames.filter(|(_, name)| self.folder.join(name).exists()).collect::<Vec<_>>())
+        let frames = self
+            .times_ms
+            .iter()
+            .enumerate()
+            .map(|(k, time)| (Ms(*time), frame_name(k)));
+        pvd::text(
+            &frames
+                .filter(|(_, name)| self.folder.join(name).exists())
+                .collect::<Vec<_>>(),
+        )
     }
 
     /// How many frames a beat of this length has.
@@ -122,15 +151,27 @@ impl Series {
         }
     }
 
-    fn write(&mut self, time_ms: f64, ventricle: &FiniteElementVentricle) -> Result<u64, TaskError> {
-        let displacement =
-            self.mesh.nodes_mm.iter().zip(&self.begin).flat_map(|(now, begin)| sub(*now, *begin)).collect();
+    fn write(
+        &mut self,
+        time_ms: f64,
+        ventricle: &FiniteElementVentricle,
+    ) -> Result<u64, TaskError> {
+        let displacement = self
+            .mesh
+            .nodes_mm
+            .iter()
+            .zip(&self.begin)
+            .flat_map(|(now, begin)| sub(*now, *begin))
+            .collect();
         let nodes = ventricle.nodes();
         let mut values = vec![0.0; nodes.len()];
         let mut field = |name: &str, fill: &dyn Fn(&mut [f64]), elsewhere: f64| {
             fill(&mut values);
             let mut all = vec![elsewhere; self.mesh.n_nodes()];
-            nodes.iter().zip(&values).for_each(|(node, value)| all[*node as usize] = *value);
+            nodes
+                .iter()
+                .zip(&values)
+                .for_each(|(node, value)| all[*node as usize] = *value);
             vtu::Field::scalar(name, all)
         };
         let mut fields = vec![
@@ -140,11 +181,20 @@ impl Series {
         if self.with_calcium {
             fields.push(field("Ca_uM", &|out| ventricle.calcium_um(out), 0.0));
         }
-        fields.push(vtu::Field { name: "displacement_mm".to_owned(), n_components: 3, values: displacement });
-        let content = vtu::Content { point_fields: &fields, compact: true, ..vtu::Content::default() };
+        fields.push(vtu::Field {
+            name: "displacement_mm".to_owned(),
+            n_components: 3,
+            values: displacement,
+        });
+        let content = vtu::Content {
+            point_fields: &fields,
+            compact: true,
+            ..vtu::Content::default()
+        };
         let file = self.folder.join(frame_name(self.times_ms.len()));
         let text = vtu::encode(&self.mesh, &content);
-        files::write_synced(&file, text.as_bytes()).map_err(|source| TaskError::Write { file, source })?;
+        files::write_synced(&file, text.as_bytes())
+            .map_err(|source| TaskError::Write { file, source })?;
         self.times_ms.push(time_ms);
         Ok(text.len() as u64)
     }

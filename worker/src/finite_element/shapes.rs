@@ -37,7 +37,11 @@ pub struct Shapes {
 fn shape(ventricle: &FiniteElementVentricle, n_nodes: usize, sample: usize) -> Shape {
     let mut u = ventricle.displacement_mm();
     u.truncate(3 * n_nodes);
-    Shape { sample, volume_ml: ventricle.volume().0, u }
+    Shape {
+        sample,
+        volume_ml: ventricle.volume().0,
+        u,
+    }
 }
 
 impl Shapes {
@@ -45,13 +49,21 @@ impl Shapes {
     #[must_use]
     pub fn of(ventricle: &FiniteElementVentricle, n_nodes: usize) -> Self {
         let begin = shape(ventricle, n_nodes, 0);
-        Self { beat: 1, smallest: begin.clone(), latest: begin.clone(), begin }
+        Self {
+            beat: 1,
+            smallest: begin.clone(),
+            latest: begin.clone(),
+            begin,
+        }
     }
 
     /// Goes on from those of a checkpoint, whose state the ventricle has.
     #[must_use]
     pub fn resumed(self, ventricle: &FiniteElementVentricle, n_nodes: usize) -> Self {
-        Self { latest: shape(ventricle, n_nodes, 0), ..self }
+        Self {
+            latest: shape(ventricle, n_nodes, 0),
+            ..self
+        }
     }
 
     /// The shape after the last sample that was observed.
@@ -65,7 +77,10 @@ impl Shapes {
         let n_nodes = self.latest.u.len() / 3;
         if beat != self.beat {
             self.beat = beat;
-            self.begin = Shape { sample: 0, ..std::mem::take(&mut self.latest) };
+            self.begin = Shape {
+                sample: 0,
+                ..std::mem::take(&mut self.latest)
+            };
             self.smallest.clone_from(&self.begin);
         }
         self.latest = shape(ventricle, n_nodes, sample);

@@ -46,7 +46,10 @@ impl About {
     #[must_use]
     pub fn wall(&self, cross_fibre: f64) -> WallParameters {
         let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
-        WallParameters { right_pressure, ..wall::parameters(&self.wall, self.exponent_factor, cross_fibre) }
+        WallParameters {
+            right_pressure,
+            ..wall::parameters(&self.wall, self.exponent_factor, cross_fibre)
+        }
     }
 }
 
@@ -87,11 +90,21 @@ impl StoredVentricle {
     pub fn to_bytes(&self) -> Vec<u8> {
         let about = serde_json::to_value(&self.about).expect("plain fields are JSON");
         let mesh = &self.mesh;
-        let frames = mesh.frames.iter().flat_map(|f| [f.fibre, f.sheet, f.normal]).flatten();
+        let frames = mesh
+            .frames
+            .iter()
+            .flat_map(|f| [f.fibre, f.sheet, f.normal])
+            .flatten();
         let mut arrays = Arrays::new(KIND, about)
             .with("nodes_mm", mesh.nodes_mm.as_flattened())
             .with_indices("tets", mesh.tets.as_flattened())
-            .with_indices("tags", mesh.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<_>>())
+            .with_indices(
+                "tags",
+                mesh.tags
+                    .iter()
+                    .map(|tag| tag.cast_unsigned())
+                    .collect::<Vec<_>>(),
+            )
             .with("frames", frames.collect::<Vec<_>>());
         let mut fibres = Parcel::default();
         fibre_parcel::pack(&mesh.fibres, &mut fibres);
@@ -101,7 +114,9 @@ impl StoredVentricle {
             lengths.push(surface.triangles.len() as u32);
             triangles.extend_from_slice(surface.triangles.as_flattened());
         }
-        arrays = arrays.with_indices("surface_lengths", lengths).with_indices("triangles", triangles);
+        arrays = arrays
+            .with_indices("surface_lengths", lengths)
+            .with_indices("triangles", triangles);
         arrays
             .with("activation_ms", self.activation_ms.as_slice())
             .with("unloaded_mm", self.unloaded.as_flattened())
@@ -120,19 +135,27 @@ impl StoredVentricle {
     }
 
     fn from_bytes(bytes: &[u8], file: &Path) -> Result<Self, FiniteElementError> {
-        let refused = |source| FiniteElementError::File { file: file.to_owned(), source };
+        let refused = |source| FiniteElementError::File {
+            file: file.to_owned(),
+            source,
+        };
         Self::parse(bytes).map_err(refused)
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, ArraysError> {
         let mut arrays = Arrays::from_bytes(bytes, KIND)?;
-        let about: About = serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
+        let about: About =
+            serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         let frames = arrays.take("frames")?;
         let fibres = arrays.take("fibres")?;
         let mut mesh = TetMesh {
             nodes_mm: arrays.take("nodes_mm")?.as_chunks().0.to_vec(),
             tets: arrays.take_indices("tets")?.as_chunks().0.to_vec(),
-            tags: arrays.take_indices("tags")?.into_iter().map(u32::cast_signed).collect(),
+            tags: arrays
+                .take_indices("tags")?
+                .into_iter()
+                .map(u32::cast_signed)
+                .collect(),
             frames: frames.as_chunks::<9>().0.iter().map(frame).collect(),
             fibres: fibre_parcel::unpack(&mut Opened::of(&fibres)),
             surfaces: Vec::new(),
@@ -142,7 +165,10 @@ impl StoredVentricle {
         let mut triangles = triangles.as_chunks::<3>().0.iter();
         for (name, length) in about.surfaces.iter().zip(lengths) {
             let triangles = triangles.by_ref().take(length as usize).copied().collect();
-            mesh.surfaces.push(Surface { name: name.clone(), triangles });
+            mesh.surfaces.push(Surface {
+                name: name.clone(),
+                triangles,
+            });
         }
         let stored = Self {
             about,
@@ -159,11 +185,24 @@ impl StoredVentricle {
     /// Indices point at something, and arrays that belong together are equally long.
     fn check(&self) -> Result<(), ArraysError> {
         let (n, m) = (self.mesh.n_nodes(), self.mesh.n_tets());
-        let surfaces = self.mesh.surfaces.iter().flat_map(|s| s.triangles.as_flattened());
-        let inside = self.mesh.tets.as_flattened().iter().chain(surfaces).all(|node| (*node as usize) < n);
+        let surfaces = self
+            .mesh
+            .surfaces
+            .iter()
+            .flat_map(|s| s.triangles.as_flattened());
+        let inside = self
+            .mesh
+            .tets
+            .as_flattened()
+            .iter()
+            .chain(surfaces)
+            .all(|node| (*node as usize) < n);
         let missing = |name, expected: String| Err(ArraysError::Missing { name, expected });
         if !inside {
-            return missing("nodes_mm", "all nodes that elements and surfaces name".to_owned());
+            return missing(
+                "nodes_mm",
+                "all nodes that elements and surfaces name".to_owned(),
+            );
         }
         if self.mesh.tags.len() != m || self.mesh.frames.len() != m {
             return missing("frames", format!("{m} elements, as of tags"));
@@ -176,7 +215,10 @@ impl StoredVentricle {
         }
         let all = self.unloaded.len();
         if all < n || self.anchor.len() != 3 * all || self.u.len() != 3 * all {
-            return missing("unloaded_mm", format!("{n} nodes or more, as of anchor_mm and u_mm"));
+            return missing(
+                "unloaded_mm",
+                format!("{n} nodes or more, as of anchor_mm and u_mm"),
+            );
         }
         Ok(())
     }
@@ -189,8 +231,11 @@ impl StoredVentricle {
     /// [`FiniteElementError`] where mesh or wall are none.
     pub fn restore(&self, cross_fibre: f64) -> Result<Restored, FiniteElementError> {
         let about = &self.about;
-        let anatomy =
-            Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element, about.wall.pointwise_share))?;
+        let anatomy = Anatomy::of(
+            &self.mesh,
+            &[tags::LEFT_VENTRICLE],
+            wall::element(about.element, about.wall.pointwise_share),
+        )?;
         let wall = about.wall(cross_fibre);
         let end_diastole = EndDiastole {
             unloaded: self.unloaded.clone(),
@@ -198,11 +243,19 @@ impl StoredVentricle {
             u: self.u.clone(),
             pressure_kpa: about.end_diastolic_pressure_kpa,
         };
-        Ok(Restored { anatomy, wall, end_diastole })
+        Ok(Restored {
+            anatomy,
+            wall,
+            end_diastole,
+        })
     }
 }
 
 fn frame(f: &[f64; 9]) -> Frame {
     let axis = |k: usize| [f[3 * k], f[3 * k + 1], f[3 * k + 2]];
-    Frame { fibre: axis(0), sheet: axis(1), normal: axis(2) }
+    Frame {
+        fibre: axis(0),
+        sheet: axis(1),
+        normal: axis(2),
+    }
 }

@@ -22,7 +22,9 @@ pub fn found(
     let threads = match workers {
         Workers::Team(team) if team.n_ranks() > 1 && mesh.n_nodes() >= FEWEST_NODES => {
             let (comm, begin) = (team.shared_comm(), || team.begin(&Call::Tissue));
-            return job.lead(mesh, comm.as_ref(), begin, fibres_done).map_err(FiniteElementError::from);
+            return job
+                .lead(mesh, comm.as_ref(), begin, fibres_done)
+                .map_err(FiniteElementError::from);
         }
         Workers::Team(_) => 1,
         Workers::Threads(n) => n,

@@ -7,7 +7,9 @@ use cardiotwin_mechanics::material::{self, ActiveLaw, Guccione, HolzapfelOgden, 
 use cardiotwin_mechanics::newton;
 use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, SprungSurface, WallParameters};
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_schemas::finite_element::{ElementKind, EquationSettings, LinearSolver, WallSettings};
+use cardiotwin_schemas::finite_element::{
+    ElementKind, EquationSettings, LinearSolver, WallSettings,
+};
 use cardiotwin_schemas::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw};
 
 /// The wall with all exponents times a factor and a further share of the active stress across the fibre.
@@ -24,7 +26,11 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
         passive_mu_kpa: wall.aorta_mu_kpa,
         passive_kappa_kpa: wall.aorta_kappa_kpa,
         passive_of_tags: (wall.passive.iter())
-            .map(|(tag, of)| PassiveTissue { tag: *tag, mu_kpa: of.mu_kpa, kappa_kpa: of.kappa_kpa })
+            .map(|(tag, of)| PassiveTissue {
+                tag: *tag,
+                mu_kpa: of.mu_kpa,
+                kappa_kpa: of.kappa_kpa,
+            })
             .collect(),
         // g/mm³ to mg/mm³.
         density: 1e3 * wall.density_g_per_mm3,
@@ -33,13 +39,22 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
             damping: wall.epicardial_dashpot_kpa_ms_per_mm,
         },
         pericardial_base_share: wall.epicardial_base_share,
-        rim: Spring { stiffness: wall.rim_spring_kpa_per_mm, damping: wall.rim_dashpot_kpa_ms_per_mm },
-        damping: Rayleigh { mass_per_ms: wall.mass_damping_per_ms, stiffness_ms: wall.stiffness_damping_ms },
+        rim: Spring {
+            stiffness: wall.rim_spring_kpa_per_mm,
+            damping: wall.rim_dashpot_kpa_ms_per_mm,
+        },
+        damping: Rayleigh {
+            mass_per_ms: wall.mass_damping_per_ms,
+            stiffness_ms: wall.stiffness_damping_ms,
+        },
         spectral_radius: wall.spectral_radius,
         surfaces: (wall.surface.iter())
             .map(|(name, of)| SprungSurface {
                 name: name.clone(),
-                spring: Spring { stiffness: of.spring_kpa_per_mm, damping: of.dashpot_kpa_ms_per_mm },
+                spring: Spring {
+                    stiffness: of.spring_kpa_per_mm,
+                    damping: of.dashpot_kpa_ms_per_mm,
+                },
             })
             .collect(),
         ..WallParameters::default()
@@ -49,13 +64,44 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
 /// The muscle's passive law.
 #[must_use]
 pub fn muscle(wall: &WallSettings) -> Law {
-    let WallSettings { guccione_c_kpa: c_kpa, b_f, b_t, b_fs, neo_hookean_mu_kpa: mu_kpa, .. } = *wall;
+    let WallSettings {
+        guccione_c_kpa: c_kpa,
+        b_f,
+        b_t,
+        b_fs,
+        neo_hookean_mu_kpa: mu_kpa,
+        ..
+    } = *wall;
     match wall.muscle_law {
-        MuscleLaw::Guccione => Law::Guccione(Guccione { c_kpa, b_f, b_t, b_fs }),
+        MuscleLaw::Guccione => Law::Guccione(Guccione {
+            c_kpa,
+            b_f,
+            b_t,
+            b_fs,
+        }),
         MuscleLaw::HolzapfelOgden => {
-            let HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch } =
-                wall.holzapfel_ogden;
-            Law::HolzapfelOgden(HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch })
+            let HolzapfelOgdenSettings {
+                a_kpa,
+                b,
+                a_f_kpa,
+                b_f,
+                a_s_kpa,
+                b_s,
+                a_fs_kpa,
+                b_fs,
+                switch,
+            } = wall.holzapfel_ogden;
+            Law::HolzapfelOgden(HolzapfelOgden {
+                a_kpa,
+                b,
+                a_f_kpa,
+                b_f,
+                a_s_kpa,
+                b_s,
+                a_fs_kpa,
+                b_fs,
+                switch,
+            })
         }
         MuscleLaw::NeoHookean => Law::NeoHookean(NeoHookean { mu_kpa }),
     }
@@ -66,14 +112,38 @@ pub fn muscle(wall: &WallSettings) -> Law {
 pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
     let mut wall = wall.clone();
     match law {
-        Law::Guccione(Guccione { c_kpa, b_f, b_t, b_fs }) => {
+        Law::Guccione(Guccione {
+            c_kpa,
+            b_f,
+            b_t,
+            b_fs,
+        }) => {
             wall.muscle_law = MuscleLaw::Guccione;
             (wall.guccione_c_kpa, wall.b_f, wall.b_t, wall.b_fs) = (c_kpa, b_f, b_t, b_fs);
         }
-        Law::HolzapfelOgden(HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch }) => {
+        Law::HolzapfelOgden(HolzapfelOgden {
+            a_kpa,
+            b,
+            a_f_kpa,
+            b_f,
+            a_s_kpa,
+            b_s,
+            a_fs_kpa,
+            b_fs,
+            switch,
+        }) => {
             wall.muscle_law = MuscleLaw::HolzapfelOgden;
-            wall.holzapfel_ogden =
-                HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch };
+            wall.holzapfel_ogden = HolzapfelOgdenSettings {
+                a_kpa,
+                b,
+                a_f_kpa,
+                b_f,
+                a_s_kpa,
+                b_s,
+                a_fs_kpa,
+                b_fs,
+                switch,
+            };
         }
         Law::NeoHookean(NeoHookean { mu_kpa }) => {
             wall.muscle_law = MuscleLaw::NeoHookean;
@@ -97,7 +167,11 @@ pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
         ActiveConvention::FirstPiola => material::ActiveConvention::FirstPiola,
         ActiveConvention::SecondPiola => material::ActiveConvention::SecondPiola,
     };
-    ActiveLaw { convention, cross_fibre, sheet_normal: 0.0 }
+    ActiveLaw {
+        convention,
+        cross_fibre,
+        sheet_normal: 0.0,
+    }
 }
 
 /// Elements of the solver.
@@ -111,9 +185,10 @@ pub fn element(kind: ElementKind, pointwise_share: Option<f64>) -> organ::Elemen
         ElementKind::QuadraticNodal => organ::ElementKind::QUADRATIC_NODAL,
     };
     match (kind.volume, pointwise_share) {
-        (VolumeChange::Nodal { .. }, Some(pointwise_share)) => {
-            organ::ElementKind { volume: VolumeChange::Nodal { pointwise_share }, ..kind }
-        }
+        (VolumeChange::Nodal { .. }, Some(pointwise_share)) => organ::ElementKind {
+            volume: VolumeChange::Nodal { pointwise_share },
+            ..kind
+        },
         _ => kind,
     }
 }
@@ -131,13 +206,22 @@ pub fn linear_solver(kind: LinearSolver) -> newton::LinearSolver {
 /// How the equations of a time step are solved.
 #[must_use]
 pub fn steps(equations: &EquationSettings, newton_iterations: u32) -> StepSettings {
-    let EquationSettings { tolerance, newton, linear_solver: linear, .. } = *equations;
+    let EquationSettings {
+        tolerance,
+        newton,
+        linear_solver: linear,
+        ..
+    } = *equations;
     StepSettings {
         relative_tolerance: tolerance,
         max_iterations: newton_iterations as usize,
         max_halvings: newton.halvings as usize,
         smallest_volume_ratio: newton.smallest_volume_ratio,
-        farthest_mm: if newton.farthest_mm > 0.0 { newton.farthest_mm } else { f64::INFINITY },
+        farthest_mm: if newton.farthest_mm > 0.0 {
+            newton.farthest_mm
+        } else {
+            f64::INFINITY
+        },
         linear: linear_solver(linear),
         ..StepSettings::default()
     }
@@ -145,36 +229,66 @@ pub fn steps(equations: &EquationSettings, newton_iterations: u32) -> StepSettin
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_schemas::finite_element::{FiniteElementSettings, NewtonSettings, SurfaceSpring};
+    use cardiotwin_schemas::finite_element::{
+        FiniteElementSettings, NewtonSettings, SurfaceSpring,
+    };
     use cardiotwin_schemas::muscle::PassiveTissueSettings;
 
     use super::*;
 
     #[test]
     fn default_settings_are_the_solvers_defaults() {
-        let settings = WallSettings { guccione_c_kpa: 1.0, ..WallSettings::default() };
+        let settings = WallSettings {
+            guccione_c_kpa: 1.0,
+            ..WallSettings::default()
+        };
         assert_eq!(parameters(&settings, 1.0, 0.0), WallParameters::default());
-        assert_eq!(element(ElementKind::default(), None), organ::ElementKind::default());
+        assert_eq!(
+            element(ElementKind::default(), None),
+            organ::ElementKind::default()
+        );
         let defaults = FiniteElementSettings::default();
-        assert_eq!(steps(&defaults.equations(), defaults.newton_iterations), StepSettings::default());
-        let ogden = WallSettings { muscle_law: MuscleLaw::HolzapfelOgden, ..WallSettings::default() };
-        assert_eq!(muscle(&ogden), Law::HolzapfelOgden(HolzapfelOgden::arostica2025()));
+        assert_eq!(
+            steps(&defaults.equations(), defaults.newton_iterations),
+            StepSettings::default()
+        );
+        let ogden = WallSettings {
+            muscle_law: MuscleLaw::HolzapfelOgden,
+            ..WallSettings::default()
+        };
+        assert_eq!(
+            muscle(&ogden),
+            Law::HolzapfelOgden(HolzapfelOgden::arostica2025())
+        );
     }
 
     #[test]
     fn a_cohort_chooses_the_share_of_elements_that_have_one() {
         let of = |kind| element(kind, Some(0.05)).volume;
-        let nodal = VolumeChange::Nodal { pointwise_share: 0.05 };
-        assert_eq!((of(ElementKind::LinearNodal), of(ElementKind::QuadraticNodal)), (nodal, nodal));
+        let nodal = VolumeChange::Nodal {
+            pointwise_share: 0.05,
+        };
+        assert_eq!(
+            (
+                of(ElementKind::LinearNodal),
+                of(ElementKind::QuadraticNodal)
+            ),
+            (nodal, nodal)
+        );
         assert_eq!(of(ElementKind::LinearPointwise), VolumeChange::Pointwise);
-        assert_eq!(element(ElementKind::QuadraticNodal, None), organ::ElementKind::QUADRATIC_NODAL);
+        assert_eq!(
+            element(ElementKind::QuadraticNodal, None),
+            organ::ElementKind::QUADRATIC_NODAL
+        );
     }
 
     #[test]
     fn every_setting_of_the_wall_reaches_the_solver() {
         let plain = WallSettings::default();
-        let sprung =
-            |spring_kpa_per_mm, dashpot_kpa_ms_per_mm| SurfaceSpring { spring_kpa_per_mm, dashpot_kpa_ms_per_mm };
+        let sprung = |spring_kpa_per_mm, dashpot_kpa_ms_per_mm| SurfaceSpring {
+            spring_kpa_per_mm,
+            dashpot_kpa_ms_per_mm,
+        };
         let made = |change: &dyn Fn(&mut WallSettings)| {
             let mut wall = plain.clone();
             change(&mut wall);
@@ -211,7 +325,13 @@ mod tests {
             made(&|wall| wall.aorta_mu_kpa *= 2.0),
             made(&|wall| wall.aorta_kappa_kpa *= 2.0),
             made(&|wall| {
-                wall.passive.insert(7, PassiveTissueSettings { mu_kpa: 3.0, kappa_kpa: 300.0 });
+                wall.passive.insert(
+                    7,
+                    PassiveTissueSettings {
+                        mu_kpa: 3.0,
+                        kappa_kpa: 300.0,
+                    },
+                );
             }),
             made(&|wall| wall.density_g_per_mm3 *= 2.0),
             made(&|wall| wall.mass_damping_per_ms *= 2.0),
@@ -224,10 +344,24 @@ mod tests {
             made(&|wall| _ = wall.surface.insert("liver".to_owned(), sprung(2.0, 0.0))),
         ];
         for (k, one) in all.iter().enumerate() {
-            assert!(all[..k].iter().all(|other| other != one), "change {k} is lost, or another's: {one:?}");
+            assert!(
+                all[..k].iter().all(|other| other != one),
+                "change {k} is lost, or another's: {one:?}"
+            );
         }
         assert!(
-            (parameters(&WallSettings { cross_fibre_share: 0.2, ..plain }, 1.0, 0.3).active.cross_fibre - 0.5).abs()
+            (parameters(
+                &WallSettings {
+                    cross_fibre_share: 0.2,
+                    ..plain
+                },
+                1.0,
+                0.3
+            )
+            .active
+            .cross_fibre
+                - 0.5)
+                .abs()
                 < 1e-15
         );
     }
@@ -240,21 +374,52 @@ mod tests {
         let all = [
             steps(&plain, 12),
             steps(&plain, 20),
-            steps(&EquationSettings { tolerance: 1e-5, ..plain }, 12),
-            steps(&EquationSettings { linear_solver: LinearSolver::Direct, ..plain }, 12),
-            newton(NewtonSettings { halvings: 8, ..defaults }),
-            newton(NewtonSettings { smallest_volume_ratio: 0.2, ..defaults }),
-            newton(NewtonSettings { farthest_mm: 1.0, ..defaults }),
+            steps(
+                &EquationSettings {
+                    tolerance: 1e-5,
+                    ..plain
+                },
+                12,
+            ),
+            steps(
+                &EquationSettings {
+                    linear_solver: LinearSolver::Direct,
+                    ..plain
+                },
+                12,
+            ),
+            newton(NewtonSettings {
+                halvings: 8,
+                ..defaults
+            }),
+            newton(NewtonSettings {
+                smallest_volume_ratio: 0.2,
+                ..defaults
+            }),
+            newton(NewtonSettings {
+                farthest_mm: 1.0,
+                ..defaults
+            }),
         ];
         for (k, one) in all.iter().enumerate() {
-            assert!(all[..k].iter().all(|other| other != one), "change {k} is lost, or another's: {one:?}");
+            assert!(
+                all[..k].iter().all(|other| other != one),
+                "change {k} is lost, or another's: {one:?}"
+            );
         }
     }
 
     #[test]
     fn constants_of_a_law_come_back_from_its_settings() {
-        for muscle_law in [MuscleLaw::Guccione, MuscleLaw::HolzapfelOgden, MuscleLaw::NeoHookean] {
-            let settings = WallSettings { muscle_law, ..WallSettings::default() };
+        for muscle_law in [
+            MuscleLaw::Guccione,
+            MuscleLaw::HolzapfelOgden,
+            MuscleLaw::NeoHookean,
+        ] {
+            let settings = WallSettings {
+                muscle_law,
+                ..WallSettings::default()
+            };
             let law = muscle(&settings).scaled(0.7, 1.3);
             assert_eq!(muscle(&with_muscle(&WallSettings::default(), law)), law);
             assert!((muscle(&with_stiffness(&settings, 0.3)).stiffness_kpa() - 0.3).abs() < 1e-15);

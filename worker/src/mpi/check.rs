@@ -38,9 +38,14 @@ impl FromStr for Fault {
                 "stall" => How::Stall,
                 _ => return None,
             };
-            Some(Self { rank: rank.parse().ok()?, how })
+            Some(Self {
+                rank: rank.parse().ok()?,
+                how,
+            })
         });
-        parsed.ok_or_else(|| format!("`{text}`: expected RANK:panic, RANK:error or RANK:stall, such as 1:panic"))
+        parsed.ok_or_else(|| {
+            format!("`{text}`: expected RANK:panic, RANK:error or RANK:stall, such as 1:panic")
+        })
     }
 }
 
@@ -68,7 +73,11 @@ fn ring(rank: usize, n: usize) -> Layout {
         });
         n_local += HALO_NODES;
     }
-    Layout { n_owned: HALO_NODES as usize, n_local: n_local as usize, neighbours }
+    Layout {
+        n_owned: HALO_NODES as usize,
+        n_local: n_local as usize,
+        neighbours,
+    }
 }
 
 fn us_each(mut call: impl FnMut()) -> f64 {
@@ -88,7 +97,10 @@ pub fn check(comm: &dyn Communicator, fault: Option<Fault>, json: bool, failures
     comm.update_ghosts(&layout, 3, &mut values);
     let right = sums == [(n * (n - 1) / 2) as f64, n as f64]
         && layout.neighbours.iter().all(|neighbour| {
-            neighbour.receive.iter().all(|node| values[3 * *node as usize + 2] == neighbour.rank as f64)
+            neighbour
+                .receive
+                .iter()
+                .all(|node| values[3 * *node as usize + 2] == neighbour.rank as f64)
         });
     if !right {
         failures.end("values that were exchanged are not those that were sent");
@@ -103,17 +115,39 @@ pub fn check(comm: &dyn Communicator, fault: Option<Fault>, json: bool, failures
     let reduction_us = us_each(|| comm.sum(&mut [1.0, 2.0]));
     let halo_us = us_each(|| comm.update_ghosts(&layout, 3, &mut values));
     let host: Vec<f64> = process::host().bytes().map(f64::from).collect();
-    let Some(hosts) = comm.gather(&host) else { return };
-    let hosts: Vec<String> =
-        hosts.into_iter().map(|host| host.into_iter().map(|byte| char::from(byte as u8)).collect()).collect();
+    let Some(hosts) = comm.gather(&host) else {
+        return;
+    };
+    let hosts: Vec<String> = hosts
+        .into_iter()
+        .map(|host| {
+            host.into_iter()
+                .map(|byte| char::from(byte as u8))
+                .collect()
+        })
+        .collect();
     let halo_bytes = 24 * u64::from(HALO_NODES) * layout.neighbours.len() as u64;
-    let found = Found { ranks: n, hosts, reduction_us, halo_us, halo_bytes };
+    let found = Found {
+        ranks: n,
+        hosts,
+        reduction_us,
+        halo_us,
+        halo_bytes,
+    };
     if json {
-        println!("{}", serde_json::to_string(&found).expect("plain fields are JSON"));
+        println!(
+            "{}",
+            serde_json::to_string(&found).expect("plain fields are JSON")
+        );
     } else {
-        let of_hosts: Vec<String> =
-            (found.hosts.chunk_by(|a, b| a == b).map(|h| format!("{} on {}", h.len(), h[0]))).collect();
+        let of_hosts: Vec<String> = (found
+            .hosts
+            .chunk_by(|a, b| a == b)
+            .map(|h| format!("{} on {}", h.len(), h[0])))
+        .collect();
         println!("{n} ranks: {}", of_hosts.join(", "));
-        println!("reduction of two numbers {reduction_us:.1} µs, halos of {halo_bytes} bytes {halo_us:.1} µs");
+        println!(
+            "reduction of two numbers {reduction_us:.1} µs, halos of {halo_bytes} bytes {halo_us:.1} µs"
+        );
     }
 }

@@ -68,7 +68,15 @@ impl MpiRank {
         let (process, n_processes) = (world().rank() as usize, world().size() as usize);
         let (rank, n_ranks) = (process * per_process + k, n_processes * per_process);
         let spin = if has_own_core { SPIN } else { Duration::ZERO };
-        Self { rank, n_ranks, per_process, spin, patience, failures, letters: Mutex::default() }
+        Self {
+            rank,
+            n_ranks,
+            per_process,
+            spin,
+            patience,
+            failures,
+            letters: Mutex::default(),
+        }
     }
 
     fn process(&self, rank: usize) -> i32 {
@@ -77,7 +85,11 @@ impl MpiRank {
 
     /// Ranks of one process get each other's messages apart by their tags.
     fn tag(&self, kind: Tag, from: usize, to: usize) -> Tag {
-        if self.per_process == 1 { kind } else { (from * self.n_ranks + to) as Tag * KINDS + kind }
+        if self.per_process == 1 {
+            kind
+        } else {
+            (from * self.n_ranks + to) as Tag * KINDS + kind
+        }
     }
 
     /// Looks until there is something.
@@ -92,7 +104,9 @@ impl MpiRank {
                 _ if waited < self.spin => std::hint::spin_loop(),
                 Wait::For(what, rank) if waited > self.patience => {
                     let seconds = self.patience.as_secs_f64();
-                    self.failures.end(&format!("no progress: waited {seconds} s for {what} of rank {rank}"));
+                    self.failures.end(&format!(
+                        "no progress: waited {seconds} s for {what} of rank {rank}"
+                    ));
                 }
                 Wait::Order if waited > WAKEFUL => thread::sleep(NAP),
                 // Whom this rank waits for may need this core.
@@ -126,10 +140,17 @@ impl MpiRank {
             let (here, rest) = blocks.split_at_mut(held * width);
             let (send, receive) = (&here[..more * width], &mut rest[..more * width]);
             scope(|scope| {
-                let (here, there) = (self.tag(REDUCTION, from, self.rank), self.tag(REDUCTION, self.rank, to));
+                let (here, there) = (
+                    self.tag(REDUCTION, from, self.rank),
+                    self.tag(REDUCTION, self.rank, to),
+                );
                 let (source, target) = (self.process(from), self.process(to));
-                let receive = world().process_at_rank(source).immediate_receive_into_with_tag(scope, receive, here);
-                let send = world().process_at_rank(target).immediate_send_with_tag(scope, send, there);
+                let receive = world()
+                    .process_at_rank(source)
+                    .immediate_receive_into_with_tag(scope, receive, here);
+                let send = world()
+                    .process_at_rank(target)
+                    .immediate_send_with_tag(scope, send, there);
                 self.done(Wait::For("a reduction", from), receive);
                 self.done(Wait::For("a reduction", to), send);
             });
@@ -148,7 +169,10 @@ impl MpiRank {
         let all = self.of_all(values);
         values.copy_from_slice(&all[..width]);
         for of_rank in all.chunks_exact(width).skip(1) {
-            values.iter_mut().zip(of_rank).for_each(|(value, other)| *value = add(*value, *other));
+            values
+                .iter_mut()
+                .zip(of_rank)
+                .for_each(|(value, other)| *value = add(*value, *other));
         }
     }
 
@@ -165,8 +189,9 @@ impl MpiRank {
                 let tag = self.tag(BROADCAST, from, self.rank);
                 let source = self.process(from);
                 scope(|scope| {
-                    let request =
-                        world().process_at_rank(source).immediate_receive_into_with_tag(scope, &mut *values, tag);
+                    let request = world()
+                        .process_at_rank(source)
+                        .immediate_receive_into_with_tag(scope, &mut *values, tag);
                     self.done(wait, request);
                 });
             } else if self.rank < reach && self.rank + reach < self.n_ranks {
@@ -179,7 +204,9 @@ impl MpiRank {
     fn send(&self, to: usize, tag: Tag, values: &[f64]) {
         scope(|scope| {
             let (target, tag) = (self.process(to), self.tag(tag, self.rank, to));
-            let request = world().process_at_rank(target).immediate_send_with_tag(scope, values, tag);
+            let request = world()
+                .process_at_rank(target)
+                .immediate_send_with_tag(scope, values, tag);
             self.done(Wait::For("a receipt", to), request);
         });
     }
@@ -189,8 +216,9 @@ impl MpiRank {
         let source = world();
         let source = source.process_at_rank(self.process(from));
         let tag = self.tag(tag, from, self.rank);
-        let (message, status): (Message, _) =
-            self.until(Wait::For("a message", from), || source.immediate_matched_probe_with_tag(tag));
+        let (message, status): (Message, _) = self.until(Wait::For("a message", from), || {
+            source.immediate_matched_probe_with_tag(tag)
+        });
         let n = status.count(<f64 as mpi::datatype::Equivalence>::equivalent_datatype());
         let mut values = vec![0.0; n as usize];
         scope(|scope| {
@@ -215,7 +243,13 @@ impl Communicator for MpiRank {
     }
 
     fn max(&self, values: &mut [f64]) {
-        self.reduce(values, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
+        self.reduce(values, |a, b| {
+            if a.is_nan() || b.is_nan() {
+                f64::NAN
+            } else {
+                a.max(b)
+            }
+        });
     }
 
     fn broadcast(&self, values: &mut [f64]) {
@@ -239,7 +273,10 @@ impl Communicator for MpiRank {
         }
         for ((neighbour, out), into) in layout.neighbours.iter().zip(&mut *out).zip(&mut *into) {
             out.clear();
-            neighbour.send.iter().for_each(|node| out.extend_from_slice(&values[of(*node)]));
+            neighbour
+                .send
+                .iter()
+                .for_each(|node| out.extend_from_slice(&values[of(*node)]));
             into.resize(neighbour.receive.len() * width, 0.0);
         }
         scope(|scope| {
@@ -248,17 +285,27 @@ impl Communicator for MpiRank {
                 let other = world();
                 let other = other.process_at_rank(self.process(neighbour.rank));
                 let tag = self.tag(HALO, neighbour.rank, self.rank);
-                requests.push((neighbour.rank, other.immediate_receive_into_with_tag(scope, &mut into[..], tag)));
+                requests.push((
+                    neighbour.rank,
+                    other.immediate_receive_into_with_tag(scope, &mut into[..], tag),
+                ));
             }
             let mut sends = vec![];
             for (neighbour, out) in layout.neighbours.iter().zip(&*out) {
                 let other = world();
                 let other = other.process_at_rank(self.process(neighbour.rank));
                 let tag = self.tag(HALO, self.rank, neighbour.rank);
-                sends.push((neighbour.rank, other.immediate_send_with_tag(scope, &out[..], tag)));
+                sends.push((
+                    neighbour.rank,
+                    other.immediate_send_with_tag(scope, &out[..], tag),
+                ));
             }
-            requests.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
-            sends.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
+            requests
+                .into_iter()
+                .for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
+            sends
+                .into_iter()
+                .for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
         });
         for (neighbour, into) in layout.neighbours.iter().zip(&*into) {
             for (node, value) in neighbour.receive.iter().zip(into.chunks_exact(width)) {

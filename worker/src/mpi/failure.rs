@@ -41,10 +41,20 @@ impl Failures {
     /// Says why, once for all ranks, and ends them.
     pub fn end(&self, reason: &str) -> ! {
         let (rank, ranks, at) = (self.rank, self.n_ranks, &clock::now());
-        let failure = serde_json::to_string(&Failure { rank, ranks, at, reason }).expect("plain fields are JSON");
-        let written = self.directory.as_ref().map(|dir| files::create_exclusive(&dir.join(FILE), failure.as_bytes()));
+        let failure = serde_json::to_string(&Failure {
+            rank,
+            ranks,
+            at,
+            reason,
+        })
+        .expect("plain fields are JSON");
+        let written = self
+            .directory
+            .as_ref()
+            .map(|dir| files::create_exclusive(&dir.join(FILE), failure.as_bytes()));
         // Another rank that failed at the same time has said it.
-        let said = matches!(&written, Some(Err(error)) if error.kind() == io::ErrorKind::AlreadyExists);
+        let said =
+            matches!(&written, Some(Err(error)) if error.kind() == io::ErrorKind::AlreadyExists);
         if !said {
             eprintln!("error: rank {rank} of {ranks} failed at {at}: {reason}; all ranks end");
             // MPICH's launcher, told to abort, may leave what it has not read of a rank's words.
@@ -57,7 +67,9 @@ impl Failures {
     pub fn on_panic(self: &Arc<Self>) {
         let failures = Arc::clone(self);
         panic::set_hook(Box::new(move |info| {
-            let place = info.location().map(|place| format!(" at {}:{}", place.file(), place.line()));
+            let place = info
+                .location()
+                .map(|place| format!(" at {}:{}", place.file(), place.line()));
             let message = info.payload_as_str().unwrap_or("no message");
             failures.end(&format!("panicked{}: {message}", place.unwrap_or_default()));
         }));

@@ -15,7 +15,9 @@ use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::memory::return_large_blocks;
-use cardiotwin_worker::program::{EXIT_FAILED, code_of, log, make_folder, read, read_task, restarting};
+use cardiotwin_worker::program::{
+    EXIT_FAILED, code_of, log, make_folder, read, read_task, restarting,
+};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
@@ -129,19 +131,30 @@ fn main() -> ExitCode {
     return_large_blocks();
     let cli = Cli::parse();
     let (ranks, directory) = match &cli.command {
-        Command::Run { directory, ranks, .. } => (ranks, Some(directory.clone())),
+        Command::Run {
+            directory, ranks, ..
+        } => (ranks, Some(directory.clone())),
         Command::Simulate { out, ranks, .. } => (ranks, Some(out.clone())),
         Command::Bench { ranks, .. } | Command::Check { ranks, .. } => (ranks, None),
     };
     // A launcher that is killed leaves no ranks behind that wait for each other.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
-    let threading = if ranks.subdomains.is_some() { Threading::Multiple } else { Threading::Funneled };
+    let threading = if ranks.subdomains.is_some() {
+        Threading::Multiple
+    } else {
+        Threading::Funneled
+    };
     let Some((universe, provided)) = mpi::initialize_with_threading(threading) else {
         eprintln!("error: MPI was initialised before");
         return ExitCode::from(EXIT_FAILED);
     };
-    let (rank, n_ranks) = (universe.world().rank() as usize, universe.world().size() as usize);
-    let per_process = match expected(&cli.command, ranks, n_ranks).and_then(|()| shared(ranks, n_ranks, provided)) {
+    let (rank, n_ranks) = (
+        universe.world().rank() as usize,
+        universe.world().size() as usize,
+    );
+    let per_process = match expected(&cli.command, ranks, n_ranks)
+        .and_then(|()| shared(ranks, n_ranks, provided))
+    {
         Ok(per_process) => per_process,
         Err(error) => {
             // Each rank that believes to be alone finds this out: one message for each.
@@ -151,12 +164,24 @@ fn main() -> ExitCode {
             return ExitCode::from(EXIT_RANKS);
         }
     };
-    let failures = Arc::new(Failures { rank, n_ranks, directory });
+    let failures = Arc::new(Failures {
+        rank,
+        n_ranks,
+        directory,
+    });
     failures.on_panic();
     let patience = Duration::try_from_secs_f64(ranks.patience).unwrap_or(Duration::MAX);
     let on_this_node = universe.world().split_shared(0).size() as usize * per_process;
-    let has_own_core = std::thread::available_parallelism().is_ok_and(|cores| on_this_node <= cores.get());
-    let rank_of = |k| MpiRank::new((k, per_process), has_own_core, patience, Arc::clone(&failures));
+    let has_own_core =
+        std::thread::available_parallelism().is_ok_and(|cores| on_this_node <= cores.get());
+    let rank_of = |k| {
+        MpiRank::new(
+            (k, per_process),
+            has_own_core,
+            patience,
+            Arc::clone(&failures),
+        )
+    };
     let team = |k| Team::new(Arc::new(rank_of(k)));
     let help = |team: &Team| {
         if let Command::Check { json, fail, .. } = &cli.command {
@@ -180,7 +205,9 @@ fn main() -> ExitCode {
             help(&team);
             return ExitCode::SUCCESS;
         }
-        let done = stop.context("cannot catch signals").and_then(|stop| lead(&cli.command, &team, &stop));
+        let done = stop
+            .context("cannot catch signals")
+            .and_then(|stop| lead(&cli.command, &team, &stop));
         let code = done.as_ref().map_or_else(code_of, |_| ExitCode::SUCCESS);
         let lost = matches!(cli.command, Command::Bench { .. }) && done.is_err();
         if team.is_amid() || lost {
@@ -201,14 +228,37 @@ fn main() -> ExitCode {
 
 /// The beat that all ranks measure.
 fn measured(command: &Command) -> Option<bench::VentricleBench> {
-    let Command::Bench { nodes, pointwise, cycle, step, tolerance, .. } = *command else { return None };
-    let element = if pointwise { bench::Element::Pointwise } else { bench::Element::Linear };
-    Some(bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, diastolic_step_ms: 0.0, tolerance })
+    let Command::Bench {
+        nodes,
+        pointwise,
+        cycle,
+        step,
+        tolerance,
+        ..
+    } = *command
+    else {
+        return None;
+    };
+    let element = if pointwise {
+        bench::Element::Pointwise
+    } else {
+        bench::Element::Linear
+    };
+    Some(bench::VentricleBench {
+        nodes,
+        element,
+        cycle_ms: cycle,
+        step_ms: step,
+        diastolic_step_ms: 0.0,
+        tolerance,
+    })
 }
 
 /// Parts of the mesh a process.
 fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
-    let Some(parts) = ranks.subdomains else { return Ok(1) };
+    let Some(parts) = ranks.subdomains else {
+        return Ok(1);
+    };
     anyhow::ensure!(
         parts > 0 && parts.is_multiple_of(n_ranks) && parts <= communicator::MOST_SHARING,
         "--subdomains {parts}: expected a multiple of the {n_ranks} ranks, {} at most",
@@ -227,18 +277,22 @@ fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()
     let (expected, by) = match (ranks.ranks, said, command) {
         (Some(n), ..) => (n, "--ranks"),
         (None, Some(said), _) => {
-            let n =
-                said.parse().with_context(|| format!("CARDIOTWIN_RANKS is `{said}`: expected a number of ranks"))?;
+            let n = said.parse().with_context(|| {
+                format!("CARDIOTWIN_RANKS is `{said}`: expected a number of ranks")
+            })?;
             (n, "CARDIOTWIN_RANKS")
         }
         (None, None, Command::Run { directory, .. }) => {
             let file = directory.join("spec.json");
-            let spec: AttemptSpec = serde_json::from_str(&read(&file)?)
-                .with_context(|| format!("{}: not the specification of an attempt", file.display()))?;
+            let spec: AttemptSpec = serde_json::from_str(&read(&file)?).with_context(|| {
+                format!("{}: not the specification of an attempt", file.display())
+            })?;
             (spec.threads.max(1) as usize, "threads in spec.json")
         }
         (None, None, _) => {
-            anyhow::bail!("say with --ranks N (or CARDIOTWIN_RANKS) how many ranks there must be; found {found}")
+            anyhow::bail!(
+                "say with --ranks N (or CARDIOTWIN_RANKS) how many ranks there must be; found {found}"
+            )
         }
     };
     anyhow::ensure!(
@@ -253,11 +307,20 @@ fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()
 /// What rank 0 does; returns what went wrong where an outcome says so.
 fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {
     let ending = match command {
-        Command::Run { directory, quiet, .. } => {
+        Command::Run {
+            directory, quiet, ..
+        } => {
             log(if *quiet { Level::WARN } else { Level::INFO });
             run_attempt(directory, Some(team.clone()), stop, !quiet)?
         }
-        Command::Simulate { spec, out, vtu_every, checkpoint_every, restart, .. } => {
+        Command::Simulate {
+            spec,
+            out,
+            vtu_every,
+            checkpoint_every,
+            restart,
+            ..
+        } => {
             log(Level::INFO);
             let task = read_task(spec)?;
             make_folder(out)?;
@@ -284,7 +347,10 @@ fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Optio
             let report = |word: &str| eprintln!("{word}");
             let timings = bench::ventricle(&what, &[bench::Ranks::Team(team)], stop, report)?;
             print!("{}", bench::told(&timings, *json)?);
-            anyhow::ensure!(timings.iter().all(|t| t.diverged.is_none()), "the beat did not reach its end");
+            anyhow::ensure!(
+                timings.iter().all(|t| t.diverged.is_none()),
+                "the beat did not reach its end"
+            );
             return Ok(None);
         }
         Command::Check { .. } => unreachable!("all ranks check"),

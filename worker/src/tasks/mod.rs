@@ -34,5 +34,7 @@ pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
 }
 
 fn succeeded(result: TaskResult) -> Ending {
-    Ending::Succeeded { result: Box::new(result) }
+    Ending::Succeeded {
+        result: Box::new(result),
+    }
 }

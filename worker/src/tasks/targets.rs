@@ -30,18 +30,33 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
             Verifying::open(&spec.nodal)?.into_inner().verify()?;
             return Err(match error {
                 NodalReadError::Io(source) => missing(&spec.nodal, source),
-                NodalReadError::Content(source) => TaskError::Nodal { file: spec.nodal.path.clone(), source },
+                NodalReadError::Content(source) => TaskError::Nodal {
+                    file: spec.nodal.path.clone(),
+                    source,
+                },
             });
         }
     };
     let spread = spread.ok_or(TaskError::NoMedian { n_nodes })?;
     let median = spread.median();
-    let biomarkers = median.biomarkers().filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
+    let biomarkers = median
+        .biomarkers()
+        .filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
     let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
-    context.artefacts.write("median", "median.csv", &median_csv(&median, has_calcium))?;
-    context.artefacts.write("spread", "spread.csv", &spread_csv(&spread, has_calcium))?;
+    context
+        .artefacts
+        .write("median", "median.csv", &median_csv(&median, has_calcium))?;
+    context
+        .artefacts
+        .write("spread", "spread.csv", &spread_csv(&spread, has_calcium))?;
     let lambda_0 = median.lambda[0];
-    Ok(TaskResult::Targets(TargetsResult { lambda_0, lambda_max, targets, n_nodes, has_calcium }))
+    Ok(TaskResult::Targets(TargetsResult {
+        lambda_0,
+        lambda_max,
+        targets,
+        n_nodes,
+        has_calcium,
+    }))
 }
 
 /// Why nodal traces were not read.
@@ -57,19 +72,31 @@ impl From<NodalReadError> for Unread {
 }
 
 /// How nodes spread, how many they are, whether they have calcium, and the largest stretch, from a file that is read row by row.
-fn read(spec: &TargetsSpec, context: &Context) -> Result<(Option<NodalSpread>, u64, bool, f64), Unread> {
+fn read(
+    spec: &TargetsSpec,
+    context: &Context,
+) -> Result<(Option<NodalSpread>, u64, bool, f64), Unread> {
     let mut rows = NodalRows::begin(Verifying::open(&spec.nodal).map_err(Unread::Stopped)?)?;
     let has_calcium = rows.has_calcium;
-    let mut growing = GrowingSpread::new(rows.activation_ms.clone(), rows.weights.clone(), has_calcium);
+    let mut growing = GrowingSpread::new(
+        rows.activation_ms.clone(),
+        rows.weights.clone(),
+        has_calcium,
+    );
     let n_nodes = rows.activation_ms.len();
     let mut lambda_max = f64::NEG_INFINITY;
     while let Some((time_ms, values)) = rows.next_row()? {
         // The stretch of all nodes comes last.
-        lambda_max = values[values.len() - n_nodes..].iter().fold(lambda_max, |most, x| most.max(*x));
+        lambda_max = values[values.len() - n_nodes..]
+            .iter()
+            .fold(lambda_max, |most, x| most.max(*x));
         growing.add(time_ms, values);
         context.check_stop().map_err(Unread::Stopped)?;
     }
-    rows.into_inner().into_inner().verify().map_err(Unread::Stopped)?;
+    rows.into_inner()
+        .into_inner()
+        .verify()
+        .map_err(Unread::Stopped)?;
     Ok((growing.finish(), n_nodes as u64, has_calcium, lambda_max))
 }
 
@@ -87,7 +114,12 @@ pub fn to_schema(biomarkers: &ActiveStressBiomarkers) -> CellBiomarkers {
 }
 
 fn median_csv(median: &MedianTraces, has_calcium: bool) -> String {
-    let mut text = if has_calcium { "time_ms,Sa_kPa,Ca_uM,lambda\n" } else { "time_ms,Sa_kPa,lambda\n" }.to_owned();
+    let mut text = if has_calcium {
+        "time_ms,Sa_kPa,Ca_uM,lambda\n"
+    } else {
+        "time_ms,Sa_kPa,lambda\n"
+    }
+    .to_owned();
     for (idx, time) in median.time_ms.iter().enumerate() {
         let _ = write!(text, "{},{}", number(*time), number(median.sa_kpa[idx]));
         if has_calcium {
@@ -105,7 +137,9 @@ fn spread_csv(spread: &NodalSpread, has_calcium: bool) -> String {
     }
     let mut text = "time_ms".to_owned();
     for (name, _) in &quantities {
-        LEVELS.iter().for_each(|level| text.push_str(&format!(",{name}_p{:.0}", 100.0 * level)));
+        LEVELS
+            .iter()
+            .for_each(|level| text.push_str(&format!(",{name}_p{:.0}", 100.0 * level)));
     }
     text.push('\n');
     for (row, time) in spread.time_ms.iter().enumerate() {

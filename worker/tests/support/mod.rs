@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
-use cardiotwin_schemas::organ::{BeatCount, CellStretch, ContractionSpec, OrganSpec, Step1Parameters};
+use cardiotwin_schemas::organ::{
+    BeatCount, CellStretch, ContractionSpec, OrganSpec, Step1Parameters,
+};
 use cardiotwin_schemas::outcome::{
     CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskResult,
 };
@@ -17,21 +19,33 @@ use cardiotwin_schemas::patient::PatientFile;
 use cardiotwin_schemas::settings::{
     ActivationSettings, CellFitSettings, SolverSettings, StartMode, Step1Settings, StopRule,
 };
-use cardiotwin_schemas::task::{CellFitSpec, InputFile, OrganBeatSpec, PassiveStateSpec, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::task::{
+    CellFitSpec, InputFile, OrganBeatSpec, PassiveStateSpec, TargetsSpec, TaskSpec,
+};
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::step1;
 use cardiotwin_worker::tasks::run_task;
 
-pub const PATIENTS: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+pub const PATIENTS: [&str; 7] = [
+    "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
+];
 
 pub fn patient_folder(id: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients").join(id)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../examples/coa-seven/patients")
+        .join(id)
 }
 
 /// A file with its present content as a task's input.
 pub fn input(name: &str, path: &Path) -> InputFile {
-    let sha256 = sha256_hex(&std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())));
-    InputFile { name: name.to_owned(), path: path.to_owned(), sha256 }
+    let sha256 = sha256_hex(
+        &std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())),
+    );
+    InputFile {
+        name: name.to_owned(),
+        path: path.to_owned(),
+        sha256,
+    }
 }
 
 /// Step 0 of a patient of the cohort.
@@ -42,19 +56,34 @@ pub fn step0(id: &str) -> PassiveStateSpec {
     let measured = &file.measured;
     PassiveStateSpec {
         cycle_length_ms: file.cycle_length_ms,
-        pressure: measured.pressure.as_ref().map(|name| input("pressure", &folder.join(name))),
-        volume: measured.volume.as_ref().map(|name| input("volume", &folder.join(name))),
+        pressure: measured
+            .pressure
+            .as_ref()
+            .map(|name| input("pressure", &folder.join(name))),
+        volume: measured
+            .volume
+            .as_ref()
+            .map(|name| input("volume", &folder.join(name))),
         biomarkers: measured.biomarkers.unwrap_or_default(),
         end_diastolic_pressure_mmhg: measured.end_diastolic_pressure_mmhg,
         end_diastolic_volume_ml: measured.end_diastolic_volume_ml,
         diastasis_time_ms: measured.diastasis.as_ref().map(|image| image.time_ms),
         diastasis_volume_ml: measured.diastasis.as_ref().map(|image| image.volume_ml),
-        aortic_systolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.systolic_mmhg),
-        aortic_diastolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.diastolic_mmhg),
+        aortic_systolic_mmhg: measured
+            .aortic_pressure
+            .as_ref()
+            .map(|aorta| aorta.systolic_mmhg),
+        aortic_diastolic_mmhg: measured
+            .aortic_pressure
+            .as_ref()
+            .map(|aorta| aorta.diastolic_mmhg),
         wall_volume_ml: file.anatomy.wall_volume_ml,
         passive_exponent: None,
         afterload: file.afterload,
-        left_atrial_pressure_mmhg: file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
+        left_atrial_pressure_mmhg: file
+            .preload
+            .as_ref()
+            .map(|preload| preload.left_atrial_pressure_mmhg),
         start: StartMode::EndDiastole,
         activation: ActivationSettings::default(),
         biomarker_factors: BTreeMap::new(),
@@ -93,7 +122,9 @@ pub fn beat_spec(
         time_step_ms: 1.0,
         shortest_step_ms: SolverSettings::default().shortest_step_ms,
         newton_iterations: match state.organ {
-            OrganSpec::Reduced { .. } | OrganSpec::External(_) => SolverSettings::default().newton_iterations,
+            OrganSpec::Reduced { .. } | OrganSpec::External(_) => {
+                SolverSettings::default().newton_iterations
+            }
             OrganSpec::FiniteElement(_) => FiniteElementSettings::default().newton_iterations,
         },
         organ: state.organ.clone(),
@@ -119,12 +150,21 @@ pub struct Iteration {
     pub cost: f64,
 }
 
-const ORDER: [Parameter; 6] =
-    [Parameter::SmaxRef, Parameter::TauSrRef, Parameter::TauSd, Parameter::TCr, Parameter::RAvF, Parameter::RMvF];
+const ORDER: [Parameter; 6] = [
+    Parameter::SmaxRef,
+    Parameter::TauSrRef,
+    Parameter::TauSd,
+    Parameter::TCr,
+    Parameter::RAvF,
+    Parameter::RMvF,
+];
 
 fn to_fixed_point(parameters: &Step1Parameters) -> fixed_point::Parameters {
     let mut out = fixed_point::Parameters::default();
-    ORDER.into_iter().zip(parameters.updated()).for_each(|(parameter, value)| out.set(parameter, value));
+    ORDER
+        .into_iter()
+        .zip(parameters.updated())
+        .for_each(|(parameter, value)| out.set(parameter, value));
     out
 }
 
@@ -156,26 +196,43 @@ pub fn step1(
     settings: &Step1Settings,
     context: &mut Context,
 ) -> (Vec<Iteration>, Option<usize>, String) {
-    let initial = Step1Parameters { tanh: settings.initial, valves: settings.valves };
+    let initial = Step1Parameters {
+        tanh: settings.initial,
+        valves: settings.valves,
+    };
     let measured = step1::biomarkers(&state.measured);
     let mut history = History::new(to_fixed_point(&initial));
     let mut iterations = Vec::new();
     loop {
-        let decision = fixed_point::decide(&fixed_point_settings(settings), &measured, &history).unwrap();
+        let decision =
+            fixed_point::decide(&fixed_point_settings(settings), &measured, &history).unwrap();
         let next = match decision {
-            Decision::Ended { quality, because, best } => {
+            Decision::Ended {
+                quality,
+                because,
+                best,
+            } => {
                 return (iterations, best, format!("{quality:?} ({because:?})"));
             }
             Decision::Next { parameters, .. } => parameters,
         };
         let parameters = initial.with_updated(ORDER.map(|parameter| next.get(parameter)));
-        let spec =
-            beat_spec(cycle_length_ms, state, &parameters, ContractionSpec::Tanh { parameters: parameters.tanh });
+        let spec = beat_spec(
+            cycle_length_ms,
+            state,
+            &parameters,
+            ContractionSpec::Tanh {
+                parameters: parameters.tanh,
+            },
+        );
         let result = match run_task(&TaskSpec::OrganBeat(Box::new(spec)), context) {
             Ending::Succeeded { result } => match *result {
                 TaskResult::OrganBeat(result) => match result.failed_check() {
                     None => Ok(result),
-                    Some(check) => Err(format!("{}: {} (expected {})", check.name, check.found, check.expected)),
+                    Some(check) => Err(format!(
+                        "{}: {} (expected {})",
+                        check.name, check.found, check.expected
+                    )),
                 },
                 other => panic!("{other:?}"),
             },
@@ -184,12 +241,19 @@ pub fn step1(
         let (outcome, cost) = match &result {
             Ok(result) => {
                 let simulated = step1::biomarkers(&result.biomarkers);
-                (Outcome::Simulated(simulated), fixed_point::Cost::of(&measured, &simulated).total)
+                (
+                    Outcome::Simulated(simulated),
+                    fixed_point::Cost::of(&measured, &simulated).total,
+                )
             }
             Err(_) => (Outcome::Failed, f64::NAN),
         };
         history.push(next, outcome);
-        iterations.push(Iteration { parameters, result, cost });
+        iterations.push(Iteration {
+            parameters,
+            result,
+            cost,
+        });
     }
 }
 
@@ -202,7 +266,11 @@ pub fn targets(directory: &Path, context: &mut Context) -> TargetsResult {
     }
 }
 
-pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: CellFitSettings) -> CellFitSpec {
+pub fn cell_fit_spec(
+    cycle_length_ms: f64,
+    targets: &TargetsResult,
+    settings: CellFitSettings,
+) -> CellFitSpec {
     CellFitSpec {
         cycle_length_ms,
         lambda_0: targets.lambda_0,
@@ -217,6 +285,12 @@ pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: Ce
 
 /// The fitted cell as the contraction model of the verification beat.
 pub fn fitted_contraction(fit: &CellFitResult) -> ContractionSpec {
-    let parameters = fit.parameters.iter().map(|parameter| (parameter.name.clone(), parameter.value));
-    ContractionSpec::Land2017Rice { parameters: parameters.collect(), lambda_0: fit.lambda_0 }
+    let parameters = fit
+        .parameters
+        .iter()
+        .map(|parameter| (parameter.name.clone(), parameter.value));
+    ContractionSpec::Land2017Rice {
+        parameters: parameters.collect(),
+        lambda_0: fit.lambda_0,
+    }
 }

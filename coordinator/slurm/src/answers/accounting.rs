@@ -7,8 +7,7 @@ use crate::state::{SlurmState, cancelled_by};
 use crate::walltime;
 
 /// Columns asked for; the name, which may hold anything, last.
-pub const COLUMNS: &str =
-    "JobID,JobIDRaw,State,ExitCode,Reason,Submit,Start,End,ElapsedRaw,NNodes,AllocCPUS,NodeList,Partition,QOS,JobName";
+pub const COLUMNS: &str = "JobID,JobIDRaw,State,ExitCode,Reason,Submit,Start,End,ElapsedRaw,NNodes,AllocCPUS,NodeList,Partition,QOS,JobName";
 
 /// The code with which a job ended: that of its script, or the signal that ended it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -63,22 +62,44 @@ pub struct AccountingRow {
 pub fn read(output: &Output) -> Result<Table<AccountingRow>, NoAnswer> {
     let header = format!("{}|", COLUMNS.replace(',', "|"));
     super::table("sacct", output, &header, "", "|", |cells| {
-        let [id, raw, state, exit, reason, submit, start, end, elapsed, n_nodes, n_cores, nodes, partition, qos, name] =
-            cells
+        let [
+            id,
+            raw,
+            state,
+            exit,
+            reason,
+            submit,
+            start,
+            end,
+            elapsed,
+            n_nodes,
+            n_cores,
+            nodes,
+            partition,
+            qos,
+            name,
+        ] = cells
         else {
             return None;
         };
         if state.is_empty() || name.is_empty() {
             return None;
         }
-        let n_exit = exit.split_once(':').map(|(code, signal)| (number::<u8>(code), number::<u8>(signal)));
+        let n_exit = exit
+            .split_once(':')
+            .map(|(code, signal)| (number::<u8>(code), number::<u8>(signal)));
         Some(AccountingRow {
             jobs: Jobs::parse(id)?,
             raw: number(raw),
             name: (*name).to_owned(),
             state: SlurmState::parse(state),
             cancelled_by: cancelled_by(state),
-            exit: n_exit.and_then(|(code, signal)| Some(ExitCode { code: code?, signal: signal? })),
+            exit: n_exit.and_then(|(code, signal)| {
+                Some(ExitCode {
+                    code: code?,
+                    signal: signal?,
+                })
+            }),
             reason: (*reason).to_owned(),
             submitted: walltime::instant(submit),
             start: walltime::instant(start),
@@ -86,7 +107,11 @@ pub fn read(output: &Output) -> Result<Table<AccountingRow>, NoAnswer> {
             elapsed_s: number(elapsed),
             n_nodes: number(n_nodes),
             n_cores: number(n_cores),
-            nodes: if *nodes == "None assigned" { String::new() } else { (*nodes).to_owned() },
+            nodes: if *nodes == "None assigned" {
+                String::new()
+            } else {
+                (*nodes).to_owned()
+            },
             partition: (*partition).to_owned(),
             qos: (*qos).to_owned(),
         })
@@ -104,16 +129,38 @@ mod tests {
     fn real_endings() {
         let table = read(&recorded::output("sacct-ended")).expect("sacct answered");
         assert!(table.is_whole(), "{:?}", table.unreadable);
-        let row = |name: &str| table.rows.iter().find(|row| row.name == name).unwrap_or_else(|| panic!("{name}"));
+        let row = |name: &str| {
+            table
+                .rows
+                .iter()
+                .find(|row| row.name == name)
+                .unwrap_or_else(|| panic!("{name}"))
+        };
         let exit = |code, signal| Some(ExitCode { code, signal });
-        assert_eq!((&row("ct-short").state, row("ct-short").exit), (&SlurmState::Completed, exit(0, 0)));
-        assert_eq!((&row("ct-exit3").state, row("ct-exit3").exit), (&SlurmState::Failed, exit(3, 0)));
-        assert_eq!((&row("ct-killed").state, row("ct-killed").exit), (&SlurmState::Failed, exit(0, 9)));
+        assert_eq!(
+            (&row("ct-short").state, row("ct-short").exit),
+            (&SlurmState::Completed, exit(0, 0))
+        );
+        assert_eq!(
+            (&row("ct-exit3").state, row("ct-exit3").exit),
+            (&SlurmState::Failed, exit(3, 0))
+        );
+        assert_eq!(
+            (&row("ct-killed").state, row("ct-killed").exit),
+            (&SlurmState::Failed, exit(0, 9))
+        );
         assert_eq!(row("ct-walltime").state, SlurmState::Timeout);
         assert_eq!(row("ct-node").state, SlurmState::NodeFail);
-        assert_eq!((&row("ct-person").state, row("ct-person").cancelled_by), (&SlurmState::Cancelled, Some(0)));
+        assert_eq!(
+            (&row("ct-person").state, row("ct-person").cancelled_by),
+            (&SlurmState::Cancelled, Some(0))
+        );
         assert_eq!(row("odd|name").exit, exit(3, 0));
-        let requeued = table.rows.iter().filter(|row| row.name == "ct-requeued").map(|row| &row.state);
+        let requeued = table
+            .rows
+            .iter()
+            .filter(|row| row.name == "ct-requeued")
+            .map(|row| &row.state);
         assert_eq!(
             requeued.collect::<Vec<_>>(),
             [&SlurmState::NodeFail, &SlurmState::Cancelled],
@@ -123,8 +170,16 @@ mod tests {
 
     #[test]
     fn a_database_that_does_not_answer_is_no_empty_database() {
-        assert!(matches!(read(&recorded::output("sacct-no-slurmdbd")), Err(NoAnswer::Failed { .. })));
-        assert_eq!(read(&recorded::output("sacct-lag")).expect("an empty answer").rows, []);
+        assert!(matches!(
+            read(&recorded::output("sacct-no-slurmdbd")),
+            Err(NoAnswer::Failed { .. })
+        ));
+        assert_eq!(
+            read(&recorded::output("sacct-lag"))
+                .expect("an empty answer")
+                .rows,
+            []
+        );
     }
 
     /// Also where a name holds the mark that ends a row.
@@ -133,7 +188,10 @@ mod tests {
         let whole = recorded::output("sacct-ended");
         let rows = read(&whole).expect("sacct answered").rows;
         for (cut, _) in whole.stdout.char_indices() {
-            let output = Output { stdout: whole.stdout[..cut].to_owned(), ..whole.clone() };
+            let output = Output {
+                stdout: whole.stdout[..cut].to_owned(),
+                ..whole.clone()
+            };
             if let Ok(table) = read(&output) {
                 assert_eq!(&rows[..table.rows.len()], &table.rows[..], "cut at {cut}");
                 assert!(table.unreadable.len() <= 1, "cut at {cut}");

@@ -33,18 +33,30 @@ pub struct SiteConfig {
 pub fn read(output: &Output) -> Result<SiteConfig, NoAnswer> {
     let command = "scontrol show config";
     if output.exit != Exit::Code(0) {
-        return Err(NoAnswer::Failed { command, exit: output.exit, said: first_line(&output.stderr).to_owned() });
+        return Err(NoAnswer::Failed {
+            command,
+            exit: output.exit,
+            said: first_line(&output.stderr).to_owned(),
+        });
     }
     let mut lines = output.stdout.lines();
     if !lines.any(|line| line.starts_with("Configuration data as of ")) {
-        return Err(NoAnswer::NoHeader { command, found: first_line(&output.stdout).to_owned() });
+        return Err(NoAnswer::NoHeader {
+            command,
+            found: first_line(&output.stdout).to_owned(),
+        });
     }
     let mut config = SiteConfig::default();
     for line in lines {
         if line.trim().is_empty() {
             break; // other parts follow, with keys of their own
         }
-        let Some((key, value)) = line.split_once('=').map(|(key, value)| (key.trim(), value.trim())) else { continue };
+        let Some((key, value)) = line
+            .split_once('=')
+            .map(|(key, value)| (key.trim(), value.trim()))
+        else {
+            continue;
+        };
         let counted = |unit: &str| number::<u64>(value.strip_suffix(unit).unwrap_or(value).trim());
         let said = (!value.is_empty() && value != "(null)").then(|| value.to_owned());
         match key {
@@ -55,9 +67,15 @@ pub fn read(output: &Output) -> Result<SiteConfig, NoAnswer> {
             "KillWait" => config.kill_wait_s = counted("sec"),
             "OverTimeLimit" => config.over_time_limit_min = counted("min"),
             "JobRequeue" => config.requeues_by_default = number::<u8>(value).map(|n| n != 0),
-            "AccountingStorageType" => config.has_accounting = said.map(|kind| !kind.ends_with("/none")),
+            "AccountingStorageType" => {
+                config.has_accounting = said.map(|kind| !kind.ends_with("/none"))
+            }
             "AccountingStorageEnforce" => {
-                config.enforces_limits = Some(value.split(',').any(|word| matches!(word, "limits" | "safe" | "all")));
+                config.enforces_limits = Some(
+                    value
+                        .split(',')
+                        .any(|word| matches!(word, "limits" | "safe" | "all")),
+                );
             }
             _ => {}
         }

@@ -100,19 +100,39 @@ fn table<Row>(
 ) -> Result<Table<Row>, NoAnswer> {
     if output.exit != Exit::Code(0) {
         let said = first_line(&output.stderr).to_owned();
-        return Err(NoAnswer::Failed { command, exit: output.exit, said });
+        return Err(NoAnswer::Failed {
+            command,
+            exit: output.exit,
+            said,
+        });
     }
-    let (whole, cut) = output.stdout.rsplit_once('\n').unwrap_or(("", &output.stdout));
-    let mut lines = whole.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line));
+    let (whole, cut) = output
+        .stdout
+        .rsplit_once('\n')
+        .unwrap_or(("", &output.stdout));
+    let mut lines = whole
+        .split('\n')
+        .map(|line| line.strip_suffix('\r').unwrap_or(line));
     if !lines.any(|line| line == header) {
-        return Err(NoAnswer::NoHeader { command, found: first_line(&output.stdout).to_owned() });
+        return Err(NoAnswer::NoHeader {
+            command,
+            found: first_line(&output.stdout).to_owned(),
+        });
     }
-    let n_columns = header.strip_prefix(start).and_then(|h| h.strip_suffix(end)).map_or(0, |h| h.split('|').count());
+    let n_columns = header
+        .strip_prefix(start)
+        .and_then(|h| h.strip_suffix(end))
+        .map_or(0, |h| h.split('|').count());
     let (mut rows, mut unreadable) = (Vec::new(), Vec::new());
     for line in lines.filter(|line| !line.trim().is_empty()) {
-        let inner = line.strip_prefix(start).and_then(|rest| rest.strip_suffix(end));
+        let inner = line
+            .strip_prefix(start)
+            .and_then(|rest| rest.strip_suffix(end));
         let cells = inner.map(|inner| inner.splitn(n_columns, '|').collect::<Vec<_>>());
-        match cells.filter(|cells| cells.len() == n_columns).and_then(|cells| read(&cells)) {
+        match cells
+            .filter(|cells| cells.len() == n_columns)
+            .and_then(|cells| read(&cells))
+        {
             Some(row) => rows.push(row),
             None => unreadable.push(line.to_owned()),
         }
@@ -124,7 +144,10 @@ fn table<Row>(
 }
 
 fn first_line(text: &str) -> &str {
-    text.lines().find(|line| !line.trim().is_empty()).unwrap_or("").trim()
+    text.lines()
+        .find(|line| !line.trim().is_empty())
+        .unwrap_or("")
+        .trim()
 }
 
 /// Recorded answers of a real Slurm, for tests.
@@ -135,12 +158,24 @@ pub(crate) mod recorded {
     /// Reads `tests/recorded/NAME.txt`.
     pub fn output(name: &str) -> Output {
         let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
-        let text = std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
-        let (head, rest) = text.split_once("--- stdout\n").expect("a recorded answer has its stdout");
-        let (stdout, stderr) = rest.split_once("--- stderr\n").expect("a recorded answer has its stderr");
-        let code = head.lines().find_map(|line| line.strip_prefix("rc ")).expect("a recorded answer has its exit code");
+        let text =
+            std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
+        let (head, rest) = text
+            .split_once("--- stdout\n")
+            .expect("a recorded answer has its stdout");
+        let (stdout, stderr) = rest
+            .split_once("--- stderr\n")
+            .expect("a recorded answer has its stderr");
+        let code = head
+            .lines()
+            .find_map(|line| line.strip_prefix("rc "))
+            .expect("a recorded answer has its exit code");
         let code = code.parse().expect("an exit code is a number");
-        Output { exit: Exit::Code(code), stdout: stdout.to_owned(), stderr: stderr.to_owned() }
+        Output {
+            exit: Exit::Code(code),
+            stdout: stdout.to_owned(),
+            stderr: stderr.to_owned(),
+        }
     }
 
     /// Names of all recorded answers that begin so.
@@ -148,7 +183,14 @@ pub(crate) mod recorded {
         let folder = format!("{}/tests/recorded", env!("CARGO_MANIFEST_DIR"));
         let mut names = std::fs::read_dir(&folder)
             .expect("the folder of recorded answers")
-            .filter_map(|entry| entry.ok()?.file_name().to_str()?.strip_suffix(".txt").map(str::to_owned))
+            .filter_map(|entry| {
+                entry
+                    .ok()?
+                    .file_name()
+                    .to_str()?
+                    .strip_suffix(".txt")
+                    .map(str::to_owned)
+            })
             .filter(|name| name.starts_with(start))
             .collect::<Vec<_>>();
         names.sort();

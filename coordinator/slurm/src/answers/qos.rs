@@ -5,8 +5,10 @@ use crate::job::number;
 use crate::walltime::{self, Limit};
 
 /// Columns asked for.
-pub const COLUMNS: &str = "Name,Flags,MaxWall,MaxSubmitPU,MaxJobsPU,MaxTRES,MinTRES,MaxTRESPU,GrpTRES,UsageFactor";
-const HEADER: &str = "Name|Flags|MaxWall|MaxSubmitPU|MaxJobsPU|MaxTRES|MinTRES|MaxTRESPU|GrpTRES|UsageFactor|";
+pub const COLUMNS: &str =
+    "Name,Flags,MaxWall,MaxSubmitPU,MaxJobsPU,MaxTRES,MinTRES,MaxTRESPU,GrpTRES,UsageFactor";
+const HEADER: &str =
+    "Name|Flags|MaxWall|MaxSubmitPU|MaxJobsPU|MaxTRES|MinTRES|MaxTRESPU|GrpTRES|UsageFactor|";
 /// Columns asked for of associations.
 pub const ASSOCIATION_COLUMNS: &str = "Cluster,Account,Partition,QOS,DefaultQOS,MaxSubmit,MaxJobs";
 const ASSOCIATION_HEADER: &str = "Cluster|Account|Partition|QOS|Def QOS|MaxSubmit|MaxJobs|";
@@ -68,7 +70,11 @@ pub struct AssociationRow {
 
 /// Nothing is `Some(None)`, a number `Some(Some(n))`, anything else `None`: the row is unreadable.
 fn optional<T>(text: &str, read: impl Fn(&str) -> Option<T>) -> Option<Option<T>> {
-    if text.is_empty() { Some(None) } else { read(text).map(Some) }
+    if text.is_empty() {
+        Some(None)
+    } else {
+        read(text).map(Some)
+    }
 }
 
 fn amounts(text: &str) -> Option<Amounts> {
@@ -113,7 +119,21 @@ fn mebibytes(text: &str) -> Option<u64> {
 /// [`NoAnswer`] where there is no accounting, or something else was printed.
 pub fn read(output: &Output) -> Result<Table<QosRow>, NoAnswer> {
     super::table("sacctmgr show qos", output, HEADER, "", "|", |cells| {
-        let [name, flags, wall, submit, jobs, max, min, of_user, of_all, usage] = cells else { return None };
+        let [
+            name,
+            flags,
+            wall,
+            submit,
+            jobs,
+            max,
+            min,
+            of_user,
+            of_all,
+            usage,
+        ] = cells
+        else {
+            return None;
+        };
         let wall = optional(wall, walltime::parse)?.and_then(|limit| match limit {
             Limit::Seconds(s) => Some(s),
             Limit::Unlimited => None,
@@ -128,7 +148,11 @@ pub fn read(output: &Output) -> Result<Table<QosRow>, NoAnswer> {
             least_of_a_job: amounts(min)?,
             of_a_user: amounts(of_user)?,
             of_all: amounts(of_all)?,
-            usage_factor: optional(usage, |text| text.parse::<f64>().ok().filter(|f| f.is_finite() && *f >= 0.0))?,
+            usage_factor: optional(usage, |text| {
+                text.parse::<f64>()
+                    .ok()
+                    .filter(|f| f.is_finite() && *f >= 0.0)
+            })?,
         })
     })
 }
@@ -138,19 +162,32 @@ pub fn read(output: &Output) -> Result<Table<QosRow>, NoAnswer> {
 /// # Errors
 /// As [`read`].
 pub fn read_associations(output: &Output) -> Result<Table<AssociationRow>, NoAnswer> {
-    super::table("sacctmgr show assoc", output, ASSOCIATION_HEADER, "", "|", |cells| {
-        let [cluster, account, partition, qos, default_qos, submit, jobs] = cells else { return None };
-        let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
-        Some(AssociationRow {
-            cluster: some(cluster)?,
-            account: some(account)?,
-            partition: some(partition),
-            qos: qos.split(',').filter(|name| !name.is_empty()).map(str::to_owned).collect(),
-            default_qos: some(default_qos),
-            max_queued: optional(submit, number)?,
-            max_running: optional(jobs, number)?,
-        })
-    })
+    super::table(
+        "sacctmgr show assoc",
+        output,
+        ASSOCIATION_HEADER,
+        "",
+        "|",
+        |cells| {
+            let [cluster, account, partition, qos, default_qos, submit, jobs] = cells else {
+                return None;
+            };
+            let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
+            Some(AssociationRow {
+                cluster: some(cluster)?,
+                account: some(account)?,
+                partition: some(partition),
+                qos: qos
+                    .split(',')
+                    .filter(|name| !name.is_empty())
+                    .map(str::to_owned)
+                    .collect(),
+                default_qos: some(default_qos),
+                max_queued: optional(submit, number)?,
+                max_running: optional(jobs, number)?,
+            })
+        },
+    )
 }
 
 #[cfg(test)]
@@ -164,23 +201,38 @@ mod tests {
         let table = read(&recorded::output("sacctmgr-qos")).expect("sacctmgr answered");
         assert!(table.is_whole(), "{:?}", table.unreadable);
         insta::assert_debug_snapshot!(table.rows);
-        assert!(matches!(read(&recorded::output("sacctmgr-no-slurmdbd")), Err(NoAnswer::Failed { .. })));
+        assert!(matches!(
+            read(&recorded::output("sacctmgr-no-slurmdbd")),
+            Err(NoAnswer::Failed { .. })
+        ));
     }
 
     #[test]
     fn real_associations() {
-        let table = read_associations(&recorded::output("sacctmgr-assoc")).expect("sacctmgr answered");
+        let table =
+            read_associations(&recorded::output("sacctmgr-assoc")).expect("sacctmgr answered");
         assert!(table.is_whole());
-        let account = table.rows.iter().find(|row| row.account == "t01").expect("account t01");
+        let account = table
+            .rows
+            .iter()
+            .find(|row| row.account == "t01")
+            .expect("account t01");
         assert!(account.qos.iter().any(|qos| qos == "taskfarm"));
-        assert_eq!((account.max_queued, account.default_qos.as_deref()), (None, Some("normal")));
+        assert_eq!(
+            (account.max_queued, account.default_qos.as_deref()),
+            (None, Some("normal"))
+        );
     }
 
     #[test]
     fn memory_with_its_unit() {
-        for (text, mib) in
-            [("128G", Some(131_072)), ("2000", Some(2000)), ("1.50T", Some(1_572_864)), ("x", None), ("", None)]
-        {
+        for (text, mib) in [
+            ("128G", Some(131_072)),
+            ("2000", Some(2000)),
+            ("1.50T", Some(1_572_864)),
+            ("x", None),
+            ("", None),
+        ] {
             assert_eq!(mebibytes(text), mib, "{text:?}");
         }
     }

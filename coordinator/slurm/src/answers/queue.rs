@@ -73,12 +73,19 @@ pub fn read(output: &Output) -> Result<Table<QueueRow>, NoAnswer> {
         else {
             return None;
         };
-        let element = if *element == "N/A" { None } else { Some(number(element)?) };
+        let element = if *element == "N/A" {
+            None
+        } else {
+            Some(number(element)?)
+        };
         if state.is_empty() || name.is_empty() {
             return None;
         }
         Some(QueueRow {
-            id: JobId { job: number(array)?, element },
+            id: JobId {
+                job: number(array)?,
+                element,
+            },
             raw: number(raw)?,
             name: (*name).to_owned(),
             state: SlurmState::parse(state),
@@ -106,34 +113,69 @@ mod tests {
     use proptest::prelude::*;
 
     fn said(stdout: &str) -> Output {
-        Output { exit: Exit::Code(0), stdout: stdout.to_owned(), stderr: String::new() }
+        Output {
+            exit: Exit::Code(0),
+            stdout: stdout.to_owned(),
+            stderr: String::new(),
+        }
     }
 
     #[test]
     fn a_real_queue() {
         let table = read(&recorded::output("squeue-mixed")).expect("squeue answered");
         assert!(table.is_whole(), "{:?}", table.unreadable);
-        let row = |name: &str| table.rows.iter().find(|row| row.name == name).unwrap_or_else(|| panic!("{name}"));
+        let row = |name: &str| {
+            table
+                .rows
+                .iter()
+                .find(|row| row.name == name)
+                .unwrap_or_else(|| panic!("{name}"))
+        };
         assert_eq!(row("odd|name").state, SlurmState::Failed);
         assert_eq!(
-            (row("ct-limit-5").reason.as_str(), row("ct-limit-5").nodes.as_str()),
+            (
+                row("ct-limit-5").reason.as_str(),
+                row("ct-limit-5").nodes.as_str()
+            ),
             ("QOSMaxJobsPerUserLimit", "")
         );
         assert_eq!(row("ct-two-nodes").n_nodes, Some(2));
-        let array = table.rows.iter().filter(|row| row.name == "ct-array").map(|row| row.id).collect::<Vec<_>>();
+        let array = table
+            .rows
+            .iter()
+            .filter(|row| row.name == "ct-array")
+            .map(|row| row.id)
+            .collect::<Vec<_>>();
         assert_eq!(array.len(), 8, "{array:?}");
-        assert!(array.contains(&JobId { element: Some(7), ..array[0] }));
+        assert!(array.contains(&JobId {
+            element: Some(7),
+            ..array[0]
+        }));
     }
 
     #[test]
     fn nobody_is_there_is_not_nobody_answered() {
-        assert_eq!(read(&said(&format!("{HEADER}\n"))).expect("an empty queue").rows, []);
+        assert_eq!(
+            read(&said(&format!("{HEADER}\n")))
+                .expect("an empty queue")
+                .rows,
+            []
+        );
         for name in ["squeue-frozen", "squeue-no-slurmctld"] {
-            assert!(matches!(read(&recorded::output(name)), Err(NoAnswer::Failed { .. })), "{name}");
+            assert!(
+                matches!(read(&recorded::output(name)), Err(NoAnswer::Failed { .. })),
+                "{name}"
+            );
         }
         assert!(matches!(read(&said("")), Err(NoAnswer::NoHeader { .. })));
-        assert!(matches!(read(&said("Welcome\n")), Err(NoAnswer::NoHeader { .. })));
-        assert!(matches!(read(&said(HEADER)), Err(NoAnswer::NoHeader { .. })), "a cut answer is no empty queue");
+        assert!(matches!(
+            read(&said("Welcome\n")),
+            Err(NoAnswer::NoHeader { .. })
+        ));
+        assert!(
+            matches!(read(&said(HEADER)), Err(NoAnswer::NoHeader { .. })),
+            "a cut answer is no empty queue"
+        );
     }
 
     #[test]

@@ -55,7 +55,10 @@ pub enum RefusalKind {
 const FAILURES: &[(&str, RefusalKind)] = {
     use RefusalKind::{Busy, Impossible, Person};
     &[
-        ("Invalid account or account/partition combination specified", Person),
+        (
+            "Invalid account or account/partition combination specified",
+            Person,
+        ),
         ("Invalid qos specification", Impossible),
         ("Invalid partition name specified", Impossible),
         ("Requested node configuration is not available", Impossible),
@@ -73,7 +76,10 @@ const FAILURES: &[(&str, RefusalKind)] = {
         ("Access/permission denied", Person),
         ("User's group not permitted to use this partition", Person),
         ("Invalid directory", Impossible),
-        ("Pathname of a file, directory or other parameter too long", Impossible),
+        (
+            "Pathname of a file, directory or other parameter too long",
+            Impossible,
+        ),
         ("Unspecified error", Busy),
         ("Slurm temporarily unable to accept job", Busy),
         ("Resource temporarily unavailable", Busy),
@@ -86,8 +92,12 @@ pub fn read(output: &Output) -> Submission {
     match output.exit {
         Exit::Code(0) => accepted(&output.stdout),
         Exit::Code(code) => failed(code, &output.stderr),
-        Exit::Signal(signal) => Submission::Doubtful { why: format!("sbatch was killed by signal {signal}") },
-        Exit::TimedOut => Submission::Doubtful { why: "sbatch did not answer in time".to_owned() },
+        Exit::Signal(signal) => Submission::Doubtful {
+            why: format!("sbatch was killed by signal {signal}"),
+        },
+        Exit::TimedOut => Submission::Doubtful {
+            why: "sbatch did not answer in time".to_owned(),
+        },
     }
 }
 
@@ -95,9 +105,14 @@ pub fn read(output: &Output) -> Submission {
 fn accepted(stdout: &str) -> Submission {
     let mut found = Vec::new();
     // Only whole lines: a cut number is another number.
-    for line in stdout.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n')) {
+    for line in stdout
+        .split_inclusive('\n')
+        .filter_map(|line| line.strip_suffix('\n'))
+    {
         let line = line.strip_suffix('\r').unwrap_or(line);
-        let (id, cluster) = line.split_once(';').map_or((line, None), |(id, cluster)| (id, Some(cluster)));
+        let (id, cluster) = line
+            .split_once(';')
+            .map_or((line, None), |(id, cluster)| (id, Some(cluster)));
         let named = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
         let good = cluster.is_none_or(|cluster| !cluster.is_empty() && cluster.chars().all(named));
         if let (true, Some(job)) = (good, number::<u64>(id).filter(|job| *job > 0)) {
@@ -106,18 +121,35 @@ fn accepted(stdout: &str) -> Submission {
     }
     found.dedup();
     match found.as_slice() {
-        [(job, cluster)] => Submission::Accepted { job: JobId::single(*job), cluster: cluster.clone() },
-        [] => Submission::Doubtful { why: format!("sbatch ended well but named no job: '{}'", first_line(stdout)) },
-        more => Submission::Doubtful { why: format!("sbatch named {} different jobs", more.len()) },
+        [(job, cluster)] => Submission::Accepted {
+            job: JobId::single(*job),
+            cluster: cluster.clone(),
+        },
+        [] => Submission::Doubtful {
+            why: format!(
+                "sbatch ended well but named no job: '{}'",
+                first_line(stdout)
+            ),
+        },
+        more => Submission::Doubtful {
+            why: format!("sbatch named {} different jobs", more.len()),
+        },
     }
 }
 
 fn failed(code: i32, stderr: &str) -> Submission {
-    let said = |wanted: &str| stderr.lines().find_map(|line| line.split_once(wanted).map(|(_, rest)| rest.trim()));
+    let said = |wanted: &str| {
+        stderr
+            .lines()
+            .find_map(|line| line.split_once(wanted).map(|(_, rest)| rest.trim()))
+    };
     // Of a --test-only the last words are "allocation failure: …".
     let last = said("Batch job submission failed: ").or_else(|| said("allocation failure: "));
     if let Some(last) = last {
-        let mut details = stderr.lines().filter_map(|line| line.trim().strip_prefix("sbatch: error: ")).map(str::trim);
+        let mut details = stderr
+            .lines()
+            .filter_map(|line| line.trim().strip_prefix("sbatch: error: "))
+            .map(str::trim);
         let detail = details.rfind(|detail| !detail.starts_with("Batch job submission failed"));
         let said = detail.map_or_else(|| last.to_owned(), |detail| format!("{detail} ({last})"));
         if last.starts_with("Job violates accounting/QOS policy") {
@@ -135,13 +167,32 @@ fn failed(code: i32, stderr: &str) -> Submission {
         return Submission::Doubtful { why: said };
     }
     // sbatch's own checks, before it spoke to the controller.
-    for own in ["unrecognized option", "invalid option", "option requires an argument", "Unable to open file"] {
-        if let Some(line) = stderr.lines().find(|line| line.starts_with("sbatch: ") && line.contains(own)) {
-            let said = line.trim_start_matches("sbatch: ").trim_start_matches("error: ").to_owned();
-            return Submission::Refused(Refusal { kind: RefusalKind::Impossible, said });
+    for own in [
+        "unrecognized option",
+        "invalid option",
+        "option requires an argument",
+        "Unable to open file",
+    ] {
+        if let Some(line) = stderr
+            .lines()
+            .find(|line| line.starts_with("sbatch: ") && line.contains(own))
+        {
+            let said = line
+                .trim_start_matches("sbatch: ")
+                .trim_start_matches("error: ")
+                .to_owned();
+            return Submission::Refused(Refusal {
+                kind: RefusalKind::Impossible,
+                said,
+            });
         }
     }
-    Submission::Doubtful { why: format!("sbatch ended with exit code {code}: '{}'", first_line(stderr)) }
+    Submission::Doubtful {
+        why: format!(
+            "sbatch ended with exit code {code}: '{}'",
+            first_line(stderr)
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -151,7 +202,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn good(stdout: &str) -> Submission {
-        read(&Output { exit: Exit::Code(0), stdout: stdout.to_owned(), stderr: String::new() })
+        read(&Output {
+            exit: Exit::Code(0),
+            stdout: stdout.to_owned(),
+            stderr: String::new(),
+        })
     }
 
     #[test]
@@ -168,8 +223,13 @@ mod tests {
     #[test]
     fn banners_and_clusters() {
         let banner = "** Maintenance on 12 March **\n\n4711;archer2\n";
-        let Submission::Accepted { job, cluster } = good(banner) else { panic!("an id below a banner") };
-        assert_eq!((job.to_string().as_str(), cluster.as_deref()), ("4711", Some("archer2")));
+        let Submission::Accepted { job, cluster } = good(banner) else {
+            panic!("an id below a banner")
+        };
+        assert_eq!(
+            (job.to_string().as_str(), cluster.as_deref()),
+            ("4711", Some("archer2"))
+        );
         for odd in [
             "",
             "\n",
@@ -185,8 +245,15 @@ mod tests {
         ] {
             assert!(matches!(good(odd), Submission::Doubtful { .. }), "{odd:?}");
         }
-        let cut = read(&Output { exit: Exit::TimedOut, stdout: "12\n".to_owned(), stderr: String::new() });
-        assert!(matches!(cut, Submission::Doubtful { .. }), "who did not end well is not believed");
+        let cut = read(&Output {
+            exit: Exit::TimedOut,
+            stdout: "12\n".to_owned(),
+            stderr: String::new(),
+        });
+        assert!(
+            matches!(cut, Submission::Doubtful { .. }),
+            "who did not end well is not believed"
+        );
     }
 
     #[test]
@@ -199,8 +266,14 @@ mod tests {
         assert_eq!(kind("sbatch-refused-walltime"), RefusalKind::Impossible);
         assert_eq!(kind("sbatch-refused-qos-size"), RefusalKind::Impossible);
         assert_eq!(kind("sbatch-refused-account"), RefusalKind::Person);
-        assert!(matches!(read(&recorded::output("sbatch-frozen")), Submission::Doubtful { .. }));
-        assert!(matches!(read(&recorded::output("sbatch-no-slurmctld")), Submission::Doubtful { .. }));
+        assert!(matches!(
+            read(&recorded::output("sbatch-frozen")),
+            Submission::Doubtful { .. }
+        ));
+        assert!(matches!(
+            read(&recorded::output("sbatch-no-slurmctld")),
+            Submission::Doubtful { .. }
+        ));
     }
 
     proptest! {

@@ -61,7 +61,11 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         let qos = BTreeMap::from([("normal".to_owned(), Limits::default())]);
-        let behaviour = Behaviour { seconds: 60, code: 0, signal: 0 };
+        let behaviour = Behaviour {
+            seconds: 60,
+            code: 0,
+            signal: 0,
+        };
         Self {
             n_nodes: 4,
             qos,
@@ -178,12 +182,16 @@ impl Model {
             self.end_what_is_due();
             self.start_what_fits();
             let forgotten = self.now - self.settings.min_job_age_s;
-            self.jobs.retain(|job| job.end.is_none_or(|end| end > forgotten));
+            self.jobs
+                .retain(|job| job.end.is_none_or(|end| end > forgotten));
         }
     }
 
     fn behaviour(&self, name: &str) -> Behaviour {
-        self.behaviours.get(name).copied().unwrap_or(self.settings.behaviour)
+        self.behaviours
+            .get(name)
+            .copied()
+            .unwrap_or(self.settings.behaviour)
     }
 
     fn end_what_is_due(&mut self) {
@@ -198,7 +206,9 @@ impl Model {
         }
         for i in 0..self.jobs.len() {
             let job = &self.jobs[i];
-            let (Some(start), Some(run)) = (job.start, job.run) else { continue };
+            let (Some(start), Some(run)) = (job.start, job.run) else {
+                continue;
+            };
             if job.state != SlurmState::Running {
                 continue;
             }
@@ -225,7 +235,12 @@ impl Model {
             }
             let qos = self.jobs[i].request.qos.clone();
             let runs = |job: &&Job| job.state == SlurmState::Running;
-            let running = self.jobs.iter().filter(runs).filter(|job| job.request.qos == qos).count();
+            let running = self
+                .jobs
+                .iter()
+                .filter(runs)
+                .filter(|job| job.request.qos == qos)
+                .count();
             let of_array = self.jobs[i].array.map(|(array, _)| array);
             let of_same = self
                 .jobs
@@ -233,7 +248,11 @@ impl Model {
                 .filter(runs)
                 .filter(|j| of_array.is_some() && j.array.map(|a| a.0) == of_array)
                 .count();
-            let limit = self.settings.qos.get(&qos).and_then(|limits| limits.max_running);
+            let limit = self
+                .settings
+                .qos
+                .get(&qos)
+                .and_then(|limits| limits.max_running);
             let request = &self.jobs[i].request;
             if request.at_once.is_some_and(|n| of_same >= n as usize) {
                 "JobArrayTaskLimit".clone_into(&mut self.jobs[i].reason);
@@ -243,7 +262,12 @@ impl Model {
                 "QOSMaxJobsPerUserLimit".clone_into(&mut self.jobs[i].reason);
                 continue;
             }
-            let taken = self.jobs.iter().filter(runs).flat_map(|job| job.nodes.iter().copied()).collect::<Vec<_>>();
+            let taken = self
+                .jobs
+                .iter()
+                .filter(runs)
+                .flat_map(|job| job.nodes.iter().copied())
+                .collect::<Vec<_>>();
             let free = (1..=self.settings.n_nodes)
                 .filter(|node| !taken.contains(node) && !self.down.contains(node))
                 .filter(|node| !request.exclude.contains(&format!("n{node}")))
@@ -253,8 +277,9 @@ impl Model {
                 "Resources".clone_into(&mut self.jobs[i].reason);
                 continue;
             }
-            let of_same_number =
-                |(number, run): &(u64, usize)| *number == self.jobs[i].number && self.runs[*run].ended.is_none();
+            let of_same_number = |(number, run): &(u64, usize)| {
+                *number == self.jobs[i].number && self.runs[*run].ended.is_none()
+            };
             if self.forgotten.iter().any(of_same_number) {
                 // Its node has a job of this number: cancelled as it starts, in the name of the controller's user.
                 let (job, now) = (&mut self.jobs[i], self.now);
@@ -273,7 +298,8 @@ impl Model {
             self.runs.push(run);
             let (n_runs, now) = (self.runs.len(), self.now);
             let job = &mut self.jobs[i];
-            (job.state, job.nodes, job.start, job.run) = (SlurmState::Running, free, Some(now), Some(n_runs - 1));
+            (job.state, job.nodes, job.start, job.run) =
+                (SlurmState::Running, free, Some(now), Some(n_runs - 1));
             "None".clone_into(&mut job.reason);
             self.tell(i);
         }
@@ -322,7 +348,8 @@ impl Model {
             let mut queued = self.jobs[i].clone();
             self.end(i, SlurmState::NodeFail, "NodeDown", (0, 0));
             if again {
-                (queued.state, queued.start, queued.nodes, queued.run) = (SlurmState::Pending, None, Vec::new(), None);
+                (queued.state, queued.start, queued.nodes, queued.run) =
+                    (SlurmState::Pending, None, Vec::new(), None);
                 (queued.submitted, queued.reason) = (self.now, "BeginTime".to_owned());
                 self.jobs[i] = queued;
                 self.tell(i);
@@ -341,7 +368,8 @@ impl Model {
     pub fn crash_controller(&mut self) {
         let saved = self.now - 5;
         let lost = self.jobs.iter().filter(|job| job.submitted >= saved);
-        self.forgotten.extend(lost.filter_map(|job| Some((job.number, job.run?))));
+        self.forgotten
+            .extend(lost.filter_map(|job| Some((job.number, job.run?))));
         self.jobs.retain(|job| job.submitted < saved);
         self.next_number = self.jobs.iter().map(|job| job.number).max().unwrap_or(0) + 1;
         for job in &mut self.jobs {

@@ -36,30 +36,45 @@ impl Request {
             requeue: true,
             held: false,
         };
-        for option in text.lines().filter_map(|line| line.strip_prefix("#SBATCH ")) {
+        for option in text
+            .lines()
+            .filter_map(|line| line.strip_prefix("#SBATCH "))
+        {
             let (key, value) = option.split_once('=').unwrap_or((option, ""));
             match key {
                 "--job-name" => value.clone_into(&mut request.name),
                 "--account" => value.clone_into(&mut request.account),
                 "--partition" => value.clone_into(&mut request.partition),
                 "--qos" => value.clone_into(&mut request.qos),
-                "--nodes" => request.n_nodes = number(value).ok_or("Node count specification invalid")?,
+                "--nodes" => {
+                    request.n_nodes = number(value).ok_or("Node count specification invalid")?
+                }
                 "--time" => match walltime::parse(value) {
                     Some(Limit::Seconds(s)) => request.walltime_s = s,
-                    _ => return Err("Requested time limit is invalid (missing or exceeds some limit)".to_owned()),
+                    _ => {
+                        return Err(
+                            "Requested time limit is invalid (missing or exceeds some limit)"
+                                .to_owned(),
+                        );
+                    }
                 },
                 "--array" => {
                     let wrong = "Invalid job array specification";
-                    let (range, at_once) = value.split_once('%').map_or((value, None), |(range, n)| (range, Some(n)));
-                    let last = range.strip_prefix("0-").and_then(number::<u32>).ok_or(wrong)?;
+                    let (range, at_once) = value
+                        .split_once('%')
+                        .map_or((value, None), |(range, n)| (range, Some(n)));
+                    let last = range
+                        .strip_prefix("0-")
+                        .and_then(number::<u32>)
+                        .ok_or(wrong)?;
                     request.array = Some(last.checked_add(1).ok_or(wrong)?);
                     request.at_once = at_once.map(|n| number(n).ok_or(wrong)).transpose()?;
                 }
                 "--exclude" => request.exclude = value.split(',').map(str::to_owned).collect(),
                 "--no-requeue" => request.requeue = false,
                 "--hold" => request.held = true,
-                "--ntasks-per-node" | "--cpus-per-task" | "--exclusive" | "--mem" | "--open-mode" | "--export"
-                | "--signal" | "--chdir" | "--output" => {}
+                "--ntasks-per-node" | "--cpus-per-task" | "--exclusive" | "--mem"
+                | "--open-mode" | "--export" | "--signal" | "--chdir" | "--output" => {}
                 _ => return Err(format!("unrecognized option '{key}'")),
             }
         }

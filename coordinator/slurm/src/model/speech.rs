@@ -11,25 +11,43 @@ const TIMED_OUT: &str = "Socket timed out on send/recv operation";
 const NO_CONTROLLER: &str = "Unable to contact slurm controller (connect failure)";
 
 fn said(code: i32, stdout: String, stderr: String) -> Output {
-    Output { exit: Exit::Code(code), stdout, stderr }
+    Output {
+        exit: Exit::Code(code),
+        stdout,
+        stderr,
+    }
 }
 
 fn refused(detail: Option<&str>, why: &str) -> Output {
-    let detail = detail.map(|detail| format!("sbatch: error: {detail}\n")).unwrap_or_default();
-    said(1, String::new(), format!("{detail}sbatch: error: Batch job submission failed: {why}\n"))
+    let detail = detail
+        .map(|detail| format!("sbatch: error: {detail}\n"))
+        .unwrap_or_default();
+    said(
+        1,
+        String::new(),
+        format!("{detail}sbatch: error: Batch job submission failed: {why}\n"),
+    )
 }
 
-const POLICY: &str = "Job violates accounting/QOS policy (job submit limit, user's size and/or time limits)";
+const POLICY: &str =
+    "Job violates accounting/QOS policy (job submit limit, user's size and/or time limits)";
 
 impl Model {
     /// Runs one of [`crate::commands`]. `file` gives a script's text by its path. A fault is of this command only.
-    pub fn answer(&mut self, command: &Command, file: impl Fn(&str) -> Option<String>, fault: Option<Fault>) -> Output {
+    pub fn answer(
+        &mut self,
+        command: &Command,
+        file: impl Fn(&str) -> Option<String>,
+        fault: Option<Fault>,
+    ) -> Output {
         let failed = |why: &str| match command.program {
             "sbatch" => refused(None, why),
             "squeue" => said(1, String::new(), format!("slurm_load_jobs error: {why}\n")),
-            "sacct" => {
-                said(1, String::new(), "sacct: error: Problem talking to the database: Connection refused\n".to_owned())
-            }
+            "sacct" => said(
+                1,
+                String::new(),
+                "sacct: error: Problem talking to the database: Connection refused\n".to_owned(),
+            ),
             program => said(1, String::new(), format!("{program}: error: {why}\n")),
         };
         match fault {
@@ -37,26 +55,44 @@ impl Model {
             Some(Fault::TimeoutBefore) => return failed(TIMED_OUT),
             _ => {}
         }
-        let arguments = command.arguments.iter().map(String::as_str).collect::<Vec<_>>();
+        let arguments = command
+            .arguments
+            .iter()
+            .map(String::as_str)
+            .collect::<Vec<_>>();
         let mut output = match command.program {
-            "sbatch" => self.submit(arguments.last().copied().unwrap_or(""), file, arguments.contains(&"--test-only")),
+            "sbatch" => self.submit(
+                arguments.last().copied().unwrap_or(""),
+                file,
+                arguments.contains(&"--test-only"),
+            ),
             "squeue" => said(0, self.show_queue(), String::new()),
             "sacct" => self.show_accounting(&arguments),
             "scancel" => {
                 self.cancel_those(&arguments);
                 said(0, String::new(), String::new())
             }
-            program => said(127, String::new(), format!("bash: {program}: command not found\n")),
+            program => said(
+                127,
+                String::new(),
+                format!("bash: {program}: command not found\n"),
+            ),
         };
         match fault {
             Some(Fault::TimeoutAfter) => return failed(TIMED_OUT),
             Some(Fault::KilledAfter) => {
-                return Output { exit: Exit::Signal(9), stdout: String::new(), stderr: String::new() };
+                return Output {
+                    exit: Exit::Signal(9),
+                    stdout: String::new(),
+                    stderr: String::new(),
+                };
             }
             Some(Fault::Garbage(garbage)) => output.stdout = garbage,
             Some(Fault::Cut(at)) => {
-                let at =
-                    (0..=at.min(output.stdout.len())).rev().find(|at| output.stdout.is_char_boundary(*at)).unwrap_or(0);
+                let at = (0..=at.min(output.stdout.len()))
+                    .rev()
+                    .find(|at| output.stdout.is_char_boundary(*at))
+                    .unwrap_or(0);
                 output.stdout.truncate(at);
             }
             Some(Fault::Banner(banner)) => output.stdout = format!("{banner}\n{}", output.stdout),
@@ -65,9 +101,18 @@ impl Model {
         output
     }
 
-    fn submit(&mut self, path: &str, file: impl Fn(&str) -> Option<String>, test_only: bool) -> Output {
+    fn submit(
+        &mut self,
+        path: &str,
+        file: impl Fn(&str) -> Option<String>,
+        test_only: bool,
+    ) -> Output {
         let Some(text) = file(path) else {
-            return said(1, String::new(), format!("sbatch: error: Unable to open file {path}\n"));
+            return said(
+                1,
+                String::new(),
+                format!("sbatch: error: Unable to open file {path}\n"),
+            );
         };
         let request = match Request::read(&text) {
             Ok(request) => request,
@@ -83,25 +128,42 @@ impl Model {
         let Some(limits) = self.settings.qos.get(&request.qos) else {
             return refused(None, "Invalid qos specification");
         };
-        if request.array.is_some_and(|n| n > self.settings.max_array_size) {
+        if request
+            .array
+            .is_some_and(|n| n > self.settings.max_array_size)
+        {
             return refused(None, "Invalid job array specification");
         }
         if request.n_nodes == 0 || request.n_nodes > self.settings.n_nodes {
             return refused(None, "Node count specification invalid");
         }
-        if limits.max_nodes_per_job.is_some_and(|n| request.n_nodes > n) {
+        if limits
+            .max_nodes_per_job
+            .is_some_and(|n| request.n_nodes > n)
+        {
             return refused(Some("QOSMaxNodePerJobLimit"), POLICY);
         }
         if limits.walltime_s.is_some_and(|s| request.walltime_s > s) {
             return refused(Some("QOSMaxWallDurationPerJobLimit"), POLICY);
         }
-        let alive = |job: &&Job| job.request.qos == request.qos && job.state.bearing() != Bearing::Ended;
+        let alive =
+            |job: &&Job| job.request.qos == request.qos && job.state.bearing() != Bearing::Ended;
         let n_alive = self.jobs.iter().filter(alive).count() as u64;
-        if limits.max_queued.is_some_and(|n| n_alive + u64::from(request.array.unwrap_or(1)) > n.into()) {
+        if limits
+            .max_queued
+            .is_some_and(|n| n_alive + u64::from(request.array.unwrap_or(1)) > n.into())
+        {
             return refused(Some("QOSMaxSubmitJobPerUserLimit"), POLICY);
         }
         if test_only {
-            return said(0, String::new(), format!("sbatch: Job {} to start at {}\n", self.next_number, self.now));
+            return said(
+                0,
+                String::new(),
+                format!(
+                    "sbatch: Job {} to start at {}\n",
+                    self.next_number, self.now
+                ),
+            );
         }
         let first = self.next_number;
         for element in 0..request.array.unwrap_or(1) {
@@ -129,15 +191,20 @@ impl Model {
     }
 
     fn cancel_those(&mut self, arguments: &[&str]) {
-        let name = arguments.iter().find_map(|argument| argument.strip_prefix("--name="));
+        let name = arguments
+            .iter()
+            .find_map(|argument| argument.strip_prefix("--name="));
         for i in 0..self.jobs.len() {
             let job = &self.jobs[i];
             let (own, array) = (job.number.to_string(), job.array);
             let meant = |argument: &&str| match argument.split_once('_') {
-                Some((number_of, element)) => {
-                    array.is_some_and(|(a, e)| number(number_of) == Some(a) && number(element) == Some(e))
+                Some((number_of, element)) => array.is_some_and(|(a, e)| {
+                    number(number_of) == Some(a) && number(element) == Some(e)
+                }),
+                None => {
+                    **argument == own && array.is_none()
+                        || array.is_some_and(|(a, _)| number(argument) == Some(a))
                 }
-                None => **argument == own && array.is_none() || array.is_some_and(|(a, _)| number(argument) == Some(a)),
             };
             if name.is_some_and(|name| name == job.request.name) || arguments.iter().any(meant) {
                 self.cancel(i);
@@ -150,10 +217,15 @@ impl Model {
         let time = |time: Option<i64>| time.map_or("N/A".to_owned(), |time| time.to_string());
         for job in &self.jobs {
             let request = &job.request;
-            let (array, element) = job.array.map_or((job.number, "N/A".to_owned()), |(a, e)| (a, e.to_string()));
+            let (array, element) = job
+                .array
+                .map_or((job.number, "N/A".to_owned()), |(a, e)| (a, e.to_string()));
             // Of a job that was cancelled before it began the end stands for the start.
             let start = time(job.start.or(job.end));
-            let end = time(job.end.or_else(|| job.start.map(|start| start + request.walltime_s as i64)));
+            let end = time(
+                job.end
+                    .or_else(|| job.start.map(|start| start + request.walltime_s as i64)),
+            );
             text += &format!(
                 "ctq|{array}|{element}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{start}|{end}|{}|{}|ctq.\n",
                 job.number,
@@ -175,18 +247,33 @@ impl Model {
 
     fn show_accounting(&self, arguments: &[&str]) -> Output {
         if !self.settings.has_accounting {
-            return said(1, String::new(), "Slurm accounting storage is disabled\n".to_owned());
+            return said(
+                1,
+                String::new(),
+                "Slurm accounting storage is disabled\n".to_owned(),
+            );
         }
-        let option = |key: &str| arguments.iter().find_map(|argument| argument.strip_prefix(key));
+        let option = |key: &str| {
+            arguments
+                .iter()
+                .find_map(|argument| argument.strip_prefix(key))
+        };
         let names = option("--name=").map(|names| names.split(',').collect::<Vec<_>>());
-        let since = option("--starttime=uts").and_then(number::<i64>).unwrap_or(0);
+        let since = option("--starttime=uts")
+            .and_then(number::<i64>)
+            .unwrap_or(0);
         // The last word on each run of a job that has reached the database.
         let mut rows = Vec::<&Job>::new();
         for (when, job) in &self.told {
-            if *when > self.now - self.settings.accounting_lag_s || job.end.is_some_and(|end| end < since) {
+            if *when > self.now - self.settings.accounting_lag_s
+                || job.end.is_some_and(|end| end < since)
+            {
                 continue;
             }
-            if names.as_ref().is_some_and(|names| !names.contains(&job.request.name.as_str())) {
+            if names
+                .as_ref()
+                .is_some_and(|names| !names.contains(&job.request.name.as_str()))
+            {
                 continue;
             }
             let same = |row: &&mut &Job| row.number == job.number && row.submitted == job.submitted;
@@ -198,10 +285,18 @@ impl Model {
         let mut text = format!("{}|\n", accounting::COLUMNS.replace(',', "|"));
         let time = |time: Option<i64>| time.map_or("Unknown".to_owned(), |time| time.to_string());
         for job in rows {
-            let id = job.array.map_or(job.number.to_string(), |(a, e)| format!("{a}_{e}"));
+            let id = job
+                .array
+                .map_or(job.number.to_string(), |(a, e)| format!("{a}_{e}"));
             let by = if job.cancelled { " by 0" } else { "" };
-            let elapsed = job.start.map_or(0, |start| job.end.unwrap_or(self.now) - start);
-            let nodes = if job.nodes.is_empty() { "None assigned".to_owned() } else { nodes(job) };
+            let elapsed = job
+                .start
+                .map_or(0, |start| job.end.unwrap_or(self.now) - start);
+            let nodes = if job.nodes.is_empty() {
+                "None assigned".to_owned()
+            } else {
+                nodes(job)
+            };
             let request = &job.request;
             text += &format!(
                 "{id}|{}|{}{by}|{}:{}|None|{}|{}|{}|{elapsed}|{}|{}|{nodes}|{}|{}|{}|\n",
@@ -225,5 +320,9 @@ impl Model {
 
 /// `n1,n3`: Slurm would write `n[1,3]`, which nothing here takes apart.
 fn nodes(job: &Job) -> String {
-    job.nodes.iter().map(|node| format!("n{node}")).collect::<Vec<_>>().join(",")
+    job.nodes
+        .iter()
+        .map(|node| format!("n{node}"))
+        .collect::<Vec<_>>()
+        .join(",")
 }

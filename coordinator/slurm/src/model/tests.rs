@@ -13,7 +13,12 @@ fn script(name: &str, more: &str) -> String {
     format!("#!/bin/bash\n#SBATCH --job-name={name}\n#SBATCH --no-requeue\n{more}true\n")
 }
 
-fn submit_as(model: &mut Model, name: &str, more: &str, fault: Option<Fault>) -> submit::Submission {
+fn submit_as(
+    model: &mut Model,
+    name: &str,
+    more: &str,
+    fault: Option<Fault>,
+) -> submit::Submission {
     let text = script(name, more);
     submit::read(&model.answer(&commands::submit("job.sh"), |_| Some(text.clone()), fault))
 }
@@ -21,20 +26,34 @@ fn submit_as(model: &mut Model, name: &str, more: &str, fault: Option<Fault>) ->
 fn ask(model: &mut Model, fault: Option<Fault>) -> (Output, Output) {
     let none = |_: &str| None;
     let since = model.now() - 100_000;
-    (model.answer(&commands::queue(), none, fault), model.answer(&commands::accounting(&[], since), none, None))
+    (
+        model.answer(&commands::queue(), none, fault),
+        model.answer(&commands::accounting(&[], since), none, None),
+    )
 }
 
 fn truth(model: &mut Model, name: &str) -> Truth {
     let (queued, accounted) = ask(model, None);
     let (queued, accounted) = (queue::read(&queued).ok(), accounting::read(&accounted).ok());
-    of(Wanted { name, element: None }, queued.as_ref(), accounted.as_ref())
+    of(
+        Wanted {
+            name,
+            element: None,
+        },
+        queued.as_ref(),
+        accounted.as_ref(),
+    )
 }
 
 /// The model refuses in the very words of the real one.
 #[test]
 fn it_speaks_as_the_real_slurm_does() {
     let mut settings = Settings::default();
-    let limits = Limits { max_queued: Some(64), walltime_s: Some(1200), ..Limits::default() };
+    let limits = Limits {
+        max_queued: Some(64),
+        walltime_s: Some(1200),
+        ..Limits::default()
+    };
     settings.qos = BTreeMap::from([("normal".to_owned(), limits)]);
     let mut model = Model::new(settings);
     let mut said = |more: &str, fault| {
@@ -44,7 +63,11 @@ fn it_speaks_as_the_real_slurm_does() {
     };
     for (more, fault, name) in [
         ("#SBATCH --time=01:00:00\n", None, "sbatch-refused-walltime"),
-        ("#SBATCH --time=00:10:00\n#SBATCH --array=0-64\n", None, "sbatch-refused-submit-limit"),
+        (
+            "#SBATCH --time=00:10:00\n#SBATCH --array=0-64\n",
+            None,
+            "sbatch-refused-submit-limit",
+        ),
         ("#SBATCH --array=0-1001\n", None, "sbatch-refused-array"),
         ("#SBATCH --nodes=64\n", None, "sbatch-refused-nodes"),
         ("#SBATCH --qos=nowhere\n", None, "sbatch-refused-qos"),
@@ -59,7 +82,11 @@ fn it_speaks_as_the_real_slurm_does() {
     assert_eq!(down, recorded::output("squeue-no-slurmctld"));
     let empty = Model::new(Settings::default()).answer(&commands::queue(), |_| None, None);
     let real = recorded::output("squeue-mixed");
-    assert_eq!(empty.stdout.lines().next(), real.stdout.lines().next(), "the same header");
+    assert_eq!(
+        empty.stdout.lines().next(),
+        real.stdout.lines().next(),
+        "the same header"
+    );
 }
 
 #[test]
@@ -70,26 +97,55 @@ fn a_submission_that_timed_out_is_found_by_its_name() {
     assert!(matches!(truth(&mut model, "ct-a"), Truth::Alive(_)));
     let answer = submit_as(&mut model, "ct-b", "", Some(Fault::TimeoutBefore));
     assert!(matches!(answer, submit::Submission::Doubtful { .. }));
-    let unknown = Truth::Unknown(Unknown::NotListed { queue_answered: true, accounting_answered: true });
+    let unknown = Truth::Unknown(Unknown::NotListed {
+        queue_answered: true,
+        accounting_answered: true,
+    });
     assert_eq!(truth(&mut model, "ct-b"), unknown);
 }
 
 #[test]
 fn endings_reach_the_queue_at_once_and_the_database_later() {
     let mut model = Model::new(Settings::default());
-    model.behaviours.insert("ct-long".to_owned(), Behaviour { seconds: 9999, code: 0, signal: 0 });
-    model.behaviours.insert("ct-oom".to_owned(), Behaviour { seconds: 5, code: 0, signal: 125 });
+    model.behaviours.insert(
+        "ct-long".to_owned(),
+        Behaviour {
+            seconds: 9999,
+            code: 0,
+            signal: 0,
+        },
+    );
+    model.behaviours.insert(
+        "ct-oom".to_owned(),
+        Behaviour {
+            seconds: 5,
+            code: 0,
+            signal: 125,
+        },
+    );
     submit_as(&mut model, "ct-long", "#SBATCH --time=00:02:00\n", None);
     submit_as(&mut model, "ct-oom", "", None);
     model.advance(6);
-    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else { panic!("it has ended") };
-    assert_eq!((oom.state.clone(), oom.exit), (SlurmState::OutOfMemory, None), "the database does not know yet");
+    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else {
+        panic!("it has ended")
+    };
+    assert_eq!(
+        (oom.state.clone(), oom.exit),
+        (SlurmState::OutOfMemory, None),
+        "the database does not know yet"
+    );
     model.advance(150);
-    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else { panic!("it has ended") };
+    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else {
+        panic!("it has ended")
+    };
     assert_eq!(oom.exit.map(|exit| exit.signal), Some(125));
-    assert!(matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout));
+    assert!(
+        matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout)
+    );
     model.advance(1000); // the queue has forgotten both
-    assert!(matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout));
+    assert!(
+        matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout)
+    );
 }
 
 #[test]
@@ -104,21 +160,35 @@ fn a_lost_node_does_not_end_its_processes() {
     );
     assert_eq!(model.runs()[0].ended, None, "the zombie works on");
     model.advance(100);
-    assert!(model.runs()[0].completed, "and comes to its end, fenced or not");
+    assert!(
+        model.runs()[0].completed,
+        "and comes to its end, fenced or not"
+    );
 }
 
 #[test]
 fn limits_hold_jobs_back_and_say_so() {
     let mut settings = Settings::default();
-    settings.qos.insert("few".to_owned(), Limits { max_running: Some(1), ..Limits::default() });
+    settings.qos.insert(
+        "few".to_owned(),
+        Limits {
+            max_running: Some(1),
+            ..Limits::default()
+        },
+    );
     let mut model = Model::new(settings);
     for name in ["ct-1", "ct-2"] {
         submit_as(&mut model, name, "#SBATCH --qos=few\n", None);
     }
     submit_as(&mut model, "ct-array", "#SBATCH --array=0-3%2\n", None);
     model.advance(2);
-    let Truth::Alive(second) = truth(&mut model, "ct-2") else { panic!("it waits") };
-    assert_eq!(second.why.expect("a reason").words, "the QoS's limit on jobs that run at once");
+    let Truth::Alive(second) = truth(&mut model, "ct-2") else {
+        panic!("it waits")
+    };
+    assert_eq!(
+        second.why.expect("a reason").words,
+        "the QoS's limit on jobs that run at once"
+    );
     assert_eq!(model.runs().len(), 3, "one of the QoS, two of the array");
 }
 
@@ -139,11 +209,20 @@ impl Client {
         }
         if let Some(since) = self.doubtful_since {
             let (queued, accounted) = ask(model, fault);
-            let (queued, accounted) = (queue::read(&queued).ok(), accounting::read(&accounted).ok());
-            match of(Wanted { name: &self.name, element: None }, queued.as_ref(), accounted.as_ref()) {
-                Truth::Unknown(Unknown::NotListed { queue_answered: true, accounting_answered: true })
-                    if model.now() - since > Self::GRACE_S =>
-                {
+            let (queued, accounted) =
+                (queue::read(&queued).ok(), accounting::read(&accounted).ok());
+            match of(
+                Wanted {
+                    name: &self.name,
+                    element: None,
+                },
+                queued.as_ref(),
+                accounted.as_ref(),
+            ) {
+                Truth::Unknown(Unknown::NotListed {
+                    queue_answered: true,
+                    accounting_answered: true,
+                }) if model.now() - since > Self::GRACE_S => {
                     self.doubtful_since = None;
                 }
                 Truth::Unknown(_) => {}

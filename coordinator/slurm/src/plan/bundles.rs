@@ -1,6 +1,8 @@
 //! 3D simulations into multi-node jobs.
 
-use super::{Choices, InUse, PlanError, check, check_time, longest_work_s, nodes_for, room, unit, walltime_s};
+use super::{
+    Choices, InUse, PlanError, check, check_time, longest_work_s, nodes_for, room, unit, walltime_s,
+};
 use crate::site::{Queue, Site, Unit};
 
 /// A simulation to be run.
@@ -49,15 +51,27 @@ impl Bundle {
     /// How long its fullest place works, s.
     #[must_use]
     pub fn predicted_s(&self) -> f64 {
-        self.lanes.iter().map(|lane| lane.predicted_s).fold(0.0, f64::max)
+        self.lanes
+            .iter()
+            .map(|lane| lane.predicted_s)
+            .fold(0.0, f64::max)
     }
 
     /// Its tasks in the order in which they are to be taken: the first of every place, then the second, and so on.
     #[must_use]
     pub fn order(&self) -> Vec<&str> {
-        let longest = self.lanes.iter().map(|lane| lane.tasks.len()).max().unwrap_or(0);
+        let longest = self
+            .lanes
+            .iter()
+            .map(|lane| lane.tasks.len())
+            .max()
+            .unwrap_or(0);
         (0..longest)
-            .flat_map(|i| self.lanes.iter().filter_map(move |lane| lane.tasks.get(i).map(String::as_str)))
+            .flat_map(|i| {
+                self.lanes
+                    .iter()
+                    .filter_map(move |lane| lane.tasks.get(i).map(String::as_str))
+            })
             .collect()
     }
 }
@@ -76,13 +90,19 @@ pub fn bundles(
 ) -> Result<Vec<Bundle>, PlanError> {
     check(choices)?;
     let mut plan = Vec::new();
-    let mut sizes = simulations.iter().map(|s| s.ranks.max(1)).collect::<Vec<_>>();
+    let mut sizes = simulations
+        .iter()
+        .map(|s| s.ranks.max(1))
+        .collect::<Vec<_>>();
     sizes.sort_unstable();
     sizes.dedup();
     let room = room(queue, in_use);
     let (mut jobs, mut running, mut nodes) = (room.jobs, room.running, room.nodes);
     for ranks in sizes.into_iter().rev() {
-        let same = simulations.iter().filter(|s| s.ranks.max(1) == ranks).collect::<Vec<_>>();
+        let same = simulations
+            .iter()
+            .filter(|s| s.ranks.max(1) == ranks)
+            .collect::<Vec<_>>();
         for bundle in of_one_size(&same, ranks, (running, nodes), site, queue, choices)? {
             let now = jobs > 0;
             jobs = jobs.saturating_sub(1);
@@ -103,7 +123,10 @@ fn of_one_size(
     choices: &Choices,
 ) -> Result<Vec<Bundle>, PlanError> {
     let nodes_per_step = nodes_for(ranks, site.node);
-    let most = queue.max_nodes_per_job.unwrap_or(u32::MAX).min(queue.nodes.unwrap_or(u32::MAX));
+    let most = queue
+        .max_nodes_per_job
+        .unwrap_or(u32::MAX)
+        .min(queue.nodes.unwrap_or(u32::MAX));
     let most = most.min(queue.max_nodes_per_user.unwrap_or(u32::MAX));
     let longest_s = longest_work_s(queue, choices);
     for simulation in simulations {
@@ -115,32 +138,50 @@ fn of_one_size(
             limit,
         };
         if nodes_per_step > most {
-            return Err(not(format!("needs {nodes_per_step} nodes"), format!("{most}")));
+            return Err(not(
+                format!("needs {nodes_per_step} nodes"),
+                format!("{most}"),
+            ));
         }
         if simulation.predicted_s > longest_s && !simulation.has_checkpoints {
-            let needs = format!("is expected to take {:.0} s and leaves no checkpoints", simulation.predicted_s);
+            let needs = format!(
+                "is expected to take {:.0} s and leaves no checkpoints",
+                simulation.predicted_s
+            );
             return Err(not(needs, format!("{longest_s:.0} s of work")));
         }
     }
     // Where single cores are given, a bundle of them would only wait for the last: one simulation, one job.
     let bundle_nodes = match unit(site, queue) {
         Unit::Core => nodes_per_step,
-        Unit::Node => choices.bundle_nodes.unwrap_or(most).min(most).max(nodes_per_step),
+        Unit::Node => choices
+            .bundle_nodes
+            .unwrap_or(most)
+            .min(most)
+            .max(nodes_per_step),
     };
     let places_of_a_bundle = (bundle_nodes / nodes_per_step).max(1);
     let n = simulations.len();
     // Places side by side: no more than the queue runs at once, and at least one, for when there is room again.
-    let side_by_side = (running.max(1).saturating_mul(places_of_a_bundle)).min(nodes / nodes_per_step).max(1);
+    let side_by_side = (running.max(1).saturating_mul(places_of_a_bundle))
+        .min(nodes / nodes_per_step)
+        .max(1);
     let places = n.min(side_by_side as usize);
 
     let mut order = simulations.to_vec();
-    order.sort_by(|a, b| b.predicted_s.total_cmp(&a.predicted_s).then_with(|| a.task.cmp(&b.task)));
+    order.sort_by(|a, b| {
+        b.predicted_s
+            .total_cmp(&a.predicted_s)
+            .then_with(|| a.task.cmp(&b.task))
+    });
     let (mut rounds, mut lanes) = (Vec::new(), Vec::<Lane>::new());
     for simulation in order {
         // What is longer than a job is cut by its walltime and goes on from its checkpoint in a job after it.
         let takes_s = simulation.predicted_s.min(longest_s);
         let n_lanes = lanes.len();
-        let least = lanes.iter_mut().min_by(|a, b| a.predicted_s.total_cmp(&b.predicted_s));
+        let least = lanes
+            .iter_mut()
+            .min_by(|a, b| a.predicted_s.total_cmp(&b.predicted_s));
         match least.filter(|lane| lane.predicted_s + takes_s <= longest_s) {
             Some(lane) if n_lanes == places => {
                 lane.tasks.push(simulation.task.clone());
@@ -153,7 +194,10 @@ fn of_one_size(
             }
             _ => {}
         }
-        lanes.push(Lane { tasks: vec![simulation.task.clone()], predicted_s: takes_s });
+        lanes.push(Lane {
+            tasks: vec![simulation.task.clone()],
+            predicted_s: takes_s,
+        });
     }
     rounds.push(lanes);
 
@@ -162,7 +206,8 @@ fn of_one_size(
         // Places of like length share a job, so that few of its nodes idle at its end.
         lanes.sort_by(|a, b| b.predicted_s.total_cmp(&a.predicted_s));
         for lanes in lanes.chunks(places_of_a_bundle as usize) {
-            let n_nodes = (lanes.len() as u32 * nodes_per_step).max(queue.min_nodes_per_job.unwrap_or(1));
+            let n_nodes =
+                (lanes.len() as u32 * nodes_per_step).max(queue.min_nodes_per_job.unwrap_or(1));
             let work_s = lanes.first().map_or(0.0, |lane| lane.predicted_s);
             let walltime_s = walltime_s(work_s, queue, choices);
             let share = match unit(site, queue) {

@@ -54,8 +54,13 @@ impl Chunks {
     /// Blocks of a chunk.
     #[must_use]
     pub fn blocks(&self, chunk: u64) -> Range<u64> {
-        let first = chunk.saturating_mul(self.blocks_per_chunk).min(self.n_blocks);
-        first..first.saturating_add(self.blocks_per_chunk).min(self.n_blocks)
+        let first = chunk
+            .saturating_mul(self.blocks_per_chunk)
+            .min(self.n_blocks);
+        first
+            ..first
+                .saturating_add(self.blocks_per_chunk)
+                .min(self.n_blocks)
     }
 }
 
@@ -74,13 +79,18 @@ pub fn chunks(
     check(choices)?;
     check_time("time of a sample", sweep.s_per_sample)?;
     if sweep.samples_per_block == 0 {
-        return Err(PlanError::Value { what: "samples of a block", found: 0.0, expected: "at least 1" });
+        return Err(PlanError::Value {
+            what: "samples of a block",
+            found: 0.0,
+            expected: "at least 1",
+        });
     }
     let whole_nodes = unit(site, queue) == Unit::Node;
     let cores = if whole_nodes { site.node.cores } else { 1 };
     let room = room(queue, in_use);
     let fit = |seconds: f64| {
-        ((seconds / sweep.s_per_sample).floor() as u64).saturating_mul(cores.into()) / sweep.samples_per_block
+        ((seconds / sweep.s_per_sample).floor() as u64).saturating_mul(cores.into())
+            / sweep.samples_per_block
     };
     let most = fit(longest_work_s(queue, choices));
     if most == 0 {
@@ -104,20 +114,44 @@ pub fn chunks(
     let per_core = (blocks_per_chunk * sweep.samples_per_block).div_ceil(cores.into());
     let predicted_s = per_core as f64 * sweep.s_per_sample;
 
-    let side_by_side = room.running.min(if whole_nodes { room.nodes } else { room.cores / cores }).max(1);
-    let largest = if site.arrays.allowed { site.arrays.max_size.max(1) } else { 1 };
+    let side_by_side = room
+        .running
+        .min(if whole_nodes {
+            room.nodes
+        } else {
+            room.cores / cores
+        })
+        .max(1);
+    let largest = if site.arrays.allowed {
+        site.arrays.max_size.max(1)
+    } else {
+        1
+    };
     let (mut arrays, mut first, mut jobs) = (Vec::new(), 0, room.jobs);
     while first < n_chunks {
         // The last array of this wave ends where the queue's limit is reached.
         let limit = if jobs > 0 { largest.min(jobs) } else { largest };
-        let n = u32::try_from(n_chunks - first).unwrap_or(u32::MAX).min(limit);
+        let n = u32::try_from(n_chunks - first)
+            .unwrap_or(u32::MAX)
+            .min(limit);
         let at_once = (n > side_by_side).then_some(side_by_side);
-        arrays.push(ChunkArray { first, n, at_once, now: jobs > 0 });
+        arrays.push(ChunkArray {
+            first,
+            n,
+            at_once,
+            now: jobs > 0,
+        });
         jobs = jobs.saturating_sub(n);
         first += u64::from(n);
     }
-    let total = (sweep.n_blocks * sweep.samples_per_block) as f64 * sweep.s_per_sample / f64::from(cores);
-    let node_hours = total.max(if n_chunks > 0 { sweep.s_per_sample } else { 0.0 }) / 3600.0 * f64::from(cores)
+    let total =
+        (sweep.n_blocks * sweep.samples_per_block) as f64 * sweep.s_per_sample / f64::from(cores);
+    let node_hours = total.max(if n_chunks > 0 {
+        sweep.s_per_sample
+    } else {
+        0.0
+    }) / 3600.0
+        * f64::from(cores)
         / f64::from(site.node.cores);
     let walltime_s = walltime_s(predicted_s, queue, choices);
     Ok(Chunks {

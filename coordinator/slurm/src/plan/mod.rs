@@ -42,7 +42,12 @@ pub struct Choices {
 
 impl Default for Choices {
     fn default() -> Self {
-        Self { safety: 1.3, overhead_s: 300, good_length_s: 3600, bundle_nodes: None }
+        Self {
+            safety: 1.3,
+            overhead_s: 300,
+            good_length_s: 3600,
+            bundle_nodes: None,
+        }
     }
 }
 
@@ -108,14 +113,21 @@ fn longest_work_s(queue: &Queue, choices: &Choices) -> f64 {
 /// Walltime of a job with so much work on its fullest place, s; whole minutes, and what the queue allows.
 fn walltime_s(work_s: f64, queue: &Queue, choices: &Choices) -> u64 {
     let wanted = (work_s * choices.safety).ceil() as u64 + choices.overhead_s;
-    (wanted.div_ceil(60).max(1) * 60).clamp(queue.least_walltime_s(), queue.walltime_s().max(queue.least_walltime_s()))
+    (wanted.div_ceil(60).max(1) * 60).clamp(
+        queue.least_walltime_s(),
+        queue.walltime_s().max(queue.least_walltime_s()),
+    )
 }
 
 fn check(choices: &Choices) -> Result<(), PlanError> {
     if choices.safety.is_finite() && choices.safety >= 1.0 {
         return Ok(());
     }
-    Err(PlanError::Value { what: "safety", found: choices.safety, expected: "a factor of at least 1" })
+    Err(PlanError::Value {
+        what: "safety",
+        found: choices.safety,
+        expected: "a factor of at least 1",
+    })
 }
 
 /// A time that work takes.
@@ -123,7 +135,11 @@ fn check_time(what: &'static str, seconds: f64) -> Result<(), PlanError> {
     if seconds.is_finite() && seconds > 0.0 {
         return Ok(());
     }
-    Err(PlanError::Value { what, found: seconds, expected: "a time above 0 s" })
+    Err(PlanError::Value {
+        what,
+        found: seconds,
+        expected: "a time above 0 s",
+    })
 }
 
 /// Nodes that so many cores take.

@@ -36,5 +36,8 @@ pub fn finish(jobs: &[(u32, f64)], queue: &Queue, in_use: InUse) -> Finish {
         most = most.max(running.len());
     }
     let after_s = running.iter().map(|(end, _)| *end).fold(now, f64::max);
-    Finish { after_s, most_at_once: u32::try_from(most).unwrap_or(u32::MAX) }
+    Finish {
+        after_s,
+        most_at_once: u32::try_from(most).unwrap_or(u32::MAX),
+    }
 }

@@ -2,12 +2,16 @@ use std::collections::BTreeSet;
 
 use proptest::prelude::*;
 
-use super::{Choices, InUse, PlanError, Simulation, Sweep, bundles, chunks, finish, longest_work_s};
+use super::{
+    Choices, InUse, PlanError, Simulation, Sweep, bundles, chunks, finish, longest_work_s,
+};
 use crate::site::tests::shipped as site;
 use crate::site::{Queue, Site, Use};
 
 fn queue(site: &Site, name: &str) -> Queue {
-    site.queue(Some(name), Use::Simulations).expect("a queue").clone()
+    site.queue(Some(name), Use::Simulations)
+        .expect("a queue")
+        .clone()
 }
 
 fn simulations(times: &[f64], ranks: u32) -> Vec<Simulation> {
@@ -25,10 +29,22 @@ fn simulations(times: &[f64], ranks: u32) -> Vec<Simulation> {
 fn a_cohort_on_archer2() {
     let site = site("archer2");
     let taskfarm = queue(&site, "taskfarm");
-    let plan = bundles(&simulations(&[4000.0; 256], 128), &site, &taskfarm, InUse::default(), &Choices::default());
+    let plan = bundles(
+        &simulations(&[4000.0; 256], 128),
+        &site,
+        &taskfarm,
+        InUse::default(),
+        &Choices::default(),
+    );
     let plan = plan.expect("a plan");
-    assert_eq!((plan.len(), plan[0].n_nodes, plan[0].nodes_per_step), (16, 16, 1));
-    let jobs = plan.iter().map(|bundle| (bundle.n_nodes, bundle.predicted_s())).collect::<Vec<_>>();
+    assert_eq!(
+        (plan.len(), plan[0].n_nodes, plan[0].nodes_per_step),
+        (16, 16, 1)
+    );
+    let jobs = plan
+        .iter()
+        .map(|bundle| (bundle.n_nodes, bundle.predicted_s()))
+        .collect::<Vec<_>>();
     assert_eq!(finish(&jobs, &taskfarm, InUse::default()).after_s, 4000.0);
     let hours = plan.iter().map(|bundle| bundle.node_hours).sum::<f64>();
     assert!((hours - 256.0 * 4000.0 / 3600.0).abs() < 1e-9);
@@ -39,14 +55,43 @@ fn a_cohort_on_archer2() {
 fn the_sobol_analysis_on_archer2() {
     let site = site("archer2");
     let taskfarm = queue(&site, "taskfarm");
-    let sweep = Sweep { n_blocks: 2048, samples_per_block: 22, s_per_sample: 1.0 };
-    let plan = chunks(&sweep, &site, &taskfarm, InUse::default(), &Choices::default()).expect("a plan");
-    assert_eq!((plan.n_chunks, plan.cores, plan.arrays.len(), plan.arrays[0].n), (1, 128, 1, 1));
+    let sweep = Sweep {
+        n_blocks: 2048,
+        samples_per_block: 22,
+        s_per_sample: 1.0,
+    };
+    let plan = chunks(
+        &sweep,
+        &site,
+        &taskfarm,
+        InUse::default(),
+        &Choices::default(),
+    )
+    .expect("a plan");
+    assert_eq!(
+        (
+            plan.n_chunks,
+            plan.cores,
+            plan.arrays.len(),
+            plan.arrays[0].n
+        ),
+        (1, 128, 1, 1)
+    );
     assert_eq!(plan.predicted_s, 352.0);
     assert!((plan.node_hours - 352.0 / 3600.0).abs() < 1e-9);
     // A hundred times slower, it is some ten jobs of an hour.
-    let slow = Sweep { s_per_sample: 100.0, ..sweep };
-    let plan = chunks(&slow, &site, &taskfarm, InUse::default(), &Choices::default()).expect("a plan");
+    let slow = Sweep {
+        s_per_sample: 100.0,
+        ..sweep
+    };
+    let plan = chunks(
+        &slow,
+        &site,
+        &taskfarm,
+        InUse::default(),
+        &Choices::default(),
+    )
+    .expect("a plan");
     assert_eq!((plan.n_chunks, plan.blocks_per_chunk), (10, 209));
 }
 
@@ -55,16 +100,41 @@ fn what_fits_nowhere_is_named() {
     let site = site("archer2");
     let taskfarm = queue(&site, "taskfarm");
     let wide = simulations(&[100.0], 128 * 17);
-    let error = bundles(&wide, &site, &taskfarm, InUse::default(), &Choices::default()).expect_err("17 nodes of 16");
-    assert!(error.to_string().contains("t0000 needs 17 nodes, queue 'taskfarm' gives 16"), "{error}");
+    let error = bundles(
+        &wide,
+        &site,
+        &taskfarm,
+        InUse::default(),
+        &Choices::default(),
+    )
+    .expect_err("17 nodes of 16");
+    assert!(
+        error
+            .to_string()
+            .contains("t0000 needs 17 nodes, queue 'taskfarm' gives 16"),
+        "{error}"
+    );
     let mut long = simulations(&[1e6], 128);
     assert!(
-        bundles(&long, &site, &taskfarm, InUse::default(), &Choices::default()).is_ok(),
+        bundles(
+            &long,
+            &site,
+            &taskfarm,
+            InUse::default(),
+            &Choices::default()
+        )
+        .is_ok(),
         "it goes on from checkpoints"
     );
     long[0].has_checkpoints = false;
     assert!(matches!(
-        bundles(&long, &site, &taskfarm, InUse::default(), &Choices::default()),
+        bundles(
+            &long,
+            &site,
+            &taskfarm,
+            InUse::default(),
+            &Choices::default()
+        ),
         Err(PlanError::DoesNotFit { .. })
     ));
 }

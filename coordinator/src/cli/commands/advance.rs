@@ -54,9 +54,14 @@ struct Tick {
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;
-    let options = RunOptions { adopt_version: args.adopt_version, ..options };
-    let stop =
-        StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    let options = RunOptions {
+        adopt_version: args.adopt_version,
+        ..options
+    };
+    let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
+        what: "cannot listen to signals",
+        source,
+    })?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     access::apply(&options.executor, &options.run_dir)?;
     scratch::lay_out(&options.executor, &options.run_dir)?;
@@ -67,8 +72,14 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
     if args.json {
         talk.json(&tick(&summary))?;
     } else if over {
-        let parts = format!("{} done, {} failed, {} cancelled", summary.done, summary.failed, summary.cancelled);
-        talk.data(&format!("{}: {parts}; nothing is left to do\n", count(summary.patients, "patient")))?;
+        let parts = format!(
+            "{} done, {} failed, {} cancelled",
+            summary.done, summary.failed, summary.cancelled
+        );
+        talk.data(&format!(
+            "{}: {parts}; nothing is left to do\n",
+            count(summary.patients, "patient")
+        ))?;
     } else {
         on_cluster(&summary, &folders, talk).await?;
     }

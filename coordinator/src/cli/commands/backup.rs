@@ -29,10 +29,17 @@ pub struct BackupArgs {
 /// The store's; [`CliError::Usage`] where the file is there.
 pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.to.exists() {
-        return Err(CliError::Usage(format!("{} is there already: name another file", args.to.display())));
+        return Err(CliError::Usage(format!(
+            "{} is there already: name another file",
+            args.to.display()
+        )));
     }
     let folders = args.place.folders();
     let bytes = engine::back_up(&folders.run, &args.to).await?;
-    talk.data(&format!("{}: {:.1} MB, checked\n", args.to.display(), bytes as f64 / 1e6))?;
+    talk.data(&format!(
+        "{}: {:.1} MB, checked\n",
+        args.to.display(),
+        bytes as f64 / 1e6
+    ))?;
     Ok(Exit::Ok)
 }

@@ -8,7 +8,9 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 use crate::engine::bench::{self, BenchOptions, BenchResult};
-use crate::engine::{ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster};
+use crate::engine::{
+    ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster,
+};
 
 /// Measure what orchestration costs
 #[derive(Debug, Args)]
@@ -78,9 +80,14 @@ pub async fn execute(args: &BenchArgs, talk: &Talk) -> Result<Exit, CliError> {
 }
 
 async fn slurm(args: &SlurmArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+    let scratch =
+        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     let folder = scratch.path().join("bench");
-    let options = ClusterBenchOptions { folder, jobs: args.jobs, samples: args.samples };
+    let options = ClusterBenchOptions {
+        folder,
+        jobs: args.jobs,
+        samples: args.samples,
+    };
     let result = measure_cluster(&options).await?;
     if args.json {
         talk.json(&result)?
@@ -92,8 +99,16 @@ async fn slurm(args: &SlurmArgs, talk: &Talk) -> Result<Exit, CliError> {
 
 fn slurm_text(result: &ClusterBenchResult) -> String {
     let tick = |what: &str, cost: &TickCost| {
-        let asked: Vec<String> = cost.commands.iter().map(|(program, n)| format!("{n} {program}")).collect();
-        format!("{what:<26}{:9.1} ms of ours   {}\n", cost.ours_ms, asked.join(", "))
+        let asked: Vec<String> = cost
+            .commands
+            .iter()
+            .map(|(program, n)| format!("{n} {program}"))
+            .collect();
+        format!(
+            "{what:<26}{:9.1} ms of ours   {}\n",
+            cost.ours_ms,
+            asked.join(", ")
+        )
     };
     format!("{} living jobs\n", result.jobs)
         + &tick("tick that submits them", &result.submit)
@@ -101,15 +116,25 @@ fn slurm_text(result: &ClusterBenchResult) -> String {
         + &tick("tick, nothing happened", &result.quiet)
         + &tick("tick, 1 in 100 failed", &result.failures)
         + &format!("{} samples, each a task\n", result.samples)
-        + &format!("{:<26}{:9.1} µs a sample\n", "run in-process", result.us_per_sample)
+        + &format!(
+            "{:<26}{:9.1} µs a sample\n",
+            "run in-process", result.us_per_sample
+        )
         + &format!("{:<26}{:9.1} ms\n", "status, one screen", result.status_ms)
-        + &format!("{:<26}{:9.1} ms\n", "status --json, all", result.status_json_ms)
+        + &format!(
+            "{:<26}{:9.1} ms\n",
+            "status --json, all", result.status_json_ms
+        )
         + &format!("{:<26}{:9.3} s\n", "restart", result.restart_s)
 }
 
 async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
-    let run_dir = args.run_dir.clone().unwrap_or_else(|| scratch.path().join("run"));
+    let scratch =
+        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+    let run_dir = args
+        .run_dir
+        .clone()
+        .unwrap_or_else(|| scratch.path().join("run"));
     let mut options = BenchOptions {
         run_dir,
         patients: args.patients,
@@ -122,9 +147,13 @@ async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, Cl
         bench::once(&options, StopSignal::new()).await?;
         return Ok(Exit::Ok);
     }
-    let used = std::fs::read_dir(&options.run_dir).is_ok_and(|mut entries| entries.next().is_some());
+    let used =
+        std::fs::read_dir(&options.run_dir).is_ok_and(|mut entries| entries.next().is_some());
     if used {
-        let message = format!("{} is not empty: a benchmark needs a folder of its own", options.run_dir.display());
+        let message = format!(
+            "{} is not empty: a benchmark needs a folder of its own",
+            options.run_dir.display()
+        );
         return Err(CliError::Usage(message));
     }
     if args.kill {
@@ -141,11 +170,16 @@ async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, Cl
 
 /// Arguments of a process that drives the same run.
 fn victim(options: &BenchOptions) -> Vec<String> {
-    let mut arguments: Vec<String> =
-        ["bench", "orchestration", "--drive-only"].iter().map(|word| (*word).to_owned()).collect();
+    let mut arguments: Vec<String> = ["bench", "orchestration", "--drive-only"]
+        .iter()
+        .map(|word| (*word).to_owned())
+        .collect();
     arguments.extend(["--patients".to_owned(), options.patients.to_string()]);
     arguments.extend(["--workers".to_owned(), options.workers.to_string()]);
-    arguments.extend(["--run-dir".to_owned(), options.run_dir.to_string_lossy().into_owned()]);
+    arguments.extend([
+        "--run-dir".to_owned(),
+        options.run_dir.to_string_lossy().into_owned(),
+    ]);
     if options.spawn {
         arguments.push("--spawn".to_owned());
     }
@@ -157,14 +191,22 @@ fn victim(options: &BenchOptions) -> Vec<String> {
 
 fn text(result: &BenchResult) -> String {
     let mut lines = vec![
-        format!("{} patients, {} tasks, executor {}", result.patients, result.tasks, result.executor),
-        format!("run       {:9.2} s   {:.3} ms a task", result.run_s, result.ms_per_task),
+        format!(
+            "{} patients, {} tasks, executor {}",
+            result.patients, result.tasks, result.executor
+        ),
+        format!(
+            "run       {:9.2} s   {:.3} ms a task",
+            result.run_s, result.ms_per_task
+        ),
         format!("status    {:9.1} ms", result.status_ms),
         format!("restart   {:9.3} s", result.restart_s),
         format!("database  {:9.1} MB", result.database_mb),
     ];
     if let Some(published) = result.published_before_kill {
-        lines.push(format!("killed after {published} published tasks; the run's time is that of the rest"));
+        lines.push(format!(
+            "killed after {published} published tasks; the run's time is that of the rest"
+        ));
     }
     lines.iter().map(|line| format!("{line}\n")).collect()
 }

@@ -33,10 +33,17 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
     let patient = args.patient.as_deref().map(PatientId::from);
     let answer = engine::cancel(&folders.run, patient.as_ref()).await?;
     answer::tell(&answer, None, talk)?;
-    let jobs = open(&folders).await?.status().await?.cluster.map_or(0, |cluster| cluster.jobs.len());
+    let jobs = open(&folders)
+        .await?
+        .status()
+        .await?
+        .cluster
+        .map_or(0, |cluster| cluster.jobs.len());
     if jobs > 0 && matches!(answer, Answer::Applied { .. }) {
-        let stop =
-            StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+        let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
+            what: "cannot listen to signals",
+            source,
+        })?;
         talk.say("waiting for the end of jobs that nobody wants any more; Ctrl-C leaves, `advance` goes on");
         engine::end_unwanted_jobs(&folders.run, stop).await?;
     }

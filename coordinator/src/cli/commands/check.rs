@@ -47,7 +47,12 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let cohort_dir = folders.cohort.unwrap_or(folders.run);
     let mut report = Report::default();
-    let options = Options { only: args.patients.clone(), set: args.set.clone(), meshes: true, ..Options::default() };
+    let options = Options {
+        only: args.patients.clone(),
+        set: args.set.clone(),
+        meshes: true,
+        ..Options::default()
+    };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     let (errors, warnings) = (report.n_errors(), report.n_warnings());
     let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());
@@ -63,13 +68,25 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
         })?;
     } else {
         talk.data(&problems::text(&report, talk.colour_out))?;
-        let name = cohort.as_ref().map_or("the cohort", |cohort| cohort.name.as_str());
+        let name = cohort
+            .as_ref()
+            .map_or("the cohort", |cohort| cohort.name.as_str());
         if errors + warnings == 0 {
-            talk.data(&format!("{name}: {}, nothing to complain about\n", count(n_patients, "patient")))?;
+            talk.data(&format!(
+                "{name}: {}, nothing to complain about\n",
+                count(n_patients, "patient")
+            ))?;
         } else {
             let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
-            talk.data(&format!("{name}: {}, {errors}, {warnings}\n", count(n_patients, "patient")))?;
+            talk.data(&format!(
+                "{name}: {}, {errors}, {warnings}\n",
+                count(n_patients, "patient")
+            ))?;
         }
     }
-    Ok(if errors > 0 || (args.strict && warnings > 0) { Exit::Problems } else { Exit::Ok })
+    Ok(if errors > 0 || (args.strict && warnings > 0) {
+        Exit::Problems
+    } else {
+        Exit::Ok
+    })
 }

@@ -58,25 +58,55 @@ struct Comparison {
 /// # Errors
 /// The stores'.
 pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let before = open(&Folders::of(&args.before, None)).await?.record().await?;
-    let after = open(&Folders::of(&args.after, None)).await?.record().await?;
+    let before = open(&Folders::of(&args.before, None))
+        .await?
+        .record()
+        .await?;
+    let after = open(&Folders::of(&args.after, None))
+        .await?
+        .record()
+        .await?;
     let comparison = compare(&before, &after);
     if args.json {
         talk.json(&comparison)?;
         return Ok(Exit::Ok);
     }
-    let n_same = comparison.quantities.iter().filter(|row| row.before == row.after).count();
-    let mut table = Columns::new(talk, &["PATIENT", "QUANTITY", ">BEFORE", ">AFTER", ">DIFFERENCE"]);
-    for row in comparison.quantities.iter().filter(|row| args.all || row.before != row.after) {
+    let n_same = comparison
+        .quantities
+        .iter()
+        .filter(|row| row.before == row.after)
+        .count();
+    let mut table = Columns::new(
+        talk,
+        &["PATIENT", "QUANTITY", ">BEFORE", ">AFTER", ">DIFFERENCE"],
+    );
+    for row in comparison
+        .quantities
+        .iter()
+        .filter(|row| args.all || row.before != row.after)
+    {
         let difference = percent(row.relative_difference);
-        table.row([row.patient.clone(), row.quantity.clone(), optional(row.before), optional(row.after), difference]);
+        table.row([
+            row.patient.clone(),
+            row.quantity.clone(),
+            optional(row.before),
+            optional(row.after),
+            difference,
+        ]);
     }
     if n_same < comparison.quantities.len() || args.all {
         talk.data(&table.text())?;
     }
-    for (run, patients) in [(&args.before, &comparison.only_before), (&args.after, &comparison.only_after)] {
+    for (run, patients) in [
+        (&args.before, &comparison.only_before),
+        (&args.after, &comparison.only_after),
+    ] {
         if !patients.is_empty() {
-            talk.data(&format!("only in {}: {}\n", run.display(), patients.join(", ")))?;
+            talk.data(&format!(
+                "only in {}: {}\n",
+                run.display(),
+                patients.join(", ")
+            ))?;
         }
     }
     let n_differ = comparison.quantities.len() - n_same;
@@ -89,8 +119,13 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
 
 fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
     let missing_in = |from: &RunRecord, other: &RunRecord| -> Vec<String> {
-        let there = |patient: &PatientRecord| other.patients.iter().any(|o| o.plan.id == patient.plan.id);
-        from.patients.iter().filter(|patient| !there(patient)).map(|patient| patient.plan.id.to_string()).collect()
+        let there =
+            |patient: &PatientRecord| other.patients.iter().any(|o| o.plan.id == patient.plan.id);
+        from.patients
+            .iter()
+            .filter(|patient| !there(patient))
+            .map(|patient| patient.plan.id.to_string())
+            .collect()
     };
     let pairs = before.patients.iter().filter_map(|a| {
         let b = after.patients.iter().find(|b| b.plan.id == a.plan.id)?;
@@ -110,20 +145,39 @@ fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
 fn rows(before: &PatientRecord, after: &PatientRecord) -> Vec<Row> {
     let (before, after) = (quantities(before), quantities(after));
     let patient = &before.0;
-    std::iter::zip(before.1, after.1).flat_map(|((name, a), (_, b))| pair_up(patient, &name, a, b)).collect()
+    std::iter::zip(before.1, after.1)
+        .flat_map(|((name, a), (_, b))| pair_up(patient, &name, a, b))
+        .collect()
 }
 
-fn pair_up(patient: &str, name: &str, before: Vec<(String, f64)>, after: Vec<(String, f64)>) -> Vec<Row> {
-    let keys: std::collections::BTreeSet<&String> = before.iter().chain(&after).map(|(key, _)| key).collect();
-    let value = |list: &[(String, f64)], key: &str| list.iter().find(|(k, _)| k == key).map(|(_, value)| *value);
+fn pair_up(
+    patient: &str,
+    name: &str,
+    before: Vec<(String, f64)>,
+    after: Vec<(String, f64)>,
+) -> Vec<Row> {
+    let keys: std::collections::BTreeSet<&String> =
+        before.iter().chain(&after).map(|(key, _)| key).collect();
+    let value = |list: &[(String, f64)], key: &str| {
+        list.iter().find(|(k, _)| k == key).map(|(_, value)| *value)
+    };
     // In the order of the first list, then what only the second has.
     let mut ordered: Vec<&String> = before.iter().map(|(key, _)| key).collect();
     ordered.extend(keys.into_iter().filter(|key| value(&before, key).is_none()));
     let row = |key: &String| {
         let (before, after) = (value(&before, key), value(&after, key));
-        let relative_difference = before.zip(after).map(|(b, a)| (a - b) / b.abs()).filter(|d| d.is_finite());
+        let relative_difference = before
+            .zip(after)
+            .map(|(b, a)| (a - b) / b.abs())
+            .filter(|d| d.is_finite());
         let quantity = format!("{name} {key}").trim_end().to_owned();
-        Row { patient: patient.to_owned(), quantity, before, after, relative_difference }
+        Row {
+            patient: patient.to_owned(),
+            quantity,
+            before,
+            after,
+            relative_difference,
+        }
     };
     ordered.into_iter().map(row).collect()
 }
@@ -133,25 +187,64 @@ type Group = (String, Vec<(String, f64)>);
 /// Groups of named values; both patients have the same groups, if empty ones.
 fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
     let view = PatientView(patient);
-    let one =
-        |name: &str, value: Option<f64>| (name.to_owned(), value.map(|v| (String::new(), v)).into_iter().collect());
+    let one = |name: &str, value: Option<f64>| {
+        (
+            name.to_owned(),
+            value.map(|v| (String::new(), v)).into_iter().collect(),
+        )
+    };
     let mut groups: Vec<Group> = vec![
-        one("step-1 cost", patient.step1.as_ref().map(|step1| step1.cost)),
+        one(
+            "step-1 cost",
+            patient.step1.as_ref().map(|step1| step1.cost),
+        ),
         one("step-1 iterations", Some(patient.iterations.len() as f64)),
-        one("step-1 best iteration", patient.step1.as_ref().map(|step1| f64::from(step1.best_iteration))),
-        one("step-2 cost", patient.cell_fit.as_ref().map(|fit| fit.result.cost)),
+        one(
+            "step-1 best iteration",
+            patient
+                .step1
+                .as_ref()
+                .map(|step1| f64::from(step1.best_iteration)),
+        ),
+        one(
+            "step-2 cost",
+            patient.cell_fit.as_ref().map(|fit| fit.result.cost),
+        ),
         one("verification cost", patient.verification_cost),
     ];
-    for (step, name) in [(Step::Step1, "step-1"), (Step::Step2, "step-2"), (Step::Step3, "step-3")] {
+    for (step, name) in [
+        (Step::Step1, "step-1"),
+        (Step::Step2, "step-2"),
+        (Step::Step3, "step-3"),
+    ] {
         let values = view.simulated(step);
-        let named = Biomarker::ALL.iter().filter_map(|b| Some((b.key().to_owned(), b.of(values?)?)));
+        let named = Biomarker::ALL
+            .iter()
+            .filter_map(|b| Some((b.key().to_owned(), b.of(values?)?)));
         groups.push((name.to_owned(), named.collect()));
     }
-    let organ = patient.step1.as_ref().map(|step1| step1.parameters.updated());
-    let organ = organ.into_iter().flat_map(|values| std::iter::zip(STEP1_PARAMETERS, values));
-    groups.push(("organ".to_owned(), organ.map(|(name, value)| (name.to_owned(), value)).collect()));
-    let cell = patient.cell_fit.iter().flat_map(|fit| &fit.result.parameters);
-    groups.push(("cell".to_owned(), cell.map(|parameter| (parameter.name.clone(), parameter.value)).collect()));
+    let organ = patient
+        .step1
+        .as_ref()
+        .map(|step1| step1.parameters.updated());
+    let organ = organ
+        .into_iter()
+        .flat_map(|values| std::iter::zip(STEP1_PARAMETERS, values));
+    groups.push((
+        "organ".to_owned(),
+        organ
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect(),
+    ));
+    let cell = patient
+        .cell_fit
+        .iter()
+        .flat_map(|fit| &fit.result.parameters);
+    groups.push((
+        "cell".to_owned(),
+        cell.map(|parameter| (parameter.name.clone(), parameter.value))
+            .collect(),
+    ));
     (patient.plan.id.to_string(), groups)
 }
 
@@ -161,10 +254,29 @@ mod tests {
 
     #[test]
     fn values_are_paired_by_name_and_differences_are_relative() {
-        let list = |values: &[(&str, f64)]| values.iter().map(|(k, v)| ((*k).to_owned(), *v)).collect::<Vec<_>>();
-        let rows = pair_up("P1", "cell", list(&[("b", 2.0), ("a", -4.0)]), list(&[("a", -5.0), ("c", 1.0)]));
-        let told: Vec<_> =
-            rows.iter().map(|r| (r.quantity.as_str(), r.before, r.after, r.relative_difference)).collect();
+        let list = |values: &[(&str, f64)]| {
+            values
+                .iter()
+                .map(|(k, v)| ((*k).to_owned(), *v))
+                .collect::<Vec<_>>()
+        };
+        let rows = pair_up(
+            "P1",
+            "cell",
+            list(&[("b", 2.0), ("a", -4.0)]),
+            list(&[("a", -5.0), ("c", 1.0)]),
+        );
+        let told: Vec<_> = rows
+            .iter()
+            .map(|r| {
+                (
+                    r.quantity.as_str(),
+                    r.before,
+                    r.after,
+                    r.relative_difference,
+                )
+            })
+            .collect();
         assert_eq!(
             told,
             [

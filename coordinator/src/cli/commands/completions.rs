@@ -9,7 +9,9 @@ use crate::cli::talk::Talk;
 
 /// Print completions for a shell
 #[derive(Debug, Args)]
-#[command(after_help = "For bash: cardiotwin completions bash > ~/.local/share/bash-completion/completions/cardiotwin")]
+#[command(
+    after_help = "For bash: cardiotwin completions bash > ~/.local/share/bash-completion/completions/cardiotwin"
+)]
 pub struct CompletionsArgs {
     /// Which shell
     shell: Shell,
@@ -21,7 +23,12 @@ pub struct CompletionsArgs {
 /// When stdout cannot be written.
 pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut crate::cli::command(), "cardiotwin", &mut text);
+    clap_complete::generate(
+        args.shell,
+        &mut crate::cli::command(),
+        "cardiotwin",
+        &mut text,
+    );
     talk.data(&String::from_utf8_lossy(&text))?;
     Ok(Exit::Ok)
 }

@@ -66,7 +66,12 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
     let cohort_dir = folders.cohort.unwrap_or(folders.run);
     let only: Vec<String> = args.patient.iter().cloned().collect();
     let mut report = Report::default();
-    let options = Options { only, overrides, set: args.set.clone(), meshes: false };
+    let options = Options {
+        only,
+        overrides,
+        set: args.set.clone(),
+        meshes: false,
+    };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     talk.say(problems::text(&report, talk.colour_err).trim_end());
     let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {
@@ -74,17 +79,26 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         None => Some(&cohort.settings),
     });
     let Some(merged) = merged else {
-        return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+        return Err(CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        });
     };
-    let leaves = merged.leaves().into_iter().map(|(key, value, origin)| Leaf {
-        key,
-        value,
-        origin: args.origin.then_some(origin),
-    });
+    let leaves = merged
+        .leaves()
+        .into_iter()
+        .map(|(key, value, origin)| Leaf {
+            key,
+            value,
+            origin: args.origin.then_some(origin),
+        });
     if args.json {
         talk.json(&leaves.collect::<Vec<_>>())?;
     } else {
-        let headings: &[&str] = if args.origin { &["KEY", "ORIGIN", "VALUE"] } else { &["KEY", "VALUE"] };
+        let headings: &[&str] = if args.origin {
+            &["KEY", "ORIGIN", "VALUE"]
+        } else {
+            &["KEY", "VALUE"]
+        };
         let mut table = Columns::new(talk, headings);
         for Leaf { key, value, origin } in leaves {
             let tone = (origin == Some(Origin::Default)).then_some(Tone::Quiet);
@@ -96,5 +110,9 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         }
         talk.data(&table.text())?;
     }
-    Ok(if report.n_errors() > 0 { Exit::Input } else { Exit::Ok })
+    Ok(if report.n_errors() > 0 {
+        Exit::Input
+    } else {
+        Exit::Ok
+    })
 }

@@ -38,14 +38,20 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
     };
     match engine::drive_here(&place).await? {
         Some(end) => {
-            talk.say(&format!("driver ended: {:?}, {} patients left", end.because, end.left.len()));
+            talk.say(&format!(
+                "driver ended: {:?}, {} patients left",
+                end.because,
+                end.left.len()
+            ));
             for (patient, why) in &end.left {
                 talk.say(&format!("left {patient}: {why}"));
             }
             Ok(Exit::Ok)
         }
         None => {
-            talk.say("another driver had claimed this part of the job before: nothing is done twice");
+            talk.say(
+                "another driver had claimed this part of the job before: nothing is done twice",
+            );
             Ok(Exit::Locked)
         }
     }

@@ -49,21 +49,41 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     let patient = match &folders.cohort {
         Some(cohort) => {
             let overrides = stored_overrides(&folders.run, &args.patient).await?;
-            let options = Options { only: vec![args.patient.clone()], overrides, set: Vec::new(), meshes: false };
+            let options = Options {
+                only: vec![args.patient.clone()],
+                overrides,
+                set: Vec::new(),
+                meshes: false,
+            };
             // Only to find places: `check` is where problems are told.
-            input::load(cohort, &options, &mut Report::default()).and_then(|mut cohort| cohort.patients.pop())
+            input::load(cohort, &options, &mut Report::default())
+                .and_then(|mut cohort| cohort.patients.pop())
         }
         None => None,
     };
     let status = &record.status;
-    talk.data(&format!("{}: {} {} {}\n", status.patient, status.step, status.state, status.note))?;
+    talk.data(&format!(
+        "{}: {} {} {}\n",
+        status.patient, status.step, status.state, status.note
+    ))?;
     if let Some(failure) = &record.failure {
-        let remedy = failure.remedy.as_deref().map(|remedy| format!("; {remedy}")).unwrap_or_default();
-        talk.data(&format!("held by a failure [{}]: {}{remedy}\n", failure.class.as_str(), failure.message))?;
+        let remedy = failure
+            .remedy
+            .as_deref()
+            .map(|remedy| format!("; {remedy}"))
+            .unwrap_or_default();
+        talk.data(&format!(
+            "held by a failure [{}]: {}{remedy}\n",
+            failure.class.as_str(),
+            failure.message
+        ))?;
     }
     talk.data(&of_jobs(&jobs, &why, talk))?;
     let mut files: Vec<(&str, PathBuf)> = Vec::new();
-    for file in [&record.plan.step0.pressure, &record.plan.step0.volume].into_iter().flatten() {
+    for file in [&record.plan.step0.pressure, &record.plan.step0.volume]
+        .into_iter()
+        .flatten()
+    {
         files.push((&file.name, file.path.clone()));
     }
     talk.data(&text(&steps, patient.as_ref(), &files, talk))?;
@@ -78,15 +98,34 @@ fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &["JOB", "STATE", ">RAN", "NODES", "WHY"]);
     for job in jobs {
         let ran = job.elapsed_s.map_or("-".to_owned(), |s| duration(s as f64));
-        let nodes = if job.nodes.is_empty() { "-".to_owned() } else { job.nodes.clone() };
-        table.row([job.id.clone(), job.state.clone(), ran, nodes, job.why.clone()]);
+        let nodes = if job.nodes.is_empty() {
+            "-".to_owned()
+        } else {
+            job.nodes.clone()
+        };
+        table.row([
+            job.id.clone(),
+            job.state.clone(),
+            ran,
+            nodes,
+            job.why.clone(),
+        ]);
     }
-    let next = if why.is_empty() { String::new() } else { format!("tried again: {why}\n") };
+    let next = if why.is_empty() {
+        String::new()
+    } else {
+        format!("tried again: {why}\n")
+    };
     format!("{}{next}\n", table.text())
 }
 
 /// The table of steps, and below it what changed.
-fn text(steps: &[StepExplanation], patient: Option<&Patient>, files: &[(&str, PathBuf)], talk: &Talk) -> String {
+fn text(
+    steps: &[StepExplanation],
+    patient: Option<&Patient>,
+    files: &[(&str, PathBuf)],
+    talk: &Talk,
+) -> String {
     let mut table = Columns::new(talk, &["STEP", "STATE", "TASK", ">TRIES", "SINCE", "WHY"]);
     for step in steps {
         let tone = match step.state.as_str() {
@@ -116,10 +155,20 @@ fn text(steps: &[StepExplanation], patient: Option<&Patient>, files: &[(&str, Pa
     let mut text = table.text();
     for step in steps.iter().filter(|step| !step.changes.is_empty()) {
         let before = step.previous.as_ref().map_or("", |key| short(key.as_str()));
-        text.push_str(&format!("\n{} differs from its task {before} before:\n", step.step));
+        text.push_str(&format!(
+            "\n{} differs from its task {before} before:\n",
+            step.step
+        ));
         for change in &step.changes {
-            let value = |value: &Option<Value>| value.as_ref().map_or("absent".to_owned(), Value::to_string);
-            text.push_str(&format!("  {}: {} -> {}", change.path, value(&change.old), value(&change.new)));
+            let value = |value: &Option<Value>| {
+                value.as_ref().map_or("absent".to_owned(), Value::to_string)
+            };
+            text.push_str(&format!(
+                "  {}: {} -> {}",
+                change.path,
+                value(&change.old),
+                value(&change.new)
+            ));
             text.push_str(&places(change, patient, files));
             text.push('\n');
         }
@@ -129,16 +178,34 @@ fn text(steps: &[StepExplanation], patient: Option<&Patient>, files: &[(&str, Pa
 
 /// Where a person finds the changed value.
 fn places(change: &LeafChange, patient: Option<&Patient>, files: &[(&str, PathBuf)]) -> String {
-    let parts: Vec<&str> = change.path.split('.').map(|part| part.split('[').next().unwrap_or(part)).collect();
+    let parts: Vec<&str> = change
+        .path
+        .split('.')
+        .map(|part| part.split('[').next().unwrap_or(part))
+        .collect();
     let mut places: Vec<String> = Vec::new();
     let names_a_file = |name: &str| parts.contains(&name) && parts.last() == Some(&"sha256");
-    places.extend(files.iter().filter(|(name, _)| names_a_file(name)).map(|(_, path)| path.display().to_string()));
+    places.extend(
+        files
+            .iter()
+            .filter(|(name, _)| names_a_file(name))
+            .map(|(_, path)| path.display().to_string()),
+    );
     if places.is_empty()
         && let (Some(patient), Some(name)) = (patient, parts.last())
     {
-        places.extend(patient.places_of(name).into_iter().map(|(key, place)| format!("{key} in {place}")));
+        places.extend(
+            patient
+                .places_of(name)
+                .into_iter()
+                .map(|(key, place)| format!("{key} in {place}")),
+        );
     }
-    if places.is_empty() { String::new() } else { format!("   ({})", places.join("; ")) }
+    if places.is_empty() {
+        String::new()
+    } else {
+        format!("   ({})", places.join("; "))
+    }
 }
 
 fn short(key: &str) -> &str {
@@ -153,9 +220,17 @@ mod tests {
 
     #[test]
     fn a_changed_value_and_a_changed_file_say_where_they_are() {
-        let plain = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
-        let change =
-            |path: &str, old: Value, new: Value| LeafChange { path: path.into(), old: Some(old), new: Some(new) };
+        let plain = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
+        let change = |path: &str, old: Value, new: Value| LeafChange {
+            path: path.into(),
+            old: Some(old),
+            new: Some(new),
+        };
         let step = StepExplanation {
             step: "step-0".into(),
             task: TaskKey("b".repeat(64)),
@@ -174,9 +249,15 @@ mod tests {
         let cohort = "name = 'c'\n[solver.activation]\nspread_ms = 50\n";
         std::fs::write(folder.path().join("cohort.toml"), cohort).unwrap();
         let text_of_patient = "id = 'P1'\ncycle_length_ms = 700\n[measured]\n";
-        std::fs::write(folder.path().join("patients/P1/patient.toml"), text_of_patient).unwrap();
-        let patient =
-            input::load(folder.path(), &Options::default(), &mut Report::default()).unwrap().patients.remove(0);
+        std::fs::write(
+            folder.path().join("patients/P1/patient.toml"),
+            text_of_patient,
+        )
+        .unwrap();
+        let patient = input::load(folder.path(), &Options::default(), &mut Report::default())
+            .unwrap()
+            .patients
+            .remove(0);
         let files = [("pressure", PathBuf::from("/c/patients/P1/pressure.csv"))];
         let said = text(&[step], Some(&patient), &files, &plain);
         let root = format!("{}/", folder.path().display());

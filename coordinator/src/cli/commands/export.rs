@@ -72,8 +72,14 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep report DIR` writes its tables")?;
     let record = open(&folders).await?.record().await?;
-    let out = args.out.clone().unwrap_or_else(|| folders.run.join("export"));
-    let Exported { mut files, mut problems } = export(&record, &out).map_err(CliError::Export)?;
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| folders.run.join("export"));
+    let Exported {
+        mut files,
+        mut problems,
+    } = export(&record, &out).map_err(CliError::Export)?;
     let mut parts: Vec<Part> = files.iter().map(|file| Part::table(file)).collect();
     if args.opencarp {
         let worker = find_worker(args.worker.as_deref())?;
@@ -89,23 +95,52 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     if args.ro_crate {
         let place = out.join("ro-crate");
-        problems.extend(crate_of(args, &record, &parts, folders.cohort.as_deref(), &place, talk)?);
+        problems.extend(crate_of(
+            args,
+            &record,
+            &parts,
+            folders.cohort.as_deref(),
+            &place,
+            talk,
+        )?);
         files.push(place.join(ro_crate::METADATA));
     }
     if args.json {
-        talk.json(&Answer { schema_version: cardiotwin_schemas::SCHEMA_VERSION, files: &files, problems: &problems })?;
+        talk.json(&Answer {
+            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            files: &files,
+            problems: &problems,
+        })?;
     } else {
-        files.iter().try_for_each(|file| talk.data(&format!("{}\n", file.display())))?;
+        files
+            .iter()
+            .try_for_each(|file| talk.data(&format!("{}\n", file.display())))?;
     }
-    problems.iter().for_each(|problem| talk.say(&format!("warning: {problem}")));
-    Ok(if problems.is_empty() { Exit::Ok } else { Exit::Problems })
+    problems
+        .iter()
+        .for_each(|problem| talk.say(&format!("warning: {problem}")));
+    Ok(if problems.is_empty() {
+        Exit::Ok
+    } else {
+        Exit::Problems
+    })
 }
 
 /// Asks the worker, who knows meshes, for a patient's files; none where nothing was simulated.
 fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<PathBuf>, CliError> {
-    let best = PatientView(patient).best_iteration().and_then(|iteration| iteration.run.as_ref());
-    let beats = [best, patient.verification.as_ref(), PatientView(patient).step3_beat()];
-    let specs: Vec<PathBuf> = beats.into_iter().flatten().map(|task| task.directory.join("spec.json")).collect();
+    let best = PatientView(patient)
+        .best_iteration()
+        .and_then(|iteration| iteration.run.as_ref());
+    let beats = [
+        best,
+        patient.verification.as_ref(),
+        PatientView(patient).step3_beat(),
+    ];
+    let specs: Vec<PathBuf> = beats
+        .into_iter()
+        .flatten()
+        .map(|task| task.directory.join("spec.json"))
+        .collect();
     if specs.is_empty() {
         return Ok(Vec::new());
     }
@@ -118,10 +153,20 @@ fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<Pa
         .output()
         .map_err(CliError::file("start", worker))?;
     if !output.status.success() {
-        let message = format!("{}, {}", output.status, String::from_utf8_lossy(&output.stderr).trim());
-        return Err(CliError::Worker { worker: worker.to_owned(), message });
+        let message = format!(
+            "{}, {}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr).trim()
+        );
+        return Err(CliError::Worker {
+            worker: worker.to_owned(),
+            message,
+        });
     }
-    Ok(String::from_utf8_lossy(&output.stdout).lines().map(PathBuf::from).collect())
+    Ok(String::from_utf8_lossy(&output.stdout)
+        .lines()
+        .map(PathBuf::from)
+        .collect())
 }
 
 /// A file that was exported, as a crate has it.
@@ -133,18 +178,32 @@ struct Part {
 impl Part {
     fn of(file: &Path, folder: &str, sentence: &str) -> Self {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
-        let to = CrateFile { path: format!("{folder}/{name}"), name: sentence.to_owned() };
-        Self { from: file.to_owned(), to }
+        let to = CrateFile {
+            path: format!("{folder}/{name}"),
+            name: sentence.to_owned(),
+        };
+        Self {
+            from: file.to_owned(),
+            to,
+        }
     }
 
     fn table(file: &Path) -> Self {
         let is_traces = file.file_stem().is_some_and(|stem| stem == "traces");
-        let sentence = if is_traces { "All traces, one value a row" } else { "A table of the paper, for this cohort" };
+        let sentence = if is_traces {
+            "All traces, one value a row"
+        } else {
+            "A table of the paper, for this cohort"
+        };
         Self::of(file, "tables", sentence)
     }
 
     fn model(file: &Path, patient: &str) -> Self {
-        Self::of(file, &format!("patients/{patient}/opencarp"), "A personalised model in openCARP's formats")
+        Self::of(
+            file,
+            &format!("patients/{patient}/opencarp"),
+            "A personalised model in openCARP's formats",
+        )
     }
 }
 
@@ -165,18 +224,37 @@ fn crate_of(
         files.push(to.clone());
     }
     let cases = discovery::beside(cohort);
-    let report = write_report(record, cases.as_ref(), &folder.path().join("report.html")).map_err(CliError::Report)?;
+    let report = write_report(record, cases.as_ref(), &folder.path().join("report.html"))
+        .map_err(CliError::Report)?;
     for page in std::iter::once(&report.main).chain(&report.patients) {
-        let path = page.strip_prefix(folder.path()).unwrap_or(page).to_string_lossy().into_owned();
-        files.push(CrateFile { path, name: "The report".to_owned() });
+        let path = page
+            .strip_prefix(folder.path())
+            .unwrap_or(page)
+            .to_string_lossy()
+            .into_owned();
+        files.push(CrateFile {
+            path,
+            name: "The report".to_owned(),
+        });
     }
-    let options =
-        CrateOptions { license: args.license.clone(), author: args.author.clone(), with_inputs: args.with_inputs };
-    let problems = ro_crate::complete(record, &folder, files, &options).map_err(CliError::Export)?;
+    let options = CrateOptions {
+        license: args.license.clone(),
+        author: args.author.clone(),
+        with_inputs: args.with_inputs,
+    };
+    let problems =
+        ro_crate::complete(record, &folder, files, &options).map_err(CliError::Export)?;
     folder.publish().map_err(CliError::Export)?;
-    let open = record.patients.iter().filter(|p| p.verification.is_none()).count();
+    let open = record
+        .patients
+        .iter()
+        .filter(|p| p.verification.is_none())
+        .count();
     if open > 0 {
-        talk.say(&format!("{} of the crate not personalised to the end: it says so", count(open, "patient")));
+        talk.say(&format!(
+            "{} of the crate not personalised to the end: it says so",
+            count(open, "patient")
+        ));
     }
     Ok(problems)
 }

@@ -25,7 +25,9 @@ pub struct DuArgs {
 
 /// Remove checkpoints and working folders of finished tasks; never what a rerun, the report or provenance needs
 #[derive(Debug, Args)]
-#[command(after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would go.")]
+#[command(
+    after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would go."
+)]
 pub struct CleanArgs {
     #[command(flatten)]
     place: Place,
@@ -71,10 +73,17 @@ pub async fn du(args: &DuArgs, talk: &Talk) -> Result<Exit, CliError> {
         return Ok(Exit::Ok);
     }
     let of = |class: Class| usage.classes.get(&class).copied().unwrap_or_default();
-    let rows: Vec<(Class, Usage)> = Class::ALL.into_iter().map(|class| (class, of(class))).collect();
+    let rows: Vec<(Class, Usage)> = Class::ALL
+        .into_iter()
+        .map(|class| (class, of(class)))
+        .collect();
     talk.data(&table(talk, &rows))?;
     let (plain, series) = (usage.removable, usage.removable_with_series);
-    talk.say(&format!("`cardiotwin clean` would free {}, with --series {}", size(plain.bytes), size(series.bytes)));
+    talk.say(&format!(
+        "`cardiotwin clean` would free {}, with --series {}",
+        size(plain.bytes),
+        size(series.bytes)
+    ));
     Ok(Exit::Ok)
 }
 
@@ -89,12 +98,19 @@ pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.json(&cleaned)?;
         return Ok(Exit::Ok);
     }
-    let rows: Vec<(Class, Usage)> = cleaned.classes.iter().map(|(class, usage)| (*class, *usage)).collect();
+    let rows: Vec<(Class, Usage)> = cleaned
+        .classes
+        .iter()
+        .map(|(class, usage)| (*class, *usage))
+        .collect();
     if !rows.is_empty() {
         talk.data(&table(talk, &rows))?;
     }
     let bytes = rows.iter().map(|(_, usage)| usage.bytes).sum();
-    let (would, files) = (if args.dry_run { "would be " } else { "" }, count(cleaned.files.len(), "file"));
+    let (would, files) = (
+        if args.dry_run { "would be " } else { "" },
+        count(cleaned.files.len(), "file"),
+    );
     talk.say(&format!("{files}, {}: {would}removed", size(bytes)));
     Ok(Exit::Ok)
 }
@@ -115,7 +131,9 @@ pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> 
     } else {
         let (to, files) = (target.display(), count(done.copied.files as usize, "file"));
         let (copied, left) = (size(done.copied.bytes), size(done.left.bytes));
-        talk.data(&format!("{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"))?;
+        talk.data(&format!(
+            "{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"
+        ))?;
     }
     Ok(Exit::Ok)
 }
@@ -131,15 +149,31 @@ fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
         return Err(CliError::Usage(message.to_owned()));
     };
     std::fs::create_dir_all(&folder).map_err(CliError::file("make", &folder))?;
-    let day = clock::utc_text(clock::now_ms()).chars().take(10).collect::<String>();
-    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
-    Ok(folder.join(format!("{}-{day}", name.chars().map(plain).collect::<String>())))
+    let day = clock::utc_text(clock::now_ms())
+        .chars()
+        .take(10)
+        .collect::<String>();
+    let plain = |c: char| {
+        if c.is_ascii_alphanumeric() || c == '-' || c == '_' {
+            c
+        } else {
+            '-'
+        }
+    };
+    Ok(folder.join(format!(
+        "{}-{day}",
+        name.chars().map(plain).collect::<String>()
+    )))
 }
 
 fn table(talk: &Talk, rows: &[(Class, Usage)]) -> String {
     let mut table = Columns::new(talk, &["CLASS", ">FILES", ">SIZE", "WHAT"]);
     for (class, usage) in rows {
-        let cells = [class.as_str().to_owned(), usage.files.to_string(), size(usage.bytes)];
+        let cells = [
+            class.as_str().to_owned(),
+            usage.files.to_string(),
+            size(usage.bytes),
+        ];
         table.row(cells.into_iter().chain([class.meaning().to_owned()]));
     }
     table.text()

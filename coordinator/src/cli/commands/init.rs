@@ -29,15 +29,27 @@ const PATIENT: &str = include_str!("../templates/patient.toml");
 /// [`CliError::Usage`] where something is there already, [`CliError::File`] where the folder cannot be written.
 pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
     let absolute = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
-    let folder_name = absolute.file_name().map(|name| name.to_string_lossy().into_owned());
-    let name = args.name.clone().or(folder_name).unwrap_or_else(|| "cohort".to_owned());
+    let folder_name = absolute
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned());
+    let name = args
+        .name
+        .clone()
+        .or(folder_name)
+        .unwrap_or_else(|| "cohort".to_owned());
     let patient = args.folder.join("patients").join("P001");
     let files = [
-        (args.folder.join("cohort.toml"), COHORT.replace("{name}", &toml_text(&name))),
+        (
+            args.folder.join("cohort.toml"),
+            COHORT.replace("{name}", &toml_text(&name)),
+        ),
         (patient.join("patient.toml"), PATIENT.to_owned()),
     ];
     if let Some((there, _)) = files.iter().find(|(path, _)| path.exists()) {
-        let message = format!("{} is there already; give another folder, nothing was written", there.display());
+        let message = format!(
+            "{} is there already; give another folder, nothing was written",
+            there.display()
+        );
         return Err(CliError::Usage(message));
     }
     std::fs::create_dir_all(&patient).map_err(CliError::file("make", &patient))?;
@@ -57,7 +69,8 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
 /// Writes a file that must not be there.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let mut file = std::fs::File::create_new(path).map_err(CliError::file("make", path))?;
-    file.write_all(text.as_bytes()).map_err(CliError::file("write", path))
+    file.write_all(text.as_bytes())
+        .map_err(CliError::file("write", path))
 }
 
 /// A text as TOML writes it.
@@ -70,27 +83,54 @@ mod tests {
     use super::*;
     use crate::input::{Options, Report, load};
 
-    const QUIET: Talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+    const QUIET: Talk = Talk {
+        colour_out: false,
+        colour_err: false,
+        quiet: true,
+        bars: false,
+    };
 
     #[test]
     fn the_template_lacks_nothing_but_the_traces() {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("my \"cohort\"");
-        execute(&InitArgs { folder: folder.clone(), name: None }, &QUIET).unwrap();
+        execute(
+            &InitArgs {
+                folder: folder.clone(),
+                name: None,
+            },
+            &QUIET,
+        )
+        .unwrap();
         let mut report = Report::default();
         let cohort = load(&folder, &Options::default(), &mut report).unwrap();
         assert_eq!(cohort.name, "my \"cohort\"");
-        let keys: Vec<_> = report.findings().iter().map(|f| f.problem.key.clone().unwrap_or_default()).collect();
-        assert_eq!(keys, ["measured.pressure", "measured.volume"], "{:#?}", report.findings());
+        let keys: Vec<_> = report
+            .findings()
+            .iter()
+            .map(|f| f.problem.key.clone().unwrap_or_default())
+            .collect();
+        assert_eq!(
+            keys,
+            ["measured.pressure", "measured.volume"],
+            "{:#?}",
+            report.findings()
+        );
     }
 
     #[test]
     fn what_is_there_is_left_alone() {
         let parent = tempfile::tempdir().unwrap();
-        let args = InitArgs { folder: parent.path().to_owned(), name: Some("x".into()) };
+        let args = InitArgs {
+            folder: parent.path().to_owned(),
+            name: Some("x".into()),
+        };
         std::fs::write(parent.path().join("cohort.toml"), "mine").unwrap();
         assert!(matches!(execute(&args, &QUIET), Err(CliError::Usage(_))));
-        assert_eq!(std::fs::read_to_string(parent.path().join("cohort.toml")).unwrap(), "mine");
+        assert_eq!(
+            std::fs::read_to_string(parent.path().join("cohort.toml")).unwrap(),
+            "mine"
+        );
         assert!(!parent.path().join("patients").exists());
     }
 
@@ -99,18 +139,30 @@ mod tests {
         let settings: String = COHORT
             .lines()
             .map(|line| {
-                line.strip_prefix("# ").filter(|rest| rest.contains('=') || rest.starts_with('[')).unwrap_or(line)
+                line.strip_prefix("# ")
+                    .filter(|rest| rest.contains('=') || rest.starts_with('['))
+                    .unwrap_or(line)
             })
             .map(|line| format!("{line}\n"))
             .collect();
         let parent = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(parent.path().join("patients")).unwrap();
-        std::fs::write(parent.path().join("cohort.toml"), settings.replace("{name}", "\"x\"")).unwrap();
+        std::fs::write(
+            parent.path().join("cohort.toml"),
+            settings.replace("{name}", "\"x\""),
+        )
+        .unwrap();
         let mut report = Report::default();
         let cohort = load(parent.path(), &Options::default(), &mut report).unwrap();
-        assert_eq!(cohort.settings.settings, cardiotwin_schemas::settings::Settings::default());
-        let others: Vec<_> =
-            report.findings().iter().filter(|f| f.problem.key.as_deref() != Some("patients")).collect();
+        assert_eq!(
+            cohort.settings.settings,
+            cardiotwin_schemas::settings::Settings::default()
+        );
+        let others: Vec<_> = report
+            .findings()
+            .iter()
+            .filter(|f| f.problem.key.as_deref() != Some("patients"))
+            .collect();
         assert!(others.is_empty(), "{others:#?}");
     }
 }

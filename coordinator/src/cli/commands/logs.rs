@@ -51,14 +51,23 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
                 let seen = shown.entry(path.clone()).or_default();
                 let text = new_text(&path, seen)?;
                 if !text.is_empty() {
-                    talk.data(&format!("==> job {}, {}: {} <==\n{text}", job.id, job.state, path.display()))?;
+                    talk.data(&format!(
+                        "==> job {}, {}: {} <==\n{text}",
+                        job.id,
+                        job.state,
+                        path.display()
+                    ))?;
                 }
             }
         }
         if attempts.is_empty() && !args.follow {
             talk.say(&format!("no attempt at any task of {id} yet"));
         }
-        let first = if args.all { 0 } else { attempts.len().saturating_sub(1) };
+        let first = if args.all {
+            0
+        } else {
+            attempts.len().saturating_sub(1)
+        };
         for attempt in &attempts[first..] {
             for name in FILES {
                 let path = attempt.directory.join(name);
@@ -71,7 +80,11 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
                     talk.data(&heading(attempt, &path))?;
                     last_heading = Some(path);
                 }
-                talk.data(&if name == "progress.jsonl" { readable(&text) } else { text })?;
+                talk.data(&if name == "progress.jsonl" {
+                    readable(&text)
+                } else {
+                    text
+                })?;
             }
         }
         let state = reader.patient_record(&id).await?.status.state;
@@ -89,15 +102,29 @@ fn last_jobs(jobs: &[JobRecord], all: bool) -> &[JobRecord] {
 
 /// What a job's script and driver said.
 fn logs_of(job: &JobRecord) -> Vec<PathBuf> {
-    let end = job.element.map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
-    let entries = std::fs::read_dir(&job.folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut logs: Vec<PathBuf> = entries.filter(|path| path.to_string_lossy().ends_with(&end)).collect();
+    let end = job
+        .element
+        .map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
+    let entries = std::fs::read_dir(&job.folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
+    let mut logs: Vec<PathBuf> = entries
+        .filter(|path| path.to_string_lossy().ends_with(&end))
+        .collect();
     logs.sort();
     logs
 }
 
 fn heading(attempt: &AttemptRecord, path: &Path) -> String {
-    format!("==> {}, try {}, {}: {} <==\n", attempt.step, attempt.generation, attempt.state.word(), path.display())
+    format!(
+        "==> {}, try {}, {}: {} <==\n",
+        attempt.step,
+        attempt.generation,
+        attempt.state.word(),
+        path.display()
+    )
 }
 
 /// What was appended since `seen`; only whole lines, so that a line that is being written is not torn.
@@ -108,9 +135,14 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
         Err(error) => return Err(CliError::file("read", path)(error)),
     };
     let mut bytes = Vec::new();
-    file.seek(SeekFrom::Start(*seen)).map_err(CliError::file("read", path))?;
-    file.read_to_end(&mut bytes).map_err(CliError::file("read", path))?;
-    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    file.seek(SeekFrom::Start(*seen))
+        .map_err(CliError::file("read", path))?;
+    file.read_to_end(&mut bytes)
+        .map_err(CliError::file("read", path))?;
+    let whole = bytes
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |at| at + 1);
     *seen += whole as u64;
     Ok(String::from_utf8_lossy(&bytes[..whole]).into_owned())
 }
@@ -119,8 +151,14 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
 fn readable(text: &str) -> String {
     let line = |line: &str| match serde_json::from_str::<Progress>(line) {
         Ok(report) => {
-            let total = report.total.map(|total| format!("/{total}")).unwrap_or_default();
-            format!("{}  {} {}{total}  {}\n", report.at, report.phase, report.done, report.note)
+            let total = report
+                .total
+                .map(|total| format!("/{total}"))
+                .unwrap_or_default();
+            format!(
+                "{}  {} {}{total}  {}\n",
+                report.at, report.phase, report.done, report.note
+            )
         }
         Err(_) => format!("{line}\n"),
     };
@@ -147,6 +185,9 @@ mod tests {
     #[test]
     fn progress_is_readable_and_damage_is_shown() {
         let text = r#"{"at":"T","phase":"differential evolution","done":41,"total":1000,"note":"cost 0.04"}"#;
-        assert_eq!(readable(&format!("{text}\nxx\n")), "T  differential evolution 41/1000  cost 0.04\nxx\n");
+        assert_eq!(
+            readable(&format!("{text}\nxx\n")),
+            "T  differential evolution 41/1000  cost 0.04\nxx\n"
+        );
     }
 }

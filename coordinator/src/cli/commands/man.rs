@@ -22,10 +22,15 @@ pub struct ManArgs {
 /// # Errors
 /// [`CliError::File`] where the folder cannot be written.
 pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let io = |source| CliError::Io { what: "cannot write the manual page", source };
+    let io = |source| CliError::Io {
+        what: "cannot write the manual page",
+        source,
+    };
     let Some(folder) = &args.out else {
         let mut text = Vec::new();
-        Man::new(crate::cli::command()).render(&mut text).map_err(io)?;
+        Man::new(crate::cli::command())
+            .render(&mut text)
+            .map_err(io)?;
         talk.data(&String::from_utf8_lossy(&text))?;
         return Ok(Exit::Ok);
     };

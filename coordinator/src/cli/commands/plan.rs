@@ -43,7 +43,9 @@ pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.json {
         talk.json(&plan)?;
     } else if args.script {
-        plan.jobs.iter().try_for_each(|job| talk.data(&format!("{}\n", job.script)))?;
+        plan.jobs
+            .iter()
+            .try_for_each(|job| talk.data(&format!("{}\n", job.script)))?;
     } else {
         talk.data(&table(&plan, talk))?;
     }
@@ -53,10 +55,23 @@ pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
 fn table(plan: &PlannedRun, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
-        &["QUEUE", ">JOBS", ">NODES", ">CORES", ">WALLTIME", ">EXPECTED", ">PATIENTS", ">NODE-HOURS", "WHEN"],
+        &[
+            "QUEUE",
+            ">JOBS",
+            ">NODES",
+            ">CORES",
+            ">WALLTIME",
+            ">EXPECTED",
+            ">PATIENTS",
+            ">NODE-HOURS",
+            "WHEN",
+        ],
     );
     for job in &plan.jobs {
-        let at_once = job.at_once.map(|n| format!(" ({n} at once)")).unwrap_or_default();
+        let at_once = job
+            .at_once
+            .map(|n| format!(" ({n} at once)"))
+            .unwrap_or_default();
         table.row([
             job.queue.clone(),
             format!("{}{at_once}", job.elements),
@@ -71,7 +86,11 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
     }
     let mut text = table.text();
     let jobs: usize = plan.jobs.iter().map(|job| job.elements).sum();
-    let charge = if plan.charge > 0.0 { format!(" ({:.2} {})", plan.charge, plan.charge_unit) } else { String::new() };
+    let charge = if plan.charge > 0.0 {
+        format!(" ({:.2} {})", plan.charge, plan.charge_unit)
+    } else {
+        String::new()
+    };
     text.push_str(&format!(
         "{}: {}, {:.3} node-hours{charge}; over {} after the first begins, if the queue gave at once all that its limits allow\n",
         plan.site,
@@ -86,6 +105,8 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
             count(plan.others, "patient")
         ));
     }
-    plan.remarks.iter().for_each(|remark| text.push_str(&format!("{remark}\n")));
+    plan.remarks
+        .iter()
+        .for_each(|remark| text.push_str(&format!("{remark}\n")));
     text
 }

@@ -49,7 +49,11 @@ pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let patient = PatientId(args.patient.clone());
     let record = open(&folders).await?.patient_record(&patient).await?;
-    let mut assignments: Vec<String> = args.damping.iter().map(|d| format!("step1.damping={d}")).collect();
+    let mut assignments: Vec<String> = args
+        .damping
+        .iter()
+        .map(|d| format!("step1.damping={d}"))
+        .collect();
     for bounds in &args.bounds {
         assignments.push(bounds_assignment(bounds, args.from).map_err(CliError::Usage)?);
     }
@@ -59,7 +63,9 @@ pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
     check_on_top(&record.plan.settings, &layer, &mut report);
     if report.n_errors() > 0 {
         talk.say(problems::text(&report, talk.colour_err).trim_end());
-        return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+        return Err(CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        });
     }
     let overrides: SettingsLayer = serde_json::from_value(layer.into_value())
         .map_err(|error| CliError::Usage(format!("these settings cannot be stored: {error}")))?;
@@ -75,7 +81,10 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
     let (low, high) = range.split_once(':').ok_or_else(wrong)?;
     let low: f64 = low.trim().parse().map_err(|_| wrong())?;
     let high: f64 = high.trim().parse().map_err(|_| wrong())?;
-    let (organ, cell) = (STEP1_PARAMETERS.contains(&key), CELL_PARAMETERS.contains(&key));
+    let (organ, cell) = (
+        STEP1_PARAMETERS.contains(&key),
+        CELL_PARAMETERS.contains(&key),
+    );
     // Smax_ref_kPa is a parameter of both models: the step decides.
     let table = match (organ, cell) {
         (true, true) if from == Stage::Step2 => "step2",
@@ -84,7 +93,10 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
         (false, false) => {
             let known = || STEP1_PARAMETERS.iter().chain(&CELL_PARAMETERS).copied();
             let meant = nearest(key, known()).map(|meant| format!("; did you mean `{meant}`?"));
-            return Err(format!("--bounds {text}: no parameter `{key}`{}", meant.unwrap_or_default()));
+            return Err(format!(
+                "--bounds {text}: no parameter `{key}`{}",
+                meant.unwrap_or_default()
+            ));
         }
     };
     Ok(format!("{table}.bounds.{key}=[{low:?}, {high:?}]"))
@@ -97,10 +109,27 @@ mod tests {
     #[test]
     fn bounds_go_to_the_step_that_fits_the_parameter() {
         let of = |text, from| bounds_assignment(text, from).unwrap();
-        assert_eq!(of("t_CR_ms=200:600", Stage::Step1), "step1.bounds.t_CR_ms=[200.0, 600.0]");
-        assert_eq!(of("a_p_kPa=1:200", Stage::Step1), "step2.bounds.a_p_kPa=[1.0, 200.0]");
-        assert_eq!(of("Smax_ref_kPa=1:200", Stage::Step2), "step2.bounds.Smax_ref_kPa=[1.0, 200.0]");
-        assert!(bounds_assignment("t_CR=1:2", Stage::Step1).unwrap_err().contains("did you mean `t_CR_ms`?"));
-        assert!(bounds_assignment("t_CR_ms=1", Stage::Step1).unwrap_err().contains("KEY=LO:HI"));
+        assert_eq!(
+            of("t_CR_ms=200:600", Stage::Step1),
+            "step1.bounds.t_CR_ms=[200.0, 600.0]"
+        );
+        assert_eq!(
+            of("a_p_kPa=1:200", Stage::Step1),
+            "step2.bounds.a_p_kPa=[1.0, 200.0]"
+        );
+        assert_eq!(
+            of("Smax_ref_kPa=1:200", Stage::Step2),
+            "step2.bounds.Smax_ref_kPa=[1.0, 200.0]"
+        );
+        assert!(
+            bounds_assignment("t_CR=1:2", Stage::Step1)
+                .unwrap_err()
+                .contains("did you mean `t_CR_ms`?")
+        );
+        assert!(
+            bounds_assignment("t_CR_ms=1", Stage::Step1)
+                .unwrap_err()
+                .contains("KEY=LO:HI")
+        );
     }
 }

@@ -45,7 +45,9 @@ const CLASSES: [&str; 11] = [
 ];
 
 fn is_of(failure: &Failure, class: &str) -> bool {
-    let cause = SiteCause::ALL.iter().find(|(cause, _)| Some(*cause) == failure.cause);
+    let cause = SiteCause::ALL
+        .iter()
+        .find(|(cause, _)| Some(*cause) == failure.cause);
     failure.class.as_str() == class || cause.is_some_and(|(_, word)| *word == class)
 }
 
@@ -60,13 +62,23 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
         None => {
             let reader = open(&folders).await?;
             let mut failed = Vec::new();
-            for patient in reader.status().await?.patients.into_iter().filter(|p| p.state == "failed") {
+            for patient in reader
+                .status()
+                .await?
+                .patients
+                .into_iter()
+                .filter(|p| p.state == "failed")
+            {
                 let id = PatientId(patient.patient);
                 let failure = match args.class {
                     Some(_) => reader.patient_record(&id).await?.failure,
                     None => None,
                 };
-                if args.class.as_ref().is_none_or(|class| failure.is_some_and(|failure| is_of(&failure, class))) {
+                if args
+                    .class
+                    .as_ref()
+                    .is_none_or(|class| failure.is_some_and(|failure| is_of(&failure, class)))
+                {
                     failed.push(id);
                 }
             }

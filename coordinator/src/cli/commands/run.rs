@@ -86,23 +86,33 @@ pub struct RunArgs {
 pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
-    folders.refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
+    folders
+        .refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
     let cohort = load(&folders, &args.settings(), &args.patients, true, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
     }
-    if let Some(said) = cohort.plans().first().and_then(|plan| announcement(plan, plan.settings.executor.vtu_every_ms))
+    if let Some(said) = cohort
+        .plans()
+        .first()
+        .and_then(|plan| announcement(plan, plan.settings.executor.vtu_every_ms))
     {
         talk.say(&said);
     }
     let options = RunOptions {
-        only: args.patients.iter().map(|id| PatientId(id.clone())).collect(),
+        only: args
+            .patients
+            .iter()
+            .map(|id| PatientId(id.clone()))
+            .collect(),
         watch: args.watch,
         adopt_version: args.adopt_version,
         ..of_cohort(&cohort, &folders, args.worker.as_deref())
     };
-    let stop =
-        StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
+        what: "cannot listen to signals",
+        source,
+    })?;
     access::apply(&options.executor, &options.run_dir)?;
     scratch::lay_out(&options.executor, &options.run_dir)?;
     let (events, received) = tokio::sync::mpsc::unbounded_channel();
@@ -119,12 +129,30 @@ impl RunArgs {
     /// Settings that options of this command stand for.
     fn settings(&self) -> Vec<String> {
         let mut set = self.set.clone();
-        set.extend(self.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
-        set.extend(self.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
-        set.extend(self.update.iter().map(|name| format!("step1.update={name}")));
-        set.extend(self.vtu_every.map(|every| format!("executor.vtu_every_ms={every:?}")));
+        set.extend(
+            self.fidelity
+                .iter()
+                .map(|name| format!("solver.fidelity={name}")),
+        );
+        set.extend(
+            self.mesh_nodes
+                .map(|n| format!("solver.finite_element.mesh_nodes={n}")),
+        );
+        set.extend(
+            self.update
+                .iter()
+                .map(|name| format!("step1.update={name}")),
+        );
+        set.extend(
+            self.vtu_every
+                .map(|every| format!("executor.vtu_every_ms={every:?}")),
+        );
         set.extend(self.workers.map(|n| format!("executor.workers={n}")));
-        set.extend(self.executor.iter().map(|name| format!("executor.kind={name}")));
+        set.extend(
+            self.executor
+                .iter()
+                .map(|name| format!("executor.kind={name}")),
+        );
         set
     }
 }
@@ -152,22 +180,42 @@ pub(super) fn load_for_cluster(
     worker: Option<&Path>,
     talk: &Talk,
 ) -> Result<RunOptions, CliError> {
-    let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned()).chain(set.iter().cloned()).collect();
+    let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned())
+        .chain(set.iter().cloned())
+        .collect();
     // Meshes are looked at before the first submission, not at every tick.
     let meshes = !folders.run.join(crate::cli::place::DATABASE).exists();
-    Ok(of_cohort(&load(folders, &set, &[], meshes, talk)?, folders, worker))
+    Ok(of_cohort(
+        &load(folders, &set, &[], meshes, talk)?,
+        folders,
+        worker,
+    ))
 }
 
 /// The cohort, or all its problems, those of patients' own `meshes` included; with the patients that are to be worked on, if
 /// not all.
-fn load(folders: &Folders, set: &[String], only: &[String], meshes: bool, talk: &Talk) -> Result<Cohort, CliError> {
+fn load(
+    folders: &Folders,
+    set: &[String],
+    only: &[String],
+    meshes: bool,
+    talk: &Talk,
+) -> Result<Cohort, CliError> {
     let Some(directory) = &folders.cohort else {
         let run = folders.run.display();
         let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");
         return Err(CliError::Usage(message));
     };
     let mut report = Report::default();
-    let cohort = input::load(directory, &Options { set: set.to_vec(), meshes, ..Options::default() }, &mut report);
+    let cohort = input::load(
+        directory,
+        &Options {
+            set: set.to_vec(),
+            meshes,
+            ..Options::default()
+        },
+        &mut report,
+    );
     let said = problems::text(&report, talk.colour_err);
     if !said.is_empty() {
         talk.say(said.trim_end());
@@ -180,14 +228,25 @@ fn load(folders: &Folders, set: &[String], only: &[String], meshes: bool, talk: 
                 None => Ok(cohort),
             }
         }
-        _ => Err(CliError::Input { errors: count(report.n_errors(), "error") }),
+        _ => Err(CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        }),
     }
 }
 
 fn unknown_patient(id: &str, cohort: &Cohort) -> String {
-    let known: Vec<&str> = cohort.patients.iter().map(|patient| patient.id.as_str()).collect();
-    let meant = input::nearest(id, known.iter().copied()).map(|meant| format!("; did you mean `{meant}`?"));
-    format!("no patient `{id}` in {}{}", cohort.directory.display(), meant.unwrap_or_default())
+    let known: Vec<&str> = cohort
+        .patients
+        .iter()
+        .map(|patient| patient.id.as_str())
+        .collect();
+    let meant =
+        input::nearest(id, known.iter().copied()).map(|meant| format!("; did you mean `{meant}`?"));
+    format!(
+        "no patient `{id}` in {}{}",
+        cohort.directory.display(),
+        meant.unwrap_or_default()
+    )
 }
 
 /// Shows events, and each patient's result as soon as the patient is over.
@@ -202,7 +261,10 @@ async fn watch(
     while let Some(event) = events.recv().await {
         notifier.on(&event);
         let mut instead = None;
-        if let EngineEvent::PatientEnded { patient, over, of, .. } = &event {
+        if let EngineEvent::PatientEnded {
+            patient, over, of, ..
+        } = &event
+        {
             if over == of && *of <= LINES_WITH_RESULTS {
                 // The coordinator is about to close the database, and whoever reads keeps it from tidying up.
                 last = Some((patient.clone(), event));
@@ -223,12 +285,24 @@ async fn watch(
 }
 
 /// What a patient reached, where the cohort is so small that this does not drown the rest.
-async fn result_line(patient: &PatientId, (over, of): (usize, usize), folders: &Folders) -> Option<String> {
+async fn result_line(
+    patient: &PatientId,
+    (over, of): (usize, usize),
+    folders: &Folders,
+) -> Option<String> {
     if of > LINES_WITH_RESULTS {
         return None;
     }
-    let record = Reader::open(&folders.run).await.ok()?.patient_record(patient).await.ok()?;
-    Some(format!("{patient}  {} ({over} of {of})", summary::line(&record)))
+    let record = Reader::open(&folders.run)
+        .await
+        .ok()?
+        .patient_record(patient)
+        .await
+        .ok()?;
+    Some(format!(
+        "{patient}  {} ({over} of {of})",
+        summary::line(&record)
+    ))
 }
 
 /// Table, report, hints and exit code.
@@ -247,7 +321,8 @@ async fn finish(
     let mut report = String::new();
     if !args.no_report {
         let cases = discovery::beside(folders.cohort.as_deref());
-        let paths = write_report(&record, cases.as_ref(), &folders.run.join(FILE)).map_err(CliError::Report)?;
+        let paths = write_report(&record, cases.as_ref(), &folders.run.join(FILE))
+            .map_err(CliError::Report)?;
         report = format!("report: {}\n", paths.main.display());
     }
     let wall = duration(began.elapsed().as_secs_f64());
@@ -257,27 +332,54 @@ async fn finish(
         (summary.cancelled, "cancelled"),
         (summary.unfinished, "not over"),
     ];
-    let parts: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+    let parts: Vec<String> = parts
+        .iter()
+        .filter(|(n, _)| *n > 0)
+        .map(|(n, what)| format!("{n} {what}"))
+        .collect();
     let tasks = if summary.nothing_to_do() {
         "nothing to do: no input changed".to_owned()
     } else {
-        format!("{} published", count(usize::try_from(summary.published).unwrap_or(usize::MAX), "task"))
+        format!(
+            "{} published",
+            count(
+                usize::try_from(summary.published).unwrap_or(usize::MAX),
+                "task"
+            )
+        )
     };
-    talk.data(&format!("{}: {} in {wall}, {tasks}\n{report}", count(summary.patients, "patient"), parts.join(", ")))?;
+    talk.data(&format!(
+        "{}: {} in {wall}, {tasks}\n{report}",
+        count(summary.patients, "patient"),
+        parts.join(", ")
+    ))?;
     if summary.stopped {
         talk.say("stopped; nothing finished is lost");
-        talk.hint(&format!("`cardiotwin run{}` goes on", folders.as_argument("")));
+        talk.hint(&format!(
+            "`cardiotwin run{}` goes on",
+            folders.as_argument("")
+        ));
         return Ok(Exit::Interrupted);
     }
     if summary.failed > 0 {
         let place = folders.as_argument("");
-        talk.hint(&format!("`cardiotwin status{place}` names the failures, first"));
+        talk.hint(&format!(
+            "`cardiotwin status{place}` names the failures, first"
+        ));
     }
-    Ok(if summary.failed + summary.cancelled > 0 { Exit::Problems } else { Exit::Ok })
+    Ok(if summary.failed + summary.cancelled > 0 {
+        Exit::Problems
+    } else {
+        Exit::Ok
+    })
 }
 
 /// A run that goes on without this process: where it stands, and how to bring it on.
-pub(super) async fn on_cluster(summary: &RunSummary, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
+pub(super) async fn on_cluster(
+    summary: &RunSummary,
+    folders: &Folders,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
     let status = open(folders).await?.status().await?;
     talk.data(&status::screen(&status, "PATIENT", ROWS, talk))?;
     let place = folders.as_argument("");
@@ -292,14 +394,22 @@ pub(super) async fn on_cluster(summary: &RunSummary, folders: &Folders, talk: &T
 
 /// What would be done, patient by patient.
 async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
-    let stored: BTreeMap<PatientId, (String, ResolvedPatient)> = match Reader::open(&folders.run).await {
-        Ok(reader) => {
-            let patients = reader.record().await?.patients.into_iter();
-            patients.map(|p| (p.plan.id.clone(), (format!("{} {}", p.status.step, p.status.state), p.plan))).collect()
-        }
-        Err(StoreError::Missing { .. }) => BTreeMap::new(),
-        Err(error) => return Err(error.into()),
-    };
+    let stored: BTreeMap<PatientId, (String, ResolvedPatient)> =
+        match Reader::open(&folders.run).await {
+            Ok(reader) => {
+                let patients = reader.record().await?.patients.into_iter();
+                patients
+                    .map(|p| {
+                        (
+                            p.plan.id.clone(),
+                            (format!("{} {}", p.status.step, p.status.state), p.plan),
+                        )
+                    })
+                    .collect()
+            }
+            Err(StoreError::Missing { .. }) => BTreeMap::new(),
+            Err(error) => return Err(error.into()),
+        };
     let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
     for plan in cohort.plans() {
         let (stands, would) = match stored.get(&plan.id) {
@@ -308,7 +418,10 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
                 (stands.clone(), "stay as it is".to_owned())
             }
             Some((stands, before)) if same(before, &plan) => (stands.clone(), "go on".to_owned()),
-            Some((stands, _)) => (stands.clone(), "redo what depends on changed input or settings".to_owned()),
+            Some((stands, _)) => (
+                stands.clone(),
+                "redo what depends on changed input or settings".to_owned(),
+            ),
         };
         table.row([plan.id.to_string(), stands, would]);
     }
@@ -319,7 +432,11 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     } else {
         count(executor.workers as usize, "worker")
     };
-    talk.data(&format!("{} in {}; {workers}\n", count(cohort.patients.len(), "patient"), folders.run.display()))?;
+    talk.data(&format!(
+        "{} in {}; {workers}\n",
+        count(cohort.patients.len(), "patient"),
+        folders.run.display()
+    ))?;
     Ok(Exit::Ok)
 }
 
@@ -328,7 +445,10 @@ fn same(before: &ResolvedPatient, now: &ResolvedPatient) -> bool {
     let tasks = |plan: &ResolvedPatient| {
         let mut plan = plan.clone();
         plan.settings.executor = Default::default();
-        for file in [&mut plan.step0.pressure, &mut plan.step0.volume].into_iter().flatten() {
+        for file in [&mut plan.step0.pressure, &mut plan.step0.volume]
+            .into_iter()
+            .flatten()
+        {
             file.path = PathBuf::new();
         }
         plan

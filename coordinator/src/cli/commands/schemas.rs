@@ -23,8 +23,10 @@ pub struct SchemasArgs {
 pub fn execute(args: &SchemasArgs, talk: &Talk) -> Result<Exit, CliError> {
     let all = cardiotwin_schemas::json_schemas::all();
     let Some(folder) = &args.out else {
-        let object: serde_json::Map<String, serde_json::Value> =
-            all.into_iter().map(|(name, schema)| (name.to_owned(), schema.to_value())).collect();
+        let object: serde_json::Map<String, serde_json::Value> = all
+            .into_iter()
+            .map(|(name, schema)| (name.to_owned(), schema.to_value()))
+            .collect();
         talk.json(&object)?;
         return Ok(Exit::Ok);
     };

@@ -39,7 +39,10 @@ pub struct ShowArgs {
 /// The store's.
 pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
-    let record = open(&folders).await?.patient_record(&PatientId(args.patient.clone())).await?;
+    let record = open(&folders)
+        .await?
+        .patient_record(&PatientId(args.patient.clone()))
+        .await?;
     if let Some(file) = &args.plot {
         plot(&record, file)?;
     }
@@ -58,7 +61,10 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         estimates(&record, talk),
         files(&record, talk),
     ];
-    let sections: Vec<String> = sections.into_iter().filter(|section| !section.is_empty()).collect();
+    let sections: Vec<String> = sections
+        .into_iter()
+        .filter(|section| !section.is_empty())
+        .collect();
     talk.data(&sections.join("\n"))?;
     if let Some(hint) = hint(&record, &folders) {
         talk.hint(&hint);
@@ -70,16 +76,28 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
 fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
     let nothing = || {
         let id = &record.plan.id;
-        CliError::Usage(format!("--plot: the targets of {id} are not done, or were made without the nodes' spread"))
+        CliError::Usage(format!(
+            "--plot: the targets of {id} are not done, or were made without the nodes' spread"
+        ))
     };
-    let spread = SpreadFile::read(record).map_err(|error| CliError::Usage(format!("--plot: {error}")))?;
-    let svg = spread.as_ref().and_then(|spread| spread_svg(record, spread)).ok_or_else(nothing)?;
+    let spread =
+        SpreadFile::read(record).map_err(|error| CliError::Usage(format!("--plot: {error}")))?;
+    let svg = spread
+        .as_ref()
+        .and_then(|spread| spread_svg(record, spread))
+        .ok_or_else(nothing)?;
     std::fs::write(file, svg).map_err(CliError::file("write", file))
 }
 
 fn heading(record: &PatientRecord) -> String {
     let status = &record.status;
-    let mut text = format!("{}: {} {} for {}", status.patient, status.step, status.state, duration(status.for_s));
+    let mut text = format!(
+        "{}: {} {} for {}",
+        status.patient,
+        status.step,
+        status.state,
+        duration(status.for_s)
+    );
     if !status.note.is_empty() {
         text.push_str(&format!(" ({})", status.note));
     }
@@ -89,7 +107,11 @@ fn heading(record: &PatientRecord) -> String {
     }
     if let Some(fit) = &record.cell_fit {
         let fit = &fit.result;
-        let how = if fit.converged { "converged" } else { "stopped at the limit" };
+        let how = if fit.converged {
+            "converged"
+        } else {
+            "stopped at the limit"
+        };
         let cost = number(fit.cost);
         text.push_str(&format!(
             "step 2 {how}, cost {cost}, generation {}, {} cells\n",
@@ -100,7 +122,11 @@ fn heading(record: &PatientRecord) -> String {
         }
     }
     if let Some(failure) = &record.failure {
-        text.push_str(&format!("failure [{}]: {}\n", failure.class.as_str(), failure.message));
+        text.push_str(&format!(
+            "failure [{}]: {}\n",
+            failure.class.as_str(),
+            failure.message
+        ));
         if let Some(remedy) = &failure.remedy {
             text.push_str(&format!("remedy: {remedy}\n"));
         }
@@ -113,7 +139,14 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
     if record.step0.is_none() {
         return String::new();
     }
-    let mut headings = vec!["BIOMARKER", ">MEASURED", ">STEP 1", ">DIFFERENCE", ">STEP 2", ">DIFFERENCE"];
+    let mut headings = vec![
+        "BIOMARKER",
+        ">MEASURED",
+        ">STEP 1",
+        ">DIFFERENCE",
+        ">STEP 2",
+        ">DIFFERENCE",
+    ];
     let mut steps = vec![Step::Step1, Step::Step2];
     if record.step3.is_some() {
         headings.extend([">STEP 3", ">DIFFERENCE"]);
@@ -121,9 +154,14 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
     }
     let mut table = Columns::new(talk, &headings);
     for biomarker in Biomarker::ALL {
-        let mut row = vec![biomarker.key().to_owned(), optional(biomarker.of(view.measured()))];
+        let mut row = vec![
+            biomarker.key().to_owned(),
+            optional(biomarker.of(view.measured())),
+        ];
         for &step in &steps {
-            row.push(optional(view.simulated(step).and_then(|values| biomarker.of(values))));
+            row.push(optional(
+                view.simulated(step).and_then(|values| biomarker.of(values)),
+            ));
             row.push(percent(view.relative_difference(step, biomarker)));
         }
         if row[1..].iter().any(|cell| cell != "-") {
@@ -140,7 +178,10 @@ fn motion(record: &PatientRecord, talk: &Talk) -> String {
     if record.step3.is_some() {
         steps.push((Step::Step3, ">STEP 3"));
     }
-    let beats: Vec<_> = steps.iter().map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion)).collect();
+    let beats: Vec<_> = steps
+        .iter()
+        .map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion))
+        .collect();
     if beats.iter().all(Option::is_none) {
         return String::new();
     }
@@ -149,7 +190,10 @@ fn motion(record: &PatientRecord, talk: &Talk) -> String {
     headings.extend(["NORMAL", "SOURCE"]);
     let mut table = Columns::new(talk, &headings);
     for measure in MOTION {
-        let mut row = vec![(measure.name.to_owned(), None), (measure.unit.to_owned(), None)];
+        let mut row = vec![
+            (measure.name.to_owned(), None),
+            (measure.unit.to_owned(), None),
+        ];
         for beat in &beats {
             row.push((optional(beat.as_ref().and_then(measure.of)), None));
             row.push(match beat.as_ref().and_then(|beat| measure.against(beat)) {
@@ -159,7 +203,10 @@ fn motion(record: &PatientRecord, talk: &Talk) -> String {
             });
         }
         let [lower, upper] = measure.normal.map(number);
-        row.extend([(format!("{lower} to {upper}"), None), (measure.source.to_owned(), Some(Tone::Quiet))]);
+        row.extend([
+            (format!("{lower} to {upper}"), None),
+            (measure.source.to_owned(), Some(Tone::Quiet)),
+        ]);
         table.toned(row);
     }
     table.text()
@@ -170,23 +217,43 @@ fn iterations(record: &PatientRecord, talk: &Talk) -> String {
         return String::new();
     }
     let mut headings = vec![">ITERATION", ">COST"];
-    let proposed = record.iterations.iter().any(|iteration| iteration.proposal.is_some());
+    let proposed = record
+        .iterations
+        .iter()
+        .any(|iteration| iteration.proposal.is_some());
     if proposed {
         headings.extend([">PREDICTED", "PROPOSED BY"]);
     }
-    let names: Vec<String> = STEP1_PARAMETERS.iter().map(|name| format!(">{name}")).collect();
+    let names: Vec<String> = STEP1_PARAMETERS
+        .iter()
+        .map(|name| format!(">{name}"))
+        .collect();
     headings.extend(names.iter().map(String::as_str));
     headings.push("NOTE");
     let mut table = Columns::new(talk, &headings);
-    let best = PatientView(record).best_iteration().map(|iteration| iteration.number);
+    let best = PatientView(record)
+        .best_iteration()
+        .map(|iteration| iteration.number);
     for iteration in &record.iterations {
-        let mut row = vec![(iteration.number.to_string(), None), (optional(iteration.cost), None)];
+        let mut row = vec![
+            (iteration.number.to_string(), None),
+            (optional(iteration.cost), None),
+        ];
         if proposed {
             let proposal = iteration.proposal.as_ref().map(|task| &task.result);
-            row.push((optional(proposal.map(|proposal| proposal.predicted_cost)), None));
+            row.push((
+                optional(proposal.map(|proposal| proposal.predicted_cost)),
+                None,
+            ));
             row.push((proposed_by(proposal), None));
         }
-        row.extend(iteration.parameters.updated().iter().map(|value| (number(*value), None)));
+        row.extend(
+            iteration
+                .parameters
+                .updated()
+                .iter()
+                .map(|value| (number(*value), None)),
+        );
         row.push(note(iteration, best == Some(iteration.number)));
         table.toned(row);
     }
@@ -203,24 +270,50 @@ fn proposed_by(proposal: Option<&Step1ProposalResult>) -> String {
 
 fn note(iteration: &IterationRecord, best: bool) -> (String, Option<Tone>) {
     match &iteration.failure {
-        Some(failure) => (format!("failed [{}]: {}", failure.class.as_str(), failure.message), Some(Tone::Bad)),
+        Some(failure) => (
+            format!("failed [{}]: {}", failure.class.as_str(), failure.message),
+            Some(Tone::Bad),
+        ),
         None if best => ("best".to_owned(), Some(Tone::Good)),
-        None => match iteration.run.as_ref().and_then(|run| run.result.failed_valve()) {
-            Some(valve) => (format!("no whole beat: {}, found {}", valve.name, valve.found), Some(Tone::Doubtful)),
+        None => match iteration
+            .run
+            .as_ref()
+            .and_then(|run| run.result.failed_valve())
+        {
+            Some(valve) => (
+                format!("no whole beat: {}, found {}", valve.name, valve.found),
+                Some(Tone::Doubtful),
+            ),
             None => (String::new(), None),
         },
     }
 }
 
 fn cell(record: &PatientRecord, talk: &Talk) -> String {
-    let Some(fit) = &record.cell_fit else { return String::new() };
-    let columns = ["CELL PARAMETER", ">VALUE", ">LOWER", ">UPPER", "NEAR-OPTIMAL", "NOTE"];
+    let Some(fit) = &record.cell_fit else {
+        return String::new();
+    };
+    let columns = [
+        "CELL PARAMETER",
+        ">VALUE",
+        ">LOWER",
+        ">UPPER",
+        "NEAR-OPTIMAL",
+        "NOTE",
+    ];
     let mut table = Columns::new(talk, &columns);
     for parameter in &fit.result.parameters {
         let mut row: Vec<(String, Option<Tone>)> = vec![(parameter.name.clone(), None)];
-        row.extend([parameter.value, parameter.lower, parameter.upper].map(|value| (number(value), None)));
+        row.extend(
+            [parameter.value, parameter.lower, parameter.upper].map(|value| (number(value), None)),
+        );
         let near = parameter.near_optimal;
-        row.push((near.map_or_else(String::new, |n| format!("{} to {}", number(n.lower), number(n.upper))), None));
+        row.push((
+            near.map_or_else(String::new, |n| {
+                format!("{} to {}", number(n.lower), number(n.upper))
+            }),
+            None,
+        ));
         row.push(determination(parameter));
         table.toned(row);
     }
@@ -230,7 +323,11 @@ fn cell(record: &PatientRecord, talk: &Talk) -> String {
             "near-optimal: cost up to {}, all other parameters fitted anew",
             number(found.threshold)
         ));
-        text.push_str(if found.complete { "\n" } else { "; some intervals may be wider\n" });
+        text.push_str(if found.complete {
+            "\n"
+        } else {
+            "; some intervals may be wider\n"
+        });
     }
     text
 }
@@ -239,24 +336,36 @@ fn cell(record: &PatientRecord, talk: &Talk) -> String {
 fn determination(parameter: &FittedParameter) -> (String, Option<Tone>) {
     let mark = parameter.near_optimal.map(|near| near.mark);
     match (mark, parameter.at_bound) {
-        (Some(Determination::Determined), false) => (Determination::Determined.as_str().to_owned(), Some(Tone::Good)),
-        (Some(mark @ (Determination::Sloppy | Determination::NotDetermined)), true) => {
-            (format!("{}, at a bound", mark.as_str()), Some(Tone::Doubtful))
-        }
+        (Some(Determination::Determined), false) => (
+            Determination::Determined.as_str().to_owned(),
+            Some(Tone::Good),
+        ),
+        (Some(mark @ (Determination::Sloppy | Determination::NotDetermined)), true) => (
+            format!("{}, at a bound", mark.as_str()),
+            Some(Tone::Doubtful),
+        ),
         (Some(Determination::Sloppy), false) => ("sloppy".to_owned(), Some(Tone::Doubtful)),
-        (Some(Determination::NotDetermined), false) => ("not determined".to_owned(), Some(Tone::Doubtful)),
+        (Some(Determination::NotDetermined), false) => {
+            ("not determined".to_owned(), Some(Tone::Doubtful))
+        }
         (_, true) => ("at a bound".to_owned(), Some(Tone::Doubtful)),
         (_, false) => (String::new(), None),
     }
 }
 
 fn estimates(record: &PatientRecord, talk: &Talk) -> String {
-    let Some(step0) = &record.step0 else { return String::new() };
+    let Some(step0) = &record.step0 else {
+        return String::new();
+    };
     let mut text = String::new();
     if !step0.result.estimates.is_empty() {
         let mut table = Columns::new(talk, &["ESTIMATED", ">VALUE", "HOW"]);
         for estimate in &step0.result.estimates {
-            table.row([estimate.key.clone(), number(estimate.value), estimate.method.clone()]);
+            table.row([
+                estimate.key.clone(),
+                number(estimate.value),
+                estimate.method.clone(),
+            ]);
         }
         text = table.text();
     }
@@ -276,8 +385,14 @@ fn files(record: &PatientRecord, talk: &Talk) -> String {
     if let Some(task) = &record.step0 {
         row("step-0".to_owned(), &task.directory);
     }
-    if let Some((iteration, run)) = PatientView(record).best_iteration().and_then(|i| Some((i, i.run.as_ref()?))) {
-        row(format!("step-1 iteration {}", iteration.number), &run.directory);
+    if let Some((iteration, run)) = PatientView(record)
+        .best_iteration()
+        .and_then(|i| Some((i, i.run.as_ref()?)))
+    {
+        row(
+            format!("step-1 iteration {}", iteration.number),
+            &run.directory,
+        );
     }
     if let Some(task) = &record.targets {
         row("targets".to_owned(), &task.directory);
@@ -289,17 +404,34 @@ fn files(record: &PatientRecord, talk: &Talk) -> String {
         row("verification".to_owned(), &task.directory);
     }
     if let (Some(task), Some(step3)) = (PatientView(record).step3_beat(), &record.step3) {
-        row(format!("step-3 iteration {}", step3.best_iteration), &task.directory);
+        row(
+            format!("step-3 iteration {}", step3.best_iteration),
+            &task.directory,
+        );
     }
-    if n_rows == 0 { String::new() } else { table.text() }
+    if n_rows == 0 {
+        String::new()
+    } else {
+        table.text()
+    }
 }
 
 /// Step 3's parameters: their bounds, the verification beat's values and those of each beat.
 fn step3(record: &PatientRecord, talk: &Talk) -> String {
-    let Some(step3) = &record.step3 else { return String::new() };
-    let mut headings = vec!["STEP 3".to_owned(), ">LOWER".to_owned(), ">UPPER".to_owned()];
+    let Some(step3) = &record.step3 else {
+        return String::new();
+    };
+    let mut headings = vec![
+        "STEP 3".to_owned(),
+        ">LOWER".to_owned(),
+        ">UPPER".to_owned(),
+    ];
     headings.extend(record.step3_iterations.iter().map(|iteration| {
-        let taken = if iteration.number == step3.best_iteration { " (taken)" } else { "" };
+        let taken = if iteration.number == step3.best_iteration {
+            " (taken)"
+        } else {
+            ""
+        };
         format!(">BEAT {}{taken}", iteration.number)
     }));
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
@@ -308,47 +440,85 @@ fn step3(record: &PatientRecord, talk: &Talk) -> String {
         let bounds = record.plan.settings.step3.bounds.get(name);
         let mut row = vec![name.clone()];
         row.extend([0, 1].map(|end| optional(bounds.map(|bounds| bounds[end]))));
-        row.extend(record.step3_iterations.iter().map(|iteration| optional(iteration.parameters.get(name).copied())));
+        row.extend(
+            record
+                .step3_iterations
+                .iter()
+                .map(|iteration| optional(iteration.parameters.get(name).copied())),
+        );
         table.row(row);
     }
     let mut row = vec!["misfit".to_owned(), String::new(), String::new()];
-    row.extend(record.step3_iterations.iter().map(|iteration| optional(iteration.misfit)));
+    row.extend(
+        record
+            .step3_iterations
+            .iter()
+            .map(|iteration| optional(iteration.misfit)),
+    );
     table.row(row);
     table.text()
 }
 
 /// How sure the twin is: 90 % intervals of parameters and biomarkers.
 fn posterior(record: &PatientRecord, talk: &Talk) -> String {
-    let Some(result) = record.posterior.as_ref().map(|task| &task.result) else { return String::new() };
-    let mut table = Columns::new(talk, &["HOW SURE", ">TWIN", ">5 %", ">50 %", ">95 %", "DATA SAY"]);
+    let Some(result) = record.posterior.as_ref().map(|task| &task.result) else {
+        return String::new();
+    };
+    let mut table = Columns::new(
+        talk,
+        &["HOW SURE", ">TWIN", ">5 %", ">50 %", ">95 %", "DATA SAY"],
+    );
     for (name, spread) in &result.parameters {
-        let values = [spread.twin, spread.posterior.p5, spread.posterior.p50, spread.posterior.p95];
+        let values = [
+            spread.twin,
+            spread.posterior.p5,
+            spread.posterior.p50,
+            spread.posterior.p95,
+        ];
         let mut row = vec![name.clone()];
         row.extend(values.map(|value| optional(Some(value))));
-        let outside = if spread.excludes_twin() { "; twin outside" } else { "" };
+        let outside = if spread.excludes_twin() {
+            "; twin outside"
+        } else {
+            ""
+        };
         row.push(format!("{}{outside}", spread.mark.as_str()));
         table.row(row);
     }
     let twin = record.twin().map(|twin| twin.result.biomarkers.of_organ());
     for (name, spread) in &result.biomarkers {
-        let own = twin.iter().flatten().find(|(other, _)| other == name).and_then(|(_, value)| *value);
+        let own = twin
+            .iter()
+            .flatten()
+            .find(|(other, _)| other == name)
+            .and_then(|(_, value)| *value);
         let mut row = vec![name.clone(), optional(own)];
         row.extend([spread.p5, spread.p50, spread.p95].map(|value| optional(Some(value))));
         row.push(String::new());
         table.row(row);
     }
     let sampling = &result.sampling;
-    let doubt = sampling.doubt().map_or_else(String::new, |doubt| format!("; take the intervals for a guess: {doubt}"));
-    let outside = result.outside_words().map_or_else(String::new, |words| words + "\n");
+    let doubt = sampling.doubt().map_or_else(String::new, |doubt| {
+        format!("; take the intervals for a guess: {doubt}")
+    });
+    let outside = result
+        .outside_words()
+        .map_or_else(String::new, |words| words + "\n");
     table.text()
-        + &format!("{} draws, {} beats of the one-fibre ventricle{doubt}\n", result.draws.len(), sampling.evaluations)
+        + &format!(
+            "{} draws, {} beats of the one-fibre ventricle{doubt}\n",
+            result.draws.len(),
+            sampling.evaluations
+        )
         + &outside
 }
 
 fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
     let (id, of) = (&record.plan.id, folders.as_argument("--cohort "));
     if record.failure.is_some() {
-        return Some(format!("`cardiotwin logs {id}{of}` shows what the worker said"));
+        return Some(format!(
+            "`cardiotwin logs {id}{of}` shows what the worker said"
+        ));
     }
     let stalled = record.step1.is_some() && !PatientView(record).step1_converged();
     let other = if record.plan.settings.step1_update() == Update::SpaceMapping {
@@ -356,5 +526,9 @@ fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
     } else {
         "--damping 0.5"
     };
-    stalled.then(|| format!("`cardiotwin rerun {id} --from step1 {other}{of}` goes on from the stored iterations"))
+    stalled.then(|| {
+        format!(
+            "`cardiotwin rerun {id} --from step1 {other}{of}` goes on from the stored iterations"
+        )
+    })
 }

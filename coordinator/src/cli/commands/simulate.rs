@@ -21,7 +21,10 @@ use crate::input::{self, nearest, value_from_text};
 use crate::results::Biomarker;
 
 /// Most beats until a periodic simulation gives up, and what it calls periodic (mmHg and mL).
-const PERIODIC: BeatCount = BeatCount::Periodic { max: 100, tolerance: 0.05 };
+const PERIODIC: BeatCount = BeatCount::Periodic {
+    max: 100,
+    tolerance: 0.05,
+};
 
 /// One simulation of a patient's organ: traces out, nothing stored unless --out says where
 #[derive(Debug, Args)]
@@ -82,28 +85,55 @@ struct Answer<'a> {
 /// # Errors
 /// [`CliError::Simulation`] where it diverged, [`CliError::Input`] for wrong input, [`CliError::Worker`].
 pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let (settings, parameters): (Vec<String>, Vec<String>) =
-        args.set.iter().cloned().partition(|set| set.split('=').next().is_some_and(|key| key.contains('.')));
+    let (settings, parameters): (Vec<String>, Vec<String>) = args
+        .set
+        .iter()
+        .cloned()
+        .partition(|set| set.split('=').next().is_some_and(|key| key.contains('.')));
     let worker = find_worker(args.worker.as_deref())?;
-    let ventricle = Ventricle::of(&args.of.folders(), &args.patient, settings, &worker, talk).await?;
-    let beats = args.beats.unwrap_or(BeatCount::Fixed { n: ventricle.plan.settings.solver.beats });
-    let spec = if args.cell { ventricle.beat_of_step2("--cell", beats)? } else { ventricle.beat_of_step1(beats) };
+    let ventricle =
+        Ventricle::of(&args.of.folders(), &args.patient, settings, &worker, talk).await?;
+    let beats = args.beats.unwrap_or(BeatCount::Fixed {
+        n: ventricle.plan.settings.solver.beats,
+    });
+    let spec = if args.cell {
+        ventricle.beat_of_step2("--cell", beats)?
+    } else {
+        ventricle.beat_of_step1(beats)
+    };
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
-    let out = args.out.clone().unwrap_or_else(|| scratch.path().join("beat"));
+    let scratch =
+        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| scratch.path().join("beat"));
     let every_ms = args.vtu_every.unwrap_or(0.0);
     if let Some(said) = announcement(&ventricle.plan, every_ms) {
         talk.say(&said);
     }
-    let outcome =
-        ask_worker(&worker, &TaskSpec::OrganBeat(Box::new(spec.clone())), &out, every_ms, AskedFor::TheOrgan)?;
-    let traces = outcome.artefacts.iter().find(|a| a.name == "traces").map(|a| out.join(&a.file));
+    let outcome = ask_worker(
+        &worker,
+        &TaskSpec::OrganBeat(Box::new(spec.clone())),
+        &out,
+        every_ms,
+        AskedFor::TheOrgan,
+    )?;
+    let traces = outcome
+        .artefacts
+        .iter()
+        .find(|a| a.name == "traces")
+        .map(|a| out.join(&a.file));
     let result = match outcome.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::OrganBeat(result) => result,
             _ => return Err(unexpected(&worker)),
         },
-        other => return Err(CliError::Simulation { message: describe(&other) }),
+        other => {
+            return Err(CliError::Simulation {
+                message: describe(&other),
+            });
+        }
     };
     let traces = traces.ok_or_else(|| unexpected(&worker))?;
     let text = std::fs::read_to_string(&traces).map_err(CliError::file("read", &traces))?;
@@ -111,7 +141,13 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     if args.json {
         let (patient, traces) = (args.patient.as_str(), columns(&text));
         let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
-        talk.json(&Answer { schema_version, patient, specification: &spec, result: &result, traces })?;
+        talk.json(&Answer {
+            schema_version,
+            patient,
+            specification: &spec,
+            result: &result,
+            traces,
+        })?;
     } else if args.out.is_some() {
         talk.data(&screen)?;
         talk.data(&format!("traces: {}\n", traces.display()))?;
@@ -119,19 +155,29 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         talk.say(screen.trim_end());
         talk.data(&text)?;
     }
-    Ok(if result.failed_check().is_some() { Exit::Problems } else { Exit::Ok })
+    Ok(if result.failed_check().is_some() {
+        Exit::Problems
+    } else {
+        Exit::Ok
+    })
 }
 
 /// Puts `name=value` wherever the specification has a leaf of this name.
 fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganBeatSpec, String> {
     let mut value = serde_json::to_value(&spec).map_err(|error| error.to_string())?;
     for assignment in assignments {
-        let (name, text) =
-            assignment.split_once('=').ok_or_else(|| format!("--set {assignment}: expected KEY=VALUE"))?;
+        let (name, text) = assignment
+            .split_once('=')
+            .ok_or_else(|| format!("--set {assignment}: expected KEY=VALUE"))?;
         let number = match value_from_text(text.trim()).value {
             input::Tree::Float(number) => number,
             input::Tree::Integer(number) => number as f64,
-            other => return Err(format!("--set {name}: expected a number, found {}", other.describe())),
+            other => {
+                return Err(format!(
+                    "--set {name}: expected a number, found {}",
+                    other.describe()
+                ));
+            }
         };
         let mut known = Vec::new();
         if !replace(&mut value, name.trim(), number, &mut known) {
@@ -141,9 +187,12 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
                 value["contraction"]["parameters"][name.trim()] = number.into();
                 continue;
             }
-            let meant =
-                nearest(name, known.iter().map(String::as_str)).map(|meant| format!("; did you mean `{meant}`?"));
-            return Err(format!("--set {name}: no such parameter{}", meant.unwrap_or_default()));
+            let meant = nearest(name, known.iter().map(String::as_str))
+                .map(|meant| format!("; did you mean `{meant}`?"));
+            return Err(format!(
+                "--set {name}: no such parameter{}",
+                meant.unwrap_or_default()
+            ));
         }
     }
     serde_json::from_value(value).map_err(|error| format!("--set: {error}"))
@@ -158,8 +207,11 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
                 known.push(key.clone());
                 if key == name {
                     // Counts stay counts, so that the specification can be read again.
-                    *inner =
-                        if inner.is_u64() && number.fract() == 0.0 { (number as u64).into() } else { number.into() };
+                    *inner = if inner.is_u64() && number.fract() == 0.0 {
+                        (number as u64).into()
+                    } else {
+                        number.into()
+                    };
                     found = true;
                 }
             }
@@ -171,23 +223,48 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
 
 /// Biomarkers beside the measured ones, then the checks.
 fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -> String {
-    let mut table = Columns::new(talk, &["BIOMARKER", ">MEASURED", ">SIMULATED", ">DIFFERENCE"]);
+    let mut table = Columns::new(
+        talk,
+        &["BIOMARKER", ">MEASURED", ">SIMULATED", ">DIFFERENCE"],
+    );
     for biomarker in Biomarker::ALL {
-        let (measured, simulated) = (biomarker.of(&passive.measured), biomarker.of(&result.biomarkers));
+        let (measured, simulated) = (
+            biomarker.of(&passive.measured),
+            biomarker.of(&result.biomarkers),
+        );
         if measured.or(simulated).is_some() {
-            let difference =
-                measured.zip(simulated).and_then(|(m, s)| crate::results::comparison::relative_difference(s, m));
-            table.row([biomarker.key().to_owned(), optional(measured), optional(simulated), percent(difference)]);
+            let difference = measured
+                .zip(simulated)
+                .and_then(|(m, s)| crate::results::comparison::relative_difference(s, m));
+            table.row([
+                biomarker.key().to_owned(),
+                optional(measured),
+                optional(simulated),
+                percent(difference),
+            ]);
         }
     }
     let mut checks = Columns::new(talk, &["CHECK", "HOLDS", "FOUND", "EXPECTED"]);
     for check in &result.checks {
-        let holds =
-            if check.passed { ("yes".to_owned(), Some(Tone::Good)) } else { ("NO".to_owned(), Some(Tone::Bad)) };
-        checks.toned([(check.name.clone(), None), holds, (check.found.clone(), None), (check.expected.clone(), None)]);
+        let holds = if check.passed {
+            ("yes".to_owned(), Some(Tone::Good))
+        } else {
+            ("NO".to_owned(), Some(Tone::Bad))
+        };
+        checks.toned([
+            (check.name.clone(), None),
+            holds,
+            (check.found.clone(), None),
+            (check.expected.clone(), None),
+        ]);
     }
     let periodic = if result.periodic { ", periodic" } else { "" };
-    let mut text = format!("{}\n{}{}{periodic}\n", table.text(), checks.text(), count(result.beats as usize, "beat"));
+    let mut text = format!(
+        "{}\n{}{}{periodic}\n",
+        table.text(),
+        checks.text(),
+        count(result.beats as usize, "beat")
+    );
     for remark in &result.remarks {
         text.push_str(&format!("remark: {remark}\n"));
     }
@@ -204,7 +281,11 @@ fn columns(text: &str) -> serde_json::Map<String, Value> {
             column.push(cell.parse::<f64>().map_or(Value::Null, Value::from));
         }
     }
-    names.into_iter().map(str::to_owned).zip(columns.into_iter().map(Value::Array)).collect()
+    names
+        .into_iter()
+        .map(str::to_owned)
+        .zip(columns.into_iter().map(Value::Array))
+        .collect()
 }
 
 #[cfg(test)]
@@ -229,10 +310,16 @@ mod tests {
 
     #[test]
     fn parameters_are_found_by_name_wherever_they_stand() {
-        let set = ["Smax_ref_kPa=120".to_owned(), "groups=8".to_owned(), "left_atrial_pressure_mmHg=5.5".to_owned()];
+        let set = [
+            "Smax_ref_kPa=120".to_owned(),
+            "groups=8".to_owned(),
+            "left_atrial_pressure_mmHg=5.5".to_owned(),
+        ];
         let changed = with_parameters(spec(), &set).unwrap();
         assert_eq!(changed.circulation.left_atrial_pressure_mmhg, 5.5);
-        let ContractionSpec::Tanh { parameters } = changed.contraction else { panic!() };
+        let ContractionSpec::Tanh { parameters } = changed.contraction else {
+            panic!()
+        };
         assert_eq!(parameters.smax_ref_kpa, 120.0);
     }
 
@@ -240,8 +327,15 @@ mod tests {
     fn an_unknown_parameter_or_a_text_is_refused() {
         let error = with_parameters(spec(), &["Smax_ref=120".to_owned()]).unwrap_err();
         assert!(error.contains("did you mean `Smax_ref_kPa`?"), "{error}");
-        assert!(with_parameters(spec(), &["Smax_ref_kPa=high".to_owned()]).unwrap_err().contains("expected a number"));
-        assert!(with_parameters(spec(), &["groups=2.5".to_owned()]).is_err(), "a count is a count");
+        assert!(
+            with_parameters(spec(), &["Smax_ref_kPa=high".to_owned()])
+                .unwrap_err()
+                .contains("expected a number")
+        );
+        assert!(
+            with_parameters(spec(), &["groups=2.5".to_owned()]).is_err(),
+            "a count is a count"
+        );
     }
 
     #[test]
@@ -254,6 +348,9 @@ mod tests {
     #[test]
     fn traces_are_told_column_by_column() {
         let columns = columns("time_ms,V\n0,1.5\n1,\n");
-        assert_eq!(Value::Object(columns), serde_json::json!({"time_ms": [0.0, 1.0], "V": [1.5, null]}));
+        assert_eq!(
+            Value::Object(columns),
+            serde_json::json!({"time_ms": [0.0, 1.0], "V": [1.5, null]})
+        );
     }
 }

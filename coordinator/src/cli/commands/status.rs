@@ -47,7 +47,11 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     let reader = open(&folders).await?;
     let member = member(&folders)?;
     loop {
-        let rows = if args.all || args.failed || args.json { usize::MAX } else { ROWS };
+        let rows = if args.all || args.failed || args.json {
+            usize::MAX
+        } else {
+            ROWS
+        };
         let mut status = reader.screen(rows).await?;
         if args.failed {
             status.patients.retain(|patient| patient.state == "failed");
@@ -80,13 +84,19 @@ fn member(folders: &Folders) -> Result<&'static str, CliError> {
 }
 
 fn is_over(status: &Status) -> bool {
-    status.counts.iter().all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
+    status
+        .counts
+        .iter()
+        .all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
 }
 
 /// The table with its stamp; `member` is the heading of its rows.
 #[must_use]
 pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
-    let mut table = Columns::new(talk, &[member, "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"]);
+    let mut table = Columns::new(
+        talk,
+        &[member, "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"],
+    );
     for patient in status.patients.iter().take(rows) {
         table.toned(row(patient));
     }
@@ -94,20 +104,42 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
     // The first rows may be all that was read: the counts tell of the rest.
     let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
     if all > rows {
-        text.push_str(&format!("… {} more; --all shows them, --failed the failed ones\n", all - rows));
+        text.push_str(&format!(
+            "… {} more; --all shows them, --failed the failed ones\n",
+            all - rows
+        ));
     }
-    let counts: Vec<String> =
-        status.counts.iter().filter(|(_, n)| **n > 0).map(|(state, n)| format!("{n} {state}")).collect();
-    let counts = if counts.is_empty() { "no patients".to_owned() } else { counts.join(", ") };
-    let coordinator = if status.coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
-    text.push_str(&format!("{}: {counts}; {coordinator}; as of {}\n", status.cohort, status.as_of));
+    let counts: Vec<String> = status
+        .counts
+        .iter()
+        .filter(|(_, n)| **n > 0)
+        .map(|(state, n)| format!("{n} {state}"))
+        .collect();
+    let counts = if counts.is_empty() {
+        "no patients".to_owned()
+    } else {
+        counts.join(", ")
+    };
+    let coordinator = if status.coordinator_running {
+        "a coordinator is running"
+    } else {
+        "no coordinator is running"
+    };
+    text.push_str(&format!(
+        "{}: {counts}; {coordinator}; as of {}\n",
+        status.cohort, status.as_of
+    ));
     text.push_str(&status.cluster.as_ref().map(of_cluster).unwrap_or_default());
     text
 }
 
 /// Jobs, what they cost, and how old this is.
 fn of_cluster(cluster: &ClusterStatus) -> String {
-    let running = cluster.jobs.iter().filter(|job| job.state == "running").count();
+    let running = cluster
+        .jobs
+        .iter()
+        .filter(|job| job.state == "running")
+        .count();
     let age = match cluster.as_of.is_empty() {
         true => "the queue never answered".to_owned(),
         false => format!("the queue answered {} ago", duration(cluster.age_s)),
@@ -139,9 +171,16 @@ fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
         "waiting" => Some(Tone::Quiet),
         _ => None,
     };
-    let stalled = patient.step1_quality.as_deref().filter(|quality| quality.starts_with("stalled"));
+    let stalled = patient
+        .step1_quality
+        .as_deref()
+        .filter(|quality| quality.starts_with("stalled"));
     let mut note = Vec::new();
-    note.extend(stalled.filter(|quality| !patient.note.contains(*quality)).map(str::to_owned));
+    note.extend(
+        stalled
+            .filter(|quality| !patient.note.contains(*quality))
+            .map(str::to_owned),
+    );
     if let Some(class) = patient.failure_class {
         note.push(format!("[{}] {}", class.as_str(), patient.note));
     } else if !patient.note.is_empty() {
@@ -155,7 +194,12 @@ fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
         (patient.patient.clone(), None),
         (patient.step.clone(), None),
         (patient.state.clone(), tone),
-        (patient.iteration.map_or("-".to_owned(), |(now, limit)| format!("{now}/{limit}")), None),
+        (
+            patient
+                .iteration
+                .map_or("-".to_owned(), |(now, limit)| format!("{now}/{limit}")),
+            None,
+        ),
         (optional(cost), None),
         (duration(patient.for_s), None),
         (shortened(&note.join("; ")), stalled.map(|_| Tone::Doubtful)),
@@ -167,25 +211,46 @@ fn shortened(note: &str) -> String {
     if note.chars().count() <= LONGEST_NOTE {
         return note.to_owned();
     }
-    format!("{}…", note.chars().take(LONGEST_NOTE - 1).collect::<String>().trim_end())
+    format!(
+        "{}…",
+        note.chars()
+            .take(LONGEST_NOTE - 1)
+            .collect::<String>()
+            .trim_end()
+    )
 }
 
 /// What to do next, where something is to be done.
 #[must_use]
 pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
     let of = folders.as_argument("--cohort ");
-    if let Some(failed) = status.patients.iter().find(|patient| patient.state == "failed") {
+    if let Some(failed) = status
+        .patients
+        .iter()
+        .find(|patient| patient.state == "failed")
+    {
         let id = &failed.patient;
         return Some(match failed.failure_class {
             Some(cardiotwin_schemas::failure::FailureClass::Site) => {
-                format!("`cardiotwin logs {id}{of}` shows what happened, `cardiotwin retry {id}{of}` tries again")
+                format!(
+                    "`cardiotwin logs {id}{of}` shows what happened, `cardiotwin retry {id}{of}` tries again"
+                )
             }
             _ => format!("`cardiotwin show {id}{of}` tells more"),
         });
     }
-    let waiting = status.patients.iter().any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
+    let waiting = status
+        .patients
+        .iter()
+        .any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
     let advance = || format!("`cardiotwin advance{}`", folders.as_argument(""));
-    let command = || if status.cluster.is_some() { advance() } else { folders.run_command() };
+    let command = || {
+        if status.cluster.is_some() {
+            advance()
+        } else {
+            folders.run_command()
+        }
+    };
     (waiting && !status.coordinator_running).then(|| format!("{} goes on", command()))
 }
 
@@ -195,7 +260,12 @@ mod tests {
 
     use super::*;
 
-    const PLAIN: Talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+    const PLAIN: Talk = Talk {
+        colour_out: false,
+        colour_err: false,
+        quiet: true,
+        bars: false,
+    };
 
     fn patient(id: &str, step: &str, state: &str) -> PatientStatus {
         PatientStatus {
@@ -218,7 +288,13 @@ mod tests {
             cohort: "coa-seven".into(),
             as_of: "2026-03-01T12:00:00.000Z".into(),
             coordinator_running: true,
-            counts: [("failed".into(), 1), ("running".into(), 2), ("done".into(), 1), ("waiting".into(), 1)].into(),
+            counts: [
+                ("failed".into(), 1),
+                ("running".into(), 2),
+                ("done".into(), 1),
+                ("waiting".into(), 1),
+            ]
+            .into(),
             patients: vec![
                 PatientStatus {
                     failure_class: Some(FailureClass::Numerics),
@@ -268,26 +344,50 @@ mod tests {
         long.patients[0].note = "é".repeat(300);
         let screen = screen(&long, "PATIENT", 60, &PLAIN);
         assert!(screen.lines().nth(1).unwrap().ends_with("é…"), "{screen}");
-        assert!(screen.lines().all(|line| line.chars().count() < 170), "{screen}");
+        assert!(
+            screen.lines().all(|line| line.chars().count() < 170),
+            "{screen}"
+        );
     }
 
     #[test]
     fn the_hint_names_the_failed_patient_and_the_place() {
-        let folders = Folders { cohort: Some("c".into()), run: "c/run".into() };
-        assert_eq!(hint(&status(), &folders).unwrap(), "`cardiotwin show 04-CoA --cohort c` tells more");
+        let folders = Folders {
+            cohort: Some("c".into()),
+            run: "c/run".into(),
+        };
+        assert_eq!(
+            hint(&status(), &folders).unwrap(),
+            "`cardiotwin show 04-CoA --cohort c` tells more"
+        );
         let mut site = status();
         site.patients[0].failure_class = Some(FailureClass::Site);
-        assert!(hint(&site, &folders).unwrap().contains("retry 04-CoA --cohort c"));
+        assert!(
+            hint(&site, &folders)
+                .unwrap()
+                .contains("retry 04-CoA --cohort c")
+        );
         let mut stopped = status();
         stopped.patients.remove(0);
         assert_eq!(hint(&stopped, &folders), None, "a coordinator is at it");
         stopped.coordinator_running = false;
-        assert_eq!(hint(&stopped, &folders).unwrap(), "`cardiotwin run c` goes on");
+        assert_eq!(
+            hint(&stopped, &folders).unwrap(),
+            "`cardiotwin run c` goes on"
+        );
     }
 
     #[test]
     fn colour_adds_nothing_to_the_words() {
-        let coloured = screen(&status(), "PATIENT", 60, &Talk { colour_out: true, ..PLAIN });
+        let coloured = screen(
+            &status(),
+            "PATIENT",
+            60,
+            &Talk {
+                colour_out: true,
+                ..PLAIN
+            },
+        );
         assert!(coloured.contains("\x1b["));
         let mut plain = String::new();
         let mut inside = false;
@@ -299,7 +399,14 @@ mod tests {
                 _ => {}
             }
         }
-        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        assert_eq!(words(&plain), words(&screen(&status(), "PATIENT", 60, &PLAIN)));
+        let words = |text: &str| {
+            text.split_whitespace()
+                .map(str::to_owned)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(
+            words(&plain),
+            words(&screen(&status(), "PATIENT", 60, &PLAIN))
+        );
     }
 }

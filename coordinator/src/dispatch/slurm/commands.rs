@@ -25,7 +25,12 @@ pub struct Installed {
 
 impl Default for Installed {
     fn default() -> Self {
-        Self { bucket: Bucket { tokens: AT_ONCE, at: Instant::now() } }
+        Self {
+            bucket: Bucket {
+                tokens: AT_ONCE,
+                at: Instant::now(),
+            },
+        }
     }
 }
 
@@ -49,7 +54,10 @@ impl Scheduler for Installed {
     async fn ask(&mut self, command: &Command) -> Output {
         tokio::time::sleep(self.bucket.take(Instant::now())).await;
         let mut process = tokio::process::Command::new(command.program);
-        process.args(&command.arguments).stdin(Stdio::null()).kill_on_drop(true);
+        process
+            .args(&command.arguments)
+            .stdin(Stdio::null())
+            .kill_on_drop(true);
         NOT_IN_ENVIRONMENT.iter().for_each(|name| {
             process.env_remove(name);
         });
@@ -59,7 +67,11 @@ impl Scheduler for Installed {
             Ok(Err(error)) => {
                 // As a shell says it: the command is not there, or could not be started.
                 let stderr = format!("{}: {error}", command.program);
-                return Output { exit: Exit::Code(127), stdout: String::new(), stderr };
+                return Output {
+                    exit: Exit::Code(127),
+                    stdout: String::new(),
+                    stderr,
+                };
             }
             Ok(Ok(output)) => {
                 let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -67,10 +79,18 @@ impl Scheduler for Installed {
                     (Some(code), _) => Exit::Code(code),
                     (None, signal) => Exit::Signal(signal.unwrap_or_default()),
                 };
-                return Output { exit, stdout: text(&output.stdout), stderr: text(&output.stderr) };
+                return Output {
+                    exit,
+                    stdout: text(&output.stdout),
+                    stderr: text(&output.stderr),
+                };
             }
         };
-        Output { exit, stdout: String::new(), stderr: String::new() }
+        Output {
+            exit,
+            stdout: String::new(),
+            stderr: String::new(),
+        }
     }
 }
 
@@ -79,13 +99,19 @@ mod tests {
     use super::*;
 
     fn command(program: &'static str, arguments: &[&str]) -> Command {
-        Command { program, arguments: arguments.iter().map(|&a| a.to_owned()).collect() }
+        Command {
+            program,
+            arguments: arguments.iter().map(|&a| a.to_owned()).collect(),
+        }
     }
 
     #[test]
     fn a_burst_is_free_and_what_follows_is_spread() {
         let began = Instant::now();
-        let mut bucket = Bucket { tokens: AT_ONCE, at: began };
+        let mut bucket = Bucket {
+            tokens: AT_ONCE,
+            at: began,
+        };
         let waits: Vec<f64> = (0..34).map(|_| bucket.take(began).as_secs_f64()).collect();
         assert!(waits[..30].iter().all(|wait| *wait == 0.0), "{waits:?}");
         assert_eq!(waits[30..], [0.5, 1.0, 1.5, 2.0]);
@@ -99,9 +125,17 @@ mod tests {
     async fn codes_signals_and_missing_commands_are_told() {
         let sh = |script: &'static str| command("sh", &["-c", script]);
         let mut installed = Installed::default();
-        let output = installed.ask(&sh("echo $SLURM_TIME_FORMAT; echo no >&2; exit 3")).await;
-        assert_eq!((output.exit, output.stdout.as_str(), output.stderr.as_str()), (Exit::Code(3), "%s\n", "no\n"));
+        let output = installed
+            .ask(&sh("echo $SLURM_TIME_FORMAT; echo no >&2; exit 3"))
+            .await;
+        assert_eq!(
+            (output.exit, output.stdout.as_str(), output.stderr.as_str()),
+            (Exit::Code(3), "%s\n", "no\n")
+        );
         assert_eq!(installed.ask(&sh("kill -9 $$")).await.exit, Exit::Signal(9));
-        assert_eq!(installed.ask(&command("no-such-slurm", &[])).await.exit, Exit::Code(127));
+        assert_eq!(
+            installed.ask(&command("no-such-slurm", &[])).await.exit,
+            Exit::Code(127)
+        );
     }
 }

@@ -41,13 +41,17 @@ impl JobFolder {
     /// Of a job of this name.
     #[must_use]
     pub fn of(run_dir: &Path, name: &str) -> Self {
-        Self { path: run_dir.join("slurm").join(name) }
+        Self {
+            path: run_dir.join("slurm").join(name),
+        }
     }
 
     /// Any folder, as a driver is told.
     #[must_use]
     pub fn at(path: &Path) -> Self {
-        Self { path: path.to_owned() }
+        Self {
+            path: path.to_owned(),
+        }
     }
 
     /// Where it is.
@@ -69,7 +73,10 @@ impl JobFolder {
     pub fn write(&self, orders: &[JobOrder], script: &str) -> Result<(), DispatchError> {
         fs::create_dir_all(&self.path).map_err(file("make", &self.path))?;
         for (element, order) in orders.iter().enumerate() {
-            write_whole(&self.path.join(format!("order-{element}.json")), &json(order))?;
+            write_whole(
+                &self.path.join(format!("order-{element}.json")),
+                &json(order),
+            )?;
         }
         write_whole(&self.script(), script.as_bytes())
     }
@@ -114,8 +121,16 @@ impl JobFolder {
     ///
     /// # Errors
     /// [`DispatchError::File`].
-    pub fn claim(&self, element: u32, node: u32, claim: &DriverClaim) -> Result<bool, DispatchError> {
-        create_exclusively(&self.path.join(format!("started-{element}-{node}.json")), &json(claim))
+    pub fn claim(
+        &self,
+        element: u32,
+        node: u32,
+        claim: &DriverClaim,
+    ) -> Result<bool, DispatchError> {
+        create_exclusively(
+            &self.path.join(format!("started-{element}-{node}.json")),
+            &json(claim),
+        )
     }
 
     /// Takes a patient of an element's list for one of its nodes; false where another has it.
@@ -153,13 +168,18 @@ impl JobFolder {
     /// Notes that a driver was told to stop: what follows may kill it before its last word. A note that cannot be written is
     /// no reason not to stop.
     pub fn note_asked_to_end(&self, element: u32, node: u32) {
-        let _ = fs::write(self.path.join(format!("asked-to-end-{element}-{node}")), b"");
+        let _ = fs::write(
+            self.path.join(format!("asked-to-end-{element}-{node}")),
+            b"",
+        );
     }
 
     /// Whether a driver was told to stop.
     #[must_use]
     pub fn was_asked_to_end(&self, element: usize, node: u32) -> bool {
-        self.path.join(format!("asked-to-end-{element}-{node}")).exists()
+        self.path
+            .join(format!("asked-to-end-{element}-{node}"))
+            .exists()
     }
 
     /// A driver's last word.
@@ -173,14 +193,21 @@ impl JobFolder {
     /// # Errors
     /// [`DispatchError::File`].
     pub fn leave(&self, element: u32, node: u32, end: &DriverEnd) -> Result<(), DispatchError> {
-        write_whole(&self.path.join(format!("ended-{element}-{node}.json")), &json(end))
+        write_whole(
+            &self.path.join(format!("ended-{element}-{node}.json")),
+            &json(end),
+        )
     }
 
     /// End of what an element's script and drivers said.
     #[must_use]
     pub fn log_tail(&self, element: Option<usize>) -> String {
         let suffix = element.map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
-        let entries = fs::read_dir(&self.path).into_iter().flatten().flatten().map(|entry| entry.path());
+        let entries = fs::read_dir(&self.path)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path());
         let is_log = |path: &PathBuf| {
             path.file_name()
                 .and_then(|name| name.to_str())
@@ -213,7 +240,12 @@ pub fn make_attempt(
     match fs::rename(&draft, directory) {
         Ok(()) => Ok(true),
         // A directory that holds something is never replaced.
-        Err(error) if matches!(error.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) => {
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists
+            ) =>
+        {
             let _ = fs::remove_dir_all(&draft);
             Ok(false)
         }
@@ -285,8 +317,14 @@ mod tests {
     #[test]
     fn of_two_that_begin_an_attempt_one_succeeds() {
         let dir = tempfile::tempdir().unwrap();
-        let task = TaskSpec::Noop(NoopSpec { label: "a".into(), sleep_ms: 0 });
-        let attempt = AttemptId { task: task.key(), generation: 1 };
+        let task = TaskSpec::Noop(NoopSpec {
+            label: "a".into(),
+            sleep_ms: 0,
+        });
+        let attempt = AttemptId {
+            task: task.key(),
+            generation: 1,
+        };
         let spec = AttemptSpec {
             schema_version: SCHEMA_VERSION,
             attempt,
@@ -296,11 +334,19 @@ mod tests {
             task,
         };
         let directory = dir.path().join("attempts/ab/abcd-g1");
-        let of = |job: &str| AttemptAllocation { job: job.into(), element: 0, id: None };
+        let of = |job: &str| AttemptAllocation {
+            job: job.into(),
+            element: 0,
+            id: None,
+        };
         assert!(make_attempt(&directory, &spec, &of("one")).unwrap());
         assert!(!make_attempt(&directory, &spec, &of("two")).unwrap());
         assert_eq!(allocation_of(&directory), Some(of("one")));
-        assert_eq!(fs::read_dir(directory.parent().unwrap()).unwrap().count(), 1, "no draft is left");
+        assert_eq!(
+            fs::read_dir(directory.parent().unwrap()).unwrap().count(),
+            1,
+            "no draft is left"
+        );
     }
 
     #[test]
@@ -308,16 +354,27 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let folder = JobFolder::of(dir.path(), "ct-1");
         folder.fence(0).unwrap();
-        assert!(!folder.is_fenced(0), "what was never written has nobody to revoke");
+        assert!(
+            !folder.is_fenced(0),
+            "what was never written has nobody to revoke"
+        );
         folder.write(&[], "#!/bin/bash\n").unwrap();
         assert!(!folder.was_submitting());
         folder.mark_submitting().unwrap();
         assert!(folder.was_submitting());
-        assert!(folder.take(0, 3).unwrap() && !folder.take(0, 3).unwrap() && folder.take(1, 3).unwrap());
+        assert!(
+            folder.take(0, 3).unwrap() && !folder.take(0, 3).unwrap() && folder.take(1, 3).unwrap()
+        );
         folder.fence(1).unwrap();
         assert!(folder.is_fenced(1) && !folder.is_fenced(0));
         fs::write(folder.path().join("slurm-12_1.log"), "one").unwrap();
         fs::write(folder.path().join("slurm-13.log"), "two").unwrap();
-        assert_eq!((folder.log_tail(Some(1)).as_str(), folder.log_tail(None).contains("two")), ("one", true));
+        assert_eq!(
+            (
+                folder.log_tail(Some(1)).as_str(),
+                folder.log_tail(None).contains("two")
+            ),
+            ("one", true)
+        );
     }
 }

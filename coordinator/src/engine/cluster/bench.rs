@@ -74,7 +74,11 @@ impl TickCost {
     /// Questions, without what submits or cancels.
     #[must_use]
     pub fn questions(&self) -> u32 {
-        self.commands.iter().filter(|(program, _)| !matches!(**program, "sbatch" | "scancel")).map(|(_, n)| n).sum()
+        self.commands
+            .iter()
+            .filter(|(program, _)| !matches!(**program, "sbatch" | "scancel"))
+            .map(|(_, n)| n)
+            .sum()
     }
 }
 
@@ -109,12 +113,19 @@ pub async fn cluster(options: &ClusterBenchOptions) -> Result<ClusterBenchResult
         let began = Instant::now();
         let status = Reader::open(&run_dir).await?.screen(60).await?;
         status_ms = status_ms.min(began.elapsed().as_secs_f64() * 1e3);
-        assert_eq!(status.counts.values().sum::<u64>(), options.samples as u64, "a screen counts every sample");
+        assert_eq!(
+            status.counts.values().sum::<u64>(),
+            options.samples as u64,
+            "a screen counts every sample"
+        );
         let began = Instant::now();
         let status = Reader::open(&run_dir).await?.status().await?;
         let text = serde_json::to_string(&status).expect("a status is JSON");
         status_json_ms = status_json_ms.min(began.elapsed().as_secs_f64() * 1e3);
-        assert!(text.len() > status.patients.len(), "a status names every sample");
+        assert!(
+            text.len() > status.patients.len(),
+            "a status names every sample"
+        );
     }
     // Asked to stop before it begins: what remains is the way in (and out).
     let stop = StopSignal::new();
@@ -144,15 +155,26 @@ async fn drive(options: &RunOptions, stop: StopSignal) -> Result<(), EngineError
 
 fn samples(run_dir: &Path, n: usize) -> RunOptions {
     let sample = |i: usize| {
-        let task = TaskSpec::Noop(NoopSpec { label: format!("sample {i}"), sleep_ms: 0 });
+        let task = TaskSpec::Noop(NoopSpec {
+            label: format!("sample {i}"),
+            sleep_ms: 0,
+        });
         ResolvedPatient::without_data(
             PatientId::from(format!("S{i:06}").as_str()),
-            Workflow::Task { task: Box::new(task) },
+            Workflow::Task {
+                task: Box::new(task),
+            },
         )
     };
     RunOptions {
         patients: Some((1..=n).map(sample).collect()),
-        ..options_of(run_dir, ExecutorSettings { kind: ExecutorKind::InProcess, ..ExecutorSettings::default() })
+        ..options_of(
+            run_dir,
+            ExecutorSettings {
+                kind: ExecutorKind::InProcess,
+                ..ExecutorSettings::default()
+            },
+        )
     }
 }
 
@@ -192,33 +214,82 @@ impl Stand {
         let site = options.folder.join("site.toml");
         std::fs::write(&site, SITE).map_err(file("write", &site))?;
         let n_nodes = u32::try_from(options.jobs / 2).unwrap_or(u32::MAX);
-        let behaviour = Behaviour { seconds: i64::MAX / 2_000_000, code: 0, signal: 0 };
-        let model = Model::new(Settings { n_nodes, behaviour, ..Settings::default() });
-        let slurm = SlurmSettings { site: site.to_string_lossy().into_owned(), job_s: 1, ..SlurmSettings::default() };
-        let executor = ExecutorSettings { kind: ExecutorKind::Slurm, slurm, ..ExecutorSettings::default() };
-        let patients = (1..=options.jobs).map(|n| noop_patient(&format!("N{n:05}"), 3_600_000)).collect();
+        let behaviour = Behaviour {
+            seconds: i64::MAX / 2_000_000,
+            code: 0,
+            signal: 0,
+        };
+        let model = Model::new(Settings {
+            n_nodes,
+            behaviour,
+            ..Settings::default()
+        });
+        let slurm = SlurmSettings {
+            site: site.to_string_lossy().into_owned(),
+            job_s: 1,
+            ..SlurmSettings::default()
+        };
+        let executor = ExecutorSettings {
+            kind: ExecutorKind::Slurm,
+            slurm,
+            ..ExecutorSettings::default()
+        };
+        let patients = (1..=options.jobs)
+            .map(|n| noop_patient(&format!("N{n:05}"), 3_600_000))
+            .collect();
         Ok(Self {
-            options: RunOptions { patients: Some(patients), ..options_of(&options.folder.join("jobs"), executor) },
-            slurm: Modelled { model: Arc::new(Mutex::new(model)), log: Arc::default() },
+            options: RunOptions {
+                patients: Some(patients),
+                ..options_of(&options.folder.join("jobs"), executor)
+            },
+            slurm: Modelled {
+                model: Arc::new(Mutex::new(model)),
+                log: Arc::default(),
+            },
         })
     }
 
     fn model(&self) -> MutexGuard<'_, Model> {
-        self.slurm.model.lock().unwrap_or_else(PoisonError::into_inner)
+        self.slurm
+            .model
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     async fn tick(&self) -> Result<TickCost, EngineError> {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
-        *self.slurm.log.lock().unwrap_or_else(PoisonError::into_inner) = Log::default();
+        *self
+            .slurm
+            .log
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner) = Log::default();
         let nowhere = (PathBuf::from("/worker"), PathBuf::from("/cardiotwin"));
         let options = self.options.clone();
         let began = Instant::now();
         let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
         let slurm = self.slurm.clone();
-        tick(options, (run_dir, lease), slurm, nowhere, CrashPoints::default(), events, StopSignal::new()).await?;
-        let log = std::mem::take(&mut *self.slurm.log.lock().unwrap_or_else(PoisonError::into_inner));
+        tick(
+            options,
+            (run_dir, lease),
+            slurm,
+            nowhere,
+            CrashPoints::default(),
+            events,
+            StopSignal::new(),
+        )
+        .await?;
+        let log = std::mem::take(
+            &mut *self
+                .slurm
+                .log
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner),
+        );
         let ours = began.elapsed().saturating_sub(log.spent);
-        Ok(TickCost { ours_ms: ours.as_secs_f64() * 1e3, commands: log.asked })
+        Ok(TickCost {
+            ours_ms: ours.as_secs_f64() * 1e3,
+            commands: log.asked,
+        })
     }
 
     /// Drivers of all that have begun, up to where each works at its first task.
@@ -233,7 +304,10 @@ impl Stand {
                 leave_at_ms: None,
             };
             let begun = Arc::new(Notify::new());
-            let executor = |_: &_| AtWork { begun: Arc::clone(&begun), holds: false };
+            let executor = |_: &_| AtWork {
+                begun: Arc::clone(&begun),
+                holds: false,
+            };
             tokio::select! {
                 biased;
                 end = drive_job(&place, executor, StopSignal::new(), || false) => drop(end?),
@@ -246,9 +320,21 @@ impl Stand {
     /// One in a hundred of what runs dies without a word.
     fn fail_some(&self) {
         let mut model = self.model();
-        let names: Vec<String> = model.runs().iter().step_by(50).map(|run| run.name.clone()).collect();
+        let names: Vec<String> = model
+            .runs()
+            .iter()
+            .step_by(50)
+            .map(|run| run.name.clone())
+            .collect();
         for name in names {
-            model.behaviours.insert(name, Behaviour { seconds: 1, code: 1, signal: 0 });
+            model.behaviours.insert(
+                name,
+                Behaviour {
+                    seconds: 1,
+                    code: 1,
+                    signal: 0,
+                },
+            );
         }
         model.advance(5); // and accounting has heard of it
     }
@@ -273,7 +359,11 @@ impl Scheduler for Modelled {
         let began = Instant::now();
         let output = match command.program {
             // What a site tells of itself: nothing.
-            "scontrol" | "sacctmgr" => Output { exit: Exit::Code(0), stdout: String::new(), stderr: String::new() },
+            "scontrol" | "sacctmgr" => Output {
+                exit: Exit::Code(0),
+                stdout: String::new(),
+                stderr: String::new(),
+            },
             _ => {
                 let mut model = self.model.lock().unwrap_or_else(PoisonError::into_inner);
                 model.answer(command, |path| std::fs::read_to_string(path).ok(), None)
@@ -303,8 +393,13 @@ impl Executor for AtWork {
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
         let claim = order.directory.join("started.json");
-        let text = serde_json::to_string(&crate::dispatch::claim_of_this_process()).expect("a claim is JSON");
-        std::fs::write(&claim, text).map_err(|source| DispatchError::File { what: "write", path: claim, source })?;
+        let text = serde_json::to_string(&crate::dispatch::claim_of_this_process())
+            .expect("a claim is JSON");
+        std::fs::write(&claim, text).map_err(|source| DispatchError::File {
+            what: "write",
+            path: claim,
+            source,
+        })?;
         self.holds = true;
         self.begun.notify_one();
         Ok(ExternalId::from("1"))

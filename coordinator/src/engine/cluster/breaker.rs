@@ -13,8 +13,14 @@ const LONGEST_MS: i64 = 3_600_000;
 /// How long Slurm is left alone after so many commands in a row without an answer; `None`: not yet.
 pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
     let further = silent.checked_sub(PATIENCE)?;
-    let grace_ms = i64::try_from(grace_s).unwrap_or(LONGEST_MS).saturating_mul(1000);
-    Some(grace_ms.saturating_mul(1 << further.min(12)).min(LONGEST_MS))
+    let grace_ms = i64::try_from(grace_s)
+        .unwrap_or(LONGEST_MS)
+        .saturating_mul(1000);
+    Some(
+        grace_ms
+            .saturating_mul(1 << further.min(12))
+            .min(LONGEST_MS),
+    )
 }
 
 impl<S: Scheduler> Cluster<S> {
@@ -33,9 +39,13 @@ impl<S: Scheduler> Cluster<S> {
         self.report.silent += 1;
         if let Some(pause_ms) = pause_ms(self.report.silent, self.settings.slurm.grace_s) {
             self.report.asks_again_ms = self.world.now_ms + pause_ms;
-            let (n, until) = (self.report.silent, clock::utc_text(self.report.asks_again_ms));
-            self.report.no_answer =
-                Some(format!("left alone until {until} after {n} commands without an answer: {why}"));
+            let (n, until) = (
+                self.report.silent,
+                clock::utc_text(self.report.asks_again_ms),
+            );
+            self.report.no_answer = Some(format!(
+                "left alone until {until} after {n} commands without an answer: {why}"
+            ));
         }
     }
 }

@@ -64,18 +64,31 @@ impl DiskNeed {
         let mut room = Self::default();
         for i in patients {
             let plan = world.plan(i)?;
-            for (kind, n) in rest(plan, &world.patients[i].chain).into_iter().filter(|(_, n)| *n > 0) {
-                let (bytes, inodes) = measured.get(kind).copied().unwrap_or_else(|| guess(kind, plan));
+            for (kind, n) in rest(plan, &world.patients[i].chain)
+                .into_iter()
+                .filter(|(_, n)| *n > 0)
+            {
+                let (bytes, inodes) = measured
+                    .get(kind)
+                    .copied()
+                    .unwrap_or_else(|| guess(kind, plan));
                 room.bytes += n as f64 * bytes;
                 room.inodes += n as f64 * inodes;
-                let basis = if measured.contains_key(kind) { &mut room.measured } else { &mut room.guessed };
+                let basis = if measured.contains_key(kind) {
+                    &mut room.measured
+                } else {
+                    &mut room.guessed
+                };
                 if !basis.iter().any(|known| known == kind) {
                     basis.push(kind.to_owned());
                 }
             }
         }
         let attempts = world.run_dir.join(ATTEMPTS);
-        let place = attempts.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
+        let place = attempts
+            .ancestors()
+            .find(|folder| folder.is_dir())
+            .unwrap_or(Path::new("/"));
         if let Ok(told) = rustix::fs::statvfs(place) {
             room.free_bytes = Some(told.f_bavail * told.f_frsize);
             room.free_inodes = (told.f_files > 0).then_some(told.f_favail);
@@ -89,15 +102,28 @@ impl DiskNeed {
         let basis = match (self.measured.is_empty(), self.guessed.is_empty()) {
             (_, true) => "by this run's attempts".to_owned(),
             (true, false) => "a guess by the bundled cohort".to_owned(),
-            (false, false) => format!("by this run's attempts, of {} a guess", self.guessed.join(", ")),
+            (false, false) => format!(
+                "by this run's attempts, of {} a guess",
+                self.guessed.join(", ")
+            ),
         };
         let (megabytes, inodes) = (1e-6 * self.bytes, self.inodes);
-        let mut words = format!("disk: about {megabytes:.1} MB and {inodes:.0} inodes to come ({basis})");
+        let mut words =
+            format!("disk: about {megabytes:.1} MB and {inodes:.0} inodes to come ({basis})");
         if self.free_bytes.is_some_and(|free| self.bytes > free as f64) {
-            words.push_str(&format!("; only {:.1} MB are free", 1e-6 * self.free_bytes.unwrap_or(0) as f64));
+            words.push_str(&format!(
+                "; only {:.1} MB are free",
+                1e-6 * self.free_bytes.unwrap_or(0) as f64
+            ));
         }
-        if self.free_inodes.is_some_and(|free| self.inodes > free as f64) {
-            words.push_str(&format!("; only {} inodes are free", self.free_inodes.unwrap_or(0)));
+        if self
+            .free_inodes
+            .is_some_and(|free| self.inodes > free as f64)
+        {
+            words.push_str(&format!(
+                "; only {} inodes are free",
+                self.free_inodes.unwrap_or(0)
+            ));
         }
         words
     }
@@ -107,23 +133,32 @@ impl DiskNeed {
 fn measured(world: &World) -> BTreeMap<String, (f64, f64)> {
     let mut seen: BTreeMap<String, (usize, f64, f64)> = BTreeMap::new();
     for (key, task) in &world.tasks {
-        let Task::Published { generation } = task.state else { continue };
+        let Task::Published { generation } = task.state else {
+            continue;
+        };
         let entry = seen.entry(task.kind.clone()).or_default();
         if entry.0 < ENOUGH
-            && let Some((bytes, inodes)) = size(&world.directory(&AttemptId { task: key.clone(), generation }))
+            && let Some((bytes, inodes)) = size(&world.directory(&AttemptId {
+                task: key.clone(),
+                generation,
+            }))
         {
             *entry = (entry.0 + 1, entry.1 + bytes, entry.2 + inodes);
         }
     }
     let means = seen.into_iter().filter(|(_, (n, ..))| *n > 0);
-    means.map(|(kind, (n, bytes, inodes))| (kind, (bytes / n as f64, inodes / n as f64))).collect()
+    means
+        .map(|(kind, (n, bytes, inodes))| (kind, (bytes / n as f64, inodes / n as f64)))
+        .collect()
 }
 
 /// Of a folder with all that is in it; none where it is not there (any more).
 fn size(folder: &Path) -> Option<(f64, f64)> {
     let (mut bytes, mut inodes) = (0.0, 1.0);
     for entry in fs::read_dir(folder).ok()?.flatten() {
-        let Ok(metadata) = entry.metadata() else { continue };
+        let Ok(metadata) = entry.metadata() else {
+            continue;
+        };
         if metadata.is_dir() {
             let (below, count) = size(&entry.path())?;
             (bytes, inodes) = (bytes + below, inodes + count);
@@ -135,12 +170,18 @@ fn size(folder: &Path) -> Option<(f64, f64)> {
 }
 
 fn guess(kind: &str, plan: &ResolvedPatient) -> (f64, f64) {
-    let known = GUESSED.iter().find(|(known, ..)| *known == kind).map(|(_, bytes, inodes)| (*bytes, *inodes));
+    let known = GUESSED
+        .iter()
+        .find(|(known, ..)| *known == kind)
+        .map(|(_, bytes, inodes)| (*bytes, *inodes));
     let (bytes, inodes) = known.unwrap_or(OTHER);
     let in_3d = plan.settings.solver.fidelity == Fidelity::FiniteElement;
     match kind {
         "organ-beat" if in_3d => (f64::from(mesh_size::nodes(plan)) * BYTES_PER_NODE, inodes),
-        "passive-state" if in_3d => (f64::from(mesh_size::nodes(plan)) * STEP0_BYTES_PER_NODE, inodes),
+        "passive-state" if in_3d => (
+            f64::from(mesh_size::nodes(plan)) * STEP0_BYTES_PER_NODE,
+            inodes,
+        ),
         _ => (bytes, inodes),
     }
 }
@@ -155,7 +196,9 @@ mod tests {
     async fn room(bench: &Bench, plans: &[ResolvedPatient]) -> DiskNeed {
         let loaded = Writer::look(bench.path()).await.unwrap();
         let mut world = World::new(bench.path(), loaded, clock::now_ms()).unwrap();
-        crate::engine::decide::Decider::default().take_up(&mut world, plans).unwrap();
+        crate::engine::decide::Decider::default()
+            .take_up(&mut world, plans)
+            .unwrap();
         DiskNeed::of(&world, 0..world.patients.len()).unwrap()
     }
 
@@ -165,20 +208,39 @@ mod tests {
         let bench = Bench::new(vec![first.clone()]);
         bench.leaves_files();
         let guess = room(&bench, std::slice::from_ref(&first)).await;
-        assert!(guess.measured.is_empty() && guess.words().contains("a guess"), "{}", guess.words());
+        assert!(
+            guess.measured.is_empty() && guess.words().contains("a guess"),
+            "{}",
+            guess.words()
+        );
         bench.run().await;
         let over = room(&bench, std::slice::from_ref(&first)).await;
-        assert_eq!((over.bytes, over.inodes), (0.0, 0.0), "nothing is left to do");
+        assert_eq!(
+            (over.bytes, over.inodes),
+            (0.0, 0.0),
+            "nothing is left to do"
+        );
         let both = room(&bench, &[first, personalised("P2", 9.0)]).await;
         // The first patient's fitted cell left step 3 nothing to do.
-        assert!(both.guessed == ["step3-proposal"] && both.measured.contains(&"organ-beat".to_owned()), "{both:?}");
+        assert!(
+            both.guessed == ["step3-proposal"] && both.measured.contains(&"organ-beat".to_owned()),
+            "{both:?}"
+        );
         // Of each attempt: 6 files, and 4 folders with its own. Three proposals of step 3 are guessed.
         let tasks = (both.inodes - 3.0 * 5.0) / 10.0;
-        assert!(tasks.fract() == 0.0 && (5.0..20.0).contains(&tasks), "{} inodes", both.inodes);
+        assert!(
+            tasks.fract() == 0.0 && (5.0..20.0).contains(&tasks),
+            "{} inodes",
+            both.inodes
+        );
         let mut fine = personalised("P3", 8.0);
         fine.settings.solver.fidelity = Fidelity::FiniteElement;
         fine.settings.solver.finite_element.mesh_nodes = 64_000;
         let fine = room(&Bench::new(vec![]), &[fine]).await;
-        assert!(fine.bytes > 2e9 && fine.bytes > 1000.0 * guess.bytes.min(1e7), "{} bytes in 3D", fine.bytes);
+        assert!(
+            fine.bytes > 2e9 && fine.bytes > 1000.0 * guess.bytes.min(1e7),
+            "{} bytes in 3D",
+            fine.bytes
+        );
     }
 }

@@ -42,18 +42,27 @@ pub async fn examine_site(settings: &SlurmSettings) -> Result<SiteReport, Engine
     let mut scheduler = Installed::default();
     let told = config::read(&scheduler.ask(&commands::config()).await);
     let known = match &told {
-        Ok(_) => qos::read(&scheduler.ask(&commands::qos()).await).ok().map(|table| table.rows),
+        Ok(_) => qos::read(&scheduler.ask(&commands::qos()).await)
+            .ok()
+            .map(|table| table.rows),
         Err(_) => None,
     };
     let mut remarks = site.discover(told.as_ref().ok(), known.as_deref().unwrap_or_default());
     if let Ok(config) = &told {
         if config.has_accounting == Some(false) {
-            remarks.push("no accounting: jobs that left the queue are judged by their own evidence alone".to_owned());
+            remarks.push(
+                "no accounting: jobs that left the queue are judged by their own evidence alone"
+                    .to_owned(),
+            );
         }
         if config.enforces_limits == Some(false) {
             remarks.push("limits of QoS are not enforced".to_owned());
         }
-        remarks.extend(config.max_array_size.map(|size| format!("arrays of {size} elements at most")));
+        remarks.extend(
+            config
+                .max_array_size
+                .map(|size| format!("arrays of {size} elements at most")),
+        );
     }
     let queues = site.queue.iter().map(|queue| QueueReport {
         name: queue.name.clone(),
@@ -65,10 +74,23 @@ pub async fn examine_site(settings: &SlurmSettings) -> Result<SiteReport, Engine
     let queues = queues.collect();
     let silent = told.as_ref().err().map(ToString::to_string);
     let version = told.map(|config| {
-        let cluster = config.cluster.map(|name| format!(" of cluster {name}")).unwrap_or_default();
-        format!("{}{cluster}", config.version.unwrap_or_else(|| "of an unknown version".to_owned()))
+        let cluster = config
+            .cluster
+            .map(|name| format!(" of cluster {name}"))
+            .unwrap_or_default();
+        format!(
+            "{}{cluster}",
+            config
+                .version
+                .unwrap_or_else(|| "of an unknown version".to_owned())
+        )
     });
-    Ok(SiteReport { version: version.unwrap_or_default(), silent, remarks, queues })
+    Ok(SiteReport {
+        version: version.unwrap_or_default(),
+        silent,
+        remarks,
+        queues,
+    })
 }
 
 fn limits(queue: &Queue) -> String {

@@ -34,7 +34,11 @@ impl Expectations {
     #[must_use]
     pub fn of(world: &World, settings: &ExecutorSettings) -> Self {
         let mut seen: BTreeMap<String, (usize, f64)> = BTreeMap::new();
-        for task in world.tasks.values().filter(|task| matches!(task.state, Task::Published { .. })) {
+        for task in world
+            .tasks
+            .values()
+            .filter(|task| matches!(task.state, Task::Published { .. }))
+        {
             let entry = seen.entry(task.kind.clone()).or_default();
             if entry.0 < ENOUGH
                 && let Some(outcome) = task.outcome()
@@ -42,8 +46,14 @@ impl Expectations {
                 *entry = (entry.0 + 1, entry.1.max(outcome.provenance.wall_s));
             }
         }
-        let measured = seen.into_iter().map(|(kind, (_, wall_s))| (kind, wall_s)).collect();
-        Self { measured, simulation_s: settings.slurm.simulation_s }
+        let measured = seen
+            .into_iter()
+            .map(|(kind, (_, wall_s))| (kind, wall_s))
+            .collect();
+        Self {
+            measured,
+            simulation_s: settings.slurm.simulation_s,
+        }
     }
 
     fn beat_s(&self, plan: &ResolvedPatient) -> f64 {
@@ -89,7 +99,10 @@ impl Expectations {
             "discover",
             "noop",
         ];
-        kinds.into_iter().map(|kind| (kind.to_owned(), self.task_s(kind, plan))).collect()
+        kinds
+            .into_iter()
+            .map(|kind| (kind.to_owned(), self.task_s(kind, plan)))
+            .collect()
     }
 
     /// What is left of a patient's chain.
@@ -103,7 +116,11 @@ impl Expectations {
             },
             _ => self.task_s(kind, plan),
         };
-        rest(plan, chain).into_iter().map(|(kind, n)| n as f64 * task(kind)).sum::<f64>().max(0.1)
+        rest(plan, chain)
+            .into_iter()
+            .map(|(kind, n)| n as f64 * task(kind))
+            .sum::<f64>()
+            .max(0.1)
     }
 }
 
@@ -115,10 +132,14 @@ pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)>
         Workflow::Task { task } => vec![(task.kind(), usize::from(chain.task.is_none()))],
         Workflow::Personalise => {
             let proposes = plan.settings.step1_update() == Update::SpaceMapping;
-            let iterations =
-                if chain.step1.is_some() { 0 } else { ITERATIONS.saturating_sub(chain.iterations.len()).max(1) };
+            let iterations = if chain.step1.is_some() {
+                0
+            } else {
+                ITERATIONS.saturating_sub(chain.iterations.len()).max(1)
+            };
             let settings = &plan.settings;
-            let is_wanted = settings.verification.enabled && settings.workflow.until == LastStep::Step3;
+            let is_wanted =
+                settings.verification.enabled && settings.workflow.until == LastStep::Step3;
             let step3 = if !is_wanted || chain.step3.is_some() {
                 0
             } else {
@@ -127,9 +148,17 @@ pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)>
             };
             vec![
                 ("passive-state", usize::from(chain.step0.is_none())),
-                ("organ-beat", iterations + usize::from(chain.verification.is_none()) + step3),
+                (
+                    "organ-beat",
+                    iterations + usize::from(chain.verification.is_none()) + step3,
+                ),
                 ("step3-proposal", step3),
-                ("posterior", usize::from(is_wanted && settings.posterior.enabled && chain.posterior.is_none())),
+                (
+                    "posterior",
+                    usize::from(
+                        is_wanted && settings.posterior.enabled && chain.posterior.is_none(),
+                    ),
+                ),
                 ("step1-proposal", if proposes { iterations } else { 0 }),
                 ("targets", usize::from(chain.targets.is_none())),
                 ("cell-fit", usize::from(chain.cell_fit.is_none())),

@@ -24,9 +24,14 @@ impl<S: Scheduler> Cluster<S> {
 
     /// One step further with a task; false where nothing new is found.
     fn follow_task(&mut self, key: &TaskKey) -> Result<bool, EngineError> {
-        let Some(task) = self.world.tasks.get(key) else { return Ok(false) };
+        let Some(task) = self.world.tasks.get(key) else {
+            return Ok(false);
+        };
         let state = task.state.clone();
-        let attempt = |generation| AttemptId { task: key.clone(), generation };
+        let attempt = |generation| AttemptId {
+            task: key.clone(),
+            generation,
+        };
         match state {
             Task::Open { generation, .. } => {
                 let next = attempt(generation + 1);
@@ -36,7 +41,9 @@ impl<S: Scheduler> Cluster<S> {
                 }
                 self.world.begin_found(key, generation + 1)?;
                 let allocation = folder::allocation_of(&directory);
-                let id = allocation.map(|a| a.id.unwrap_or(a.job)).unwrap_or_default();
+                let id = allocation
+                    .map(|a| a.id.unwrap_or(a.job))
+                    .unwrap_or_default();
                 self.world.attempt_seen(&next, &id)?;
                 Ok(true)
             }
@@ -44,7 +51,12 @@ impl<S: Scheduler> Cluster<S> {
                 let at_work = attempt(generation);
                 let directory = self.world.directory(&at_work);
                 if let Some(evidence) = dispatch::outcome(&directory)? {
-                    self.decider.attempt_ended(&mut self.world, &at_work, evidence, Circumstance::Excused)?;
+                    self.decider.attempt_ended(
+                        &mut self.world,
+                        &at_work,
+                        evidence,
+                        Circumstance::Excused,
+                    )?;
                     return Ok(true);
                 }
                 // A further job went past it, after it was fenced: it can publish nothing.
@@ -61,7 +73,11 @@ impl<S: Scheduler> Cluster<S> {
     /// Ends an attempt that can publish nothing, charged to nobody.
     pub(super) fn interrupt(&mut self, attempt: &AttemptId, why: &str) -> Result<(), EngineError> {
         let class = cardiotwin_schemas::failure::FailureClass::Site;
-        let evidence = Evidence::Nothing { class, reason: why.to_owned() };
-        self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+        let evidence = Evidence::Nothing {
+            class,
+            reason: why.to_owned(),
+        };
+        self.decider
+            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
     }
 }

@@ -13,18 +13,40 @@ const HEAD_BYTES: u64 = 1 << 20;
 /// figure decides what a job is given, not what is computed.
 #[must_use]
 pub fn nodes(plan: &ResolvedPatient) -> u32 {
-    let own = plan.step0.own_mesh.as_ref().and_then(|own| own.files.first());
-    own.and_then(|file| of_file(&file.path)).unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+    let own = plan
+        .step0
+        .own_mesh
+        .as_ref()
+        .and_then(|own| own.files.first());
+    own.and_then(|file| of_file(&file.path))
+        .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
 }
 
 fn of_file(path: &Path) -> Option<u32> {
     let mut bytes = Vec::new();
-    File::open(path).ok()?.take(HEAD_BYTES).read_to_end(&mut bytes).ok()?;
+    File::open(path)
+        .ok()?
+        .take(HEAD_BYTES)
+        .read_to_end(&mut bytes)
+        .ok()?;
     let text = String::from_utf8_lossy(&bytes);
     match path.extension()?.to_str()? {
         "pts" => text.lines().next()?.trim().parse().ok(),
-        "vtu" => text.split_once("NumberOfPoints=\"")?.1.split_once('"')?.0.trim().parse().ok(),
-        "mesh" => text.split_once("Vertices")?.1.split_whitespace().next()?.parse().ok(),
+        "vtu" => text
+            .split_once("NumberOfPoints=\"")?
+            .1
+            .split_once('"')?
+            .0
+            .trim()
+            .parse()
+            .ok(),
+        "mesh" => text
+            .split_once("Vertices")?
+            .1
+            .split_whitespace()
+            .next()?
+            .parse()
+            .ok(),
         // One number in version 2; blocks, nodes, first and last tag in version 4.
         "msh" => {
             let line = text.split_once("$Nodes")?.1.trim_start().lines().next()?;
@@ -44,10 +66,26 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for (name, text, nodes) in [
             ("a.pts", "1234\n0 0 0\n", Some(1234)),
-            ("a.mesh", "MeshVersionFormatted 2\nDimension 3\nVertices\n77\n0 0 0 0\n", Some(77)),
-            ("b.vtu", "<VTKFile><Piece NumberOfPoints=\"77\" NumberOfCells=\"9\">", Some(77)),
-            ("c.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n51\n1 0 0 0\n", Some(51)),
-            ("d.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n3 99 1 99\n2 1 0 5\n", Some(99)),
+            (
+                "a.mesh",
+                "MeshVersionFormatted 2\nDimension 3\nVertices\n77\n0 0 0 0\n",
+                Some(77),
+            ),
+            (
+                "b.vtu",
+                "<VTKFile><Piece NumberOfPoints=\"77\" NumberOfCells=\"9\">",
+                Some(77),
+            ),
+            (
+                "c.msh",
+                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n51\n1 0 0 0\n",
+                Some(51),
+            ),
+            (
+                "d.msh",
+                "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n3 99 1 99\n2 1 0 5\n",
+                Some(99),
+            ),
             ("e.pts", "many\n", None),
             ("f.obj", "12\n", None),
         ] {

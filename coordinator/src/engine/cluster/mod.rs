@@ -87,8 +87,14 @@ impl<S: Scheduler> Cluster<S> {
         events: EventSender,
         crash: CrashPoints,
     ) -> Result<Self, EngineError> {
-        world.allocation = writer.cluster_allocation(&crate::store::lock::host_name(), world.now_ms).await?;
-        let before = writer.meta().await?.remove(REPORT).and_then(|text| serde_json::from_str(&text).ok());
+        world.allocation = writer
+            .cluster_allocation(&crate::store::lock::host_name(), world.now_ms)
+            .await?;
+        let before = writer
+            .meta()
+            .await?
+            .remove(REPORT)
+            .and_then(|text| serde_json::from_str(&text).ok());
         let mut report: ClusterReport = before.unwrap_or_default();
         if !programs.1.as_os_str().is_empty() {
             report.site.clone_from(&site.name);
@@ -147,7 +153,11 @@ impl<S: Scheduler> Cluster<S> {
                 self.decider.decide(&mut self.world, i)?;
             }
         }
-        let started = super::EngineEvent::Started { patients: self.decider.of, settled, adopted: 0 };
+        let started = super::EngineEvent::Started {
+            patients: self.decider.of,
+            settled,
+            adopted: 0,
+        };
         self.decider.events.insert(0, started);
         Ok(())
     }
@@ -168,7 +178,11 @@ impl<S: Scheduler> Cluster<S> {
                 return Ok(());
             }
             let changed = before != (self.decider.published, self.submitted, self.decider.over);
-            pause = if changed { shortest } else { (pause * 2).min(longest) };
+            pause = if changed {
+                shortest
+            } else {
+                (pause * 2).min(longest)
+            };
             tokio::select! {
                 () = stop.raised_above(StopLevel::Run) => {}
                 () = tokio::time::sleep(pause) => {}
@@ -184,7 +198,9 @@ impl<S: Scheduler> Cluster<S> {
         loop {
             self.tick().await?;
             let rows = self.world.jobs.rows.values();
-            let ending = rows.flat_map(|row| &row.state.elements).any(|e| *e == Element::Stopping);
+            let ending = rows
+                .flat_map(|row| &row.state.elements)
+                .any(|e| *e == Element::Stopping);
             if (!ending && self.world.outbox.is_empty()) || stop.level() > StopLevel::Run {
                 return Ok(());
             }
@@ -197,7 +213,11 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether nothing is left to do: every selected patient is over, and no job lives.
     pub fn is_over(&self) -> bool {
-        self.world.patients.iter().filter(|p| p.selected).all(|p| p.row.state.is_final())
+        self.world
+            .patients
+            .iter()
+            .filter(|p| p.selected)
+            .all(|p| p.row.state.is_final())
             && self.world.jobs.rows.is_empty()
             && self.world.outbox.is_empty()
     }
@@ -235,7 +255,13 @@ impl<S: Scheduler> Cluster<S> {
             stopped,
             cluster: true,
             wall_s: began.elapsed().as_secs_f64(),
-            jobs: self.world.jobs.rows.values().map(|row| row.spec.elements.len()).sum(),
+            jobs: self
+                .world
+                .jobs
+                .rows
+                .values()
+                .map(|row| row.spec.elements.len())
+                .sum(),
             ..RunSummary::default()
         };
         summary.count(self.world.selected_states());

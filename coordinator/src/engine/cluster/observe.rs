@@ -65,7 +65,10 @@ impl<S: Scheduler> Cluster<S> {
             .collect();
         let accounted = match unclear.is_empty() {
             true => None,
-            false => self.ask_accounting(&unclear).await.map(|table| by_key(table, |row| row.name.clone())),
+            false => self
+                .ask_accounting(&unclear)
+                .await
+                .map(|table| by_key(table, |row| row.name.clone())),
         };
         for (name, element) in work {
             self.take_truth(&name, element, queued.as_ref(), accounted.as_ref())?;
@@ -103,47 +106,80 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     async fn ask_accounting(&mut self, names: &[&String]) -> Option<Table<AccountingRow>> {
-        let rows = names.iter().filter_map(|name| self.world.jobs.rows.get(*name));
+        let rows = names
+            .iter()
+            .filter_map(|name| self.world.jobs.rows.get(*name));
         let since_s = rows.map(|row| row.intended_ms).min().unwrap_or_default() / 1000 - 60;
-        let mut listed: Vec<JobName> = names.iter().filter_map(|name| JobName::new(name).ok()).collect();
+        let mut listed: Vec<JobName> = names
+            .iter()
+            .filter_map(|name| JobName::new(name).ok())
+            .collect();
         listed.dedup();
         if listed.len() > MOST_NAMES {
             listed.clear();
         }
-        self.ask(commands::accounting(&listed, since_s), accounting::read).await
+        self.ask(commands::accounting(&listed, since_s), accounting::read)
+            .await
     }
 
     /// What an element left in its folder.
     fn own_evidence(&mut self, name: &str, element: usize) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
-        let (n_nodes, accepted) = (row.spec.n_nodes, matches!(row.state.submission, Submission::Accepted { .. }));
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(());
+        };
+        let (n_nodes, accepted) = (
+            row.spec.n_nodes,
+            matches!(row.state.submission, Submission::Accepted { .. }),
+        );
         let folder = JobFolder::of(&self.world.run_dir, name);
         if !accepted {
-            let Some(started) = folder.started(element, 0) else { return Ok(()) };
-            let job = started.job.and_then(|id| id.split('_').next()?.parse().ok());
+            let Some(started) = folder.started(element, 0) else {
+                return Ok(());
+            };
+            let job = started
+                .job
+                .and_then(|id| id.split('_').next()?.parse().ok());
             self.world.job_event(name, JobEvent::Accepted { job })?;
         }
-        let Some(ends) = (0..n_nodes).map(|node| folder.ended(element, node)).collect::<Option<Vec<_>>>() else {
+        let Some(ends) = (0..n_nodes)
+            .map(|node| folder.ended(element, node))
+            .collect::<Option<Vec<_>>>()
+        else {
             return Ok(());
         };
         // Who told it to stop only the scheduler knows.
         if ends.iter().any(|end| end.because == DriverEnding::Stopped) {
             return Ok(());
         }
-        let late = ends.iter().any(|end| end.because == DriverEnding::OutOfTime);
+        let late = ends
+            .iter()
+            .any(|end| end.because == DriverEnding::OutOfTime);
         let elapsed_s = ends.iter().map(|end| end.wall_s).fold(0.0, f64::max) as u64;
         self.world.jobs.see(name, element, |seen| {
             seen.elapsed_s = Some(elapsed_s);
             seen.why.clear();
         });
-        let words = if late { "left off at the end of its walltime" } else { "came to its end" };
-        let ending = Ending { cause: late.then_some(SiteCause::Walltime), words: words.to_owned() };
-        self.world.job_event(name, JobEvent::Ended { element, ending })
+        let words = if late {
+            "left off at the end of its walltime"
+        } else {
+            "came to its end"
+        };
+        let ending = Ending {
+            cause: late.then_some(SiteCause::Walltime),
+            words: words.to_owned(),
+        };
+        self.world
+            .job_event(name, JobEvent::Ended { element, ending })
     }
 
     /// A job that was being submitted when the coordinator ended.
     fn interrupted_submission(&mut self, name: &str) -> Result<(), EngineError> {
-        let intended = self.world.jobs.rows.get(name).is_some_and(|row| row.state.submission == Submission::Intended);
+        let intended = self
+            .world
+            .jobs
+            .rows
+            .get(name)
+            .is_some_and(|row| row.state.submission == Submission::Intended);
         if intended && JobFolder::of(&self.world.run_dir, name).was_submitting() {
             let why = "the coordinator ended while it asked".to_owned();
             let at_ms = self.world.now_ms;
@@ -153,8 +189,16 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn wanted<'a>(&self, name: &'a str, element: usize) -> Wanted<'a> {
-        let is_array = self.world.jobs.rows.get(name).is_some_and(|row| row.spec.is_array);
-        Wanted { name, element: is_array.then(|| u32::try_from(element).unwrap_or(u32::MAX)) }
+        let is_array = self
+            .world
+            .jobs
+            .rows
+            .get(name)
+            .is_some_and(|row| row.spec.is_array);
+        Wanted {
+            name,
+            element: is_array.then(|| u32::try_from(element).unwrap_or(u32::MAX)),
+        }
     }
 
     fn key(&self, name: &str, element: usize) -> (String, Option<u32>) {
@@ -163,15 +207,22 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether the queue alone leaves open what became of an element.
     fn needs_accounting(&self, name: &str, element: usize, queued: Option<&Queued>) -> bool {
-        let Some(row) = self.world.jobs.rows.get(name) else { return false };
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return false;
+        };
         if row.state.submission == Submission::Intended {
             return false;
         }
-        match truth::of(self.wanted(name, element), of_key(queued, &self.key(name, element)), None) {
+        match truth::of(
+            self.wanted(name, element),
+            of_key(queued, &self.key(name, element)),
+            None,
+        ) {
             Truth::Alive(_) => false,
             // Who cancelled it, and with which code it failed, only accounting tells.
             Truth::Ended(ended) => {
-                ended.exit.is_none() && matches!(ended.state, SlurmState::Cancelled | SlurmState::Failed)
+                ended.exit.is_none()
+                    && matches!(ended.state, SlurmState::Cancelled | SlurmState::Failed)
             }
             Truth::Unknown(_) => queued.is_some(),
         }
@@ -184,12 +235,18 @@ impl<S: Scheduler> Cluster<S> {
         queued: Option<&Queued>,
         accounted: Option<&Accounted>,
     ) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(());
+        };
         if row.state.submission == Submission::Intended {
             return Ok(());
         }
         let accounting = of_key(accounted, &name.to_owned());
-        match truth::of(self.wanted(name, element), of_key(queued, &self.key(name, element)), accounting) {
+        match truth::of(
+            self.wanted(name, element),
+            of_key(queued, &self.key(name, element)),
+            accounting,
+        ) {
             Truth::Alive(alive) => self.alive(name, element, &alive),
             Truth::Ended(ended) => self.ended(name, element, &ended),
             Truth::Unknown(unknown) => self.unknown(name, element, &unknown),
@@ -197,7 +254,9 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn alive(&mut self, name: &str, element: usize, alive: &Alive) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(());
+        };
         let known = matches!(row.state.submission, Submission::Accepted { job: Some(_) });
         let as_before = match row.state.elements.get(element) {
             Some(Element::Running) => alive.runs,
@@ -205,12 +264,27 @@ impl<S: Scheduler> Cluster<S> {
             _ => false,
         };
         if !known {
-            self.world.job_event(name, JobEvent::Accepted { job: Some(alive.id.job) })?;
+            self.world.job_event(
+                name,
+                JobEvent::Accepted {
+                    job: Some(alive.id.job),
+                },
+            )?;
         }
         if !as_before {
-            self.world.job_event(name, JobEvent::Seen { element, runs: alive.runs })?;
+            self.world.job_event(
+                name,
+                JobEvent::Seen {
+                    element,
+                    runs: alive.runs,
+                },
+            )?;
         }
-        let why = alive.why.as_ref().map(|why| why.words.clone()).unwrap_or_default();
+        let why = alive
+            .why
+            .as_ref()
+            .map(|why| why.words.clone())
+            .unwrap_or_default();
         self.look(name, element, |seen| {
             seen.why = why;
             seen.start_s = alive.start;
@@ -220,15 +294,22 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn ended(&mut self, name: &str, element: usize, ended: &Ended) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(());
+        };
         let folder = JobFolder::of(&self.world.run_dir, name);
         let stopping = row.state.elements.get(element) == Some(&Element::Stopping);
         let array_element = row.spec.is_array.then_some(element);
-        let warned = (0..row.spec.n_nodes)
-            .any(|node| folder.ended(element, node).is_some_and(|end| end.because == DriverEnding::OutOfTime));
+        let warned = (0..row.spec.n_nodes).any(|node| {
+            folder
+                .ended(element, node)
+                .is_some_and(|end| end.because == DriverEnding::OutOfTime)
+        });
         // Of what never could start accounting may never hear; the rest it will tell, however late.
         let graces = match ended.accounting {
-            Accounting::Disagrees | Accounting::Silent if !self.no_accounting => GRACES_OF_A_DISPUTE,
+            Accounting::Disagrees | Accounting::Silent if !self.no_accounting => {
+                GRACES_OF_A_DISPUTE
+            }
             _ => 1,
         };
         let traces = OwnTraces {
@@ -244,46 +325,103 @@ impl<S: Scheduler> Cluster<S> {
             },
         };
         let log_tail = folder.log_tail(array_element);
-        let evidence =
-            Evidence { own: None, scheduler: Some(ended), log_tail: &log_tail, we_cancelled: stopping, warned, traces };
+        let evidence = Evidence {
+            own: None,
+            scheduler: Some(ended),
+            log_tail: &log_tail,
+            we_cancelled: stopping,
+            warned,
+            traces,
+        };
         if is_open(&evidence) {
-            let why = format!("Slurm says {}, and nobody says by whom yet", ended.state.as_str());
-            self.world.job_event(name, JobEvent::Accepted { job: Some(ended.id.job) })?;
+            let why = format!(
+                "Slurm says {}, and nobody says by whom yet",
+                ended.state.as_str()
+            );
+            self.world.job_event(
+                name,
+                JobEvent::Accepted {
+                    job: Some(ended.id.job),
+                },
+            )?;
             self.look(name, element, |seen| seen.why.clone_from(&why));
             let at_ms = self.world.now_ms;
-            return self.world.job_event(name, JobEvent::Vanished { element, at_ms, why });
+            return self.world.job_event(
+                name,
+                JobEvent::Vanished {
+                    element,
+                    at_ms,
+                    why,
+                },
+            );
         }
         let cause = classify(&evidence).map(cause_of);
-        let began = if ended.began == Some(false) { ", it never began" } else { "" };
+        let began = if ended.began == Some(false) {
+            ", it never began"
+        } else {
+            ""
+        };
         let words = format!("Slurm says {}{began}", ended.state.as_str());
-        self.world.job_event(name, JobEvent::Accepted { job: Some(ended.id.job) })?;
+        self.world.job_event(
+            name,
+            JobEvent::Accepted {
+                job: Some(ended.id.job),
+            },
+        )?;
         self.look(name, element, |seen| {
             seen.elapsed_s = ended.elapsed_s;
             seen.nodes.clone_from(&ended.nodes);
             seen.why.clear();
         });
-        self.world.job_event(name, JobEvent::Ended { element, ending: Ending { cause, words } })
+        self.world.job_event(
+            name,
+            JobEvent::Ended {
+                element,
+                ending: Ending { cause, words },
+            },
+        )
     }
 
     fn grace_ms(&self) -> i64 {
         i64::try_from(self.settings.slurm.grace_s).unwrap_or(i64::MAX / 20_000) * 1000
     }
 
-    fn unknown(&mut self, name: &str, element: usize, unknown: &Unknown) -> Result<(), EngineError> {
+    fn unknown(
+        &mut self,
+        name: &str,
+        element: usize,
+        unknown: &Unknown,
+    ) -> Result<(), EngineError> {
         let now_ms = self.world.now_ms;
         let grace_ms = self.grace_ms();
         let (absent, graces, why) = match unknown {
             Unknown::NotListed { queue_answered, .. } => (
                 *queue_answered,
                 1,
-                if *queue_answered { "Slurm does not know it" } else { "Slurm does not answer" }.to_owned(),
+                if *queue_answered {
+                    "Slurm does not know it"
+                } else {
+                    "Slurm does not answer"
+                }
+                .to_owned(),
             ),
-            Unknown::State(state) => (false, 1, format!("Slurm says {}, which tells nothing", state.as_str())),
-            Unknown::Disputed(state) => {
-                (true, GRACES_OF_A_DISPUTE, format!("the queue does not list it, accounting says {}", state.as_str()))
-            }
+            Unknown::State(state) => (
+                false,
+                1,
+                format!("Slurm says {}, which tells nothing", state.as_str()),
+            ),
+            Unknown::Disputed(state) => (
+                true,
+                GRACES_OF_A_DISPUTE,
+                format!(
+                    "the queue does not list it, accounting says {}",
+                    state.as_str()
+                ),
+            ),
         };
-        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(());
+        };
         let over = |since_ms: i64| absent && now_ms - since_ms > grace_ms.saturating_mul(graces);
         match (&row.state.submission, row.state.elements.get(element)) {
             (Submission::Doubtful { since_ms, .. }, _) if over(*since_ms) => {
@@ -295,14 +433,31 @@ impl<S: Scheduler> Cluster<S> {
             }
             // Asked to end, and gone: that was what was wanted.
             (_, Some(Element::Stopping)) if absent && self.left_its_last_word(name, element) => {
-                let ending = Ending { cause: None, words: "ended by request".to_owned() };
-                self.world.job_event(name, JobEvent::Ended { element, ending })
+                let ending = Ending {
+                    cause: None,
+                    words: "ended by request".to_owned(),
+                };
+                self.world
+                    .job_event(name, JobEvent::Ended { element, ending })
             }
             _ => {
                 self.look(name, element, |seen| seen.why.clone_from(&why));
                 // Silence of the scheduler is no news of the job.
-                if !matches!(unknown, Unknown::NotListed { queue_answered: false, .. }) {
-                    self.world.job_event(name, JobEvent::Vanished { element, at_ms: now_ms, why })?;
+                if !matches!(
+                    unknown,
+                    Unknown::NotListed {
+                        queue_answered: false,
+                        ..
+                    }
+                ) {
+                    self.world.job_event(
+                        name,
+                        JobEvent::Vanished {
+                            element,
+                            at_ms: now_ms,
+                            why,
+                        },
+                    )?;
                 }
                 Ok(())
             }
@@ -336,14 +491,26 @@ fn cause_of(class: Class) -> SiteCause {
 }
 
 /// A table's rows by what they are looked up by; what could not be read is everybody's doubt, under the empty key.
-fn by_key<Row, Key: Hash + Eq + Default>(table: Table<Row>, key: impl Fn(&Row) -> Key) -> HashMap<Key, Table<Row>> {
+fn by_key<Row, Key: Hash + Eq + Default>(
+    table: Table<Row>,
+    key: impl Fn(&Row) -> Key,
+) -> HashMap<Key, Table<Row>> {
     let mut tables: HashMap<Key, Table<Row>> = HashMap::new();
     let unreadable = table.unreadable;
     for row in table.rows {
         let entry = tables.entry(key(&row));
-        entry.or_insert_with(|| Table { rows: Vec::new(), unreadable: unreadable.clone() }).rows.push(row);
+        entry
+            .or_insert_with(|| Table {
+                rows: Vec::new(),
+                unreadable: unreadable.clone(),
+            })
+            .rows
+            .push(row);
     }
-    tables.entry(Key::default()).or_insert_with(|| Table { rows: Vec::new(), unreadable });
+    tables.entry(Key::default()).or_insert_with(|| Table {
+        rows: Vec::new(),
+        unreadable,
+    });
     tables
 }
 

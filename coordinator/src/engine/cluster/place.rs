@@ -57,29 +57,48 @@ impl<S: Scheduler> Cluster<S> {
         let Some(queue) = &self.queue else {
             // Limits count all of the user's jobs: without an answer nobody knows what there is room for.
             let why = self.report.no_answer.clone().unwrap_or_default();
-            self.hold(Some(format!("nothing is submitted while the queue does not answer: {why}")));
+            self.hold(Some(format!(
+                "nothing is submitted while the queue does not answer: {why}"
+            )));
             return Ok(());
         };
         let (rows, intended) = (queue.rows.clone(), self.intended());
         // Names that are durable and not in the queue yet take their room, too.
         let in_use = |queue: &Queue| in_use(queue, &rows, intended);
         let expected = Expectations::of(&self.world, &self.settings);
-        let jobs = plan_jobs(&self.world, &waiting, &self.site, &self.settings, &expected, &in_use)?;
+        let jobs = plan_jobs(
+            &self.world,
+            &waiting,
+            &self.site,
+            &self.settings,
+            &expected,
+            &in_use,
+        )?;
         self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
         self.report.finish_after_s = jobs.iter().map(|job| job.predicted_s).reduce(f64::max);
-        let later: usize =
-            jobs.iter().filter(|job| !job.now).map(|job| job.patients.iter().map(Vec::len).sum::<usize>()).sum();
+        let later: usize = jobs
+            .iter()
+            .filter(|job| !job.now)
+            .map(|job| job.patients.iter().map(Vec::len).sum::<usize>())
+            .sum();
         for job in jobs.into_iter().filter(|job| job.now) {
             let name = self.fresh_name();
             self.world.intend_job(name, job.spec);
         }
-        self.hold((later > 0).then(|| format!("{later} patients wait until jobs have ended: the queue takes no more")));
+        self.hold((later > 0).then(|| {
+            format!("{later} patients wait until jobs have ended: the queue takes no more")
+        }));
         Ok(())
     }
 
     fn intended(&self) -> u32 {
         use crate::machine::cluster_job::Submission;
-        let rows = self.world.jobs.rows.values().filter(|row| row.state.submission == Submission::Intended);
+        let rows = self
+            .world
+            .jobs
+            .rows
+            .values()
+            .filter(|row| row.state.submission == Submission::Intended);
         u32::try_from(rows.map(|row| row.spec.elements.len()).sum::<usize>()).unwrap_or(u32::MAX)
     }
 
@@ -91,7 +110,13 @@ impl<S: Scheduler> Cluster<S> {
     /// A name that no job ever had: the cohort, the time, the process, a number.
     fn fresh_name(&mut self) -> String {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
-        let run = self.world.run_dir.parent().and_then(|p| p.file_name()).unwrap_or_default().to_string_lossy();
+        let run = self
+            .world
+            .run_dir
+            .parent()
+            .and_then(|p| p.file_name())
+            .unwrap_or_default()
+            .to_string_lossy();
         let cohort: String = run.chars().map(plain).take(24).collect();
         loop {
             self.names += 1;
@@ -106,8 +131,14 @@ impl<S: Scheduler> Cluster<S> {
 
 /// What of a queue the user takes already: jobs of ours and others alike.
 pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
-    let mut used = InUse { queued: intended, ..InUse::default() };
-    for row in rows.iter().filter(|row| queue.qos.as_ref().is_none_or(|qos| row.qos == *qos)) {
+    let mut used = InUse {
+        queued: intended,
+        ..InUse::default()
+    };
+    for row in rows
+        .iter()
+        .filter(|row| queue.qos.as_ref().is_none_or(|qos| row.qos == *qos))
+    {
         let bearing = row.state.bearing();
         used.queued += u32::from(bearing != Bearing::Ended);
         if bearing == Bearing::Running {
@@ -122,7 +153,12 @@ pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
 /// Whether a patient waits for a place in a job.
 pub fn wants_place(world: &World, i: usize) -> bool {
     let patient = &world.patients[i];
-    let open = |key: &TaskKey| world.tasks.get(key).is_some_and(|task| matches!(task.state, Task::Open { .. }));
+    let open = |key: &TaskKey| {
+        world
+            .tasks
+            .get(key)
+            .is_some_and(|task| matches!(task.state, Task::Open { .. }))
+    };
     patient.selected
         && !world.jobs.placed.contains_key(&patient.row.id)
         && present_task(world, i).is_some_and(|key| open(&key))
@@ -141,7 +177,9 @@ pub fn waiting(world: &World) -> Vec<usize> {
     let is_placed = |i: &usize| world.jobs.placed.contains_key(&world.patients[*i].row.id);
     let placed = (0..world.patients.len()).filter(is_placed);
     let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(world, i)).collect();
-    let mut waiting: Vec<usize> = (0..world.patients.len()).filter(|i| wants_place(world, *i)).collect();
+    let mut waiting: Vec<usize> = (0..world.patients.len())
+        .filter(|i| wants_place(world, *i))
+        .collect();
     waiting.sort_by_key(|i| world.patients[*i].row.position);
     waiting.retain(|i| present_task(world, *i).is_some_and(|key| tasks.insert(key)));
     waiting
@@ -162,29 +200,69 @@ pub fn plan_jobs(
     let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
     for &i in patients {
         let plan = world.plan(i)?;
-        let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity != Fidelity::Reduced;
-        let Allotment { memory_mib, lanes, exclude, .. } = world.jobs.allotment(world.patients[i].row.id);
-        let threads = cores::threads_in_job(settings, &plan.settings.solver, mesh_size::nodes(plan), site.node.cores);
-        let like = Like { in_3d, threads, memory_mib, lanes, exclude };
+        let in_3d = plan.workflow == Workflow::Personalise
+            && plan.settings.solver.fidelity != Fidelity::Reduced;
+        let Allotment {
+            memory_mib,
+            lanes,
+            exclude,
+            ..
+        } = world.jobs.allotment(world.patients[i].row.id);
+        let threads = cores::threads_in_job(
+            settings,
+            &plan.settings.solver,
+            mesh_size::nodes(plan),
+            site.node.cores,
+        );
+        let like = Like {
+            in_3d,
+            threads,
+            memory_mib,
+            lanes,
+            exclude,
+        };
         groups.entry(like).or_default().push(i);
     }
     let mut jobs = Vec::new();
     let mut taken = InUse::default();
     for (like, patients) in groups {
-        let used_for = if like.in_3d { Use::Simulations } else { Use::Chunks };
-        let queue = site.queue(settings.slurm.queue.as_deref(), used_for).ok_or_else(|| EngineError::Site {
-            message: format!("site {} has no queue for {used_for:?}: add it to the `uses` of one", site.name),
-        })?;
+        let used_for = if like.in_3d {
+            Use::Simulations
+        } else {
+            Use::Chunks
+        };
+        let queue = site
+            .queue(settings.slurm.queue.as_deref(), used_for)
+            .ok_or_else(|| EngineError::Site {
+                message: format!(
+                    "site {} has no queue for {used_for:?}: add it to the `uses` of one",
+                    site.name
+                ),
+            })?;
         let mut used = in_use(queue);
         used.queued += taken.queued;
-        let group = Group { world, site, queue, settings, expected, like: &like, used };
+        let group = Group {
+            world,
+            site,
+            queue,
+            settings,
+            expected,
+            like: &like,
+            used,
+        };
         let planned = if like.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
             group.bundles(&patients)?
         } else {
             group.chunks(&patients)?
         };
-        taken.queued += u32::try_from(planned.iter().filter(|j| j.now).map(|j| j.patients.len()).sum::<usize>())
-            .unwrap_or(u32::MAX);
+        taken.queued += u32::try_from(
+            planned
+                .iter()
+                .filter(|j| j.now)
+                .map(|j| j.patients.len())
+                .sum::<usize>(),
+        )
+        .unwrap_or(u32::MAX);
         jobs.extend(planned);
     }
     Ok(jobs)
@@ -206,11 +284,18 @@ impl Group<'_> {
         let bundle_nodes = Some(slurm.bundle_nodes).filter(|n| *n > 0);
         // Start, end, and the warning, which Slurm may give a minute early.
         let overhead_s = 2 * (slurm.warning_s + 60);
-        Choices { good_length_s: slurm.job_s, bundle_nodes, overhead_s, ..Choices::default() }
+        Choices {
+            good_length_s: slurm.job_s,
+            bundle_nodes,
+            overhead_s,
+            ..Choices::default()
+        }
     }
 
     fn rest_s(&self, i: usize) -> Result<f64, EngineError> {
-        Ok(self.expected.rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
+        Ok(self
+            .expected
+            .rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
     }
 
     /// Patients side by side on a whole node.
@@ -220,20 +305,40 @@ impl Group<'_> {
     }
 
     fn refused(&self, error: &plan::PlanError) -> EngineError {
-        EngineError::Site { message: format!("site {}: {error}", self.site.name) }
+        EngineError::Site {
+            message: format!("site {}: {error}", self.site.name),
+        }
     }
 
     fn placed(&self, i: usize) -> Placed {
         let patient = &self.world.patients[i];
         let plan = self.world.jobs.allotment(patient.row.id).plans;
-        Placed { patient_id: patient.row.id, settled: patient.chain.steps().count(), plan }
+        Placed {
+            patient_id: patient.row.id,
+            settled: patient.chain.steps().count(),
+            plan,
+        }
     }
 
-    fn spec(&self, elements: &[Vec<usize>], is_array: bool, n_nodes: u32, walltime_s: u64) -> JobSpec {
+    fn spec(
+        &self,
+        elements: &[Vec<usize>],
+        is_array: bool,
+        n_nodes: u32,
+        walltime_s: u64,
+    ) -> JobSpec {
         let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
         let lanes = if whole_nodes { self.lanes() } else { 1 };
-        let n_cores = if whole_nodes { self.site.node.cores } else { self.like.threads };
-        let memory_mib = self.like.memory_mib.unwrap_or(self.settings.slurm.memory_mib) * u64::from(lanes);
+        let n_cores = if whole_nodes {
+            self.site.node.cores
+        } else {
+            self.like.threads
+        };
+        let memory_mib = self
+            .like
+            .memory_mib
+            .unwrap_or(self.settings.slurm.memory_mib)
+            * u64::from(lanes);
         JobSpec {
             queue: self.queue.name.clone(),
             qos: self.queue.qos.clone(),
@@ -252,7 +357,10 @@ impl Group<'_> {
                 f64::from(n_cores) / f64::from(self.site.node.cores)
             },
             exclude: self.like.exclude.clone(),
-            elements: elements.iter().map(|list| list.iter().map(|&i| self.placed(i)).collect()).collect(),
+            elements: elements
+                .iter()
+                .map(|list| list.iter().map(|&i| self.placed(i)).collect())
+                .collect(),
         }
     }
 
@@ -268,18 +376,44 @@ impl Group<'_> {
         let loads: Vec<&[(f64, usize)]> = rests.chunks(self.lanes() as usize).collect();
         let ranks = self.site.node.cores;
         let simulations: Vec<Simulation> = (loads.iter().enumerate())
-            .map(|(n, load)| Simulation { task: n.to_string(), ranks, predicted_s: load[0].0, has_checkpoints: true })
+            .map(|(n, load)| Simulation {
+                task: n.to_string(),
+                ranks,
+                predicted_s: load[0].0,
+                has_checkpoints: true,
+            })
             .collect();
-        let bundles = plan::bundles(&simulations, self.site, self.queue, self.used, &self.choices());
+        let bundles = plan::bundles(
+            &simulations,
+            self.site,
+            self.queue,
+            self.used,
+            &self.choices(),
+        );
         let bundles = bundles.map_err(|error| self.refused(&error))?;
         Ok(bundles
             .into_iter()
             .map(|bundle| {
-                let order = bundle.order().into_iter().filter_map(|task| task.parse::<usize>().ok());
-                let list: Vec<usize> = order.flat_map(|n| loads[n].iter().map(|(_, i)| *i)).collect();
-                let mut spec = self.spec(std::slice::from_ref(&list), false, bundle.n_nodes, bundle.walltime_s);
+                let order = bundle
+                    .order()
+                    .into_iter()
+                    .filter_map(|task| task.parse::<usize>().ok());
+                let list: Vec<usize> = order
+                    .flat_map(|n| loads[n].iter().map(|(_, i)| *i))
+                    .collect();
+                let mut spec = self.spec(
+                    std::slice::from_ref(&list),
+                    false,
+                    bundle.n_nodes,
+                    bundle.walltime_s,
+                );
                 spec.expected_node_hours = bundle.node_hours;
-                PlannedJob { spec, patients: vec![list], predicted_s: bundle.predicted_s(), now: bundle.now }
+                PlannedJob {
+                    spec,
+                    patients: vec![list],
+                    predicted_s: bundle.predicted_s(),
+                    now: bundle.now,
+                }
             })
             .collect())
     }
@@ -292,15 +426,28 @@ impl Group<'_> {
         }
         let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
         // Of a node, the time of a core: a patient takes as many cores as it has threads.
-        let share = if whole_nodes { f64::from(self.like.threads) } else { 1.0 };
+        let share = if whole_nodes {
+            f64::from(self.like.threads)
+        } else {
+            1.0
+        };
         let mean_s = rests.iter().sum::<f64>() / rests.len().max(1) as f64 * share;
-        let sweep = Sweep { n_blocks: patients.len() as u64, samples_per_block: 1, s_per_sample: mean_s };
+        let sweep = Sweep {
+            n_blocks: patients.len() as u64,
+            samples_per_block: 1,
+            s_per_sample: mean_s,
+        };
         // No chunk may be longer than a job, and where one chain is, its driver leaves off and goes on in another.
         let mut choices = self.choices();
-        let longest_s = self.queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety;
-        let sweep = Sweep { s_per_sample: sweep.s_per_sample.min(longest_s.max(1.0)), ..sweep };
+        let longest_s =
+            self.queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety;
+        let sweep = Sweep {
+            s_per_sample: sweep.s_per_sample.min(longest_s.max(1.0)),
+            ..sweep
+        };
         choices.good_length_s = choices.good_length_s.min(longest_s as u64).max(1);
-        let chunks = plan::chunks(&sweep, self.site, self.queue, self.used, &choices).map_err(|e| self.refused(&e))?;
+        let chunks = plan::chunks(&sweep, self.site, self.queue, self.used, &choices)
+            .map_err(|e| self.refused(&e))?;
         Ok(chunks
             .arrays
             .iter()
@@ -315,8 +462,14 @@ impl Group<'_> {
                     .collect();
                 let mut spec = self.spec(&lists, array.n > 1, 1, chunks.walltime_s);
                 spec.at_once = array.at_once;
-                spec.expected_node_hours = chunks.node_hours * f64::from(array.n) / chunks.n_chunks.max(1) as f64;
-                PlannedJob { spec, patients: lists, predicted_s: chunks.predicted_s, now: array.now }
+                spec.expected_node_hours =
+                    chunks.node_hours * f64::from(array.n) / chunks.n_chunks.max(1) as f64;
+                PlannedJob {
+                    spec,
+                    patients: lists,
+                    predicted_s: chunks.predicted_s,
+                    now: array.now,
+                }
             })
             .collect())
     }

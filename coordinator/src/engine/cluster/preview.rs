@@ -103,22 +103,39 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
         .collect();
     let expected = Expectations::of(&world, &options.executor);
     let used = |queue: &Queue| in_use(queue, &rows, 0);
-    let jobs = plan_jobs(&world, &patients, &site, &options.executor, &expected, &used)?;
+    let jobs = plan_jobs(
+        &world,
+        &patients,
+        &site,
+        &options.executor,
+        &expected,
+        &used,
+    )?;
     let mut planned = Vec::with_capacity(jobs.len());
     for (n, job) in jobs.iter().enumerate() {
         let name = format!("ct-plan-{}", n + 1);
         let folder = JobFolder::of(&run_dir, &name);
         let script = script_of(&job.spec, &name, &folder, &site, &options.executor, program)
-            .map_err(|error| EngineError::Site { message: error.to_string() })?;
+            .map_err(|error| EngineError::Site {
+                message: error.to_string(),
+            })?;
         planned.push(row_of(job, script));
     }
     planned.sort_by_key(|job| !job.now);
     let node_hours = planned.iter().map(|job| job.node_hours).sum();
-    let finish_after_s = match jobs.first().and_then(|job| site.queue.iter().find(|queue| queue.name == job.spec.queue))
+    let finish_after_s = match jobs
+        .first()
+        .and_then(|job| site.queue.iter().find(|queue| queue.name == job.spec.queue))
     {
         Some(queue) => {
-            let each = |job: &PlannedJob| vec![(job.spec.n_nodes, job.predicted_s); job.patients.len()];
-            finish(&jobs.iter().flat_map(each).collect::<Vec<_>>(), queue, used(queue)).after_s
+            let each =
+                |job: &PlannedJob| vec![(job.spec.n_nodes, job.predicted_s); job.patients.len()];
+            finish(
+                &jobs.iter().flat_map(each).collect::<Vec<_>>(),
+                queue,
+                used(queue),
+            )
+            .after_s
         }
         None => 0.0,
     };

@@ -11,9 +11,18 @@ use crate::engine::EngineError;
 use crate::store::Writer;
 
 const SHIPPED: [(&str, &str); 3] = [
-    ("archer2", include_str!("../../../../deploy/sites/archer2.toml")),
-    ("generic", include_str!("../../../../deploy/sites/generic.toml")),
-    ("laptop", include_str!("../../../../deploy/sites/laptop.toml")),
+    (
+        "archer2",
+        include_str!("../../../../deploy/sites/archer2.toml"),
+    ),
+    (
+        "generic",
+        include_str!("../../../../deploy/sites/generic.toml"),
+    ),
+    (
+        "laptop",
+        include_str!("../../../../deploy/sites/laptop.toml"),
+    ),
 ];
 /// What the site told is asked for again after this time, ms.
 const TOLD_FOR_MS: i64 = 24 * 3600 * 1000;
@@ -27,7 +36,8 @@ const TOLD: [&str; 3] = ["site_told_ms", "site_config", "site_qos"];
 pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
     let name = &settings.site;
     let wrong = |message: String| EngineError::Site { message };
-    let read = |file: &str, text: &str| Site::read(file, text).map_err(|error| wrong(error.to_string()));
+    let read =
+        |file: &str, text: &str| Site::read(file, text).map_err(|error| wrong(error.to_string()));
     let mut site = match SHIPPED.iter().find(|(shipped, _)| shipped == name) {
         Some((file, text)) => read(file, text)?,
         None => {
@@ -39,7 +49,9 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         }
     };
     if site.scheduler != Kind::Slurm {
-        return Err(wrong(format!("site {name} has no Slurm: use executor.kind = \"local\" there, or another site")));
+        return Err(wrong(format!(
+            "site {name} has no Slurm: use executor.kind = \"local\" there, or another site"
+        )));
     }
     if let Some(walltime) = &settings.walltime {
         let limit = cardiotwin_slurm::walltime::parse(walltime);
@@ -54,12 +66,23 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
             }
         }
     }
-    if let Some(name) = settings.queue.as_ref().filter(|name| site.queue.iter().all(|queue| queue.name != **name)) {
+    if let Some(name) = settings
+        .queue
+        .as_ref()
+        .filter(|name| site.queue.iter().all(|queue| queue.name != **name))
+    {
         let known: Vec<&str> = site.queue.iter().map(|queue| queue.name.as_str()).collect();
-        return Err(wrong(format!("executor.slurm.queue is `{name}`; site {} has {}", site.name, known.join(", "))));
+        return Err(wrong(format!(
+            "executor.slurm.queue is `{name}`; site {} has {}",
+            site.name,
+            known.join(", ")
+        )));
     }
     if site.needs_account && settings.account.is_none() {
-        return Err(wrong(format!("site {} needs an account: set executor.slurm.account", site.name)));
+        return Err(wrong(format!(
+            "site {} needs an account: set executor.slurm.account",
+            site.name
+        )));
     }
     Ok(site)
 }
@@ -70,7 +93,11 @@ impl<S: Scheduler> Cluster<S> {
         let meta = self.writer.meta().await?;
         let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
         let told_ms: i64 = value(TOLD[0]).parse().unwrap_or(0);
-        let said = |stdout: String| Output { exit: Exit::Code(0), stdout, stderr: String::new() };
+        let said = |stdout: String| Output {
+            exit: Exit::Code(0),
+            stdout,
+            stderr: String::new(),
+        };
         let (config, qos) = if self.world.now_ms - told_ms < TOLD_FOR_MS {
             (said(value(TOLD[1])), said(value(TOLD[2])))
         } else {
@@ -78,7 +105,13 @@ impl<S: Scheduler> Cluster<S> {
             let qos = self.scheduler.ask(&commands::qos()).await;
             // What did not answer is asked again at the next tick.
             if config.exit == Exit::Code(0) {
-                remember(&mut self.writer, self.world.now_ms, &config.stdout, &qos.stdout).await?;
+                remember(
+                    &mut self.writer,
+                    self.world.now_ms,
+                    &config.stdout,
+                    &qos.stdout,
+                )
+                .await?;
             }
             (config, qos)
         };
@@ -92,11 +125,20 @@ impl<S: Scheduler> Cluster<S> {
 /// Lays over a profile what the site tells now; what it changed.
 pub async fn discover_now(site: &mut Site, scheduler: &mut impl Scheduler) -> Vec<String> {
     let config = config::read(&scheduler.ask(&commands::config()).await).ok();
-    let rows = qos::read(&scheduler.ask(&commands::qos()).await).map(|table| table.rows).unwrap_or_default();
+    let rows = qos::read(&scheduler.ask(&commands::qos()).await)
+        .map(|table| table.rows)
+        .unwrap_or_default();
     site.discover(config.as_ref(), &rows)
 }
 
-async fn remember(writer: &mut Writer, now_ms: i64, config: &str, qos: &str) -> Result<(), EngineError> {
+async fn remember(
+    writer: &mut Writer,
+    now_ms: i64,
+    config: &str,
+    qos: &str,
+) -> Result<(), EngineError> {
     let now = now_ms.to_string();
-    Ok(writer.set_meta(&[(TOLD[0], &now), (TOLD[1], config), (TOLD[2], qos)]).await?)
+    Ok(writer
+        .set_meta(&[(TOLD[0], &now), (TOLD[1], config), (TOLD[2], qos)])
+        .await?)
 }

@@ -22,7 +22,12 @@ impl<S: Scheduler> Cluster<S> {
     pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
         let ended: Vec<(String, usize, Ending)> = (self.world.jobs.rows.values())
             .flat_map(|row| {
-                let ended = row.state.elements.iter().enumerate().filter(|(element, _)| !row.seen[*element].settled);
+                let ended = row
+                    .state
+                    .elements
+                    .iter()
+                    .enumerate()
+                    .filter(|(element, _)| !row.seen[*element].settled);
                 ended.filter_map(|(element, state)| match state {
                     Element::Over { ending } => Some((row.name.clone(), element, ending.clone())),
                     _ => None,
@@ -36,27 +41,40 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn settle(&mut self, name: &str, element: usize, ending: &Ending) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name).cloned() else { return Ok(()) };
+        let Some(row) = self.world.jobs.rows.get(name).cloned() else {
+            return Ok(());
+        };
         // Before the decision: what is not there after the fence will never be.
         let folder = JobFolder::of(&self.world.run_dir, name);
         folder.fence(element)?;
         let patients = row.spec.elements[element].clone();
         let mut standings = Vec::new();
         for placed in patients {
-            let Some(&i) = self.world.by_id.get(&placed.patient_id) else { continue };
+            let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+                continue;
+            };
             let interrupted = self.fence_attempt(i, name)?;
             // What was published before the fence counts.
             self.follow(i)?;
-            let interrupted =
-                interrupted.filter(|attempt| self.world.attempts.get(attempt).is_some_and(|a| !a.state.is_final()));
+            let interrupted = interrupted.filter(|attempt| {
+                self.world
+                    .attempts
+                    .get(attempt)
+                    .is_some_and(|a| !a.state.is_final())
+            });
             let progressed = self.settled_tasks(i) > placed.settled
-                || interrupted.as_ref().is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
+                || interrupted
+                    .as_ref()
+                    .is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
             standings.push((i, placed, interrupted, progressed));
         }
-        let anybody = standings.iter().any(|(.., interrupted, progressed)| interrupted.is_some() || *progressed);
+        let anybody = standings
+            .iter()
+            .any(|(.., interrupted, progressed)| interrupted.is_some() || *progressed);
         for (i, placed, interrupted, progressed) in standings {
             let stale = placed.plan != self.world.jobs.allotment(placed.patient_id).plans;
-            let over = self.world.patients[i].row.state.is_final() || !self.world.patients[i].row.active;
+            let over =
+                self.world.patients[i].row.state.is_final() || !self.world.patients[i].row.active;
             if over || stale {
                 if let Some(attempt) = interrupted {
                     self.interrupt(&attempt, "its job ended")?;
@@ -83,8 +101,12 @@ impl<S: Scheduler> Cluster<S> {
     /// Fences the attempt at a patient's present task, where this job began it and it has no outcome.
     fn fence_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
         self.follow(i)?;
-        let Some(task) = present_task(&self.world, i) else { return Ok(None) };
-        let Some(Task::Attempting { generation, .. }) = self.world.tasks.get(&task).map(|t| t.state.clone()) else {
+        let Some(task) = present_task(&self.world, i) else {
+            return Ok(None);
+        };
+        let Some(Task::Attempting { generation, .. }) =
+            self.world.tasks.get(&task).map(|t| t.state.clone())
+        else {
             return Ok(None);
         };
         let attempt = AttemptId { task, generation };
@@ -136,16 +158,39 @@ impl<S: Scheduler> Cluster<S> {
             memory_per_node_mib: self.site.node.memory_mib,
             excluded: allotment.exclude.clone(),
         };
-        let spent = Spent { infrastructure: allotment.infrastructure, free: allotment.free, science: 0 };
-        let budgets =
-            Budgets { infrastructure: self.settings.site_retries, science: 0, free: self.settings.slurm.free_repeats };
-        let nodes = row.seen.get(element).map(|seen| seen.nodes.clone()).unwrap_or_default();
+        let spent = Spent {
+            infrastructure: allotment.infrastructure,
+            free: allotment.free,
+            science: 0,
+        };
+        let budgets = Budgets {
+            infrastructure: self.settings.site_retries,
+            science: 0,
+            free: self.settings.slurm.free_repeats,
+        };
+        let nodes = row
+            .seen
+            .get(element)
+            .map(|seen| seen.nodes.clone())
+            .unwrap_or_default();
         let said = |why: &str| {
-            let left = left.as_ref().map(|left| format!("; {left}")).unwrap_or_default();
-            format!("job {}: {why} ({}{left})", id_text(row, element), ending.words)
+            let left = left
+                .as_ref()
+                .map(|left| format!("; {left}"))
+                .unwrap_or_default();
+            format!(
+                "job {}: {why} ({}{left})",
+                id_text(row, element),
+                ending.words
+            )
         };
         match failure::next(class, &nodes, progressed, &given, spent, budgets) {
-            Next::Again { given: more, spent, why, .. } => {
+            Next::Again {
+                given: more,
+                spent,
+                why,
+                ..
+            } => {
                 if more.memory_per_rank_mib != given.memory_per_rank_mib {
                     allotment.memory_mib = Some(more.memory_per_rank_mib);
                     allotment.lanes = Some(more.ranks_per_node);
@@ -155,9 +200,16 @@ impl<S: Scheduler> Cluster<S> {
                 allotment.why = said(&why);
                 let event = crate::engine::EngineEvent::AttemptFailed {
                     patient: PatientId(self.world.patients[i].row.patient.clone()),
-                    step: self.world.patients[i].row.state.step().map_or_else(String::new, |s| s.to_string()),
+                    step: self.world.patients[i]
+                        .row
+                        .state
+                        .step()
+                        .map_or_else(String::new, |s| s.to_string()),
                     generation: interrupted.as_ref().map_or(0, |a| a.generation),
-                    failure: Failure { cause: ending.cause, ..Failure::new(FailureClass::Site, allotment.why.clone()) },
+                    failure: Failure {
+                        cause: ending.cause,
+                        ..Failure::new(FailureClass::Site, allotment.why.clone())
+                    },
                     retried: true,
                 };
                 self.decider.events.push(event);
@@ -170,10 +222,19 @@ impl<S: Scheduler> Cluster<S> {
             Next::Stays { why } => {
                 let (class, cause) = match class {
                     Class::Panic => (FailureClass::Bug, None),
-                    Class::Walltime => (FailureClass::Site, ending.cause.or(Some(SiteCause::Walltime))),
-                    _ => (FailureClass::Site, ending.cause.or(Some(SiteCause::Unexplained))),
+                    Class::Walltime => (
+                        FailureClass::Site,
+                        ending.cause.or(Some(SiteCause::Walltime)),
+                    ),
+                    _ => (
+                        FailureClass::Site,
+                        ending.cause.or(Some(SiteCause::Unexplained)),
+                    ),
                 };
-                let failure = Failure { cause, ..Failure::new(class, said(&why)) };
+                let failure = Failure {
+                    cause,
+                    ..Failure::new(class, said(&why))
+                };
                 self.fail(i, interrupted, failure)
             }
             Next::Science { .. } => Ok(()), // divergence is in the outcome, and the workflow's to judge
@@ -184,13 +245,25 @@ impl<S: Scheduler> Cluster<S> {
     fn left_because(&self, i: usize, row: &JobRow, element: usize) -> (Option<String>, bool) {
         let folder = JobFolder::of(&self.world.run_dir, &row.name);
         let id = PatientId(self.world.patients[i].row.patient.clone());
-        let ends: Vec<_> = (0..row.spec.n_nodes).filter_map(|node| folder.ended(element, node)).collect();
-        (ends.iter().find_map(|end| end.left.get(&id).cloned()), ends.iter().any(|end| end.defects.contains(&id)))
+        let ends: Vec<_> = (0..row.spec.n_nodes)
+            .filter_map(|node| folder.ended(element, node))
+            .collect();
+        (
+            ends.iter().find_map(|end| end.left.get(&id).cloned()),
+            ends.iter().any(|end| end.defects.contains(&id)),
+        )
     }
 
     /// A failure of the site's that stays: the attempt at the present task ends with it, or one that never began.
-    fn fail(&mut self, i: usize, interrupted: Option<AttemptId>, failure: Failure) -> Result<(), EngineError> {
-        let Some(key) = present_task(&self.world, i) else { return Ok(()) };
+    fn fail(
+        &mut self,
+        i: usize,
+        interrupted: Option<AttemptId>,
+        failure: Failure,
+    ) -> Result<(), EngineError> {
+        let Some(key) = present_task(&self.world, i) else {
+            return Ok(());
+        };
         let attempt = match interrupted {
             Some(attempt) => attempt,
             None => {
@@ -207,11 +280,22 @@ impl<S: Scheduler> Cluster<S> {
                 attempt
             }
         };
-        self.decider.attempt_over(&mut self.world, &attempt, AttemptEnding::Failed { failure }, None, 0)
+        self.decider.attempt_over(
+            &mut self.world,
+            &attempt,
+            AttemptEnding::Failed { failure },
+            None,
+            0,
+        )
     }
 
     /// A person cancelled its job at the scheduler: as if he had cancelled the patient here.
-    fn cancelled(&mut self, i: usize, job: &str, interrupted: Option<AttemptId>) -> Result<(), EngineError> {
+    fn cancelled(
+        &mut self,
+        i: usize,
+        job: &str,
+        interrupted: Option<AttemptId>,
+    ) -> Result<(), EngineError> {
         if let Some(attempt) = interrupted {
             self.interrupt(&attempt, "its job was cancelled")?;
         }
@@ -220,9 +304,17 @@ impl<S: Scheduler> Cluster<S> {
 
     fn cancelled_by_person(&mut self, i: usize, job: &str) -> Result<(), EngineError> {
         let patient = PatientId(self.world.patients[i].row.patient.clone());
-        let text = format!("{patient}: a person cancelled job {job}: stays cancelled until `retry`");
-        self.decider.request(&mut self.world, &Request::Cancel { patient: Some(patient) })?;
-        self.decider.events.push(crate::engine::EngineEvent::Request { text });
+        let text =
+            format!("{patient}: a person cancelled job {job}: stays cancelled until `retry`");
+        self.decider.request(
+            &mut self.world,
+            &Request::Cancel {
+                patient: Some(patient),
+            },
+        )?;
+        self.decider
+            .events
+            .push(crate::engine::EngineEvent::Request { text });
         Ok(())
     }
 
@@ -251,12 +343,18 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn wish(&self, placed: &Placed) -> Wish {
-        let Some(&i) = self.world.by_id.get(&placed.patient_id) else { return Wish::Unwanted };
+        let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+            return Wish::Unwanted;
+        };
         let row = &self.world.patients[i].row;
         match row.state {
             Patient::Done | Patient::Failed { .. } => Wish::Done,
             Patient::Cancelled { .. } => Wish::Unwanted,
-            _ if !row.active || placed.plan != self.world.jobs.allotment(placed.patient_id).plans => Wish::Unwanted,
+            _ if !row.active
+                || placed.plan != self.world.jobs.allotment(placed.patient_id).plans =>
+            {
+                Wish::Unwanted
+            }
             _ => Wish::Wanted,
         }
     }

@@ -34,17 +34,23 @@ impl<S: Scheduler> Cluster<S> {
     /// Does the actions of committed batches.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         let mut cancelled: Vec<(i64, String, usize)> = Vec::new();
-        let mut room = if self.leaves_slurm_alone() { Room::Closed } else { Room::Open };
+        let mut room = if self.leaves_slurm_alone() {
+            Room::Closed
+        } else {
+            Room::Open
+        };
         let actions = std::mem::take(&mut self.world.outbox);
         let mut kept = Vec::new();
         // Fences first: what is submitted below may go past what they stop.
-        let (fences, others): (Vec<_>, Vec<_>) = actions
-            .into_iter()
-            .partition(|(_, action)| matches!(action, Action::FenceJob { .. } | Action::Stop { .. }));
+        let (fences, others): (Vec<_>, Vec<_>) = actions.into_iter().partition(|(_, action)| {
+            matches!(action, Action::FenceJob { .. } | Action::Stop { .. })
+        });
         for (id, action) in fences.into_iter().chain(others) {
             self.crash.pass("before an action")?;
             match action {
-                Action::FenceJob { job, element } => JobFolder::of(&self.world.run_dir, &job).fence(element)?,
+                Action::FenceJob { job, element } => {
+                    JobFolder::of(&self.world.run_dir, &job).fence(element)?
+                }
                 Action::Stop { attempt } => {
                     dispatch::fence(&self.world.directory(&attempt))?;
                     if self.world.attempts.contains_key(&attempt) {
@@ -86,10 +92,15 @@ impl<S: Scheduler> Cluster<S> {
     ) -> Result<(), EngineError> {
         let (mut numbers, mut names) = (Vec::new(), Vec::new());
         for (_, name, element) in &wanted {
-            let Some(row) = self.world.jobs.rows.get(name) else { continue };
+            let Some(row) = self.world.jobs.rows.get(name) else {
+                continue;
+            };
             match &row.state.submission {
                 Submission::Accepted { job: Some(job) } if row.spec.is_array => {
-                    numbers.push(JobId::element(*job, u32::try_from(*element).unwrap_or(u32::MAX)));
+                    numbers.push(JobId::element(
+                        *job,
+                        u32::try_from(*element).unwrap_or(u32::MAX),
+                    ));
                 }
                 Submission::Accepted { job: Some(job) } => numbers.push(JobId::single(*job)),
                 _ => names.extend(JobName::new(name).ok()),
@@ -98,7 +109,10 @@ impl<S: Scheduler> Cluster<S> {
         let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
         let mut done = !self.leaves_slurm_alone();
         if done {
-            for command in numbers.into_iter().chain(names.iter().map(commands::cancel_name)) {
+            for command in numbers
+                .into_iter()
+                .chain(names.iter().map(commands::cancel_name))
+            {
                 self.report.commands += 1;
                 done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
             }
@@ -114,15 +128,29 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     async fn submit(&mut self, name: &str) -> Result<Room, EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name).cloned() else { return Ok(Room::Open) };
+        let Some(row) = self.world.jobs.rows.get(name).cloned() else {
+            return Ok(Room::Open);
+        };
         let folder = JobFolder::of(&self.world.run_dir, name);
         if row.state.submission != Submission::Intended || folder.was_submitting() {
             return Ok(Room::Open); // asked before: looked up at the next tick
         }
-        let text = match script_of(&row.spec, name, &folder, &self.site, &self.settings, &self.program) {
+        let text = match script_of(
+            &row.spec,
+            name,
+            &folder,
+            &self.site,
+            &self.settings,
+            &self.program,
+        ) {
             Ok(text) => text,
             Err(error) => {
-                self.world.job_event(name, JobEvent::Refused { why: error.to_string() })?;
+                self.world.job_event(
+                    name,
+                    JobEvent::Refused {
+                        why: error.to_string(),
+                    },
+                )?;
                 return Ok(Room::Open);
             }
         };
@@ -131,7 +159,10 @@ impl<S: Scheduler> Cluster<S> {
         folder.mark_submitting()?;
         self.crash.pass("before sbatch")?;
         self.report.commands += 1;
-        let output = self.scheduler.ask(&commands::submit(&folder.script().to_string_lossy())).await;
+        let output = self
+            .scheduler
+            .ask(&commands::submit(&folder.script().to_string_lossy()))
+            .await;
         self.crash.pass("after sbatch")?;
         let answer = submit::read(&output);
         match &answer {
@@ -141,11 +172,19 @@ impl<S: Scheduler> Cluster<S> {
         let room = match answer {
             Answer::Accepted { job, .. } => {
                 self.submitted += row.spec.elements.len() as u64;
-                self.world.job_event(name, JobEvent::Accepted { job: Some(job.job) })?;
+                self.world
+                    .job_event(name, JobEvent::Accepted { job: Some(job.job) })?;
                 Room::Open
             }
-            Answer::Refused(refusal) if matches!(refusal.kind, RefusalKind::Impossible | RefusalKind::Person) => {
-                self.world.job_event(name, JobEvent::Refused { why: format!("refused by Slurm: {}", refusal.said) })?;
+            Answer::Refused(refusal)
+                if matches!(refusal.kind, RefusalKind::Impossible | RefusalKind::Person) =>
+            {
+                self.world.job_event(
+                    name,
+                    JobEvent::Refused {
+                        why: format!("refused by Slurm: {}", refusal.said),
+                    },
+                )?;
                 Room::Open
             }
             Answer::Refused(refusal) => {
@@ -153,16 +192,29 @@ impl<S: Scheduler> Cluster<S> {
                 folder.unmark_submitting()?;
                 let why = format!("refused for now: {}", refusal.said);
                 for element in 0..row.spec.elements.len() {
-                    self.world.jobs.see(name, element, |seen| seen.why.clone_from(&why));
+                    self.world
+                        .jobs
+                        .see(name, element, |seen| seen.why.clone_from(&why));
                 }
                 self.world.touch_placed(name, None);
-                self.hold(Some(format!("the queue takes no more jobs: {}", refusal.said)));
+                self.hold(Some(format!(
+                    "the queue takes no more jobs: {}",
+                    refusal.said
+                )));
                 Room::Closed
             }
             Answer::Doubtful { why } => {
                 let at_ms = self.world.now_ms;
-                self.world.job_event(name, JobEvent::Doubt { at_ms, why: why.clone() })?;
-                self.hold(Some(format!("nothing more is submitted until Slurm answers: {why}")));
+                self.world.job_event(
+                    name,
+                    JobEvent::Doubt {
+                        at_ms,
+                        why: why.clone(),
+                    },
+                )?;
+                self.hold(Some(format!(
+                    "nothing more is submitted until Slurm answers: {why}"
+                )));
                 Room::Closed
             }
         };
@@ -178,7 +230,9 @@ impl<S: Scheduler> Cluster<S> {
             let mut expected_s = std::collections::BTreeMap::new();
             let mut patients = Vec::with_capacity(element.len());
             for placed in element {
-                let Some(&i) = self.world.by_id.get(&placed.patient_id) else { continue };
+                let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+                    continue;
+                };
                 let plan = self.world.plan(i)?;
                 for (kind, seconds) in expected.by_kind(plan) {
                     let longest: &mut f64 = expected_s.entry(kind).or_default();
@@ -218,11 +272,18 @@ fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
             Task::Open { generation: 0, .. } => return None,
             Task::Open { generation, .. } => (*generation, Standing::Open),
             Task::Published { generation } => (*generation, Standing::Published),
-            Task::Failed { generation, failure } => (*generation, Standing::Failed(failure.clone())),
+            Task::Failed {
+                generation,
+                failure,
+            } => (*generation, Standing::Failed(failure.clone())),
             // Another patient's driver is at it: found there when its directory is.
             Task::Attempting { generation, .. } => (generation.saturating_sub(1), Standing::Open),
         };
-        Some(KnownTask { task: (*key).clone(), generation, standing })
+        Some(KnownTask {
+            task: (*key).clone(),
+            generation,
+            standing,
+        })
     };
     keys.iter().filter_map(known).collect()
 }
@@ -245,11 +306,15 @@ pub fn script_of(
         found: error.0,
         why: "it is no name for a job",
     };
-    let queue = site.queue.iter().find(|queue| queue.name == spec.queue).ok_or_else(|| script::ScriptError::Text {
-        what: "queue",
-        found: spec.queue.clone(),
-        why: "the site's profile has no such queue (any more)",
-    })?;
+    let queue = site
+        .queue
+        .iter()
+        .find(|queue| queue.name == spec.queue)
+        .ok_or_else(|| script::ScriptError::Text {
+            what: "queue",
+            found: spec.queue.clone(),
+            why: "the site's profile has no such queue (any more)",
+        })?;
     let job = Job {
         name: JobName::new(name).map_err(refused)?,
         account: settings.slurm.account.clone(),
@@ -260,10 +325,13 @@ pub fn script_of(
         n_cores: spec.n_cores,
         memory_mib: spec.memory_mib,
         exclude: spec.exclude.clone(),
-        array: spec
-            .is_array
-            .then(|| Array { n: u32::try_from(spec.elements.len()).unwrap_or(u32::MAX), at_once: spec.at_once }),
-        work: Work::PerNode { command: vec![text(program), "drive".to_owned(), text(folder.path())] },
+        array: spec.is_array.then(|| Array {
+            n: u32::try_from(spec.elements.len()).unwrap_or(u32::MAX),
+            at_once: spec.at_once,
+        }),
+        work: Work::PerNode {
+            command: vec![text(program), "drive".to_owned(), text(folder.path())],
+        },
     };
     script::write(&job, queue, site)
 }

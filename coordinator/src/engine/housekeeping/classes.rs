@@ -65,7 +65,9 @@ impl Class {
             Self::Jobs => "scripts and logs of a cluster's jobs; kept",
             Self::Report => "report, models, tables; kept",
             Self::Series => "VTU series; `clean --series` removes them",
-            Self::Scratch => "checkpoints and working folders; `clean` removes those of finished tasks",
+            Self::Scratch => {
+                "checkpoints and working folders; `clean` removes those of finished tasks"
+            }
             Self::Unknown => "not ours; never touched",
         }
     }
@@ -138,7 +140,8 @@ fn first(file: &Path) -> &str {
 /// Whether `clean` may remove a file of an attempt.
 #[must_use]
 pub fn is_removable(class: Class, standing: Standing, with_series: bool) -> bool {
-    standing == Standing::Settled && (class == Class::Scratch || (with_series && class == Class::Series))
+    standing == Standing::Settled
+        && (class == Class::Scratch || (with_series && class == Class::Series))
 }
 
 #[cfg(test)]

@@ -95,28 +95,47 @@ struct Books {
 impl Books {
     async fn read(run_dir: &Path) -> Result<Self, EngineError> {
         let world = World::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
-        let settled = world
-            .tasks
-            .iter()
-            .map(|(key, task)| (key.as_str()[..16].to_owned(), matches!(task.state, Task::Published { .. })));
+        let settled = world.tasks.iter().map(|(key, task)| {
+            (
+                key.as_str()[..16].to_owned(),
+                matches!(task.state, Task::Published { .. }),
+            )
+        });
         let results = world.tasks.iter().filter_map(|(key, task)| {
-            let Task::Published { generation } = task.state else { return None };
-            let attempt = AttemptId { task: key.clone(), generation };
-            let files = task.outcome()?.artefacts.iter().map(|artefact| artefact.file.clone());
+            let Task::Published { generation } = task.state else {
+                return None;
+            };
+            let attempt = AttemptId {
+                task: key.clone(),
+                generation,
+            };
+            let files = task
+                .outcome()?
+                .artefacts
+                .iter()
+                .map(|artefact| artefact.file.clone());
             Some((PathBuf::from(attempt_directory(&attempt)), files.collect()))
         });
-        let in_use = world.attempts.values().filter(|attempt| !attempt.state.is_final());
+        let in_use = world
+            .attempts
+            .values()
+            .filter(|attempt| !attempt.state.is_final());
         Ok(Self {
             results: results.collect(),
             settled: settled.collect(),
-            in_use: in_use.map(|attempt| PathBuf::from(&attempt.directory)).collect(),
+            in_use: in_use
+                .map(|attempt| PathBuf::from(&attempt.directory))
+                .collect(),
         })
     }
 
     /// - `attempt`: relative to the run's folder
     fn standing(&self, attempt: &Path) -> Standing {
         let name = attempt.file_name().unwrap_or_default().to_string_lossy();
-        match self.settled.get(name.split("-g").next().unwrap_or_default()) {
+        match self
+            .settled
+            .get(name.split("-g").next().unwrap_or_default())
+        {
             None => Standing::Foreign,
             Some(_) if self.in_use.contains(attempt) => Standing::InUse,
             Some(true) => Standing::Settled,
@@ -125,8 +144,15 @@ impl Books {
     }
 }
 
-fn file_error<'a>(what: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> EngineError + 'a {
-    move |source| EngineError::File { what, path: path.to_owned(), source }
+fn file_error<'a>(
+    what: &'static str,
+    path: &'a Path,
+) -> impl FnOnce(io::Error) -> EngineError + 'a {
+    move |source| EngineError::File {
+        what,
+        path: path.to_owned(),
+        source,
+    }
 }
 
 /// All files below `folder`, relative to `root`; links are not followed, but that to the attempts.
@@ -135,16 +161,23 @@ fn walk(root: &Path, folder: &Path, found: &mut Vec<(PathBuf, u64)>) -> Result<(
         let entry = entry.map_err(file_error("read", folder))?;
         let path = entry.path();
         // A worker at work may remove one of its files meanwhile.
-        let Ok(mut metadata) = entry.metadata() else { continue };
+        let Ok(mut metadata) = entry.metadata() else {
+            continue;
+        };
         // `executor.scratch`: the attempts lie elsewhere, and are the run's all the same.
         if metadata.is_symlink() && path == root.join(ATTEMPTS) {
-            let Ok(elsewhere) = fs::metadata(&path) else { continue };
+            let Ok(elsewhere) = fs::metadata(&path) else {
+                continue;
+            };
             metadata = elsewhere;
         }
         if metadata.is_dir() {
             walk(root, &path, found)?;
         } else {
-            found.push((path.strip_prefix(root).unwrap_or(&path).to_owned(), metadata.len()));
+            found.push((
+                path.strip_prefix(root).unwrap_or(&path).to_owned(),
+                metadata.len(),
+            ));
         }
     }
     Ok(())
@@ -159,7 +192,10 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
     for (file, bytes) in files {
         // attempts/3f/3f9c…-g1/FILE
         let attempt: PathBuf = file.components().take(3).collect();
-        let inside = file.strip_prefix(&attempt).unwrap_or(Path::new("")).to_owned();
+        let inside = file
+            .strip_prefix(&attempt)
+            .unwrap_or(Path::new(""))
+            .to_owned();
         let is_of_attempt = file.starts_with(ATTEMPTS) && !inside.as_os_str().is_empty();
         let (class, standing) = if is_of_attempt {
             let named = artefacts.entry(attempt.clone()).or_insert_with(|| {
@@ -167,11 +203,19 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
                 named.extend(books.results.get(&attempt).into_iter().flatten().cloned());
                 named
             });
-            (classes::of_attempt(&inside, named), books.standing(&attempt))
+            (
+                classes::of_attempt(&inside, named),
+                books.standing(&attempt),
+            )
         } else {
             (classes::of_run(&file), Standing::Foreign)
         };
-        entries.push(Entry { file, bytes, class, standing });
+        entries.push(Entry {
+            file,
+            bytes,
+            class,
+            standing,
+        });
     }
     Ok(entries)
 }
@@ -180,7 +224,11 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
 fn artefacts_of(attempt: &Path) -> HashSet<String> {
     let outcome = fs::read(attempt.join("outcome.json")).ok();
     let outcome = outcome.and_then(|bytes| serde_json::from_slice::<TaskOutcome>(&bytes).ok());
-    outcome.into_iter().flat_map(|outcome| outcome.artefacts).map(|artefact| artefact.file).collect()
+    outcome
+        .into_iter()
+        .flat_map(|outcome| outcome.artefacts)
+        .map(|artefact| artefact.file)
+        .collect()
 }
 
 /// What a run takes, by what it is for.
@@ -191,7 +239,11 @@ pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
     let books = Books::read(run_dir).await?;
     let mut usage = DiskUsage::default();
     for entry in entries(run_dir, &books)? {
-        usage.classes.entry(entry.class).or_default().add(entry.bytes);
+        usage
+            .classes
+            .entry(entry.class)
+            .or_default()
+            .add(entry.bytes);
         if classes::is_removable(entry.class, entry.standing, false) {
             usage.removable.add(entry.bytes);
         }
@@ -206,7 +258,11 @@ pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
 ///
 /// # Errors
 /// [`EngineError::Lock`]; the store's; files that cannot be removed.
-pub async fn clean(run_dir: &Path, with_series: bool, is_dry: bool) -> Result<Cleaned, EngineError> {
+pub async fn clean(
+    run_dir: &Path,
+    with_series: bool,
+    is_dry: bool,
+) -> Result<Cleaned, EngineError> {
     let _lock = if is_dry { None } else { Some(enter(run_dir)?) };
     let books = Books::read(run_dir).await?;
     let mut cleaned = Cleaned::default();
@@ -219,9 +275,16 @@ pub async fn clean(run_dir: &Path, with_series: bool, is_dry: bool) -> Result<Cl
             fs::remove_file(&path).map_err(file_error("remove", &path))?;
             // Folders that are empty now go, too; others refuse.
             let inside = entry.file.components().count().saturating_sub(4);
-            path.ancestors().skip(1).take(inside).for_each(|folder| drop(fs::remove_dir(folder)));
+            path.ancestors()
+                .skip(1)
+                .take(inside)
+                .for_each(|folder| drop(fs::remove_dir(folder)));
         }
-        cleaned.classes.entry(entry.class).or_default().add(entry.bytes);
+        cleaned
+            .classes
+            .entry(entry.class)
+            .or_default()
+            .add(entry.bytes);
         cleaned.files.push(entry.file);
     }
     Ok(cleaned)
@@ -232,14 +295,21 @@ pub async fn clean(run_dir: &Path, with_series: bool, is_dry: bool) -> Result<Cl
 ///
 /// # Errors
 /// [`EngineError::Request`] where the folder is there; the store's; files that cannot be read or written.
-pub async fn archive(run_dir: &Path, target: &Path, with_series: bool) -> Result<Archived, EngineError> {
+pub async fn archive(
+    run_dir: &Path,
+    target: &Path,
+    with_series: bool,
+) -> Result<Archived, EngineError> {
     if target.exists() {
         let message = format!("{} is there already: name another folder", target.display());
         return Err(EngineError::Request { message });
     }
     let _lock = enter(run_dir)?;
     let books = Books::read(run_dir).await?;
-    let draft = target.with_file_name(format!("{}.part", target.file_name().unwrap_or_default().to_string_lossy()));
+    let draft = target.with_file_name(format!(
+        "{}.part",
+        target.file_name().unwrap_or_default().to_string_lossy()
+    ));
     if draft.exists() {
         fs::remove_dir_all(&draft).map_err(file_error("remove", &draft))?;
     }
@@ -248,9 +318,13 @@ pub async fn archive(run_dir: &Path, target: &Path, with_series: bool) -> Result
     let mut manifest = String::new();
     let database = draft.join(DATABASE_FILE);
     done.copied.add(back_up(run_dir, &database).await?);
-    manifest.push_str(&format!("{}  {DATABASE_FILE}\n", hash_of(&database).map_err(file_error("read", &database))?));
+    manifest.push_str(&format!(
+        "{}  {DATABASE_FILE}\n",
+        hash_of(&database).map_err(file_error("read", &database))?
+    ));
     for entry in entries(run_dir, &books)? {
-        let is_lock = entry.file == Path::new("coordinator.lock") || entry.file.starts_with("lease");
+        let is_lock =
+            entry.file == Path::new("coordinator.lock") || entry.file.starts_with("lease");
         if entry.class == Class::Database || is_lock {
             continue;
         }
@@ -263,11 +337,16 @@ pub async fn archive(run_dir: &Path, target: &Path, with_series: bool) -> Result
         let folder = to.parent().unwrap_or(&draft);
         fs::create_dir_all(folder).map_err(file_error("make", folder))?;
         fs::copy(&from, &to).map_err(file_error("copy", &from))?;
-        fs::File::open(&to).and_then(|copy| copy.sync_all()).map_err(file_error("write", &to))?;
+        fs::File::open(&to)
+            .and_then(|copy| copy.sync_all())
+            .map_err(file_error("write", &to))?;
         let hash = hash_of(&from).map_err(file_error("read", &from))?;
         let copied = hash_of(&to).map_err(file_error("read", &to))?;
         if hash != copied {
-            let message = format!("{} changed while it was copied: is somebody at work on the run?", from.display());
+            let message = format!(
+                "{} changed while it was copied: is somebody at work on the run?",
+                from.display()
+            );
             return Err(EngineError::Request { message });
         }
         manifest.push_str(&format!("{hash}  {}\n", entry.file.display()));

@@ -83,7 +83,9 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, String> {
 fn named(record: &RunRecord) -> Vec<(PathBuf, String)> {
     fn of<T>(task: Option<&TaskRecord<T>>) -> Vec<(PathBuf, String)> {
         let files = task.into_iter().flat_map(|task| {
-            task.artefacts.iter().map(|artefact| (task.directory.join(&artefact.file), artefact.sha256.clone()))
+            task.artefacts
+                .iter()
+                .map(|artefact| (task.directory.join(&artefact.file), artefact.sha256.clone()))
         });
         files.collect()
     }
@@ -102,9 +104,15 @@ fn named(record: &RunRecord) -> Vec<(PathBuf, String)> {
 }
 
 /// Files that must be there after `clean`, and in an archive: what was there before and somebody may want.
-fn needed(before: &BTreeMap<PathBuf, String>, settled: &[String], with_series: bool) -> Vec<PathBuf> {
+fn needed(
+    before: &BTreeMap<PathBuf, String>,
+    settled: &[String],
+    with_series: bool,
+) -> Vec<PathBuf> {
     let is_needed = |file: &Path| {
-        let mut parts = file.components().map(|part| part.as_os_str().to_string_lossy().into_owned());
+        let mut parts = file
+            .components()
+            .map(|part| part.as_os_str().to_string_lossy().into_owned());
         if parts.next().as_deref() != Some("attempts") {
             return true;
         }
@@ -116,18 +124,28 @@ fn needed(before: &BTreeMap<PathBuf, String>, settled: &[String], with_series: b
         // A try that has no result yet goes on from its checkpoints.
         !is_settled || !(scratch || (series && with_series))
     };
-    before.keys().filter(|file| is_needed(file)).cloned().collect()
+    before
+        .keys()
+        .filter(|file| is_needed(file))
+        .cloned()
+        .collect()
 }
 
 /// First digits of the keys of tasks that have a result, as the database says.
 async fn settled(run_dir: &Path) -> Vec<String> {
     let loaded = Writer::look(run_dir).await.unwrap();
-    let published = loaded.tasks.iter().filter(|task| matches!(task.state, Task::Published { .. }));
+    let published = loaded
+        .tasks
+        .iter()
+        .filter(|task| matches!(task.state, Task::Published { .. }));
     published.map(|task| task.key[..16].to_owned()).collect()
 }
 
 async fn live(history: Vec<Happening>) {
-    let bench = Bench::new(vec![personalised(PATIENTS[0], 8.0), personalised(PATIENTS[1], 9.0)]);
+    let bench = Bench::new(vec![
+        personalised(PATIENTS[0], 8.0),
+        personalised(PATIENTS[1], 9.0),
+    ]);
     let run_dir = bench.path().to_owned();
     bench.leaves_files();
     bench.run().await;
@@ -137,16 +155,32 @@ async fn live(history: Vec<Happening>) {
     for (n, happening) in history.iter().enumerate() {
         let before = contents(&run_dir);
         match happening {
-            Happening::Run { lost, diverges_above_kpa } => {
+            Happening::Run {
+                lost,
+                diverges_above_kpa,
+            } => {
                 bench.may_fail(*lost, diverges_above_kpa.map(f64::from));
                 bench.run().await;
             }
-            Happening::Rerun { patient, damping_percent } => {
-                let settings = layer(json!({ "step1": { "damping": f64::from(*damping_percent) / 100.0 } }));
-                rerun(&run_dir, &PatientId::from(PATIENTS[*patient]), Stage::Step1, &settings).await.unwrap();
+            Happening::Rerun {
+                patient,
+                damping_percent,
+            } => {
+                let settings =
+                    layer(json!({ "step1": { "damping": f64::from(*damping_percent) / 100.0 } }));
+                rerun(
+                    &run_dir,
+                    &PatientId::from(PATIENTS[*patient]),
+                    Stage::Step1,
+                    &settings,
+                )
+                .await
+                .unwrap();
             }
             // Refused where nothing failed: then nothing happened.
-            Happening::Retry { patient } => drop(retry(&run_dir, &PatientId::from(PATIENTS[*patient])).await),
+            Happening::Retry { patient } => {
+                drop(retry(&run_dir, &PatientId::from(PATIENTS[*patient])).await)
+            }
             Happening::Cancel { patient } => {
                 drop(cancel(&run_dir, Some(&PatientId::from(PATIENTS[*patient]))).await);
             }
@@ -170,24 +204,44 @@ async fn live(history: Vec<Happening>) {
                     }
                 }
                 assert!(
-                    clean(&run_dir, *with_series, true).await.unwrap().files.is_empty(),
+                    clean(&run_dir, *with_series, true)
+                        .await
+                        .unwrap()
+                        .files
+                        .is_empty(),
                     "clean leaves nothing to clean"
                 );
             }
-            Happening::Archive { with_series } => archived(&bench, &before, *with_series, n, purged).await,
+            Happening::Archive { with_series } => {
+                archived(&bench, &before, *with_series, n, purged).await
+            }
             Happening::Purge { every } => {
                 purged = true;
-                for (file, _) in before.iter().filter(|(file, _)| file.starts_with("attempts")).step_by(*every) {
+                for (file, _) in before
+                    .iter()
+                    .filter(|(file, _)| file.starts_with("attempts"))
+                    .step_by(*every)
+                {
                     fs::remove_file(run_dir.join(file)).unwrap();
                 }
             }
         }
-        assert_eq!(fs::read_to_string(&own).unwrap(), "mine", "what is not ours is never touched");
+        assert_eq!(
+            fs::read_to_string(&own).unwrap(),
+            "mine",
+            "what is not ours is never touched"
+        );
         if !purged {
-            let record = Reader::open(&run_dir).await.unwrap().record().await.unwrap();
+            let record = Reader::open(&run_dir)
+                .await
+                .unwrap()
+                .record()
+                .await
+                .unwrap();
             for (file, hash) in named(&record) {
-                let found =
-                    fs::read(&file).unwrap_or_else(|e| panic!("{} after {:?}: {e}", file.display(), &history[..=n]));
+                let found = fs::read(&file).unwrap_or_else(|e| {
+                    panic!("{} after {:?}: {e}", file.display(), &history[..=n])
+                });
                 assert_eq!(sha256_hex(&found), hash, "{}", file.display());
             }
         }
@@ -201,12 +255,21 @@ async fn live(history: Vec<Happening>) {
     assert_eq!((last.done, last.unfinished), (2, 0), "after {history:?}");
     clean(&run_dir, true, false).await.unwrap();
     let (again, submitted) = bench.run().await;
-    assert!(again.nothing_to_do() && submitted.is_empty(), "{submitted:?} again after {history:?}");
+    assert!(
+        again.nothing_to_do() && submitted.is_empty(),
+        "{submitted:?} again after {history:?}"
+    );
 }
 
 /// An archive holds what is needed, is whole by its own list, and is a run that reads the same and has nothing to do that
 /// the first has not.
-async fn archived(bench: &Bench, before: &BTreeMap<PathBuf, String>, with_series: bool, n: usize, purged: bool) {
+async fn archived(
+    bench: &Bench,
+    before: &BTreeMap<PathBuf, String>,
+    with_series: bool,
+    n: usize,
+    purged: bool,
+) {
     let run_dir = bench.path();
     let elsewhere = tempfile::tempdir().unwrap();
     let target = elsewhere.path().join(format!("copy-{n}"));
@@ -217,7 +280,12 @@ async fn archived(bench: &Bench, before: &BTreeMap<PathBuf, String>, with_series
     for file in needed(before, &settled, !with_series) {
         let is_ours_alone = file.starts_with("lease") || file == Path::new("coordinator.lock");
         if !file.to_string_lossy().starts_with("cardiotwin.") && !is_ours_alone {
-            assert_eq!(copied.get(&file), before.get(&file), "the archive lacks {}", file.display());
+            assert_eq!(
+                copied.get(&file),
+                before.get(&file),
+                "the archive lacks {}",
+                file.display()
+            );
         }
     }
     let listed = fs::read_to_string(target.join(MANIFEST)).unwrap();
@@ -225,15 +293,32 @@ async fn archived(bench: &Bench, before: &BTreeMap<PathBuf, String>, with_series
         let (hash, file) = line.split_once("  ").unwrap();
         assert_eq!(copied[Path::new(file)], hash, "{file}");
     }
-    assert_eq!(listed.lines().count() + 1, copied.len(), "every file of the archive is listed, but the list");
+    assert_eq!(
+        listed.lines().count() + 1,
+        copied.len(),
+        "every file of the archive is listed, but the list"
+    );
     let of = |record: RunRecord| -> Vec<_> {
-        record.patients.into_iter().map(|p| (p.status.patient, p.status.state, p.step1, p.verification_cost)).collect()
+        record
+            .patients
+            .into_iter()
+            .map(|p| {
+                (
+                    p.status.patient,
+                    p.status.state,
+                    p.step1,
+                    p.verification_cost,
+                )
+            })
+            .collect()
     };
     let first = of(Reader::open(run_dir).await.unwrap().record().await.unwrap());
     let copy = Reader::open(&target).await.unwrap().record().await.unwrap();
     if !purged {
         assert!(
-            named(&copy).iter().all(|(file, _)| file.starts_with(&target) && file.is_file()),
+            named(&copy)
+                .iter()
+                .all(|(file, _)| file.starts_with(&target) && file.is_file()),
             "it stands by itself"
         );
     }
@@ -255,7 +340,11 @@ async fn a_purged_file_is_made_again_only_where_somebody_reads_it() {
     bench.leaves_files();
     bench.refuses(Some("targets"));
     let (summary, submitted) = bench.run().await;
-    assert_eq!((summary.failed, submitted.last()), (1, Some(&"targets")), "step 1 is done, the targets are not");
+    assert_eq!(
+        (summary.failed, submitted.last()),
+        (1, Some(&"targets")),
+        "step 1 is done, the targets are not"
+    );
     let best = |record: cardiotwin_schemas::record::PatientRecord| {
         let k = record.step1.as_ref().unwrap().best_iteration as usize;
         record.iterations[k - 1].run.clone().unwrap()
@@ -267,11 +356,26 @@ async fn a_purged_file_is_made_again_only_where_somebody_reads_it() {
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
     // The beat whose traces the targets read; neither step 0 nor the other iterations.
-    assert_eq!(submitted, ["organ-beat", "targets", "cell-fit", "organ-beat", "posterior"]);
+    assert_eq!(
+        submitted,
+        [
+            "organ-beat",
+            "targets",
+            "cell-fit",
+            "organ-beat",
+            "posterior"
+        ]
+    );
     let after = best(bench.patient("P1").await);
-    assert_eq!((&after.key, after.generation), (&before.key, before.generation + 1));
+    assert_eq!(
+        (&after.key, after.generation),
+        (&before.key, before.generation + 1)
+    );
 
     fs::remove_dir_all(bench.path().join("attempts")).unwrap();
     let (again, submitted) = bench.run().await;
-    assert!(again.nothing_to_do() && submitted.is_empty(), "nobody reads them any more: {submitted:?}");
+    assert!(
+        again.nothing_to_do() && submitted.is_empty(),
+        "nobody reads them any more: {submitted:?}"
+    );
 }

@@ -38,7 +38,11 @@ pub(super) fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
 
 impl Bench {
     pub(super) fn new(patients: Vec<ResolvedPatient>) -> Self {
-        Self { dir: tempfile::tempdir().unwrap(), script: Arc::default(), patients }
+        Self {
+            dir: tempfile::tempdir().unwrap(),
+            script: Arc::default(),
+            patients,
+        }
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -70,7 +74,11 @@ impl Bench {
         self.run_with(events, StopSignal::new()).await
     }
 
-    async fn run_with(&self, events: EventSender, stop: StopSignal) -> (RunSummary, Vec<&'static str>) {
+    async fn run_with(
+        &self,
+        events: EventSender,
+        stop: StopSignal,
+    ) -> (RunSummary, Vec<&'static str>) {
         let options = RunOptions {
             run_dir: self.path().to_owned(),
             cohort_name: "test".into(),
@@ -85,7 +93,16 @@ impl Bench {
         };
         self.script(|s| s.submitted.clear());
         let (_lock, run_dir) = enter(self.path()).unwrap();
-        let summary = drive(options, &run_dir, None, Scripted::new(&self.script), events, stop).await.unwrap();
+        let summary = drive(
+            options,
+            &run_dir,
+            None,
+            Scripted::new(&self.script),
+            events,
+            stop,
+        )
+        .await
+        .unwrap();
         (summary, self.script.lock().unwrap().submitted.clone())
     }
 
@@ -94,11 +111,18 @@ impl Bench {
     }
 
     pub(super) async fn patient(&self, id: &str) -> PatientRecord {
-        self.reader().await.patient_record(&PatientId::from(id)).await.unwrap()
+        self.reader()
+            .await
+            .patient_record(&PatientId::from(id))
+            .await
+            .unwrap()
     }
 
     fn overlay(&self, id: &str, file: &str) -> ModelOverlay {
-        toml::from_str(&std::fs::read_to_string(self.path().join("models").join(id).join(file)).unwrap()).unwrap()
+        toml::from_str(
+            &std::fs::read_to_string(self.path().join("models").join(id).join(file)).unwrap(),
+        )
+        .unwrap()
     }
 }
 
@@ -106,7 +130,9 @@ impl Bench {
 async fn a_beat_on_a_large_mesh_takes_all_cores_and_nothing_runs_beside_it() {
     let cores = std::thread::available_parallelism().unwrap().get();
     for (nodes, threads) in [(8000, cores as u32), (7999, 1)] {
-        let patients = (1..6).map(|k| personalised(&format!("P{k}"), 7.0 + f64::from(k))).collect();
+        let patients = (1..6)
+            .map(|k| personalised(&format!("P{k}"), 7.0 + f64::from(k)))
+            .collect();
         let bench = Bench::new(patients);
         bench.script(|s| s.nodes = Some(nodes));
         let (summary, submitted) = bench.run().await;
@@ -115,7 +141,11 @@ async fn a_beat_on_a_large_mesh_takes_all_cores_and_nothing_runs_beside_it() {
         let mut beside = 0;
         let mut last = "";
         for (kind, (found, others)) in submitted.iter().zip(&seen) {
-            assert_eq!(*found, if *kind == "organ-beat" { threads } else { 1 }, "{kind} on {nodes} nodes");
+            assert_eq!(
+                *found,
+                if *kind == "organ-beat" { threads } else { 1 },
+                "{kind} on {nodes} nodes"
+            );
             // Two run at most: what runs beside is the one before.
             beside += usize::from(*others > 0 && [*kind, last].contains(&"organ-beat"));
             last = kind;
@@ -132,9 +162,15 @@ fn layer(value: serde_json::Value) -> SettingsLayer {
 async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
     let bench = Bench::new(vec![personalised("P1", 8.0)]);
     let (summary, submitted) = bench.run().await;
-    assert_eq!((summary.done, summary.failed, summary.stopped), (1, 0, false));
+    assert_eq!(
+        (summary.done, summary.failed, summary.stopped),
+        (1, 0, false)
+    );
     assert_eq!(submitted[0], "passive-state");
-    assert_eq!(submitted[submitted.len() - 4..], ["targets", "cell-fit", "organ-beat", "posterior"]);
+    assert_eq!(
+        submitted[submitted.len() - 4..],
+        ["targets", "cell-fit", "organ-beat", "posterior"]
+    );
     let record = bench.patient("P1").await;
     let step1 = record.step1.unwrap();
     assert_eq!(step1.quality, Step1Quality::Converged);
@@ -148,9 +184,15 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
     assert_eq!(record.posterior.expect("a posterior").result.draws.len(), 1);
     assert!(record.verification.is_some() && record.targets.is_some() && record.step0.is_some());
     let first = &record.iterations[0].relative_differences;
-    assert!(first["P_max_mmHg"] < 0.0, "simulated below measured is negative: {first:?}");
+    assert!(
+        first["P_max_mmHg"] < 0.0,
+        "simulated below measured is negative: {first:?}"
+    );
     let overlay = bench.overlay("P1", "model.toml");
-    assert_eq!((overlay.version, overlay.tanh), (1, Some(step1.parameters.tanh)));
+    assert_eq!(
+        (overlay.version, overlay.tanh),
+        (1, Some(step1.parameters.tanh))
+    );
     assert_eq!(overlay.cell["a_p_kPa"], 43.0);
 
     let (again, submitted) = bench.run().await;
@@ -159,7 +201,8 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
 }
 
 #[tokio::test]
-async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_after_one_that_fails() {
+async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_after_one_that_fails()
+{
     let mut patient = personalised("P1", 8.0);
     patient.settings.step1.update = Update::SpaceMapping;
     let bench = Bench::new(vec![patient]);
@@ -168,18 +211,42 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     let step1 = &submitted[1..submitted.len() - 4];
     // The last proposal may promise too little to be simulated.
     assert!(
-        step1.len() >= 4 && step1.chunks(2).all(|pair| ["step1-proposal", "organ-beat"].starts_with(pair)),
+        step1.len() >= 4
+            && step1
+                .chunks(2)
+                .all(|pair| ["step1-proposal", "organ-beat"].starts_with(pair)),
         "{step1:?}"
     );
     let record = bench.patient("P1").await;
     assert_eq!(record.step1.unwrap().quality, Step1Quality::Converged);
-    let from: Vec<_> =
-        record.iterations.iter().map(|i| i.proposal.as_ref().map(|task| task.result.from_iteration)).collect();
+    let from: Vec<_> = record
+        .iterations
+        .iter()
+        .map(|i| i.proposal.as_ref().map(|task| task.result.from_iteration))
+        .collect();
     assert_eq!(from[..2], [Some(None), Some(Some(1))]);
-    assert!(record.iterations.iter().all(|i| i.parameters == i.proposal.as_ref().unwrap().result.parameters));
-    let steps: Vec<String> =
-        bench.reader().await.explain(&"P1".into()).await.unwrap().into_iter().map(|step| step.step).collect();
-    let begin = ["step-0", "step-1 proposal 1", "step-1 iteration 1", "step-1 proposal 2", "step-1 iteration 2"];
+    assert!(
+        record
+            .iterations
+            .iter()
+            .all(|i| i.parameters == i.proposal.as_ref().unwrap().result.parameters)
+    );
+    let steps: Vec<String> = bench
+        .reader()
+        .await
+        .explain(&"P1".into())
+        .await
+        .unwrap()
+        .into_iter()
+        .map(|step| step.step)
+        .collect();
+    let begin = [
+        "step-0",
+        "step-1 proposal 1",
+        "step-1 iteration 1",
+        "step-1 proposal 2",
+        "step-1 iteration 2",
+    ];
     assert_eq!(steps[..5], begin);
     assert!(bench.run().await.0.nothing_to_do());
 
@@ -191,8 +258,17 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1, "the chain goes on from the best iteration");
     let record = bench.patient("P2").await;
-    assert!(record.iterations[1].failure.is_some() && record.iterations.len() == 2, "{submitted:?}");
-    assert_eq!(submitted.iter().filter(|kind| **kind == "step1-proposal").count(), 3);
+    assert!(
+        record.iterations[1].failure.is_some() && record.iterations.len() == 2,
+        "{submitted:?}"
+    );
+    assert_eq!(
+        submitted
+            .iter()
+            .filter(|kind| **kind == "step1-proposal")
+            .count(),
+        3
+    );
     let quality = record.status.step1_quality.unwrap();
     assert_eq!(quality, "stalled: best iteration 1");
 }
@@ -204,7 +280,10 @@ async fn changed_input_of_a_later_patient_is_seen_where_the_first_is_as_it_was()
     bench.run().await;
     bench.patients[1].step0.end_diastolic_pressure_mmhg = Some(9.5);
     let (summary, submitted) = bench.run().await;
-    assert_eq!((summary.done, submitted.first()), (2, Some(&"passive-state")));
+    assert_eq!(
+        (summary.done, submitted.first()),
+        (2, Some(&"passive-state"))
+    );
     assert!(bench.run().await.0.nothing_to_do());
 }
 
@@ -216,23 +295,42 @@ async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_wit
     assert_eq!(summary.done, 1, "the chain goes on from the best iteration");
     let record = bench.patient("P1").await;
     let n = record.iterations.len();
-    assert!(record.iterations[n - 1].failure.is_some() && n >= 2, "{n} iterations");
+    assert!(
+        record.iterations[n - 1].failure.is_some() && n >= 2,
+        "{n} iterations"
+    );
     let quality = record.status.step1_quality.unwrap();
     assert!(quality.starts_with("stalled: best iteration"), "{quality}");
 
-    let answer = rerun(bench.path(), &"P1".into(), Stage::Step1, &layer(json!({"step1": {"damping": 0.3}}))).await;
+    let answer = rerun(
+        bench.path(),
+        &"P1".into(),
+        Stage::Step1,
+        &layer(json!({"step1": {"damping": 0.3}})),
+    )
+    .await;
     assert!(matches!(answer, Ok(Answer::Applied { .. })), "{answer:?}");
     bench.script(|s| s.diverges_above_kpa = Some(1000.0));
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
     assert!(!submitted.contains(&"passive-state"));
     let record = bench.patient("P1").await;
-    let simulations = submitted.iter().filter(|kind| **kind == "organ-beat").count();
+    let simulations = submitted
+        .iter()
+        .filter(|kind| **kind == "organ-beat")
+        .count();
     // New iterations and the verification beat; none of the stored ones.
     assert_eq!(record.iterations.len(), n + simulations - 1);
-    let keys: std::collections::BTreeSet<_> =
-        record.iterations.iter().map(|i| serde_json::to_string(&i.parameters).unwrap()).collect();
-    assert_eq!(keys.len(), record.iterations.len(), "an iteration was repeated");
+    let keys: std::collections::BTreeSet<_> = record
+        .iterations
+        .iter()
+        .map(|i| serde_json::to_string(&i.parameters).unwrap())
+        .collect();
+    assert_eq!(
+        keys.len(),
+        record.iterations.len(),
+        "an iteration was repeated"
+    );
     assert!(record.step1.unwrap().cost < record.iterations[n - 2].cost.unwrap());
     assert_eq!(bench.overlay("P1", "model.toml").version, 2);
     assert_eq!(bench.overlay("P1", "model.v1.toml").version, 1);
@@ -249,7 +347,10 @@ async fn a_first_beat_whose_valves_stay_shut_leads_on_and_is_not_the_result() {
     let record = bench.patient("P1").await;
     let [first, second] = [&record.iterations[0], &record.iterations[1]];
     let valve = first.run.as_ref().unwrap().result.failed_valve().unwrap();
-    assert_eq!((valve.name.as_str(), first.failure.as_ref()), ("aortic valve opened and closed", None));
+    assert_eq!(
+        (valve.name.as_str(), first.failure.as_ref()),
+        ("aortic valve opened and closed", None)
+    );
     // Both time constants of volume count as missed by all of them, and their valves stay.
     assert!(first.cost.unwrap() > 2.0, "{:?}", first.cost);
     assert_eq!(first.relative_differences["tau_VD_ms"], -1.0);
@@ -258,7 +359,13 @@ async fn a_first_beat_whose_valves_stay_shut_leads_on_and_is_not_the_result() {
     let summary = record.step1.unwrap();
     assert_eq!(summary.quality, Step1Quality::Converged);
     assert!(
-        record.iterations[summary.best_iteration as usize - 1].run.as_ref().unwrap().result.failed_valve().is_none()
+        record.iterations[summary.best_iteration as usize - 1]
+            .run
+            .as_ref()
+            .unwrap()
+            .result
+            .failed_valve()
+            .is_none()
     );
 }
 
@@ -270,7 +377,13 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     let record = bench.patient("P1").await;
     let failure = record.failure.unwrap();
     assert_eq!(failure.class, FailureClass::Numerics);
-    assert!(failure.message.contains("still no whole beat, aortic valve opened and closed"), "{}", failure.message);
+    assert!(
+        failure
+            .message
+            .contains("still no whole beat, aortic valve opened and closed"),
+        "{}",
+        failure.message
+    );
     assert!(record.iterations.len() > 1 && record.step1.is_none());
 
     let mut papers = personalised("P1", 8.0);
@@ -280,8 +393,17 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     assert_eq!(bench.run().await.0.failed, 1);
     let record = bench.patient("P1").await;
     let failure = record.failure.unwrap();
-    assert_eq!((failure.class, record.status.step.as_str()), (FailureClass::Numerics, "verification"));
-    assert!(failure.message.contains("the fitted cell makes no whole beat: aortic valve"), "{}", failure.message);
+    assert_eq!(
+        (failure.class, record.status.step.as_str()),
+        (FailureClass::Numerics, "verification")
+    );
+    assert!(
+        failure
+            .message
+            .contains("the fitted cell makes no whole beat: aortic valve"),
+        "{}",
+        failure.message
+    );
     assert!(record.verification.is_none() && record.cell_fit.is_some());
 }
 
@@ -292,8 +414,14 @@ async fn step3_goes_on_from_a_cell_that_is_off_and_the_papers_workflow_ends_befo
     assert_eq!(bench.run().await.0.done, 1);
     let record = bench.patient("P1").await;
     let step3 = record.step3.as_ref().unwrap();
-    assert_eq!((step3.ending, step3.best_iteration), (Step3Ending::WithinUncertainty, 1));
-    assert!(record.verdict.as_ref().unwrap().personalised && record.step3_iterations[0].proposal.is_some());
+    assert_eq!(
+        (step3.ending, step3.best_iteration),
+        (Step3Ending::WithinUncertainty, 1)
+    );
+    assert!(
+        record.verdict.as_ref().unwrap().personalised
+            && record.step3_iterations[0].proposal.is_some()
+    );
     assert!(record.twin().unwrap().key != record.verification.as_ref().unwrap().key);
 
     let mut papers = personalised("P1", 8.0);
@@ -312,8 +440,17 @@ async fn step3_ends_at_its_limit_with_no_cell_that_makes_a_whole_beat() {
     assert_eq!(bench.run().await.0.failed, 1);
     let record = bench.patient("P1").await;
     let failure = record.failure.unwrap();
-    assert_eq!((failure.class, record.status.step.as_str()), (FailureClass::Numerics, "step-3"));
-    assert!(failure.message.contains("no cell makes a whole beat of the organ: aortic valve"), "{}", failure.message);
+    assert_eq!(
+        (failure.class, record.status.step.as_str()),
+        (FailureClass::Numerics, "step-3")
+    );
+    assert!(
+        failure
+            .message
+            .contains("no cell makes a whole beat of the organ: aortic valve"),
+        "{}",
+        failure.message
+    );
     assert_eq!(record.step3_iterations.len(), 4);
 }
 
@@ -324,17 +461,30 @@ async fn a_first_simulation_that_fails_fails_the_patient_and_a_retry_repeats_it(
     let (summary, _) = bench.run().await;
     assert_eq!(summary.failed, 1);
     let status = bench.reader().await.status().await.unwrap();
-    assert_eq!(status.patients[0].failure_class, Some(FailureClass::Numerics));
-    assert!(status.patients[0].note.contains("Newton did not converge"), "{}", status.patients[0].note);
+    assert_eq!(
+        status.patients[0].failure_class,
+        Some(FailureClass::Numerics)
+    );
+    assert!(
+        status.patients[0].note.contains("Newton did not converge"),
+        "{}",
+        status.patients[0].note
+    );
     // Again alone changes nothing: a failure of the numerics is not tried again by itself.
     assert_eq!(bench.run().await.1.len(), 0);
     retry(bench.path(), &"P1".into()).await.unwrap();
     let (summary, submitted) = bench.run().await;
-    assert_eq!((summary.failed, submitted.as_slice()), (1, &["organ-beat"][..]));
+    assert_eq!(
+        (summary.failed, submitted.as_slice()),
+        (1, &["organ-beat"][..])
+    );
     bench.script(|s| s.diverges_above_kpa = None);
     retry(bench.path(), &"P1".into()).await.unwrap();
     assert_eq!(bench.run().await.0.done, 1);
-    assert!(matches!(retry(bench.path(), &"P1".into()).await, Err(EngineError::Request { .. })));
+    assert!(matches!(
+        retry(bench.path(), &"P1".into()).await,
+        Err(EngineError::Request { .. })
+    ));
 }
 
 #[tokio::test]
@@ -353,7 +503,12 @@ async fn only_what_depends_on_a_changed_setting_is_redone_and_explain_names_it()
         ("settings.popsize", &Some(json!(15)), &Some(json!(20)))
     );
     assert_eq!(step2.changes.len(), 1);
-    assert!(explained.iter().filter(|e| e.step != "step-2").all(|e| e.changes.is_empty()));
+    assert!(
+        explained
+            .iter()
+            .filter(|e| e.step != "step-2")
+            .all(|e| e.changes.is_empty())
+    );
 
     bench.patients[0].step0.end_diastolic_pressure_mmhg = Some(10.0);
     let (_, submitted) = bench.run().await;
@@ -380,13 +535,19 @@ async fn lost_workers_are_replaced_as_often_as_asked() {
     bench.script(|s| s.lost_attempts = 2);
     assert_eq!(bench.run().await.0.done, 1);
     let attempts = bench.reader().await.attempts(&"P1".into()).await.unwrap();
-    let words: Vec<_> = attempts[..3].iter().map(|a| (a.generation, a.state.word())).collect();
+    let words: Vec<_> = attempts[..3]
+        .iter()
+        .map(|a| (a.generation, a.state.word()))
+        .collect();
     assert_eq!(words, [(1, "lost"), (2, "lost"), (3, "succeeded")]);
 
     let bench = Bench::new(vec![personalised("P1", 8.0)]);
     bench.script(|s| s.lost_attempts = 3);
     assert_eq!(bench.run().await.0.failed, 1);
-    assert_eq!(bench.patient("P1").await.failure.unwrap().class, FailureClass::Site);
+    assert_eq!(
+        bench.patient("P1").await.failure.unwrap().class,
+        FailureClass::Site
+    );
     retry(bench.path(), &"P1".into()).await.unwrap();
     assert_eq!(bench.run().await.0.done, 1);
 }
@@ -400,7 +561,9 @@ async fn a_request_reaches_a_running_coordinator_and_cancels_its_work() {
     let canceller = async move {
         let mut fits = 0;
         while let Some(event) = told.recv().await {
-            fits += u32::from(matches!(&event, EngineEvent::TaskStarted { step, .. } if step == "step-2"));
+            fits += u32::from(
+                matches!(&event, EngineEvent::TaskStarted { step, .. } if step == "step-2"),
+            );
             if fits == 2 {
                 break;
             }
@@ -410,10 +573,17 @@ async fn a_request_reaches_a_running_coordinator_and_cancels_its_work() {
         let all = cancel(&path, None).await.unwrap();
         (one, unknown, all)
     };
-    let ((summary, _), (one, unknown, all)) = tokio::join!(bench.run_with(events, StopSignal::new()), canceller);
+    let ((summary, _), (one, unknown, all)) =
+        tokio::join!(bench.run_with(events, StopSignal::new()), canceller);
     assert_eq!((summary.cancelled, summary.done), (2, 0));
     assert!(matches!(one, Answer::Asked { .. }) && unknown && matches!(all, Answer::Asked { .. }));
-    assert!(std::fs::read_dir(bench.path().join("requests")).unwrap().next().is_none(), "requests are forgotten");
+    assert!(
+        std::fs::read_dir(bench.path().join("requests"))
+            .unwrap()
+            .next()
+            .is_none(),
+        "requests are forgotten"
+    );
 
     // Stays cancelled until a person wants it again.
     assert_eq!(bench.run().await.1.len(), 0);
@@ -453,16 +623,30 @@ async fn requests_that_make_no_sense_are_refused_with_the_reason() {
     let nothing = cancel(bench.path(), None).await.unwrap_err().to_string();
     assert!(nothing.contains("nothing was run here yet"), "{nothing}");
     bench.run().await;
-    let ask = async |from, value| rerun(bench.path(), &"P1".into(), from, &layer(value)).await.unwrap_err().to_string();
+    let ask = async |from, value| {
+        rerun(bench.path(), &"P1".into(), from, &layer(value))
+            .await
+            .unwrap_err()
+            .to_string()
+    };
     let early = ask(Stage::Step2, json!({"step1": {"damping": 0.5}})).await;
-    assert!(early.contains("step1") && early.contains("before step-2"), "{early}");
+    assert!(
+        early.contains("step1") && early.contains("before step-2"),
+        "{early}"
+    );
     let unknown = ask(Stage::Step1, json!({"step1": {"dampening": 0.5}})).await;
     assert!(unknown.contains("dampening"), "{unknown}");
     let senseless = ask(Stage::Step1, json!({"step1": {"damping": -1.0}})).await;
     assert!(senseless.contains("damping"), "{senseless}");
-    let over = cancel(bench.path(), Some(&"P1".into())).await.unwrap_err().to_string();
+    let over = cancel(bench.path(), Some(&"P1".into()))
+        .await
+        .unwrap_err()
+        .to_string();
     assert!(over.contains("P1 is done"), "{over}");
-    assert!(bench.run().await.0.nothing_to_do(), "refused requests change nothing");
+    assert!(
+        bench.run().await.0.nothing_to_do(),
+        "refused requests change nothing"
+    );
 }
 
 #[test]
@@ -475,7 +659,11 @@ fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
 fn element(number: u32) -> ResolvedPatient {
     let task = TaskSpec::CellSweep(Box::new(CellSweepSpec {
         design: CellDesign {
-            parameters: vec![SweptParameter { name: "n_Tm".into(), lower: 3.0, upper: 7.0 }],
+            parameters: vec![SweptParameter {
+                name: "n_Tm".into(),
+                lower: 3.0,
+                upper: 7.0,
+            }],
             skip_points: 0,
             scramble_seed: None,
             cycle_length_ms: 1000.0,
@@ -488,7 +676,12 @@ fn element(number: u32) -> ResolvedPatient {
         n_blocks: 8,
     }));
     let id = PatientId(format!("chunk-{number}"));
-    ResolvedPatient::without_data(id, Workflow::Task { task: Box::new(task) })
+    ResolvedPatient::without_data(
+        id,
+        Workflow::Task {
+            task: Box::new(task),
+        },
+    )
 }
 
 #[tokio::test]
@@ -499,14 +692,25 @@ async fn elements_of_a_sweep_are_one_task_each_and_more_of_them_repeat_none() {
     bench.patients.push(element(3));
     let (summary, submitted) = bench.run().await;
     assert_eq!((summary.done, submitted), (4, vec!["cell-sweep"]));
-    let members = Reader::open(bench.path()).await.unwrap().members().await.unwrap();
+    let members = Reader::open(bench.path())
+        .await
+        .unwrap()
+        .members()
+        .await
+        .unwrap();
     assert_eq!(
-        members.iter().map(|m| m.plan.id.as_str()).collect::<Vec<_>>(),
+        members
+            .iter()
+            .map(|m| m.plan.id.as_str())
+            .collect::<Vec<_>>(),
         ["chunk-0", "chunk-1", "chunk-2", "chunk-3"]
     );
     for member in members {
         let task = member.task.expect("its result is published");
         assert!(matches!(task.result, TaskResult::CellSweep(r) if r.n_samples == 32));
-        assert_eq!((member.status.state.as_str(), member.failure), ("done", None));
+        assert_eq!(
+            (member.status.state.as_str(), member.failure),
+            ("done", None)
+        );
     }
 }

@@ -11,14 +11,17 @@ use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::organ::{
-    ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
+    ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters,
+    WindkesselParameters,
 };
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, CellSweepResult, Check, Determination, Ending, FittedParameter, OrganBeatResult,
-    PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
+    Artefact, CellFitResult, CellSweepResult, Check, Determination, Ending, FittedParameter,
+    OrganBeatResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult,
+    TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::posterior::{
-    Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread, USUAL_NOISE,
+    Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread,
+    USUAL_NOISE,
 };
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::{InputFile, TaskSpec};
@@ -61,7 +64,10 @@ pub struct Scripted {
 
 impl Scripted {
     pub fn new(script: &Arc<Mutex<Script>>) -> Self {
-        Self { script: Arc::clone(script), ..Self::default() }
+        Self {
+            script: Arc::clone(script),
+            ..Self::default()
+        }
     }
 }
 
@@ -106,7 +112,11 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
                 stiffness_kpa: 0.5,
                 exponent: 9.0,
             },
-            activation: ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 5.0 },
+            activation: ActivationSpec {
+                spread_ms: 40.0,
+                groups: 16,
+                onset_ms: 5.0,
+            },
         },
         circulation: CirculationSpec {
             afterload: WindkesselParameters {
@@ -147,18 +157,29 @@ fn finite_element(nodes: u64) -> FiniteElementOrgan {
         onset_ms: 5.0,
         spread_ms: 40.0,
     };
-    let ventricle = InputFile { name: "ventricle".into(), path: "ventricle.bin".into(), sha256: "0".into() };
+    let ventricle = InputFile {
+        name: "ventricle".into(),
+        path: "ventricle.bin".into(),
+        sha256: "0".into(),
+    };
     FiniteElementOrgan { ventricle, figures }
 }
 
 fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
-    let check =
-        |name: &str, passed| Check { name: name.into(), passed, found: passed.to_string(), expected: "true".into() };
+    let check = |name: &str, passed| Check {
+        name: name.into(),
+        passed,
+        found: passed.to_string(),
+        expected: "true".into(),
+    };
     TaskResult::OrganBeat(OrganBeatResult {
         biomarkers,
         samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: Default::default(),
-        checks: vec![check("finite", true), check("aortic valve opened and closed", opened)],
+        checks: vec![
+            check("finite", true),
+            check("aortic valve opened and closed", opened),
+        ],
         beats: 1,
         periodic: false,
         remarks: vec![],
@@ -169,13 +190,21 @@ fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
 }
 
 fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
-    FittedParameter { name: name.into(), value, lower, upper, ..FittedParameter::default() }
+    FittedParameter {
+        name: name.into(),
+        value,
+        lower,
+        upper,
+        ..FittedParameter::default()
+    }
 }
 
 impl Script {
     pub fn ending(&self, task: &TaskSpec) -> Ending {
         if self.refuses == Some(task.kind()) {
-            return Ending::Failed { failure: Failure::new(FailureClass::Input, "refused as the test asks") };
+            return Ending::Failed {
+                failure: Failure::new(FailureClass::Input, "refused as the test asks"),
+            };
         }
         let result = match task {
             TaskSpec::PassiveState(spec) => {
@@ -187,15 +216,39 @@ impl Script {
             }
             TaskSpec::OrganBeat(spec) => match &spec.contraction {
                 ContractionSpec::Tanh { parameters } => {
-                    if self.diverges_above_kpa.is_some_and(|limit| parameters.smax_ref_kpa > limit) {
-                        return Ending::Diverged { last_good_ms: 212.0, reason: "Newton did not converge".into() };
+                    if self
+                        .diverges_above_kpa
+                        .is_some_and(|limit| parameters.smax_ref_kpa > limit)
+                    {
+                        return Ending::Diverged {
+                            last_good_ms: 212.0,
+                            reason: "Newton did not converge".into(),
+                        };
                     }
-                    let opened = self.shut_below_kpa.is_none_or(|limit| parameters.smax_ref_kpa >= limit);
-                    beat(answer(Step1Parameters { tanh: *parameters, valves: spec.valves }.updated()), opened)
+                    let opened = self
+                        .shut_below_kpa
+                        .is_none_or(|limit| parameters.smax_ref_kpa >= limit);
+                    beat(
+                        answer(
+                            Step1Parameters {
+                                tanh: *parameters,
+                                valves: spec.valves,
+                            }
+                            .updated(),
+                        ),
+                        opened,
+                    )
                 }
                 ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
-                    let is_of_step3 = spec.contraction.cell_parameters().is_some_and(|p| p.contains_key("A_eff"));
-                    let factor = if self.fitted_cell_is_off && !is_of_step3 { 1.5 } else { 1.001 };
+                    let is_of_step3 = spec
+                        .contraction
+                        .cell_parameters()
+                        .is_some_and(|p| p.contains_key("A_eff"));
+                    let factor = if self.fitted_cell_is_off && !is_of_step3 {
+                        1.5
+                    } else {
+                        1.001
+                    };
                     beat(answer(TRUTH.map(|p| p * factor)), !self.fitted_cell_is_shut)
                 }
             },
@@ -205,7 +258,9 @@ impl Script {
                     .runs
                     .iter()
                     .rfind(|run| run.whole_beat)
-                    .map_or([100.0, 40.0, 110.0, 550.0, 0.01, 0.01], |run| run.parameters.updated());
+                    .map_or([100.0, 40.0, 110.0, 550.0, 0.01, 0.01], |run| {
+                        run.parameters.updated()
+                    });
                 let next = std::array::from_fn(|k| (from[k] * TRUTH[k]).sqrt());
                 let predicted = answer(TRUTH);
                 TaskResult::Step1Proposal(Step1ProposalResult {
@@ -252,7 +307,10 @@ impl Script {
             }
             TaskSpec::CellFit(spec) => TaskResult::CellFit(CellFitResult {
                 lambda_0: spec.lambda_0,
-                parameters: vec![fitted("n_Tm", 5.0, 3.0, 7.0), fitted("a_p_kPa", 43.0, 1.0, 100.0)],
+                parameters: vec![
+                    fitted("n_Tm", 5.0, 3.0, 7.0),
+                    fitted("a_p_kPa", 43.0, 1.0, 100.0),
+                ],
                 reached: cell(),
                 targets: spec.targets,
                 cost: 0.02,
@@ -264,7 +322,8 @@ impl Script {
                 identifiability: None,
             }),
             TaskSpec::CellSweep(spec) => {
-                let n_samples = u64::from(spec.n_blocks) * (2 * spec.design.parameters.len() as u64 + 2);
+                let n_samples =
+                    u64::from(spec.n_blocks) * (2 * spec.design.parameters.len() as u64 + 2);
                 TaskResult::CellSweep(CellSweepResult {
                     n_samples,
                     n_periodic: n_samples,
@@ -275,18 +334,29 @@ impl Script {
                 })
             }
             TaskSpec::Discover(_) => {
-                return Ending::Failed { failure: Failure::new(FailureClass::Input, "no search is scripted") };
+                return Ending::Failed {
+                    failure: Failure::new(FailureClass::Input, "no search is scripted"),
+                };
             }
             TaskSpec::Noop(_) => TaskResult::Noop,
         };
-        Ending::Succeeded { result: Box::new(result) }
+        Ending::Succeeded {
+            result: Box::new(result),
+        }
     }
 }
 
 /// Files of an attempt, and the records that every one has.
 fn leave(order: &Order, files: &[(&str, &str)]) {
     let spec = serde_json::to_string(&order.spec).unwrap();
-    for (name, text) in [("spec.json", &*spec), ("started.json", "{}"), ("stderr.log", "said")].iter().chain(files) {
+    for (name, text) in [
+        ("spec.json", &*spec),
+        ("started.json", "{}"),
+        ("stderr.log", "said"),
+    ]
+    .iter()
+    .chain(files)
+    {
         let path = order.directory.join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
@@ -306,7 +376,9 @@ impl Executor for Scripted {
         let attempt = order.spec.attempt.clone();
         let mut script = self.script.lock().unwrap();
         script.submitted.push(order.spec.task.kind());
-        script.threads_and_others.push((order.spec.threads, self.running.len()));
+        script
+            .threads_and_others
+            .push((order.spec.threads, self.running.len()));
         self.running.insert(attempt.clone(), true);
         if script.silent_on == Some(order.spec.task.kind()) {
             return Ok(ExternalId::from("1"));
@@ -314,13 +386,31 @@ impl Executor for Scripted {
         let evidence = if script.lost_attempts > 0 {
             script.lost_attempts -= 1;
             if script.leaves_files {
-                leave(&order, &[("nodal.csv.part", "half"), ("checkpoint/state.bin", "half way")]);
+                leave(
+                    &order,
+                    &[
+                        ("nodal.csv.part", "half"),
+                        ("checkpoint/state.bin", "half way"),
+                    ],
+                );
             }
-            Evidence::Nothing { class: FailureClass::Site, reason: "the worker was killed by signal 9".into() }
+            Evidence::Nothing {
+                class: FailureClass::Site,
+                reason: "the worker was killed by signal 9".into(),
+            }
         } else {
             let traces = format!("traces of {}", attempt.task);
-            let sha256 = if script.leaves_files { sha256_hex(traces.as_bytes()) } else { attempt.task.to_string() };
-            let nodal = Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256, bytes: 1 };
+            let sha256 = if script.leaves_files {
+                sha256_hex(traces.as_bytes())
+            } else {
+                attempt.task.to_string()
+            };
+            let nodal = Artefact {
+                name: "nodal".into(),
+                file: "nodal.csv".into(),
+                sha256,
+                bytes: 1,
+            };
             let outcome = TaskOutcome {
                 schema_version: SCHEMA_VERSION,
                 attempt: attempt.clone(),
@@ -334,13 +424,24 @@ impl Executor for Scripted {
             std::fs::create_dir_all(directory).unwrap();
             std::fs::write(directory.join("nodal.csv"), &traces).unwrap();
             if script.leaves_files {
-                let own = [("nodal.csv", &*traces), ("outcome.json", &text), ("vtu/beat.pvd", "<VTKFile/>")];
+                let own = [
+                    ("nodal.csv", &*traces),
+                    ("outcome.json", &text),
+                    ("vtu/beat.pvd", "<VTKFile/>"),
+                ];
                 leave(&order, &own);
                 leave(&order, &[("checkpoint/state.bin", "the end")]);
             }
-            Evidence::Outcome { outcome: Box::new(outcome), text }
+            Evidence::Outcome {
+                outcome: Box::new(outcome),
+                text,
+            }
         };
-        self.ended.push_back(News::Ended { attempt, evidence, claim: None });
+        self.ended.push_back(News::Ended {
+            attempt,
+            evidence,
+            claim: None,
+        });
         Ok(ExternalId::from("1"))
     }
 
@@ -351,8 +452,15 @@ impl Executor for Scripted {
     fn stop(&mut self, attempt: &AttemptId, _: &Path, _: bool) -> Result<bool, DispatchError> {
         if self.running.contains_key(attempt) {
             let reason = "the worker was killed by signal 15".into();
-            let evidence = Evidence::Nothing { class: FailureClass::Site, reason };
-            self.ended.push_back(News::Ended { attempt: attempt.clone(), evidence, claim: None });
+            let evidence = Evidence::Nothing {
+                class: FailureClass::Site,
+                reason,
+            };
+            self.ended.push_back(News::Ended {
+                attempt: attempt.clone(),
+                evidence,
+                claim: None,
+            });
             return Ok(true);
         }
         Ok(false)
@@ -375,9 +483,21 @@ impl Executor for Scripted {
 /// A posterior as wide as its prior, of one draw.
 fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
     let parameters = spec.parameters.iter().map(|(name, moved)| {
-        let prior = Spread { p5: moved.lower, p50: moved.centre, p95: moved.upper };
+        let prior = Spread {
+            p5: moved.lower,
+            p50: moved.centre,
+            p95: moved.upper,
+        };
         let twin = spec.twin.parameters[name];
-        (name.clone(), ParameterSpread { twin, posterior: prior, prior, mark: Determination::NotDetermined })
+        (
+            name.clone(),
+            ParameterSpread {
+                twin,
+                posterior: prior,
+                prior,
+                mark: Determination::NotDetermined,
+            },
+        )
     });
     PosteriorResult {
         parameters: parameters.collect(),
@@ -386,7 +506,15 @@ fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
         volume_ml: Band::default(),
         correlations: vec![],
         draws: vec![spec.parameters.values().map(|moved| moved.centre).collect()],
-        deviations: Deviations { noise: USUAL_NOISE, pressure_discrepancy_mmhg: 0.0, volume_discrepancy_ml: 0.0 },
-        sampling: Sampling { converged_share: 1.0, left_over_expected: 1.0, evaluations: 1 },
+        deviations: Deviations {
+            noise: USUAL_NOISE,
+            pressure_discrepancy_mmhg: 0.0,
+            volume_discrepancy_ml: 0.0,
+        },
+        sampling: Sampling {
+            converged_share: 1.0,
+            left_over_expected: 1.0,
+            evaluations: 1,
+        },
     }
 }

@@ -30,7 +30,9 @@ pub struct Input {
 
 impl Input {
     fn id(&self) -> String {
-        self.kept.clone().unwrap_or_else(|| format!("#input-{}-{}", self.patient, self.name))
+        self.kept
+            .clone()
+            .unwrap_or_else(|| format!("#input-{}-{}", self.patient, self.name))
     }
 }
 
@@ -41,7 +43,11 @@ fn reference(id: impl Into<String>) -> Value {
 /// One stands alone, as RO-Crate's JSON-LD wants it.
 fn references<I: Into<String>>(ids: impl IntoIterator<Item = I>) -> Value {
     let mut all: Vec<Value> = ids.into_iter().map(reference).collect();
-    if all.len() == 1 { all.remove(0) } else { Value::Array(all) }
+    if all.len() == 1 {
+        all.remove(0)
+    } else {
+        Value::Array(all)
+    }
 }
 
 /// UTC as the profile's checks want it.
@@ -60,19 +66,34 @@ fn format_of(path: &str) -> &'static str {
 }
 
 /// The text of `ro-crate-metadata.json`.
-pub fn metadata(run: &RunRecord, files: &[CrateFile], inputs: &[Input], options: &CrateOptions) -> String {
+pub fn metadata(
+    run: &RunRecord,
+    files: &[CrateFile],
+    inputs: &[Input],
+    options: &CrateOptions,
+) -> String {
     let mut graph = Vec::new();
     let mut workers = BTreeMap::new();
     let mut actions = Vec::new();
     for patient in &run.patients {
         actions.extend(of_patient(patient, inputs, &mut workers));
     }
-    let n_done = run.patients.iter().filter(|p| p.verification.is_some()).count();
-    let license = options.license.clone().unwrap_or_else(|| "#license".to_owned());
+    let n_done = run
+        .patients
+        .iter()
+        .filter(|p| p.verification.is_some())
+        .count();
+    let license = options
+        .license
+        .clone()
+        .unwrap_or_else(|| "#license".to_owned());
     graph.push(json!({
         "@id": METADATA, "@type": "CreativeWork", "conformsTo": reference(CRATE), "about": reference("./"),
     }));
-    let kept: Vec<&str> = inputs.iter().filter_map(|input| input.kept.as_deref()).collect();
+    let kept: Vec<&str> = inputs
+        .iter()
+        .filter_map(|input| input.kept.as_deref())
+        .collect();
     let parts = files.iter().map(|file| file.path.as_str()).chain(kept);
     let mut root = json!({
         "@id": "./", "@type": "Dataset",
@@ -106,7 +127,9 @@ pub fn metadata(run: &RunRecord, files: &[CrateFile], inputs: &[Input], options:
     if let Some(author) = &options.author {
         root["author"] = reference("#author");
         graph.push(json!({ "@id": "#author", "@type": "Person", "name": author }));
-        actions.iter_mut().for_each(|action| action["agent"] = reference("#author"));
+        actions
+            .iter_mut()
+            .for_each(|action| action["agent"] = reference("#author"));
     }
     graph.insert(1, root);
     for file in files {
@@ -115,14 +138,21 @@ pub fn metadata(run: &RunRecord, files: &[CrateFile], inputs: &[Input], options:
         }));
     }
     for input in inputs {
-        let kind = if input.kept.is_some() { "File" } else { "CreativeWork" };
+        let kind = if input.kept.is_some() {
+            "File"
+        } else {
+            "CreativeWork"
+        };
         let mut entity = json!({
             "@id": input.id(), "@type": kind, "sha256": input.sha256,
             "name": format!("{} of {}", input.name, input.patient),
         });
         match &input.kept {
             Some(path) => entity["encodingFormat"] = json!(format_of(path)),
-            None => entity["description"] = json!("An input whose content is not in this crate, by its hash."),
+            None => {
+                entity["description"] =
+                    json!("An input whose content is not in this crate, by its hash.")
+            }
         }
         graph.push(entity);
     }
@@ -138,10 +168,23 @@ pub fn metadata(run: &RunRecord, files: &[CrateFile], inputs: &[Input], options:
 }
 
 /// A patient's tasks. What each one needed of the others stands in the patient's record.
-fn of_patient(patient: &PatientRecord, inputs: &[Input], workers: &mut BTreeMap<String, Value>) -> Vec<Value> {
+fn of_patient(
+    patient: &PatientRecord,
+    inputs: &[Input],
+    workers: &mut BTreeMap<String, Value>,
+) -> Vec<Value> {
     let id = &patient.plan.id;
-    let own: Vec<String> = inputs.iter().filter(|input| input.patient == *id).map(Input::id).collect();
-    let action = |(name, key, generation, made): (String, &str, u32, &cardiotwin_schemas::provenance::Provenance)| {
+    let own: Vec<String> = inputs
+        .iter()
+        .filter(|input| input.patient == *id)
+        .map(Input::id)
+        .collect();
+    let action = |(name, key, generation, made): (
+        String,
+        &str,
+        u32,
+        &cardiotwin_schemas::provenance::Provenance,
+    )| {
         let commit = made.commit.as_deref().unwrap_or("unknown");
         let worker = format!("#cardiotwin-worker-{}-{commit}", made.version);
         workers.entry(worker.clone()).or_insert_with(|| {
@@ -151,22 +194,33 @@ fn of_patient(patient: &PatientRecord, inputs: &[Input], workers: &mut BTreeMap<
                 "softwareVersion": made.version, "url": METHOD,
             })
         });
-        let end = utc_ms(&made.started).map(|start| moment(&utc_text(start + (1e3 * made.wall_s) as i64)));
+        let end = utc_ms(&made.started)
+            .map(|start| moment(&utc_text(start + (1e3 * made.wall_s) as i64)));
         let mut entity = Map::new();
-        entity.insert("@id".into(), json!(format!("#{id}-{}", name.replace([' ', ','], "-").replace("--", "-"))));
+        entity.insert(
+            "@id".into(),
+            json!(format!(
+                "#{id}-{}",
+                name.replace([' ', ','], "-").replace("--", "-")
+            )),
+        );
         entity.insert("@type".into(), json!("CreateAction"));
         entity.insert("name".into(), json!(format!("{id}: {name}")));
         entity.insert(
             "description".into(),
             json!(format!(
                 "Task {key}, attempt {generation}{}.",
-                made.seed.map_or(String::new(), |seed| format!(", seed {seed}"))
+                made.seed
+                    .map_or(String::new(), |seed| format!(", seed {seed}"))
             )),
         );
         entity.insert("instrument".into(), reference(worker));
         entity.insert("startTime".into(), json!(moment(&made.started)));
         entity.insert("endTime".into(), json!(end));
-        entity.insert("actionStatus".into(), json!("http://schema.org/CompletedActionStatus"));
+        entity.insert(
+            "actionStatus".into(),
+            json!("http://schema.org/CompletedActionStatus"),
+        );
         entity.insert("object".into(), references(own.iter().cloned()));
         let mut results = vec![format!("patients/{id}/record.json")];
         if name != "step 0" {
@@ -175,5 +229,9 @@ fn of_patient(patient: &PatientRecord, inputs: &[Input], workers: &mut BTreeMap<
         entity.insert("result".into(), references(results));
         Value::Object(entity)
     };
-    PatientView(patient).tasks().into_iter().map(action).collect()
+    PatientView(patient)
+        .tasks()
+        .into_iter()
+        .map(action)
+        .collect()
 }

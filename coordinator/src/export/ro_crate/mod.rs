@@ -59,7 +59,10 @@ pub fn complete(
         let mut add = |name: &str, text: String, sentence: String| -> Result<(), WriteError> {
             let path = format!("patients/{id}/{name}");
             folder.write(&path, text.as_bytes())?;
-            files.push(CrateFile { path, name: sentence });
+            files.push(CrateFile {
+                path,
+                name: sentence,
+            });
             Ok(())
         };
         add(
@@ -67,13 +70,20 @@ pub fn complete(
             record::json(patient),
             format!("All that the run knows of {id}: inputs' hashes, settings, every simulation"),
         )?;
-        add("parameters.json", record::parameters(patient), format!("The personalised parameters of {id}"))?;
+        add(
+            "parameters.json",
+            record::parameters(patient),
+            format!("The personalised parameters of {id}"),
+        )?;
         for input in record::inputs(patient) {
             let mut kept = None;
             if options.with_inputs {
                 match record::content(input) {
                     Ok(bytes) => {
-                        let name = input.path.file_name().map_or_else(PathBuf::new, PathBuf::from);
+                        let name = input
+                            .path
+                            .file_name()
+                            .map_or_else(PathBuf::new, PathBuf::from);
                         let path = format!("patients/{id}/inputs/{}", name.display());
                         folder.write(&path, &bytes)?;
                         kept = Some(path);

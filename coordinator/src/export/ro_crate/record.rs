@@ -25,13 +25,15 @@ pub fn json(patient: &PatientRecord) -> String {
 pub fn without_paths(value: Value) -> Value {
     match value {
         Value::Object(map) => {
-            let cleaned = map.into_iter().filter_map(|(key, value)| match (PLACES.contains(&key.as_str()), &value) {
-                (true, Value::String(place)) if key == "path" => {
-                    let name = Path::new(place).file_name()?.to_string_lossy().into_owned();
-                    Some((key, Value::String(name)))
+            let cleaned = map.into_iter().filter_map(|(key, value)| {
+                match (PLACES.contains(&key.as_str()), &value) {
+                    (true, Value::String(place)) if key == "path" => {
+                        let name = Path::new(place).file_name()?.to_string_lossy().into_owned();
+                        Some((key, Value::String(name)))
+                    }
+                    (true, Value::String(_)) => None,
+                    _ => Some((key, without_paths(value))),
                 }
-                (true, Value::String(_)) => None,
-                _ => Some((key, without_paths(value))),
             });
             Value::Object(cleaned.collect())
         }
@@ -47,7 +49,10 @@ fn names_of_files(text: &str) -> String {
     let name = |word: &str| -> String {
         let begin = word.find(|c: char| !"\"'`([<".contains(c)).unwrap_or(0);
         let (opening, path) = word.split_at(begin);
-        match path.strip_prefix('/').and_then(|rest| rest.rsplit_once('/')) {
+        match path
+            .strip_prefix('/')
+            .and_then(|rest| rest.rsplit_once('/'))
+        {
             Some((_, name)) => format!("{opening}{name}"),
             None => word.to_owned(),
         }
@@ -67,8 +72,16 @@ pub fn parameters(patient: &PatientRecord) -> String {
         );
     }
     if let Some(fit) = &patient.cell_fit {
-        let values: BTreeMap<&str, f64> = fit.result.parameters.iter().map(|p| (p.name.as_str(), p.value)).collect();
-        found.insert("step2".into(), json!({ "cost": fit.result.cost, "parameters": values }));
+        let values: BTreeMap<&str, f64> = fit
+            .result
+            .parameters
+            .iter()
+            .map(|p| (p.name.as_str(), p.value))
+            .collect();
+        found.insert(
+            "step2".into(),
+            json!({ "cost": fit.result.cost, "parameters": values }),
+        );
     }
     if let Some(step0) = &patient.step0 {
         found.insert("circulation".into(), json!(step0.result.circulation));
@@ -77,7 +90,8 @@ pub fn parameters(patient: &PatientRecord) -> String {
     if !patient.plan.effects.is_empty() {
         found.insert("effects".into(), json!(patient.plan.effects));
     }
-    let mut text = serde_json::to_string_pretty(&without_paths(Value::Object(found))).unwrap_or_default();
+    let mut text =
+        serde_json::to_string_pretty(&without_paths(Value::Object(found))).unwrap_or_default();
     text.push('\n');
     text
 }
@@ -87,13 +101,20 @@ pub fn parameters(patient: &PatientRecord) -> String {
 pub fn inputs(patient: &PatientRecord) -> Vec<&InputFile> {
     let plan = &patient.plan;
     let measured = [&plan.step0.pressure, &plan.step0.volume, &plan.calcium];
-    measured.into_iter().flatten().chain(&plan.external_files).collect()
+    measured
+        .into_iter()
+        .flatten()
+        .chain(&plan.external_files)
+        .collect()
 }
 
 /// The content that the run was planned with.
 pub fn content(input: &InputFile) -> Result<Vec<u8>, String> {
     let bytes = std::fs::read(&input.path).map_err(|error| {
-        format!("{} cannot be read ({error}): its hash alone is in the crate", input.path.display())
+        format!(
+            "{} cannot be read ({error}): its hash alone is in the crate",
+            input.path.display()
+        )
     })?;
     if sha256_hex(&bytes) == input.sha256 {
         return Ok(bytes);

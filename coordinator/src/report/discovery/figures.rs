@@ -65,17 +65,46 @@ fn zip(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
 pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let of = parts(case, which);
     let time = &case.found.series.curves.time_ms;
-    let values = of.data.measured.iter().chain(of.before).chain(of.after).copied();
-    let y = Axis::new(format!("{} ({})", of.name, of.unit).as_str(), of.unit, Scale::linear(values, false)?);
-    let mut chart = Chart::new(format!("{} of {}: measured, before, after", of.name, case.case), time_axis(case)?, y);
+    let values = of
+        .data
+        .measured
+        .iter()
+        .chain(of.before)
+        .chain(of.after)
+        .copied();
+    let y = Axis::new(
+        format!("{} ({})", of.name, of.unit).as_str(),
+        of.unit,
+        Scale::linear(values, false)?,
+    );
+    let mut chart = Chart::new(
+        format!("{} of {}: measured, before, after", of.name, case.case),
+        time_axis(case)?,
+        y,
+    );
     // A trace of many samples is a cloud of dots only where it is thin enough to see the lines.
     let measured = zip(&of.data.time_ms, &of.data.measured);
-    chart.series.push(Series { class: "measured", name: "measured".to_owned(), points: measured, dots: true });
+    chart.series.push(Series {
+        class: "measured",
+        name: "measured".to_owned(),
+        points: measured,
+        dots: true,
+    });
     let before = zip(time, of.before);
-    chart.series.push(Series { class: "before", name: "base model".to_owned(), points: before, dots: false });
+    chart.series.push(Series {
+        class: "before",
+        name: "base model".to_owned(),
+        points: before,
+        dots: false,
+    });
     if !case.found.none {
         let name = format!("with {}", case.found.accepted.join(", ").replace('_', " "));
-        chart.series.push(Series { class: "after", name, points: zip(time, of.after), dots: false });
+        chart.series.push(Series {
+            class: "after",
+            name,
+            points: zip(time, of.after),
+            dots: false,
+        });
     }
     phases(&mut chart, case, false);
     Some(chart)
@@ -85,40 +114,95 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
 #[must_use]
 pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let of = parts(case, which);
-    let left = |model: &[f64]| -> Vec<f64> { std::iter::zip(&of.data.measured, model).map(|(d, m)| d - m).collect() };
+    let left = |model: &[f64]| -> Vec<f64> {
+        std::iter::zip(&of.data.measured, model)
+            .map(|(d, m)| d - m)
+            .collect()
+    };
     let (before, after) = (left(&of.data.before), left(&of.data.after));
     let band = BAND * of.data.noise_sd;
-    let values = before.iter().chain(&after).copied().chain([-1.4 * band, 1.4 * band]);
-    let y = Axis::new(format!("residual ({})", of.unit).as_str(), of.unit, Scale::linear(values, false)?);
-    let mut chart = Chart::new(format!("residual of the {} of {}", of.name, case.case), time_axis(case)?, y);
+    let values = before
+        .iter()
+        .chain(&after)
+        .copied()
+        .chain([-1.4 * band, 1.4 * band]);
+    let y = Axis::new(
+        format!("residual ({})", of.unit).as_str(),
+        of.unit,
+        Scale::linear(values, false)?,
+    );
+    let mut chart = Chart::new(
+        format!("residual of the {} of {}", of.name, case.case),
+        time_axis(case)?,
+        y,
+    );
     chart.size.1 = 190.0;
-    chart.marks.push(Mark::Band { from: -band, to: band, class: "noise" });
-    chart.marks.push(Mark::Across { y: 0.0, class: "level", label: None });
+    chart.marks.push(Mark::Band {
+        from: -band,
+        to: band,
+        class: "noise",
+    });
+    chart.marks.push(Mark::Across {
+        y: 0.0,
+        class: "level",
+        label: None,
+    });
     let time = &of.data.time_ms;
-    chart.series.push(Series { class: "before", name: "base model".into(), points: zip(time, &before), dots: false });
+    chart.series.push(Series {
+        class: "before",
+        name: "base model".into(),
+        points: zip(time, &before),
+        dots: false,
+    });
     if !case.found.none {
-        chart.series.push(Series { class: "after", name: "after".into(), points: zip(time, &after), dots: false });
+        chart.series.push(Series {
+            class: "after",
+            name: "after".into(),
+            points: zip(time, &after),
+            dots: false,
+        });
     }
     phases(&mut chart, case, true);
     Some(chart)
 }
 
 fn time_axis(case: &DiscoverCase) -> Option<Axis> {
-    Some(Axis::new("time (ms)", "ms", Scale::exact(0.0, *case.found.series.curves.time_ms.last()?)))
+    Some(Axis::new(
+        "time (ms)",
+        "ms",
+        Scale::exact(0.0, *case.found.series.curves.time_ms.last()?),
+    ))
 }
 
 /// Where phases begin, and their names where asked for.
 fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
     let phases = &case.found.series.phases;
-    let cycle = case.found.series.curves.time_ms.last().copied().unwrap_or(0.0);
+    let cycle = case
+        .found
+        .series
+        .curves
+        .time_ms
+        .last()
+        .copied()
+        .unwrap_or(0.0);
     for (i, phase) in phases.iter().enumerate() {
-        chart.marks.push(Mark::Up { x: phase.begin_ms, class: "phase" });
+        chart.marks.push(Mark::Up {
+            x: phase.begin_ms,
+            class: "phase",
+        });
         let next = phases[(i + 1) % phases.len()].begin_ms;
         // The phase that runs past the end of the cycle is named before it.
         let end = if next > phase.begin_ms { next } else { cycle };
-        let short = SHORT.iter().find(|(name, _)| *name == phase.phase).map_or("", |(_, short)| short);
+        let short = SHORT
+            .iter()
+            .find(|(name, _)| *name == phase.phase)
+            .map_or("", |(_, short)| short);
         if named && end - phase.begin_ms > CHARACTER_SHARE * short.len() as f64 * cycle {
-            chart.marks.push(Mark::Words { from: phase.begin_ms, to: end, text: short.to_owned() });
+            chart.marks.push(Mark::Words {
+                from: phase.begin_ms,
+                to: end,
+                text: short.to_owned(),
+            });
         }
     }
 }

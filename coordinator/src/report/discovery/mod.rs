@@ -24,7 +24,14 @@ pub fn write_discovery(name: &str, cases: &DiscoverCases, out: &Path) -> Result<
         header.top { h1 { (name) } }
         (part(cases))
     };
-    write(out, &page(&format!("{name} · missing effects · cardiotwin"), &nav(name, cases), &content))
+    write(
+        out,
+        &page(
+            &format!("{name} · missing effects · cardiotwin"),
+            &nav(name, cases),
+            &content,
+        ),
+    )
 }
 
 fn nav(name: &str, cases: &DiscoverCases) -> Markup {
@@ -69,14 +76,26 @@ fn verdict(case: &DiscoverCase) -> String {
     match (&found.unexplained, found.none) {
         (Some(_), _) => "unexplained".to_owned(),
         (None, true) => "nothing is missing".to_owned(),
-        (None, false) => found.accepted.iter().map(|name| plain(name)).collect::<Vec<_>>().join(" + "),
+        (None, false) => found
+            .accepted
+            .iter()
+            .map(|name| plain(name))
+            .collect::<Vec<_>>()
+            .join(" + "),
     }
 }
 
 fn section(case: &DiscoverCase) -> Markup {
     let found = &case.found;
-    let with = if found.none { "base model".to_owned() } else { format!("with {}", verdict(case)) };
-    let mut keys = vec![("measured", "measured".to_owned()), ("before", "base model".to_owned())];
+    let with = if found.none {
+        "base model".to_owned()
+    } else {
+        format!("with {}", verdict(case))
+    };
+    let mut keys = vec![
+        ("measured", "measured".to_owned()),
+        ("before", "base model".to_owned()),
+    ];
     if !found.none {
         keys.push(("after", with));
     }
@@ -113,10 +132,23 @@ fn section(case: &DiscoverCase) -> Markup {
 #[must_use]
 pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     let found = &case.found;
-    let shares =
-        |signal: &str| -> f64 { found.places.iter().filter(|p| p.signal == signal).map(|p| p.z.powi(2)).sum() };
-    let which = if shares("volume") >= shares("pressure") { figures::Which::Volume } else { figures::Which::Pressure };
-    let mut charts = vec![figures::signal(case, which)?, figures::residual(case, which)?];
+    let shares = |signal: &str| -> f64 {
+        found
+            .places
+            .iter()
+            .filter(|p| p.signal == signal)
+            .map(|p| p.z.powi(2))
+            .sum()
+    };
+    let which = if shares("volume") >= shares("pressure") {
+        figures::Which::Volume
+    } else {
+        figures::Which::Pressure
+    };
+    let mut charts = vec![
+        figures::signal(case, which)?,
+        figures::residual(case, which)?,
+    ];
     charts[1].size.1 = 210.0;
     for chart in &mut charts {
         chart.size.0 = 640.0;
@@ -125,9 +157,22 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
         (Some(before), Some(after)) => format!("; on data held out {before:.2} to {after:.2}"),
         _ => String::new(),
     };
-    let mut lines = vec![format!("gap {:.2} to {:.2} times the noise{held}", found.gap_before, found.gap_after)];
-    lines.extend(found.effects.iter().filter(|e| found.accepted.contains(&e.name)).map(words::strength));
-    Some(stacked(&format!("{}: {}", case.case, verdict(case)), &lines, &charts))
+    let mut lines = vec![format!(
+        "gap {:.2} to {:.2} times the noise{held}",
+        found.gap_before, found.gap_after
+    )];
+    lines.extend(
+        found
+            .effects
+            .iter()
+            .filter(|e| found.accepted.contains(&e.name))
+            .map(words::strength),
+    );
+    Some(stacked(
+        &format!("{}: {}", case.case, verdict(case)),
+        &lines,
+        &charts,
+    ))
 }
 
 #[cfg(test)]
@@ -164,20 +209,30 @@ mod tests {
         assert_eq!(html.matches("class=\"band noise\"").count(), 2);
         let html = section(&case("P2", nothing())).into_string();
         assert!(html.contains("nothing is missing") && !html.contains("class=\"line after\""));
-        assert!(section(&case("P3", unexplained())).into_string().contains("What the unexplained gap depends on"));
+        assert!(
+            section(&case("P3", unexplained()))
+                .into_string()
+                .contains("What the unexplained gap depends on")
+        );
     }
 
     #[test]
     fn a_cohort_shows_pooled_evidence_and_a_page_holds_all() {
-        let cases: DiscoverCases =
-            [("P1", kick()), ("P2", nothing())].map(|(id, found)| (id.to_owned(), case(id, found))).into();
+        let cases: DiscoverCases = [("P1", kick()), ("P2", nothing())]
+            .map(|(id, found)| (id.to_owned(), case(id, found)))
+            .into();
         let html = cohort(&cases).into_string();
-        assert!(html.contains("1 of 2") && html.contains("filling pressure") && html.contains("−20.0"), "{html}");
+        assert!(
+            html.contains("1 of 2") && html.contains("filling pressure") && html.contains("−20.0"),
+            "{html}"
+        );
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("report.html");
         write_discovery("made up", &cases, &out).unwrap();
         // The name space of SVG is no address that a reader would load.
-        let page = std::fs::read_to_string(out).unwrap().replace("http://www.w3.org/2000/svg", "");
+        let page = std::fs::read_to_string(out)
+            .unwrap()
+            .replace("http://www.w3.org/2000/svg", "");
         assert!(page.contains("href=\"#missing-P2\"") && page.contains("id=\"missing-P2\""));
         assert!(!page.contains("http://") && !page.contains("https://"));
     }

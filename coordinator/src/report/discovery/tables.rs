@@ -67,7 +67,12 @@ pub fn gaps(case: &DiscoverCase) -> Markup {
 #[must_use]
 pub fn places(case: &DiscoverCase) -> Markup {
     let found = &case.found;
-    let after = |place: &Place| found.where_after.iter().find(|p| p.signal == place.signal && p.phase == place.phase);
+    let after = |place: &Place| {
+        found
+            .where_after
+            .iter()
+            .find(|p| p.signal == place.signal && p.phase == place.phase)
+    };
     scrolling(&html! { table {
         caption { "Where the base model and the data disagree" }
         thead { tr { th { "" } th { "data − model" } th { "z" } th { "share" } th { "z after" } th.unit { "moves" } } }
@@ -85,7 +90,8 @@ pub fn places(case: &DiscoverCase) -> Markup {
 /// Biomarkers as measured, before and after.
 #[must_use]
 pub fn biomarkers(case: &DiscoverCase) -> Markup {
-    let value = |value: Option<f64>| value.map_or("\u{2013}".to_owned(), |value| significant(value, 4));
+    let value =
+        |value: Option<f64>| value.map_or("\u{2013}".to_owned(), |value| significant(value, 4));
     scrolling(&html! { table {
         caption { "Biomarkers" }
         thead { tr { th { "" } th { "measured" } th { "before" } th { "after" } } }
@@ -100,23 +106,56 @@ pub fn biomarkers(case: &DiscoverCase) -> Markup {
 #[must_use]
 pub fn lists(case: &DiscoverCase) -> Markup {
     let found = &case.found;
-    let names = |list: &[String]| list.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ");
+    let names = |list: &[String]| {
+        list.iter()
+            .map(|name| plain(name))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     let without = |name: &String| {
-        let entry = found.not_identifiable_without.iter().find(|n| n.name == *name);
+        let entry = found
+            .not_identifiable_without
+            .iter()
+            .find(|n| n.name == *name);
         let data = entry.map_or(String::new(), |n| n.would_show.join("; "));
-        if data.is_empty() { plain(name) } else { format!("{} ({data})", plain(name)) }
+        if data.is_empty() {
+            plain(name)
+        } else {
+            format!("{} ({data})", plain(name))
+        }
     };
     let mut rows = vec![
         ("Cannot be told from", names(&found.confusable)),
         ("What would decide", found.deciding_measurement.join("; ")),
-        ("These data cannot show", found.not_identifiable.iter().map(without).collect::<Vec<_>>().join(", ")),
+        (
+            "These data cannot show",
+            found
+                .not_identifiable
+                .iter()
+                .map(without)
+                .collect::<Vec<_>>()
+                .join(", "),
+        ),
     ];
     if let Some(gap) = &found.unexplained {
-        let depends =
-            gap.depends_on.iter().map(|d| format!("{} on {} ({:.0} %)", d.signal, plain(&d.variable), 100.0 * d.share));
-        rows.push(("What the unexplained gap depends on", depends.collect::<Vec<_>>().join(", ")));
+        let depends = gap.depends_on.iter().map(|d| {
+            format!(
+                "{} on {} ({:.0} %)",
+                d.signal,
+                plain(&d.variable),
+                100.0 * d.share
+            )
+        });
+        rows.push((
+            "What the unexplained gap depends on",
+            depends.collect::<Vec<_>>().join(", "),
+        ));
     }
-    for effect in found.effects.iter().filter(|effect| found.accepted.contains(&effect.name)) {
+    for effect in found
+        .effects
+        .iter()
+        .filter(|effect| found.accepted.contains(&effect.name))
+    {
         rows.extend(effect.remedy.clone().map(|remedy| ("To do", remedy)));
     }
     rows.retain(|(_, text)| !text.is_empty());

@@ -18,7 +18,12 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     if patient.plan.effects.is_empty() {
         return Markup::default();
     }
-    let names: Vec<String> = patient.plan.effects.iter().map(|effect| effect.name.replace('_', " ")).collect();
+    let names: Vec<String> = patient
+        .plan
+        .effects
+        .iter()
+        .map(|effect| effect.name.replace('_', " "))
+        .collect();
     let names = names.join(", ");
     let Some(before) = &patient.before else {
         return html! {
@@ -27,14 +32,29 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     };
     let view = PatientView(patient);
     // From where 80 % of the measured volume are recovered: diastasis and atrial systole.
-    let late = patient.step0.as_ref().and_then(|step0| step0.result.time_points.t7_ms);
+    let late = patient
+        .step0
+        .as_ref()
+        .and_then(|step0| step0.result.time_points.t7_ms);
     let pairs = [
-        ("step 1", Source::Step1, before.step1.as_ref(), view.beat(Step::Step1)),
-        ("step 2", Source::Step2, before.verification.as_ref(), view.beat(Step::Step2)),
+        (
+            "step 1",
+            Source::Step1,
+            before.step1.as_ref(),
+            view.beat(Step::Step1),
+        ),
+        (
+            "step 2",
+            Source::Step2,
+            before.verification.as_ref(),
+            view.beat(Step::Step2),
+        ),
     ];
     let compared: Vec<Compared> = pairs
         .into_iter()
-        .filter_map(|(name, source, was, is)| Some(Compared::of(name, source, was?, is?, signals, late)))
+        .filter_map(|(name, source, was, is)| {
+            Some(Compared::of(name, source, was?, is?, signals, late))
+        })
         .collect();
     html! {
         h4 { "Before and after: " (names) }
@@ -73,49 +93,102 @@ impl<'a> Compared<'a> {
         signals: &Signals,
         late_filling_ms: Option<f64>,
     ) -> Self {
-        let columns = was.artefact("traces").and_then(|file| Columns::read(&file).ok());
-        let traces = KINDS.map(|kind| columns.as_ref().and_then(|c| c.pairs("time_ms", kind.column())));
+        let columns = was
+            .artefact("traces")
+            .and_then(|file| Columns::read(&file).ok());
+        let traces = KINDS.map(|kind| {
+            columns
+                .as_ref()
+                .and_then(|c| c.pairs("time_ms", kind.column()))
+        });
         let misfit = |k: usize, from_ms: f64| {
-            let measured =
-                signals.get(Source::Measured, KINDS[k]).map(|all| all.iter().filter(|p| p.0 >= from_ms).copied());
+            let measured = signals
+                .get(Source::Measured, KINDS[k])
+                .map(|all| all.iter().filter(|p| p.0 >= from_ms).copied());
             let measured: Option<Trace> = measured.map(Iterator::collect);
             let of = |trace: Option<&[(f64, f64)]>| rms(measured.as_deref()?, trace?);
             [of(traces[k].as_deref()), of(signals.get(source, KINDS[k]))]
         };
         let late = late_filling_ms.map_or([None; 2], |from_ms| misfit(1, from_ms));
         let misfits = [misfit(0, 0.0), misfit(1, 0.0), late];
-        Self { name, source, was, is, traces, misfits }
+        Self {
+            name,
+            source,
+            was,
+            is,
+            traces,
+            misfits,
+        }
     }
 }
 
 fn rms(measured: &[(f64, f64)], simulated: &[(f64, f64)]) -> Option<f64> {
     let last = simulated.last()?.0;
-    let squares: Vec<f64> =
-        measured.iter().filter(|p| p.0 <= last).filter_map(|p| Some((at(simulated, p.0)? - p.1).powi(2))).collect();
+    let squares: Vec<f64> = measured
+        .iter()
+        .filter(|p| p.0 <= last)
+        .filter_map(|p| Some((at(simulated, p.0)? - p.1).powi(2)))
+        .collect();
     (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
 }
 
-fn chart(patient: &PatientRecord, compared: &Compared<'_>, signals: &Signals, kind: SignalKind) -> Option<Chart> {
+fn chart(
+    patient: &PatientRecord,
+    compared: &Compared<'_>,
+    signals: &Signals,
+    kind: SignalKind,
+) -> Option<Chart> {
     let k = KINDS.iter().position(|other| *other == kind)?;
-    let (measured, after) = (signals.get(Source::Measured, kind)?, signals.get(compared.source, kind)?);
+    let (measured, after) = (
+        signals.get(Source::Measured, kind)?,
+        signals.get(compared.source, kind)?,
+    );
     let before = compared.traces[k].as_deref()?;
-    let (title, unit) = if kind == SignalKind::Volume { ("volume (mL)", "mL") } else { ("pressure (mmHg)", "mmHg") };
+    let (title, unit) = if kind == SignalKind::Volume {
+        ("volume (mL)", "mL")
+    } else {
+        ("pressure (mmHg)", "mmHg")
+    };
     let values = [measured, before, after].into_iter().flatten().map(|p| p.1);
-    let y = Axis::new(title, unit, Scale::linear(values, kind == SignalKind::Pressure)?);
-    let x = Axis::new("time (ms)", "ms", Scale::exact(0.0, patient.plan.step0.cycle_length_ms));
-    let alt = format!("{} of {}: measured, before and after", kind.name(), patient.plan.id);
+    let y = Axis::new(
+        title,
+        unit,
+        Scale::linear(values, kind == SignalKind::Pressure)?,
+    );
+    let x = Axis::new(
+        "time (ms)",
+        "ms",
+        Scale::exact(0.0, patient.plan.step0.cycle_length_ms),
+    );
+    let alt = format!(
+        "{} of {}: measured, before and after",
+        kind.name(),
+        patient.plan.id
+    );
     let mut chart = Chart::new(alt, x, y);
-    for (class, name, points) in
-        [("measured", "measured", measured), ("before", "before", before), ("after", "after", after)]
-    {
-        let points = points.iter().copied().filter(|p| p.0 <= patient.plan.step0.cycle_length_ms).collect();
-        chart.series.push(Series { class, name: name.into(), points, dots: false });
+    for (class, name, points) in [
+        ("measured", "measured", measured),
+        ("before", "before", before),
+        ("after", "after", after),
+    ] {
+        let points = points
+            .iter()
+            .copied()
+            .filter(|p| p.0 <= patient.plan.step0.cycle_length_ms)
+            .collect();
+        chart.series.push(Series {
+            class,
+            name: name.into(),
+            points,
+            dots: false,
+        });
     }
     Some(chart)
 }
 
 fn table(compared: &[Compared<'_>]) -> Markup {
-    let gap = |run: &TaskRecord<OrganBeatResult>| Biomarker::EndOfBeatGap.of(&run.result.biomarkers);
+    let gap =
+        |run: &TaskRecord<OrganBeatResult>| Biomarker::EndOfBeatGap.of(&run.result.biomarkers);
     let stroke = |run: &TaskRecord<OrganBeatResult>| Biomarker::Sv.of(&run.result.biomarkers);
     scrolling(&html! {
         table {

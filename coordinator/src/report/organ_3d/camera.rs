@@ -12,12 +12,20 @@ pub fn dot(a: Vec3, b: Vec3) -> f64 {
 }
 
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
-    if length > 0.0 { a.map(|x| x / length) } else { a }
+    if length > 0.0 {
+        a.map(|x| x / length)
+    } else {
+        a
+    }
 }
 
 /// How far the viewer looks down on the cut \[degrees\].
@@ -40,10 +48,15 @@ impl Camera {
         let right = unit(cross(up, front));
         let front = cross(right, up);
         let (e, a) = (ELEVATION_DEG.to_radians(), AZIMUTH_DEG.to_radians());
-        let towards: Vec3 =
-            std::array::from_fn(|i| e.cos() * (a.cos() * front[i] + a.sin() * right[i]) + e.sin() * up[i]);
+        let towards: Vec3 = std::array::from_fn(|i| {
+            e.cos() * (a.cos() * front[i] + a.sin() * right[i]) + e.sin() * up[i]
+        });
         let right = unit(cross(up, towards));
-        Self { right, up: cross(towards, right), towards }
+        Self {
+            right,
+            up: cross(towards, right),
+            towards,
+        }
     }
 
     /// Right, up, and nearness.

@@ -14,19 +14,37 @@ type Counters = BTreeMap<String, f64>;
 /// Mesh and step 0; nothing before step 0 is done.
 pub fn mesh(patient: &PatientRecord) -> Option<Markup> {
     let step0 = patient.step0.as_ref()?;
-    let OrganSpec::FiniteElement(organ) = &step0.result.organ else { return None };
+    let OrganSpec::FiniteElement(organ) = &step0.result.organ else {
+        return None;
+    };
     let (figures, counters) = (&organ.figures, &step0.result.counters);
     let of = |name: &str| counters.get(name).copied();
     let three = |values: [Option<f64>; 3], decimals| values.map(|v| fixed(v, decimals)).join(" / ");
-    let edges = [of("mesh_edge_shortest_mm"), Some(figures.mean_edge_mm), of("mesh_edge_longest_mm")];
+    let edges = [
+        of("mesh_edge_shortest_mm"),
+        Some(figures.mean_edge_mm),
+        of("mesh_edge_longest_mm"),
+    ];
     let rows = [
         ("nodes", figures.nodes.to_string(), ""),
         ("tetrahedra", figures.elements.to_string(), ""),
-        ("degrees of freedom", figures.degrees_of_freedom.to_string(), ""),
+        (
+            "degrees of freedom",
+            figures.degrees_of_freedom.to_string(),
+            "",
+        ),
         ("edge: shortest / mean / longest", three(edges, 2), "mm"),
-        ("mean ratio (1: regular): least", fixed(of("mesh_mean_ratio_least"), 2), ""),
+        (
+            "mean ratio (1: regular): least",
+            fixed(of("mesh_mean_ratio_least"), 2),
+            "",
+        ),
         ("mean ratio: mean", fixed(of("mesh_mean_ratio_mean"), 2), ""),
-        ("largest angle between faces", fixed(of("mesh_dihedral_largest_deg"), 0), "°"),
+        (
+            "largest angle between faces",
+            fixed(of("mesh_dihedral_largest_deg"), 0),
+            "°",
+        ),
     ];
     let phases = [
         ("mesh", "seconds_mesh"),
@@ -54,20 +72,37 @@ pub fn mesh(patient: &PatientRecord) -> Option<Markup> {
 
 /// A row for each simulation; nothing without any.
 pub fn simulations(patient: &PatientRecord) -> Option<Markup> {
-    fn row<T>(name: String, record: &TaskRecord<T>, counters: impl Fn(&T) -> &Counters) -> (String, &Counters, f64) {
+    fn row<T>(
+        name: String,
+        record: &TaskRecord<T>,
+        counters: impl Fn(&T) -> &Counters,
+    ) -> (String, &Counters, f64) {
         (name, counters(&record.result), record.provenance.wall_s)
     }
-    let beats =
-        patient.iterations.iter().filter_map(|i| Some((format!("step 1, iteration {}", i.number), i.run.as_ref()?)));
-    let beats = beats.chain(patient.verification.as_ref().map(|run| ("verification".to_owned(), run)));
-    let rows: Vec<_> = beats.map(|(name, run)| row(name, run, |beat| &beat.counters)).collect();
+    let beats = patient
+        .iterations
+        .iter()
+        .filter_map(|i| Some((format!("step 1, iteration {}", i.number), i.run.as_ref()?)));
+    let beats = beats.chain(
+        patient
+            .verification
+            .as_ref()
+            .map(|run| ("verification".to_owned(), run)),
+    );
+    let rows: Vec<_> = beats
+        .map(|(name, run)| row(name, run, |beat| &beat.counters))
+        .collect();
     if rows.is_empty() {
         return None;
     }
-    let ratio =
-        |counters: &Counters, of: &str, by: &str| Some(counters.get(of)? / counters.get(by).filter(|n| **n > 0.0)?);
-    let seconds =
-        |counters: &Counters, name: &str| counters.get(name).map_or_else(|| "\u{2013}".to_owned(), |s| duration(*s));
+    let ratio = |counters: &Counters, of: &str, by: &str| {
+        Some(counters.get(of)? / counters.get(by).filter(|n| **n > 0.0)?)
+    };
+    let seconds = |counters: &Counters, name: &str| {
+        counters
+            .get(name)
+            .map_or_else(|| "\u{2013}".to_owned(), |s| duration(*s))
+    };
     Some(scrolling(&html! {
         table {
             caption { "Simulations" }

@@ -34,15 +34,26 @@ struct Colours {
 impl Colours {
     fn of(map: Map, heart: &HeartSurface) -> Option<Self> {
         // Of end-systole: at end-diastole stress is 0 and stretch 1 everywhere, which the ends show as well.
-        let mut all: Vec<f64> = values(map, heart.states.last()?).iter().flatten().copied().collect();
+        let mut all: Vec<f64> = values(map, heart.states.last()?)
+            .iter()
+            .flatten()
+            .copied()
+            .collect();
         all.sort_by(f64::total_cmp);
-        let at = |share: f64| all.get((share * (all.len().saturating_sub(1)) as f64) as usize).copied();
+        let at = |share: f64| {
+            all.get((share * (all.len().saturating_sub(1)) as f64) as usize)
+                .copied()
+        };
         let (low, high) = (at(BEYOND)?, at(1.0 - BEYOND)?);
         let (lo, hi) = match map {
             Map::Stretch => ((low / 0.05).floor() * 0.05, (high / 0.05).ceil() * 0.05),
             _ => (0.0, (high.max(1.0) / 10.0).ceil() * 10.0),
         };
-        Some(Self { map, lo, hi: if hi > lo { hi } else { lo + 0.05 } })
+        Some(Self {
+            map,
+            lo,
+            hi: if hi > lo { hi } else { lo + 0.05 },
+        })
     }
 
     /// Place of a value in bands, the ends holding what lies beyond.
@@ -52,7 +63,11 @@ impl Colours {
 }
 
 fn values(map: Map, state: &HeartState) -> &[Option<f64>] {
-    if map == Map::Stretch { &state.lambda } else { &state.sa_kpa }
+    if map == Map::Stretch {
+        &state.lambda
+    } else {
+        &state.sa_kpa
+    }
 }
 
 /// A polygon of one colour.
@@ -73,14 +88,33 @@ struct Scene<'a> {
 impl<'a> Scene<'a> {
     fn of(heart: &'a HeartSurface) -> Self {
         let camera = Camera::of(heart.long_axis, heart.towards_viewer);
-        let mut ends = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        let mut ends = [
+            f64::INFINITY,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            f64::NEG_INFINITY,
+        ];
         for point in heart.states.iter().flat_map(|state| &state.points_mm) {
             let [x, y, _] = camera.see(*point).map(|x| x * UNITS_PER_MM);
-            ends = [ends[0].min(x), ends[1].min(-y), ends[2].max(x), ends[3].max(-y)];
+            ends = [
+                ends[0].min(x),
+                ends[1].min(-y),
+                ends[2].max(x),
+                ends[3].max(-y),
+            ];
         }
         let [x0, y0, x1, y1] = ends;
-        let frame = [x0 - MARGIN, y0 - MARGIN, x1 - x0 + 2.0 * MARGIN, y1 - y0 + 2.0 * MARGIN + BELOW];
-        Self { heart, camera, frame }
+        let frame = [
+            x0 - MARGIN,
+            y0 - MARGIN,
+            x1 - x0 + 2.0 * MARGIN,
+            y1 - y0 + 2.0 * MARGIN + BELOW,
+        ];
+        Self {
+            heart,
+            camera,
+            frame,
+        }
     }
 
     /// Places of a state's corners in the picture, units, with nearness.
@@ -133,13 +167,23 @@ impl<'a> Scene<'a> {
                 let of = |c: u32| values(colours.map, state)[c as usize].filter(|_| part.contracts);
                 let [Some(a), Some(b), Some(c)] = triangle.map(of) else {
                     let outline = corners.iter().map(|c| (c[0], c[1])).collect();
-                    polygons.push(Painted { near, class: Map::Passive.class(0, shade), outline });
+                    polygons.push(Painted {
+                        near,
+                        class: Map::Passive.class(0, shade),
+                        outline,
+                    });
                     continue;
                 };
                 let at = [a, b, c].map(|value| colours.place(value));
-                let all: Vec<Vec3> = (0..3).map(|i| [corners[i][0], corners[i][1], at[i]]).collect();
+                let all: Vec<Vec3> = (0..3)
+                    .map(|i| [corners[i][0], corners[i][1], at[i]])
+                    .collect();
                 for (band, outline) in banded(&all) {
-                    polygons.push(Painted { near, class: colours.map.class(band, shade), outline });
+                    polygons.push(Painted {
+                        near,
+                        class: colours.map.class(band, shade),
+                        outline,
+                    });
                 }
             }
         }
@@ -147,9 +191,15 @@ impl<'a> Scene<'a> {
         let mut text = String::new();
         let mut open: Option<&str> = None;
         for Painted { class, outline, .. } in &polygons {
-            let Some(data) = closed(outline) else { continue };
+            let Some(data) = closed(outline) else {
+                continue;
+            };
             if open != Some(class) {
-                text.push_str(if open.is_some() { "\"/><path class=" } else { "<path class=" });
+                text.push_str(if open.is_some() {
+                    "\"/><path class="
+                } else {
+                    "<path class="
+                });
                 let _ = write!(text, "{class} d=\"");
                 open = Some(class);
             }
@@ -172,7 +222,9 @@ impl<'a> Scene<'a> {
                 *sum = std::array::from_fn(|i| sum[i] + area[i]);
             }
         }
-        sums.into_iter().map(|(corner, sum)| (corner, unit(sum))).collect()
+        sums.into_iter()
+            .map(|(corner, sum)| (corner, unit(sum)))
+            .collect()
     }
 
     /// Lines around the cut, each a loop of corners.
@@ -184,8 +236,11 @@ impl<'a> Scene<'a> {
                 next.insert(edge, ());
             }
         }
-        let mut follows: HashMap<u32, u32> =
-            next.keys().filter(|(a, b)| !next.contains_key(&(*b, *a))).copied().collect();
+        let mut follows: HashMap<u32, u32> = next
+            .keys()
+            .filter(|(a, b)| !next.contains_key(&(*b, *a)))
+            .copied()
+            .collect();
         let mut found = Vec::new();
         while let Some(first) = follows.keys().min().copied() {
             let mut line = vec![first];
@@ -235,7 +290,10 @@ fn clipped(polygon: &[Vec3], side: impl Fn(&Vec3) -> f64) -> Vec<Vec3> {
 
 /// A closed outline in whole units; nothing where it is no area there.
 fn closed(outline: &[(f64, f64)]) -> Option<String> {
-    let mut places: Vec<(i64, i64)> = outline.iter().map(|(x, y)| (x.round() as i64, y.round() as i64)).collect();
+    let mut places: Vec<(i64, i64)> = outline
+        .iter()
+        .map(|(x, y)| (x.round() as i64, y.round() as i64))
+        .collect();
     places.dedup();
     if places.len() > 1 && places.first() == places.last() {
         places.pop();
@@ -245,10 +303,17 @@ fn closed(outline: &[(f64, f64)]) -> Option<String> {
     }
     let mut data = format!("M{} {}l", places[0].0, places[0].1);
     for (k, pair) in places.windows(2).enumerate() {
-        for (i, step) in [pair[1].0 - pair[0].0, pair[1].1 - pair[0].1].into_iter().enumerate() {
+        for (i, step) in [pair[1].0 - pair[0].0, pair[1].1 - pair[0].1]
+            .into_iter()
+            .enumerate()
+        {
             // A minus separates as well as a space.
             let first = k == 0 && i == 0;
-            let _ = if first || step < 0 { write!(data, "{step}") } else { write!(data, " {step}") };
+            let _ = if first || step < 0 {
+                write!(data, "{step}")
+            } else {
+                write!(data, " {step}")
+            };
         }
     }
     data.push('z');
@@ -260,7 +325,13 @@ fn loops(lines: &[Vec<u32>], places: &[Vec3]) -> String {
     for line in lines {
         for (k, corner) in line.iter().enumerate() {
             let [x, y, _] = places[*corner as usize];
-            let _ = write!(data, "{}{} {}", if k == 0 { "M" } else { "L" }, x.round(), y.round());
+            let _ = write!(
+                data,
+                "{}{} {}",
+                if k == 0 { "M" } else { "L" },
+                x.round(),
+                y.round()
+            );
         }
     }
     data
@@ -283,9 +354,19 @@ fn colour_bar(colours: &Colours, name: &str, unit: &str, decimals: usize) -> Mar
 /// - `whose`: the simulation in words
 pub fn pictures(heart: &HeartSurface, patient: &str, whose: &str) -> Markup {
     let scene = Scene::of(heart);
-    let rows =
-        [(Map::Stress, "active stress", "kPa", 0), (Map::Stretch, "fibre stretch", "and above; 1 at end-diastole", 2)];
-    let rows: Vec<_> = rows.into_iter().filter_map(|row| Some((Colours::of(row.0, heart)?, row))).collect();
+    let rows = [
+        (Map::Stress, "active stress", "kPa", 0),
+        (
+            Map::Stretch,
+            "fibre stretch",
+            "and above; 1 at end-diastole",
+            2,
+        ),
+    ];
+    let rows: Vec<_> = rows
+        .into_iter()
+        .filter_map(|row| Some((Colours::of(row.0, heart)?, row)))
+        .collect();
     let shown: usize = heart.parts.iter().map(|part| part.triangles.len()).sum();
     html! {
         p.quiet {
@@ -322,8 +403,9 @@ mod tests {
 
     /// A cube cut open: its face towards the viewer is the cut.
     fn cube() -> HeartSurface {
-        let points: Vec<Vec3> =
-            (0..8).map(|k| [f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2)].map(|x| 40.0 * x)).collect();
+        let points: Vec<Vec3> = (0..8)
+            .map(|k| [f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2)].map(|x| 40.0 * x))
+            .collect();
         // y = 0 faces the viewer.
         let front = vec![[0, 1, 5], [0, 5, 4]];
         let rest = vec![
@@ -338,7 +420,10 @@ mod tests {
             [0, 2, 3],
             [0, 3, 1],
         ];
-        let lambda: Vec<Option<f64>> = points.iter().map(|p| Some(0.8 + 0.2 * p[2] / 40.0)).collect();
+        let lambda: Vec<Option<f64>> = points
+            .iter()
+            .map(|p| Some(0.8 + 0.2 * p[2] / 40.0))
+            .collect();
         let state = |name: &str, sa: f64, lambda: Vec<Option<f64>>| HeartState {
             name: name.into(),
             time_ms: 0.0,
@@ -354,10 +439,21 @@ mod tests {
             towards_viewer: [0.0, -1.0, 0.0],
             triangles_before: 12,
             parts: vec![
-                HeartPart { surface: "cut".into(), contracts: true, triangles: front },
-                HeartPart { surface: "rim".into(), contracts: false, triangles: rest },
+                HeartPart {
+                    surface: "cut".into(),
+                    contracts: true,
+                    triangles: front,
+                },
+                HeartPart {
+                    surface: "rim".into(),
+                    contracts: false,
+                    triangles: rest,
+                },
             ],
-            states: vec![state("end-diastole", 0.0, vec![Some(1.0); 8]), state("end-systole", 37.0, lambda)],
+            states: vec![
+                state("end-diastole", 0.0, vec![Some(1.0); 8]),
+                state("end-systole", 37.0, lambda),
+            ],
         }
     }
 
@@ -370,8 +466,16 @@ mod tests {
         let count = |state: usize, colours: &Colours| {
             let state = &heart.states[state];
             let text = scene.painted(state, &scene.places(state), colours);
-            assert_eq!(text.matches('"').count(), 2 * text.matches("<path").count(), "{text}");
-            (text.matches("class=l").count(), text.matches("class=s").count(), text.matches('z').count())
+            assert_eq!(
+                text.matches('"').count(),
+                2 * text.matches("<path").count(),
+                "{text}"
+            );
+            (
+                text.matches("class=l").count(),
+                text.matches("class=s").count(),
+                text.matches('z').count(),
+            )
         };
         // Front, top and right side of six: six triangles, two of them in bands.
         let (l, s, z) = count(0, &stretch);
@@ -388,10 +492,16 @@ mod tests {
     fn bands_cover_a_triangle_exactly() {
         let triangle = [[0.0, 0.0, 0.3], [10.0, 0.0, 7.7], [0.0, 10.0, 12.0]];
         let area = |p: &[(f64, f64)]| -> f64 {
-            (0..p.len()).map(|k| p[k].0 * p[(k + 1) % p.len()].1 - p[(k + 1) % p.len()].0 * p[k].1).sum::<f64>() / 2.0
+            (0..p.len())
+                .map(|k| p[k].0 * p[(k + 1) % p.len()].1 - p[(k + 1) % p.len()].0 * p[k].1)
+                .sum::<f64>()
+                / 2.0
         };
         let bands = banded(&triangle);
-        assert_eq!(bands.iter().map(|b| b.0).collect::<Vec<_>>(), (0..BANDS).collect::<Vec<_>>());
+        assert_eq!(
+            bands.iter().map(|b| b.0).collect::<Vec<_>>(),
+            (0..BANDS).collect::<Vec<_>>()
+        );
         assert!((bands.iter().map(|b| area(&b.1)).sum::<f64>() - 50.0).abs() < 1e-9);
         for value in [0.0, 5.0, 12.0] {
             let even = banded(&triangle.map(|[x, y, _]| [x, y, value]));
@@ -403,16 +513,25 @@ mod tests {
     #[test]
     fn pictures_share_their_frame_and_say_what_they_show() {
         let html = pictures(&cube(), "P<1>", "step 1, iteration 2").into_string();
-        let frames: Vec<&str> =
-            html.split("<svg class=\"heart\" viewBox=\"").skip(1).map(|s| s.split('"').next().unwrap()).collect();
+        let frames: Vec<&str> = html
+            .split("<svg class=\"heart\" viewBox=\"")
+            .skip(1)
+            .map(|s| s.split('"').next().unwrap())
+            .collect();
         assert_eq!(frames.len(), 4);
         assert!(frames.iter().all(|f| f == &frames[0]));
-        assert!(html.contains("active stress of P&lt;1&gt; at end-systole") && html.contains("End-systole"));
+        assert!(
+            html.contains("active stress of P&lt;1&gt; at end-systole")
+                && html.contains("End-systole")
+        );
         assert_eq!(html.matches("class=\"ghost\"").count(), 2);
         // The outline of the cut is one closed loop of four corners.
         let scene = cube();
         let outline = Scene::of(&scene).outline();
         assert_eq!(outline.len(), 1);
-        assert_eq!((outline[0].len(), outline[0].first()), (5, outline[0].last()));
+        assert_eq!(
+            (outline[0].len(), outline[0].first()),
+            (5, outline[0].last())
+        );
     }
 }

@@ -95,7 +95,11 @@ pub fn css() -> String {
             for shade in 0..SHADES {
                 let light = DARKEST + (1.0 - DARKEST) * shade as f64 / (SHADES - 1) as f64;
                 let colour = hex(map.colour(band).map(|x| x * light));
-                let _ = write!(text, ".{}{{fill:{colour};stroke:{colour}}}", map.class(band, shade));
+                let _ = write!(
+                    text,
+                    ".{}{{fill:{colour};stroke:{colour}}}",
+                    map.class(band, shade)
+                );
             }
         }
         text.push('\n');
@@ -113,14 +117,21 @@ mod tests {
         for map in [Map::Stress, Map::Stretch] {
             for band in 0..BANDS {
                 for shade in 0..SHADES {
-                    assert_eq!(css.matches(&format!(".{}{{", map.class(band, shade))).count(), 1);
+                    assert_eq!(
+                        css.matches(&format!(".{}{{", map.class(band, shade)))
+                            .count(),
+                        1
+                    );
                 }
             }
             let light = |band| {
                 let [r, g, b] = map.colour(band);
                 0.299 * r + 0.587 * g + 0.114 * b
             };
-            assert!((1..BANDS).all(|band| light(band) > light(band - 1)), "{map:?}");
+            assert!(
+                (1..BANDS).all(|band| light(band) > light(band - 1)),
+                "{map:?}"
+            );
         }
     }
 }

@@ -8,26 +8,55 @@ use crate::results::{SignalKind, SpreadFile};
 
 /// A chart of each quantity, with its title.
 pub fn charts(file: &SpreadFile, patient: &str) -> Vec<(&'static str, Chart)> {
-    file.all.iter().filter_map(|spread| chart(spread, patient)).collect()
+    file.all
+        .iter()
+        .filter_map(|spread| chart(spread, patient))
+        .collect()
 }
 
 fn chart(spread: &Spread, patient: &str) -> Option<(&'static str, Chart)> {
     let (title, axis, unit) = match spread.kind {
-        SignalKind::Stretch => ("Fibre stretch of the nodes", SvgText::from("fibre stretch λ"), ""),
+        SignalKind::Stretch => (
+            "Fibre stretch of the nodes",
+            SvgText::from("fibre stretch λ"),
+            "",
+        ),
         SignalKind::Calcium => ("Calcium of the nodes", SvgText::from("calcium (µM)"), "µM"),
         _ => {
-            let axis = SvgText { text: "active stress S".into(), sub: "a".into(), after: " (kPa)".into() };
+            let axis = SvgText {
+                text: "active stress S".into(),
+                sub: "a".into(),
+                after: " (kPa)".into(),
+            };
             ("Active stress of the nodes", axis, "kPa")
         }
     };
     let [lowest, low, median, high, highest] = &spread.levels;
     let values = lowest.iter().chain(highest).map(|p| p.1);
-    let y = Axis::new(axis, unit, Scale::linear(values, spread.kind != SignalKind::Stretch)?);
-    let x = Axis::new("time since activation (ms)", "ms", Scale::exact(0.0, median.last()?.0));
-    let mut chart =
-        Chart::new(format!("spread of the {} over the nodes of {patient}", spread.kind.name().replace('_', " ")), x, y);
+    let y = Axis::new(
+        axis,
+        unit,
+        Scale::linear(values, spread.kind != SignalKind::Stretch)?,
+    );
+    let x = Axis::new(
+        "time since activation (ms)",
+        "ms",
+        Scale::exact(0.0, median.last()?.0),
+    );
+    let mut chart = Chart::new(
+        format!(
+            "spread of the {} over the nodes of {patient}",
+            spread.kind.name().replace('_', " ")
+        ),
+        x,
+        y,
+    );
     for (lower, upper, class) in [(lowest, highest, "most"), (low, high, "half")] {
-        chart.marks.push(Mark::Between { lower: lower.clone(), upper: upper.clone(), class });
+        chart.marks.push(Mark::Between {
+            lower: lower.clone(),
+            upper: upper.clone(),
+            class,
+        });
     }
     let line = |class, name: &str, points: &[(f64, f64)]| Series {
         class,
@@ -36,8 +65,15 @@ fn chart(spread: &Spread, patient: &str) -> Option<(&'static str, Chart)> {
         dots: false,
     };
     // Lines that are read off, but not seen: the bands show where they are.
-    let quantiles = [(lowest, "5 % of the wall below"), (low, "25 %"), (high, "75 %"), (highest, "95 %")];
-    chart.series.extend(quantiles.map(|(points, name)| line("quantile", name, points)));
+    let quantiles = [
+        (lowest, "5 % of the wall below"),
+        (low, "25 %"),
+        (high, "75 %"),
+        (highest, "95 %"),
+    ];
+    chart
+        .series
+        .extend(quantiles.map(|(points, name)| line("quantile", name, points)));
     chart.series.push(line("step1", "median", median));
     Some((title, chart))
 }
@@ -53,7 +89,13 @@ pub fn spread_svg(patient: &PatientRecord, file: &SpreadFile) -> Option<String> 
     }
     let n = patient.targets.as_ref()?.result.n_nodes;
     let lines = ["line: median; dark band: half of the wall; light band: nine tenths".to_owned()];
-    (!charts.is_empty()).then(|| stacked(&format!("{id}: traces of {n} nodes since activation"), &lines, &charts))
+    (!charts.is_empty()).then(|| {
+        stacked(
+            &format!("{id}: traces of {n} nodes since activation"),
+            &lines,
+            &charts,
+        )
+    })
 }
 
 #[cfg(test)]
@@ -62,9 +104,17 @@ mod tests {
 
     fn file() -> SpreadFile {
         let levels = [0.7, 0.8, 0.85, 0.9, 0.97];
-        let trace =
-            |level: f64| (0..=100).map(|t| (f64::from(t), 1.0 - (1.0 - level) * f64::from(t) / 100.0)).collect();
-        SpreadFile { all: vec![Spread { kind: SignalKind::Stretch, levels: levels.map(trace) }] }
+        let trace = |level: f64| {
+            (0..=100)
+                .map(|t| (f64::from(t), 1.0 - (1.0 - level) * f64::from(t) / 100.0))
+                .collect()
+        };
+        SpreadFile {
+            all: vec![Spread {
+                kind: SignalKind::Stretch,
+                levels: levels.map(trace),
+            }],
+        }
     }
 
     #[test]
@@ -73,7 +123,10 @@ mod tests {
         assert_eq!(all[0].0, "Fibre stretch of the nodes");
         let svg = all[0].1.render().into_string();
         assert_eq!(svg.matches("class=\"between ").count(), 2);
-        assert!(svg.contains("data-name=\"95 %\"") && svg.contains("class=\"line step1\""), "{svg}");
+        assert!(
+            svg.contains("data-name=\"95 %\"") && svg.contains("class=\"line step1\""),
+            "{svg}"
+        );
         assert!(!svg.contains("NaN"));
     }
 }

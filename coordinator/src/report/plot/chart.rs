@@ -23,7 +23,10 @@ pub struct SvgText {
 
 impl From<&str> for SvgText {
     fn from(text: &str) -> Self {
-        Self { text: text.to_owned(), ..Self::default() }
+        Self {
+            text: text.to_owned(),
+            ..Self::default()
+        }
     }
 }
 
@@ -61,11 +64,19 @@ impl Axis {
     /// An axis with about five ticks.
     #[must_use]
     pub fn new(title: impl Into<SvgText>, unit: &'static str, scale: Scale) -> Self {
-        Self { title: title.into(), scale, ticks: 5, fixed: None, unit }
+        Self {
+            title: title.into(),
+            scale,
+            ticks: 5,
+            fixed: None,
+            unit,
+        }
     }
 
     fn tick_places(&self) -> Vec<(f64, String)> {
-        self.fixed.clone().unwrap_or_else(|| self.scale.ticks(self.ticks))
+        self.fixed
+            .clone()
+            .unwrap_or_else(|| self.scale.ticks(self.ticks))
     }
 }
 
@@ -86,23 +97,57 @@ pub struct Series {
 #[derive(Debug, Clone)]
 pub enum Mark {
     /// A dot (or cross) with a title and, where given, a label at an offset.
-    Point { x: f64, y: f64, class: &'static str, title: String, label: Option<(SvgText, f64, f64)> },
+    Point {
+        x: f64,
+        y: f64,
+        class: &'static str,
+        title: String,
+        label: Option<(SvgText, f64, f64)>,
+    },
     /// A cross.
-    Cross { x: f64, y: f64, class: &'static str, title: String },
+    Cross {
+        x: f64,
+        y: f64,
+        class: &'static str,
+        title: String,
+    },
     /// A line across at `y`, with a label at its right end, so far below it (above where negative).
-    Across { y: f64, class: &'static str, label: Option<(SvgText, f64)> },
+    Across {
+        y: f64,
+        class: &'static str,
+        label: Option<(SvgText, f64)>,
+    },
     /// A line up at `x`.
     Up { x: f64, class: &'static str },
     /// A band across between two values.
-    Band { from: f64, to: f64, class: &'static str },
+    Band {
+        from: f64,
+        to: f64,
+        class: &'static str,
+    },
     /// The area between two lines with the same x.
-    Between { lower: Vec<(f64, f64)>, upper: Vec<(f64, f64)>, class: &'static str },
+    Between {
+        lower: Vec<(f64, f64)>,
+        upper: Vec<(f64, f64)>,
+        class: &'static str,
+    },
     /// Words above the plot's lower edge, in the middle of a part of the x axis.
     Words { from: f64, to: f64, text: String },
     /// A bar from zero to `y` around `x`.
-    Bar { x: f64, width: f64, y: f64, class: &'static str, title: String },
+    Bar {
+        x: f64,
+        width: f64,
+        y: f64,
+        class: &'static str,
+        title: String,
+    },
     /// A line between two places.
-    Segment { from: (f64, f64), to: (f64, f64), class: &'static str, label: Option<SvgText> },
+    Segment {
+        from: (f64, f64),
+        to: (f64, f64),
+        class: &'static str,
+        label: Option<SvgText>,
+    },
 }
 
 impl Mark {
@@ -110,7 +155,11 @@ impl Mark {
     fn is_behind(&self) -> bool {
         matches!(
             self,
-            Self::Across { .. } | Self::Up { .. } | Self::Band { .. } | Self::Between { .. } | Self::Words { .. }
+            Self::Across { .. }
+                | Self::Up { .. }
+                | Self::Band { .. }
+                | Self::Between { .. }
+                | Self::Words { .. }
         )
     }
 }
@@ -170,7 +219,10 @@ impl Chart {
 
     fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let [x0, x1, y0, y1] = self.area();
-        Some((x0 + self.x.scale.fraction(x)? * (x1 - x0), y1 - self.y.scale.fraction(y)? * (y1 - y0)))
+        Some((
+            x0 + self.x.scale.fraction(x)? * (x1 - x0),
+            y1 - self.y.scale.fraction(y)? * (y1 - y0),
+        ))
     }
 
     /// The chart as SVG for a page.
@@ -248,8 +300,16 @@ impl Chart {
     }
 
     fn line(&self, series: &Series) -> Markup {
-        let placed: Vec<_> = series.points.iter().filter_map(|(x, y)| self.place(*x, *y)).collect();
-        let line = if series.dots { placed.clone() } else { simplify(&placed, SIMPLIFY) };
+        let placed: Vec<_> = series
+            .points
+            .iter()
+            .filter_map(|(x, y)| self.place(*x, *y))
+            .collect();
+        let line = if series.dots {
+            placed.clone()
+        } else {
+            simplify(&placed, SIMPLIFY)
+        };
         html! {
             path class={ "line " (series.class) } d=(path_data(&line)) data-name=(series.name) { title { (series.name) } }
             @if series.dots {
@@ -329,7 +389,11 @@ impl Chart {
 /// First value, last value, `log` or `lin`, unit: what the script needs to read values off.
 fn ends(axis: &Axis) -> String {
     let (lo, hi, log) = axis.scale.ends();
-    format!("{lo},{hi},{},{}", if log { "log" } else { "lin" }, axis.unit)
+    format!(
+        "{lo},{hi},{},{}",
+        if log { "log" } else { "lin" },
+        axis.unit
+    )
 }
 
 /// A coordinate: a tenth of a pixel is enough.
@@ -339,13 +403,23 @@ fn n(value: f64) -> PreEscaped<String> {
 
 fn number(value: f64) -> String {
     let rounded = (value * 10.0).round() / 10.0;
-    if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+    if rounded == 0.0 {
+        "0".to_owned()
+    } else {
+        format!("{rounded}")
+    }
 }
 
 fn path_data(points: &[(f64, f64)]) -> String {
     let mut data = String::with_capacity(points.len() * 11);
     for (i, (x, y)) in points.iter().enumerate() {
-        let _ = write!(data, "{}{} {}", if i == 0 { "M" } else { "L" }, number(*x), number(*y));
+        let _ = write!(
+            data,
+            "{}{} {}",
+            if i == 0 { "M" } else { "L" },
+            number(*x),
+            number(*y)
+        );
     }
     data
 }
@@ -364,22 +438,41 @@ mod tests {
         let mut chart = Chart::new(
             "a < b",
             Axis::new("time (ms)", "ms", Scale::exact(0.0, 100.0)),
-            Axis::new("pressure (mmHg)", "mmHg", Scale::linear([0.0, 120.0], true).unwrap()),
+            Axis::new(
+                "pressure (mmHg)",
+                "mmHg",
+                Scale::linear([0.0, 120.0], true).unwrap(),
+            ),
         );
         chart.series.push(Series {
             class: "measured",
             name: "<script>".into(),
-            points: (0..=100).map(|i| (f64::from(i), 120.0 * (f64::from(i) / 30.0).sin().abs())).collect(),
+            points: (0..=100)
+                .map(|i| (f64::from(i), 120.0 * (f64::from(i) / 30.0).sin().abs()))
+                .collect(),
             dots: false,
         });
         let svg = chart.render().into_string();
         assert!(svg.contains("&lt;script&gt;") && !svg.contains("<script>"));
         let [x0, x1, y0, y1] = chart.area();
-        let d = svg.split("class=\"line measured\" d=\"").nth(1).unwrap().split('"').next().unwrap();
-        let points: Vec<f64> = d.split(['M', 'L', ' ']).filter(|t| !t.is_empty()).map(|t| t.parse().unwrap()).collect();
+        let d = svg
+            .split("class=\"line measured\" d=\"")
+            .nth(1)
+            .unwrap()
+            .split('"')
+            .next()
+            .unwrap();
+        let points: Vec<f64> = d
+            .split(['M', 'L', ' '])
+            .filter(|t| !t.is_empty())
+            .map(|t| t.parse().unwrap())
+            .collect();
         assert!(points.len() > 20);
         for xy in points.chunks(2) {
-            assert!(xy[0] >= x0 && xy[0] <= x1 && xy[1] >= y0 && xy[1] <= y1, "{xy:?}");
+            assert!(
+                xy[0] >= x0 && xy[0] <= x1 && xy[1] >= y0 && xy[1] <= y1,
+                "{xy:?}"
+            );
         }
     }
 

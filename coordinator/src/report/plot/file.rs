@@ -50,8 +50,14 @@ impl Chart {
 #[must_use]
 pub fn stacked(headline: &str, lines: &[String], charts: &[Chart]) -> String {
     let width = charts.iter().map(|chart| chart.size.0).fold(0.0, f64::max);
-    let Some(first) = charts.first() else { return String::new() };
-    let keys: Vec<_> = first.series.iter().filter(|series| !series.name.is_empty()).collect();
+    let Some(first) = charts.first() else {
+        return String::new();
+    };
+    let keys: Vec<_> = first
+        .series
+        .iter()
+        .filter(|series| !series.name.is_empty())
+        .collect();
     let text = 30.0 + LINE * lines.len() as f64;
     let legend = text + LINE;
     let mut tops = vec![legend + 8.0];
@@ -92,13 +98,25 @@ mod tests {
         let axis = |title: &str| Axis::new(title, "", Scale::exact(0.0, 1.0));
         let mut chart = Chart::new("a & b", axis("x"), axis("y"));
         let points = vec![(0.0, 0.2), (1.0, 0.9)];
-        chart.series.push(Series { class: "measured", name: "seen <here>".into(), points, dots: true });
+        chart.series.push(Series {
+            class: "measured",
+            name: "seen <here>".into(),
+            points,
+            dots: true,
+        });
         let svg = chart.file();
         assert!(
             svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 440 314\"")
                 && svg.ends_with("</svg>\n")
         );
-        assert!(svg.contains("seen &lt;here&gt;") && svg.contains("a &amp; b") && !svg.contains("var("), "{svg}");
-        assert_eq!(svg.matches("<circle").count(), 3, "two samples and the legend's");
+        assert!(
+            svg.contains("seen &lt;here&gt;") && svg.contains("a &amp; b") && !svg.contains("var("),
+            "{svg}"
+        );
+        assert_eq!(
+            svg.matches("<circle").count(),
+            3,
+            "two samples and the legend's"
+        );
     }
 }

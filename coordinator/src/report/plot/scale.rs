@@ -22,13 +22,21 @@ impl Scale {
         }
         let room = 0.05 * (hi - lo);
         let below = if from_zero && lo == 0.0 { 0.0 } else { room };
-        Some(Self { lo: lo - below, hi: hi + room, log: false })
+        Some(Self {
+            lo: lo - below,
+            hi: hi + room,
+            log: false,
+        })
     }
 
     /// Exactly from `lo` to `hi`: an axis of time ends where the beat ends.
     #[must_use]
     pub fn exact(lo: f64, hi: f64) -> Self {
-        Self { lo, hi: if hi > lo { hi } else { lo + 1.0 }, log: false }
+        Self {
+            lo,
+            hi: if hi > lo { hi } else { lo + 1.0 },
+            log: false,
+        }
     }
 
     /// Logarithmic over the positive `values`, at least a factor `least` wide. `None` without a positive value.
@@ -40,7 +48,11 @@ impl Scale {
             (lo, hi) = (middle / least.sqrt(), middle * least.sqrt());
         }
         let room = (hi / lo).powf(0.06);
-        Some(Self { lo: lo / room, hi: hi * room, log: true })
+        Some(Self {
+            lo: lo / room,
+            hi: hi * room,
+            log: true,
+        })
     }
 
     /// Position on the axis, 0 to 1 inside; `None` where the axis has no such place.
@@ -63,10 +75,24 @@ impl Scale {
     /// About `wanted` round numbers inside the axis, with their labels.
     #[must_use]
     pub fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
-        let values = if self.log { self.log_ticks(wanted) } else { linear_ticks(self.lo, self.hi, wanted) };
-        let step = values.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
-        let step = if self.log || !step.is_finite() { None } else { Some(step) };
-        values.into_iter().map(|v| (v, tick_label(v, step))).collect()
+        let values = if self.log {
+            self.log_ticks(wanted)
+        } else {
+            linear_ticks(self.lo, self.hi, wanted)
+        };
+        let step = values
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .fold(f64::INFINITY, f64::min);
+        let step = if self.log || !step.is_finite() {
+            None
+        } else {
+            Some(step)
+        };
+        values
+            .into_iter()
+            .map(|v| (v, tick_label(v, step)))
+            .collect()
     }
 
     fn log_ticks(&self, wanted: usize) -> Vec<f64> {
@@ -95,14 +121,20 @@ fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let found = values
         .into_iter()
         .filter(|v| v.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| {
+            (lo.min(v), hi.max(v))
+        });
     (found.0 <= found.1).then_some(found)
 }
 
 fn linear_ticks(lo: f64, hi: f64, wanted: usize) -> Vec<f64> {
     let raw = (hi - lo) / wanted.max(1) as f64;
     let magnitude = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 2.5, 5.0, 10.0].map(|s| s * magnitude).into_iter().find(|s| *s >= raw * 0.999).unwrap_or(raw);
+    let step = [1.0, 2.0, 2.5, 5.0, 10.0]
+        .map(|s| s * magnitude)
+        .into_iter()
+        .find(|s| *s >= raw * 0.999)
+        .unwrap_or(raw);
     let first = (lo / step - 1e-9).ceil() as i64;
     let last = (hi / step + 1e-9).floor() as i64;
     (first..=last).map(|k| k as f64 * step).collect()
@@ -135,17 +167,34 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_inside() {
-        assert_eq!(labels(Scale::exact(0.0, 659.0), 5), ["0", "200", "400", "600"]);
+        assert_eq!(
+            labels(Scale::exact(0.0, 659.0), 5),
+            ["0", "200", "400", "600"]
+        );
         assert_eq!(labels(Scale::exact(0.8, 1.02), 4), ["0.8", "0.9", "1.0"]);
-        assert_eq!(labels(Scale::exact(-0.5, 0.5), 4), ["\u{2212}0.50", "\u{2212}0.25", "0", "0.25", "0.50"]);
+        assert_eq!(
+            labels(Scale::exact(-0.5, 0.5), 4),
+            ["\u{2212}0.50", "\u{2212}0.25", "0", "0.25", "0.50"]
+        );
     }
 
     #[test]
     fn logarithmic_ticks_thin_out_with_the_decades() {
-        assert_eq!(labels(Scale::log([0.02, 1.9], 2.0).unwrap(), 5), ["0.03", "0.1", "0.3", "1"]);
-        assert_eq!(labels(Scale::log([0.05, 1.1], 2.0).unwrap(), 5), ["0.05", "0.1", "0.2", "0.5", "1"]);
         assert_eq!(
-            Scale::log([1e-6, 1e3], 2.0).unwrap().ticks(5).iter().map(|t| t.0.log10().round()).collect::<Vec<_>>(),
+            labels(Scale::log([0.02, 1.9], 2.0).unwrap(), 5),
+            ["0.03", "0.1", "0.3", "1"]
+        );
+        assert_eq!(
+            labels(Scale::log([0.05, 1.1], 2.0).unwrap(), 5),
+            ["0.05", "0.1", "0.2", "0.5", "1"]
+        );
+        assert_eq!(
+            Scale::log([1e-6, 1e3], 2.0)
+                .unwrap()
+                .ticks(5)
+                .iter()
+                .map(|t| t.0.log10().round())
+                .collect::<Vec<_>>(),
             [-6.0, -3.0, 0.0, 3.0]
         );
         assert!(labels(Scale::log([1.0], 2.0).unwrap(), 4).len() >= 3);
@@ -155,7 +204,11 @@ mod tests {
     fn an_axis_contains_its_data_even_when_all_are_equal() {
         for values in [vec![5.0], vec![0.0, 0.0], vec![-3.0, 12.0]] {
             let scale = Scale::linear(values.clone(), false).unwrap();
-            assert!(values.iter().all(|v| (0.0..=1.0).contains(&scale.fraction(*v).unwrap())));
+            assert!(
+                values
+                    .iter()
+                    .all(|v| (0.0..=1.0).contains(&scale.fraction(*v).unwrap()))
+            );
         }
         assert_eq!(Scale::linear([f64::NAN], true), None);
         assert_eq!(Scale::log([0.0, -1.0], 2.0), None);

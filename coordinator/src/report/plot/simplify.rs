@@ -23,14 +23,21 @@ pub fn simplify(points: &[(f64, f64)], tolerance: f64) -> Vec<(f64, f64)> {
             open.push((middle, to));
         }
     }
-    std::iter::zip(points, keep).filter(|(_, keep)| *keep).map(|(p, _)| *p).collect()
+    std::iter::zip(points, keep)
+        .filter(|(_, keep)| *keep)
+        .map(|(p, _)| *p)
+        .collect()
 }
 
 /// Distance of `p` to the segment from `a` to `b` (to the segment, since a loop's ends may coincide).
 fn distance(p: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let length2 = dx * dx + dy * dy;
-    let t = if length2 > 0.0 { (((p.0 - a.0) * dx + (p.1 - a.1) * dy) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    let t = if length2 > 0.0 {
+        (((p.0 - a.0) * dx + (p.1 - a.1) * dy) / length2).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
     (p.0 - a.0 - t * dx).hypot(p.1 - a.1 - t * dy)
 }
 
@@ -40,26 +47,37 @@ mod tests {
 
     #[test]
     fn a_straight_line_needs_two_points_and_a_corner_three() {
-        let line: Vec<_> = (0..100).map(|i| (f64::from(i), 2.0 * f64::from(i))).collect();
+        let line: Vec<_> = (0..100)
+            .map(|i| (f64::from(i), 2.0 * f64::from(i)))
+            .collect();
         assert_eq!(simplify(&line, 0.1).len(), 2);
-        let corner: Vec<_> = (0..100).map(|i| (f64::from(i), f64::from((i - 50_i32).abs()))).collect();
+        let corner: Vec<_> = (0..100)
+            .map(|i| (f64::from(i), f64::from((i - 50_i32).abs())))
+            .collect();
         assert_eq!(simplify(&corner, 0.1), [corner[0], corner[50], corner[99]]);
     }
 
     #[test]
     fn no_dropped_point_is_farther_than_the_tolerance() {
-        let curve: Vec<_> = (0..500).map(|i| (f64::from(i), 40.0 * (f64::from(i) / 40.0).sin())).collect();
+        let curve: Vec<_> = (0..500)
+            .map(|i| (f64::from(i), 40.0 * (f64::from(i) / 40.0).sin()))
+            .collect();
         let kept = simplify(&curve, 0.15);
         assert!(kept.len() < 150, "{}", kept.len());
         for p in &curve {
-            let nearest = kept.windows(2).map(|w| distance(*p, w[0], w[1])).fold(f64::INFINITY, f64::min);
+            let nearest = kept
+                .windows(2)
+                .map(|w| distance(*p, w[0], w[1]))
+                .fold(f64::INFINITY, f64::min);
             assert!(nearest <= 0.15 + 1e-9);
         }
     }
 
     #[test]
     fn a_closed_loop_does_not_collapse() {
-        let circle: Vec<_> = (0..=60).map(|i| (f64::from(i) * std::f64::consts::TAU / 60.0).sin_cos()).collect();
+        let circle: Vec<_> = (0..=60)
+            .map(|i| (f64::from(i) * std::f64::consts::TAU / 60.0).sin_cos())
+            .collect();
         assert!(simplify(&circle, 0.05).len() > 8);
     }
 }

@@ -31,10 +31,19 @@ pub(super) fn panel(record: &SensitivityRecord, output: &OutputSensitivity) -> C
             Some((at + 1, ranked.name.as_str(), found.first, found.total))
         })
         .collect();
-    let ends = indices.iter().flat_map(|(_, _, first, total)| [first, total]).flatten().flat_map(interval);
+    let ends = indices
+        .iter()
+        .flat_map(|(_, _, first, total)| [first, total])
+        .flatten()
+        .flat_map(interval);
     let up = Scale::linear(ends.chain([0.0, 0.5]), true).unwrap_or(Scale::exact(0.0, 1.0));
     let mut across = Axis::new("", "", Scale::exact(0.4, record.ranking.len() as f64 + 0.6));
-    across.fixed = Some(indices.iter().map(|(at, name, ..)| (*at as f64, symbol(name))).collect());
+    across.fixed = Some(
+        indices
+            .iter()
+            .map(|(at, name, ..)| (*at as f64, symbol(name)))
+            .collect(),
+    );
     let label = Label::of(&output.name);
     let title = SvgText {
         text: label.map_or_else(|| output.name.clone(), |label| label.symbol.to_owned()),
@@ -47,15 +56,31 @@ pub(super) fn panel(record: &SensitivityRecord, output: &OutputSensitivity) -> C
     chart.margins = [58.0, 10.0, 10.0, 26.0];
     chart.reading = Reading::Off;
     for (at, name, first, total) in indices {
-        for (word, index, class, aside) in [("S1", first, "first", -ASIDE), ("ST", total, "total", ASIDE)] {
+        for (word, index, class, aside) in [
+            ("S1", first, "first", -ASIDE),
+            ("ST", total, "total", ASIDE),
+        ] {
             let Some(index) = index else { continue };
             let x = at as f64 + aside;
-            let half = index.half_width.map_or_else(String::new, |half| format!(" ± {half:.3}"));
+            let half = index
+                .half_width
+                .map_or_else(String::new, |half| format!(" ± {half:.3}"));
             let title = format!("{name}: {word} {:.3}{half}", index.value);
-            chart.marks.push(Mark::Bar { x, width: WIDTH, y: index.value, class, title });
+            chart.marks.push(Mark::Bar {
+                x,
+                width: WIDTH,
+                y: index.value,
+                class,
+                title,
+            });
             if index.half_width.is_some() {
                 let [low, high] = interval(&index);
-                chart.marks.push(Mark::Segment { from: (x, low), to: (x, high), class: "whisker", label: None });
+                chart.marks.push(Mark::Segment {
+                    from: (x, low),
+                    to: (x, high),
+                    class: "whisker",
+                    label: None,
+                });
             }
         }
     }
@@ -69,8 +94,10 @@ fn interval(index: &SobolIndex) -> [f64; 2] {
 
 /// Symbol and subscript on one line; what a subscript says of the reference state is left out.
 fn symbol(key: &str) -> String {
-    Label::of(key)
-        .map_or_else(|| key.to_owned(), |label| format!("{}{}", label.symbol, label.sub.trim_end_matches(",ref")))
+    Label::of(key).map_or_else(
+        || key.to_owned(),
+        |label| format!("{}{}", label.symbol, label.sub.trim_end_matches(",ref")),
+    )
 }
 
 /// All panels as one SVG file.
@@ -100,14 +127,22 @@ pub fn figure(record: &SensitivityRecord) -> String {
 pub(super) fn heading(record: &SensitivityRecord) -> String {
     let interval = match record.spec.analysis.resamples {
         0 | 1 => String::new(),
-        n => format!(", with {} % intervals of {n} resamples", 100.0 * record.spec.analysis.confidence),
+        n => format!(
+            ", with {} % intervals of {n} resamples",
+            100.0 * record.spec.analysis.confidence
+        ),
     };
-    format!("Sobol indices on {} blocks of samples{interval}; parameters by the sum of ST", record.n_blocks)
+    format!(
+        "Sobol indices on {} blocks of samples{interval}; parameters by the sum of ST",
+        record.n_blocks
+    )
 }
 
 #[cfg(test)]
 pub(super) mod tests {
-    use cardiotwin_schemas::sensitivity::{PaperRank, ParameterIndices, RankedParameter, SampleCounts};
+    use cardiotwin_schemas::sensitivity::{
+        PaperRank, ParameterIndices, RankedParameter, SampleCounts,
+    };
     use cardiotwin_schemas::sweep::{CellDesign, GsaAnalysis, GsaSpec};
 
     use super::*;
@@ -115,7 +150,13 @@ pub(super) mod tests {
     /// Three parameters and two biomarkers, of which the second does not vary.
     pub fn record() -> SensitivityRecord {
         let names = ["n_Tm", "Ca50_ref_uM", "phi"];
-        let index = |value| Some(SobolIndex { value, half_width: Some(0.05), n_blocks: 4 });
+        let index = |value| {
+            Some(SobolIndex {
+                value,
+                half_width: Some(0.05),
+                n_blocks: 4,
+            })
+        };
         let parameters = |varies: bool| {
             let of = |(i, name): (usize, &&str)| ParameterIndices {
                 name: (*name).to_owned(),
@@ -140,7 +181,10 @@ pub(super) mod tests {
             rank_interval: Some([1, 2]),
             share_among_first_nine: None,
             reference: None,
-            paper: PaperRank { among_first_nine: rank == 1, rank: None },
+            paper: PaperRank {
+                among_first_nine: rank == 1,
+                rank: None,
+            },
         };
         let design = CellDesign {
             parameters: vec![],
@@ -155,7 +199,12 @@ pub(super) mod tests {
         SensitivityRecord {
             schema_version: 1,
             version: "0".into(),
-            spec: GsaSpec { design, n_blocks: 8, chunk_blocks: 4, analysis: GsaAnalysis::default() },
+            spec: GsaSpec {
+                design,
+                n_blocks: 8,
+                chunk_blocks: 4,
+                analysis: GsaAnalysis::default(),
+            },
             n_blocks: 4,
             samples: SampleCounts::default(),
             arithmetic: vec!["portable".into()],
@@ -168,7 +217,11 @@ pub(super) mod tests {
     fn each_index_is_a_bar_with_its_interval_inside_the_panel() {
         let record = record();
         let svg = figure(&record);
-        assert_eq!(svg.matches("rect class=\"bar first\"").count(), 3 + 1, "three and the key's");
+        assert_eq!(
+            svg.matches("rect class=\"bar first\"").count(),
+            3 + 1,
+            "three and the key's"
+        );
         assert_eq!(svg.matches("rule whisker").count(), 6);
         assert!(svg.starts_with("<svg xmlns=") && !svg.contains("NaN") && !svg.contains("inf"));
         let panel = panel(&record, &record.outputs[0]);
@@ -176,7 +229,12 @@ pub(super) mod tests {
             if let Mark::Segment { from, to, .. } = mark {
                 for (x, y) in [from, to] {
                     let inside = [panel.x.scale.fraction(*x), panel.y.scale.fraction(*y)];
-                    assert!(inside.iter().all(|f| f.is_some_and(|f| (0.0..=1.0).contains(&f))), "{x} {y}");
+                    assert!(
+                        inside
+                            .iter()
+                            .all(|f| f.is_some_and(|f| (0.0..=1.0).contains(&f))),
+                        "{x} {y}"
+                    );
                 }
             }
         }

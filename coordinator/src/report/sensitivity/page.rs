@@ -52,10 +52,23 @@ fn title(record: &SensitivityRecord) -> String {
 }
 
 fn summary(record: &SensitivityRecord) -> String {
-    let first: Vec<&str> = record.ranking.iter().take(3).map(|r| r.name.as_str()).collect();
-    let nine = record.ranking.iter().take(9).filter(|r| r.paper.among_first_nine).count();
+    let first: Vec<&str> = record
+        .ranking
+        .iter()
+        .take(3)
+        .map(|r| r.name.as_str())
+        .collect();
+    let nine = record
+        .ranking
+        .iter()
+        .take(9)
+        .filter(|r| r.paper.among_first_nine)
+        .count();
     let partial = if record.n_blocks < record.spec.n_blocks {
-        format!(" The sweep is not complete: {} of {} blocks.", record.n_blocks, record.spec.n_blocks)
+        format!(
+            " The sweep is not complete: {} of {} blocks.",
+            record.n_blocks, record.spec.n_blocks
+        )
     } else {
         String::new()
     };
@@ -90,7 +103,11 @@ fn of_cell(record: &SensitivityRecord) -> bool {
 
 fn row(record: &SensitivityRecord, ranked: &RankedParameter) -> Markup {
     let total = |output: &cardiotwin_schemas::sensitivity::OutputSensitivity| {
-        output.parameters.iter().find(|p| p.name == ranked.name).and_then(|p| p.total)
+        output
+            .parameters
+            .iter()
+            .find(|p| p.name == ranked.name)
+            .and_then(|p| p.total)
     };
     html! { tr {
         td { (ranked.rank) }
@@ -144,7 +161,9 @@ fn pairs(record: &SensitivityRecord) -> Markup {
 fn basis(record: &SensitivityRecord) -> Markup {
     let (samples, design) = (&record.samples, &record.spec.design);
     let share = |n: u64| fixed(Some(100.0 * n as f64 / samples.total.max(1) as f64), 1);
-    let points = design.scramble_seed.map_or("plain".to_owned(), |seed| format!("scrambled (seed {seed})"));
+    let points = design.scramble_seed.map_or("plain".to_owned(), |seed| {
+        format!("scrambled (seed {seed})")
+    });
     html! {
         p {
             (record.n_blocks) " of " (record.spec.n_blocks) " Saltelli blocks on " (points) " Sobol points, "

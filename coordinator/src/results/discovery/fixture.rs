@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{
-    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, FoundModel, GapAt, InThreeDimensions,
-    PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves, StatedFilling, Unexplained,
+    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, FoundModel, GapAt,
+    InThreeDimensions, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
+    StatedFilling, Unexplained,
 };
 use cardiotwin_schemas::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 
@@ -32,7 +33,10 @@ pub fn effect(name: &str, log_evidence: f64, artefact: bool) -> RankedEffect {
         strength: [("amplitude_mmHg".to_owned(), 7.9)].into(),
         interval: [("amplitude_mmHg".to_owned(), [6.25, 9.5])].into(),
         plausible: log_evidence > 0.0,
-        in_3d: InThreeDimensions { way: "as-it-is".to_owned(), how: None },
+        in_3d: InThreeDimensions {
+            way: "as-it-is".to_owned(),
+            how: None,
+        },
         remedy: artefact.then(|| "correct the trace".to_owned()),
     }
 }
@@ -41,21 +45,49 @@ fn place(signal: &str, phase: &str, size: f64, z: f64, share: f64) -> Place {
     let sign = if size < 0.0 { Side::Below } else { Side::Above };
     let unit = if signal == "volume" { "mL" } else { "mmHg" };
     let biomarkers = vec!["EDV".to_owned()];
-    Place { signal: signal.into(), phase: phase.into(), sign, size, unit: unit.into(), z, share, biomarkers }
+    Place {
+        signal: signal.into(),
+        phase: phase.into(),
+        sign,
+        size,
+        unit: unit.into(),
+        z,
+        share,
+        biomarkers,
+    }
 }
 
 /// A finding with these candidates, of which the first `n_accepted` are accepted.
 pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
-    let accepted: Vec<String> = effects[..n_accepted].iter().map(|e| e.name.clone()).collect();
+    let accepted: Vec<String> = effects[..n_accepted]
+        .iter()
+        .map(|e| e.name.clone())
+        .collect();
     let of = |artefact: bool| -> Vec<EffectSpec> {
-        let chosen = effects[..n_accepted].iter().filter(|e| e.artefact == artefact);
-        chosen.map(|e| EffectSpec { name: e.name.clone(), parameters: e.strength.clone() }).collect()
+        let chosen = effects[..n_accepted]
+            .iter()
+            .filter(|e| e.artefact == artefact);
+        chosen
+            .map(|e| EffectSpec {
+                name: e.name.clone(),
+                parameters: e.strength.clone(),
+            })
+            .collect()
     };
     let time_ms: Vec<f64> = (0..20).map(|i| 40.0 * f64::from(i)).collect();
     let compared = |level: f64, noise_sd: f64| ComparedSignal {
-        measured: time_ms.iter().map(|t| level + 40.0 * (t / 130.0).sin()).collect(),
-        before: time_ms.iter().map(|t| level + 36.0 * (t / 130.0).sin()).collect(),
-        after: time_ms.iter().map(|t| level + 39.5 * (t / 130.0).sin()).collect(),
+        measured: time_ms
+            .iter()
+            .map(|t| level + 40.0 * (t / 130.0).sin())
+            .collect(),
+        before: time_ms
+            .iter()
+            .map(|t| level + 36.0 * (t / 130.0).sin())
+            .collect(),
+        after: time_ms
+            .iter()
+            .map(|t| level + 39.5 * (t / 130.0).sin())
+            .collect(),
         heldout_before: None,
         heldout_after: None,
         noise_sd,
@@ -92,9 +124,17 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         },
         effects,
         accepted,
-        confusable: if n_accepted == 0 { vec![] } else { vec!["passive_stiffening".to_owned()] },
+        confusable: if n_accepted == 0 {
+            vec![]
+        } else {
+            vec!["passive_stiffening".to_owned()]
+        },
         confusable_with: vec![],
-        deciding_measurement: if n_accepted == 0 { vec![] } else { vec!["atrial or wedge pressure".to_owned()] },
+        deciding_measurement: if n_accepted == 0 {
+            vec![]
+        } else {
+            vec!["atrial or wedge pressure".to_owned()]
+        },
         not_identifiable: vec!["cross_fibre_stress".to_owned()],
         not_identifiable_without: vec![],
         unexplained: None,
@@ -141,7 +181,12 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         noise_seen_over_stated: None,
         n_evaluations: 5000,
         series: DiscoverSeries {
-            phases: PHASES.map(|(phase, begin_ms)| PhaseBegin { phase: phase.to_owned(), begin_ms }).into(),
+            phases: PHASES
+                .map(|(phase, begin_ms)| PhaseBegin {
+                    phase: phase.to_owned(),
+                    begin_ms,
+                })
+                .into(),
             pressure,
             volume,
             curves,
@@ -154,13 +199,23 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
             n_bootstrap: 2000,
             max_effects: 3,
         },
-        data: [("pressure".to_owned(), "ab".repeat(32)), ("volume".to_owned(), "cd".repeat(32))].into(),
+        data: [
+            ("pressure".to_owned(), "ab".repeat(32)),
+            ("volume".to_owned(), "cd".repeat(32)),
+        ]
+        .into(),
     }
 }
 
 /// A kick, and nothing beside it.
 pub fn kick() -> Discovered {
-    finding(vec![effect("atrial_kick", 20.0, false), effect("viscoelasticity", -2.0, false)], 1)
+    finding(
+        vec![
+            effect("atrial_kick", 20.0, false),
+            effect("viscoelasticity", -2.0, false),
+        ],
+        1,
+    )
 }
 
 /// No candidate is better.
@@ -175,7 +230,11 @@ pub fn unexplained() -> Discovered {
         kind: "activation".to_owned(),
         log_evidence: 22.0,
         place: found.places[0].clone(),
-        depends_on: vec![Dependence { signal: "pressure".into(), variable: "aortic_flow".into(), share: 0.4 }],
+        depends_on: vec![Dependence {
+            signal: "pressure".into(),
+            variable: "aortic_flow".into(),
+            share: 0.4,
+        }],
     });
     found
 }

@@ -28,7 +28,8 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<Poole
         }
     }
     let mut list: Vec<PooledEffect> = by_name.into_values().collect();
-    list.iter_mut().for_each(|p| p.of_the_model = 2 * p.accepted_in > n_patients);
+    list.iter_mut()
+        .for_each(|p| p.of_the_model = 2 * p.accepted_in > n_patients);
     list.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     list
 }
@@ -40,12 +41,32 @@ mod tests {
 
     #[test]
     fn one_patient_does_not_speak_for_all_and_a_majority_makes_a_fault_of_the_model() {
-        let loud = finding(vec![effect("viscoelasticity", 500.0, false), effect("atrial_kick", 8.0, false)], 1);
+        let loud = finding(
+            vec![
+                effect("viscoelasticity", 500.0, false),
+                effect("atrial_kick", 8.0, false),
+            ],
+            1,
+        );
         let pooled = pool([&loud, &kick(), &kick()]);
-        let [first, second] = &pooled[..] else { panic!("{pooled:?}") };
-        assert_eq!((first.name.as_str(), first.accepted_in, first.of_the_model), ("atrial_kick", 2, true));
-        assert_eq!((first.log_evidence, second.log_evidence), (48.0, LARGEST_SHARE - 4.0));
-        assert_eq!((second.accepted_in, second.tried_in, second.of_the_model), (1, 3, false));
-        assert!(!pool([&kick(), &nothing()])[0].of_the_model, "half of the patients are no majority");
+        let [first, second] = &pooled[..] else {
+            panic!("{pooled:?}")
+        };
+        assert_eq!(
+            (first.name.as_str(), first.accepted_in, first.of_the_model),
+            ("atrial_kick", 2, true)
+        );
+        assert_eq!(
+            (first.log_evidence, second.log_evidence),
+            (48.0, LARGEST_SHARE - 4.0)
+        );
+        assert_eq!(
+            (second.accepted_in, second.tried_in, second.of_the_model),
+            (1, 3, false)
+        );
+        assert!(
+            !pool([&kick(), &nothing()])[0].of_the_model,
+            "half of the patients are no majority"
+        );
     }
 }

@@ -17,7 +17,9 @@ pub fn strength(effect: &RankedEffect) -> String {
         .map(|(name, value)| {
             let (label, unit) = split_unit(name);
             let range = effect.interval.get(name);
-            let range = range.map_or(String::new(), |[low, high]| format!(" ({} to {})", digits(*low), digits(*high)));
+            let range = range.map_or(String::new(), |[low, high]| {
+                format!(" ({} to {})", digits(*low), digits(*high))
+            });
             let space = if unit.is_empty() { "" } else { " " };
             format!("{} {}{space}{unit}{range}", plain(label), digits(*value))
         })
@@ -42,8 +44,12 @@ pub fn split_unit(name: &str) -> (&str, &'static str) {
         ("_share", ""),
         ("_factor", ""),
     ];
-    let found = UNITS.iter().find(|(ending, unit)| !unit.is_empty() && name.ends_with(ending));
-    found.map_or((name, ""), |(ending, unit)| (&name[..name.len() - ending.len()], *unit))
+    let found = UNITS
+        .iter()
+        .find(|(ending, unit)| !unit.is_empty() && name.ends_with(ending));
+    found.map_or((name, ""), |(ending, unit)| {
+        (&name[..name.len() - ending.len()], *unit)
+    })
 }
 
 /// Three significant digits.
@@ -62,7 +68,11 @@ pub fn digits(value: f64) -> String {
 /// Where a place is and how large: `volume in atrial systole, data 6.1 mL above the model (z 5.0)`.
 #[must_use]
 pub fn place(place: &Place) -> String {
-    let when = if place.phase == "beat" { String::new() } else { format!(" in {}", plain(&place.phase)) };
+    let when = if place.phase == "beat" {
+        String::new()
+    } else {
+        format!(" in {}", plain(&place.phase))
+    };
     let side = match place.sign {
         Side::Above => "above",
         Side::Below => "below",
@@ -98,7 +108,10 @@ pub fn summary(found: &Discovered) -> String {
                     100.0 * d.share
                 )
             });
-            format!("Model and data disagree, but no effect of the catalogue explains it: {}{lead}.", place(&gap.place))
+            format!(
+                "Model and data disagree, but no effect of the catalogue explains it: {}{lead}.",
+                place(&gap.place)
+            )
         }
         (_, []) => format!(
             "Nothing is missing: the base model follows the data to {:.2} times the noise, and no candidate is better by more \
@@ -109,18 +122,26 @@ pub fn summary(found: &Discovered) -> String {
     };
     if !found.confusable.is_empty() {
         let rivals: Vec<String> = found.confusable.iter().map(|name| plain(name)).collect();
-        text.push_str(&format!(" These data cannot tell it from {}", rivals.join(", ")));
+        text.push_str(&format!(
+            " These data cannot tell it from {}",
+            rivals.join(", ")
+        ));
         if found.deciding_measurement.is_empty() {
             text.push('.');
         } else {
-            text.push_str(&format!("; these would: {}.", found.deciding_measurement.join("; ")));
+            text.push_str(&format!(
+                "; these would: {}.",
+                found.deciding_measurement.join("; ")
+            ));
         }
     }
     text
 }
 
 fn named(found: &Discovered, names: &[String]) -> String {
-    let effects = names.iter().filter_map(|name| found.effects.iter().find(|effect| effect.name == *name));
+    let effects = names
+        .iter()
+        .filter_map(|name| found.effects.iter().find(|effect| effect.name == *name));
     let told: Vec<String> = effects
         .map(|effect| {
             let sure = format!("probability {:.2}", effect.probability);
@@ -132,12 +153,24 @@ fn named(found: &Discovered, names: &[String]) -> String {
         (Some(before), Some(after)) => format!(", on data held out from {before:.2} to {after:.2}"),
         _ => String::new(),
     };
-    let correct = |name: &&String| found.effects.iter().any(|effect| effect.name == **name && effect.artefact);
-    let artefacts: Vec<String> = names.iter().filter(correct).map(|name| plain(name)).collect();
+    let correct = |name: &&String| {
+        found
+            .effects
+            .iter()
+            .any(|effect| effect.name == **name && effect.artefact)
+    };
+    let artefacts: Vec<String> = names
+        .iter()
+        .filter(correct)
+        .map(|name| plain(name))
+        .collect();
     let remedy = if artefacts.is_empty() {
         String::new()
     } else {
-        format!(" To be corrected in the data, not in the heart: {}.", artefacts.join(", "))
+        format!(
+            " To be corrected in the data, not in the heart: {}.",
+            artefacts.join(", ")
+        )
     };
     format!(
         "The base model misses: {}. Without it, model and data lie furthest apart in {}. Adding it takes the gap from {:.2} to {:.2} times \
@@ -160,7 +193,14 @@ mod tests {
         assert_eq!(split_unit("volume_delay_ms"), ("volume_delay", "ms"));
         assert_eq!(split_unit("damping"), ("damping", ""));
         assert_eq!(
-            [digits(123.4), digits(12.34), digits(1.234), digits(0.0), digits(0.0012)].join(" "),
+            [
+                digits(123.4),
+                digits(12.34),
+                digits(1.234),
+                digits(0.0),
+                digits(0.0012)
+            ]
+            .join(" "),
             "123 12.3 1.23 0.000 1.20e-3"
         );
     }
@@ -177,11 +217,15 @@ mod tests {
             assert!(text.contains(part), "{part} is not in {text}");
         }
         let artefact = finding(vec![effect("pressure_offset", 30.0, true)], 1);
-        assert!(summary(&artefact).contains("corrected in the data, not in the heart: pressure offset."));
+        assert!(
+            summary(&artefact)
+                .contains("corrected in the data, not in the heart: pressure offset.")
+        );
         assert!(summary(&nothing()).starts_with("Nothing is missing"));
         let text = summary(&unexplained());
         assert!(
-            text.contains("no effect of the catalogue explains it") && text.contains("aortic flow (40 %"),
+            text.contains("no effect of the catalogue explains it")
+                && text.contains("aortic flow (40 %"),
             "{text}"
         );
     }

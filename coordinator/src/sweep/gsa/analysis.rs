@@ -1,11 +1,13 @@
 //! Samples in, indices and ranking out. Statistics alone: nothing is simulated here.
 
 use cardiotwin_calibrate::sobol::{
-    Analysis, AnalysisSettings, Exclusion, Index, OutputIndices, Ranking, SobolError, analyse, replace_excluded,
+    Analysis, AnalysisSettings, Exclusion, Index, OutputIndices, Ranking, SobolError, analyse,
+    replace_excluded,
 };
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::sensitivity::{
-    OutputSensitivity, PairIndices, ParameterIndices, RankedParameter, SensitivityRecord, SobolIndex,
+    OutputSensitivity, PairIndices, ParameterIndices, RankedParameter, SensitivityRecord,
+    SobolIndex,
 };
 use cardiotwin_schemas::sweep::GsaSpec;
 
@@ -19,20 +21,38 @@ use crate::sweep::SweepError;
 ///
 /// # Errors
 /// [`SweepError::TooEarly`] below two blocks, [`SweepError::Sobol`] when no sample is physiological.
-pub fn sensitivity(spec: &GsaSpec, samples: &Samples, threads: usize) -> Result<SensitivityRecord, SweepError> {
+pub fn sensitivity(
+    spec: &GsaSpec,
+    samples: &Samples,
+    threads: usize,
+) -> Result<SensitivityRecord, SweepError> {
     if samples.n_blocks < 2 {
-        return Err(SweepError::TooEarly { n_blocks: samples.n_blocks, of: spec.n_blocks });
+        return Err(SweepError::TooEarly {
+            n_blocks: samples.n_blocks,
+            of: spec.n_blocks,
+        });
     }
     let names_of_outputs = spec.design.outputs();
-    let (values, exclusion) = replace_excluded(&samples.values, names_of_outputs.len(), &samples.marks)?;
+    let (values, exclusion) =
+        replace_excluded(&samples.values, names_of_outputs.len(), &samples.marks)?;
     let settings = AnalysisSettings {
         n_resamples: spec.analysis.resamples as usize,
         confidence_level: spec.analysis.confidence,
         seed: spec.analysis.seed,
     };
-    let analysis = analyse_on([spec.design.parameters.len(), names_of_outputs.len()], &values, settings, threads)?;
+    let analysis = analyse_on(
+        [spec.design.parameters.len(), names_of_outputs.len()],
+        &values,
+        settings,
+        threads,
+    )?;
     let ranking = Ranking::of(&analysis);
-    let names: Vec<&str> = spec.design.parameters.iter().map(|p| p.name.as_str()).collect();
+    let names: Vec<&str> = spec
+        .design
+        .parameters
+        .iter()
+        .map(|p| p.name.as_str())
+        .collect();
     Ok(SensitivityRecord {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -53,16 +73,27 @@ fn analyse_on(
     threads: usize,
 ) -> Result<Analysis, SobolError> {
     let one = |output: usize| {
-        let values: Vec<f64> = values.iter().skip(output).step_by(n_outputs).copied().collect();
+        let values: Vec<f64> = values
+            .iter()
+            .skip(output)
+            .step_by(n_outputs)
+            .copied()
+            .collect();
         analyse(n_parameters, 1, &values, settings)
     };
     let threads = threads.clamp(1, n_outputs);
-    let mut found: Vec<Option<Result<Analysis, SobolError>>> = (0..n_outputs).map(|_| None).collect();
+    let mut found: Vec<Option<Result<Analysis, SobolError>>> =
+        (0..n_outputs).map(|_| None).collect();
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads)
             .map(|first| {
                 let one = &one;
-                scope.spawn(move || (first..n_outputs).step_by(threads).map(|o| (o, one(o))).collect::<Vec<_>>())
+                scope.spawn(move || {
+                    (first..n_outputs)
+                        .step_by(threads)
+                        .map(|o| (o, one(o)))
+                        .collect::<Vec<_>>()
+                })
             })
             .collect();
         for worker in workers {
@@ -71,7 +102,9 @@ fn analyse_on(
             }
         }
     });
-    let mut parts = found.into_iter().map(|part| part.expect("each biomarker was analysed"));
+    let mut parts = found
+        .into_iter()
+        .map(|part| part.expect("each biomarker was analysed"));
     let mut whole = parts.next().expect("there are biomarkers")?;
     for part in parts {
         whole.outputs.extend(part?.outputs);
@@ -79,7 +112,12 @@ fn analyse_on(
     Ok(whole)
 }
 
-fn outputs(outputs: &[&str], analysis: &Analysis, exclusion: &Exclusion, names: &[&str]) -> Vec<OutputSensitivity> {
+fn outputs(
+    outputs: &[&str],
+    analysis: &Analysis,
+    exclusion: &Exclusion,
+    names: &[&str],
+) -> Vec<OutputSensitivity> {
     let of = |(i, output): (usize, &OutputIndices)| OutputSensitivity {
         name: outputs[i].to_owned(),
         mean: exclusion.means[i],
@@ -107,7 +145,11 @@ fn outputs(outputs: &[&str], analysis: &Analysis, exclusion: &Exclusion, names: 
 }
 
 fn index(index: Index) -> SobolIndex {
-    SobolIndex { value: index.value, half_width: index.half_width, n_blocks: index.n_blocks as u64 }
+    SobolIndex {
+        value: index.value,
+        half_width: index.half_width,
+        n_blocks: index.n_blocks as u64,
+    }
 }
 
 /// - `of_cell`: the reference is of the cell alone
@@ -119,7 +161,9 @@ fn ranked(ranking: &Ranking, names: &[&str], of_cell: bool) -> Vec<RankedParamet
             name: name.to_owned(),
             sum_of_totals: ranked.sum_of_totals,
             half_width: ranked.half_width,
-            rank_interval: ranked.rank_interval.map(|ranks| ranks.map(|rank| rank as u32)),
+            rank_interval: ranked
+                .rank_interval
+                .map(|ranks| ranks.map(|rank| rank as u32)),
             share_among_first_nine: ranked.share_among_first(9),
             reference: reference::rank(name).filter(|_| of_cell),
             paper: reference::paper(name),
@@ -140,11 +184,24 @@ mod tests {
     fn samples(spec: &GsaSpec) -> Samples {
         let design: SaltelliDesign = saltelli(spec).unwrap();
         let rows = design.rows(0..spec.n_blocks as usize);
-        let values =
-            rows.iter().flat_map(|row| [row[0], row[1], 3.0 * row[0] + row[1], row[0] * row[1], 7.0]).collect();
-        let mark = |i: usize| if i % 10 == 9 { Sample::Excluded } else { Sample::Physiological };
+        let values = rows
+            .iter()
+            .flat_map(|row| [row[0], row[1], 3.0 * row[0] + row[1], row[0] * row[1], 7.0])
+            .collect();
+        let mark = |i: usize| {
+            if i % 10 == 9 {
+                Sample::Excluded
+            } else {
+                Sample::Physiological
+            }
+        };
         let marks = (0..rows.len()).map(mark).collect();
-        Samples { n_blocks: spec.n_blocks, values, marks, ..Samples::default() }
+        Samples {
+            n_blocks: spec.n_blocks,
+            values,
+            marks,
+            ..Samples::default()
+        }
     }
 
     #[test]
@@ -154,22 +211,47 @@ mod tests {
         let samples = samples(&spec);
         let record = sensitivity(&spec, &samples, 1).unwrap();
         for threads in [2, 3, 16] {
-            assert_eq!(sensitivity(&spec, &samples, threads).unwrap(), record, "{threads} threads");
+            assert_eq!(
+                sensitivity(&spec, &samples, threads).unwrap(),
+                record,
+                "{threads} threads"
+            );
         }
         let (values, exclusion) = replace_excluded(&samples.values, 5, &samples.marks).unwrap();
-        let settings = AnalysisSettings { n_resamples: 50, confidence_level: 0.95, seed: 1 };
+        let settings = AnalysisSettings {
+            n_resamples: 50,
+            confidence_level: 0.95,
+            seed: 1,
+        };
         let whole = analyse(2, 5, &values, settings).unwrap();
         for (output, own) in record.outputs.iter().zip(&whole.outputs) {
-            for (parameter, (first, total)) in output.parameters.iter().zip(own.first.iter().zip(&own.total)) {
-                assert_eq!((parameter.first, parameter.total), (first.map(index), total.map(index)));
+            for (parameter, (first, total)) in output
+                .parameters
+                .iter()
+                .zip(own.first.iter().zip(&own.total))
+            {
+                assert_eq!(
+                    (parameter.first, parameter.total),
+                    (first.map(index), total.map(index))
+                );
             }
             assert_eq!(output.second[0].second, own.second[0].index.map(index));
         }
-        assert_eq!(record.outputs[4].parameters[0].total, None, "what does not vary has no indices");
+        assert_eq!(
+            record.outputs[4].parameters[0].total, None,
+            "what does not vary has no indices"
+        );
         assert_eq!(record.outputs[0].mean, exclusion.means[0]);
         let ranking = Ranking::of(&whole);
         let ranked: Vec<f64> = record.ranking.iter().map(|r| r.sum_of_totals).collect();
-        assert_eq!(ranked, ranking.parameters.iter().map(|r| r.sum_of_totals).collect::<Vec<_>>());
+        assert_eq!(
+            ranked,
+            ranking
+                .parameters
+                .iter()
+                .map(|r| r.sum_of_totals)
+                .collect::<Vec<_>>()
+        );
         assert_eq!((record.ranking[0].rank, record.ranking[1].rank), (1, 2));
     }
 
@@ -177,9 +259,15 @@ mod tests {
     fn too_few_blocks_and_no_physiological_sample_are_said() {
         let spec = small(8);
         let nothing = Samples::default();
-        assert!(matches!(sensitivity(&spec, &nothing, 1), Err(SweepError::TooEarly { n_blocks: 0, of: 8 })));
+        assert!(matches!(
+            sensitivity(&spec, &nothing, 1),
+            Err(SweepError::TooEarly { n_blocks: 0, of: 8 })
+        ));
         let mut none = samples(&spec);
         none.marks.fill(Sample::Excluded);
-        assert!(matches!(sensitivity(&spec, &none, 1), Err(SweepError::Sobol(SobolError::NonePhysiological { .. }))));
+        assert!(matches!(
+            sensitivity(&spec, &none, 1),
+            Err(SweepError::Sobol(SobolError::NonePhysiological { .. }))
+        ));
     }
 }

@@ -15,9 +15,18 @@ pub fn members(spec: &GsaSpec) -> Vec<ResolvedPatient> {
         .step_by(step as usize)
         .map(|first_block| {
             let n_blocks = step.min(spec.n_blocks - first_block);
-            let task = CellSweepSpec { design: spec.design.clone(), first_block, n_blocks };
+            let task = CellSweepSpec {
+                design: spec.design.clone(),
+                first_block,
+                n_blocks,
+            };
             let id = PatientId(name(first_block..first_block + n_blocks));
-            ResolvedPatient::without_data(id, Workflow::Task { task: Box::new(TaskSpec::CellSweep(Box::new(task))) })
+            ResolvedPatient::without_data(
+                id,
+                Workflow::Task {
+                    task: Box::new(TaskSpec::CellSweep(Box::new(task))),
+                },
+            )
         })
         .collect()
 }
@@ -30,8 +39,12 @@ fn name(blocks: Range<u32>) -> String {
 /// The blocks that a member computes; none for a member that is no chunk.
 #[must_use]
 pub fn blocks(member: &ResolvedPatient) -> Option<Range<u32>> {
-    let Workflow::Task { task } = &member.workflow else { return None };
-    let TaskSpec::CellSweep(spec) = task.as_ref() else { return None };
+    let Workflow::Task { task } = &member.workflow else {
+        return None;
+    };
+    let TaskSpec::CellSweep(spec) = task.as_ref() else {
+        return None;
+    };
     Some(spec.first_block..spec.first_block + spec.n_blocks)
 }
 

@@ -15,23 +15,33 @@ struct Reference {
     sums_of_totals: BTreeMap<String, f64>,
 }
 
-static REFERENCE: LazyLock<Reference> =
-    LazyLock::new(|| serde_json::from_str(include_str!("reference.json")).expect("the committed reference is JSON"));
+static REFERENCE: LazyLock<Reference> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("reference.json")).expect("the committed reference is JSON")
+});
 
 /// A parameter's place in the independent reference; none for one that was not swept there.
 #[must_use]
 pub fn rank(name: &str) -> Option<ReferenceRank> {
     let sums = &REFERENCE.sums_of_totals;
     let sum_of_totals = *sums.get(name)?;
-    let rank = 1 + sums.values().filter(|other| **other > sum_of_totals).count() as u32;
-    Some(ReferenceRank { rank, sum_of_totals })
+    let rank = 1 + sums
+        .values()
+        .filter(|other| **other > sum_of_totals)
+        .count() as u32;
+    Some(ReferenceRank {
+        rank,
+        sum_of_totals,
+    })
 }
 
 /// A parameter's place in the paper.
 #[must_use]
 pub fn paper(name: &str) -> PaperRank {
     let rank = REFERENCE.paper_ranks.get(name);
-    PaperRank { among_first_nine: rank.is_some(), rank: rank.copied().flatten() }
+    PaperRank {
+        among_first_nine: rank.is_some(),
+        rank: rank.copied().flatten(),
+    }
 }
 
 #[cfg(test)]
@@ -41,12 +51,26 @@ mod tests {
 
     #[test]
     fn every_swept_parameter_has_a_reference_and_nine_are_the_paper_s() {
-        let mut ranks: Vec<u32> = BOX.iter().map(|(name, ..)| rank(name).unwrap().rank).collect();
+        let mut ranks: Vec<u32> = BOX
+            .iter()
+            .map(|(name, ..)| rank(name).unwrap().rank)
+            .collect();
         ranks.sort_unstable();
         assert_eq!(ranks, (1..=21).collect::<Vec<_>>());
-        assert_eq!(BOX.iter().filter(|(name, ..)| paper(name).among_first_nine).count(), 9);
-        assert_eq!((rank("Ca50_ref_uM").unwrap().rank, paper("Ca50_ref_uM").rank), (1, Some(1)));
-        assert_eq!((paper("beta_1_uM").rank, paper("phi").among_first_nine), (None, false));
+        assert_eq!(
+            BOX.iter()
+                .filter(|(name, ..)| paper(name).among_first_nine)
+                .count(),
+            9
+        );
+        assert_eq!(
+            (rank("Ca50_ref_uM").unwrap().rank, paper("Ca50_ref_uM").rank),
+            (1, Some(1))
+        );
+        assert_eq!(
+            (paper("beta_1_uM").rank, paper("phi").among_first_nine),
+            (None, false)
+        );
         assert_eq!(rank("a_p_kPa"), None);
     }
 }

@@ -56,27 +56,45 @@ pub fn read_first<'a>(
 ) -> Result<Samples, SweepError> {
     let mut samples = Samples::default();
     let rows_per_block = 2 * spec.design.parameters.len() + 2;
-    let heading = if spec.design.organ.is_some() { ORGAN_SAMPLES_HEADING } else { SAMPLES_HEADING };
+    let heading = if spec.design.organ.is_some() {
+        ORGAN_SAMPLES_HEADING
+    } else {
+        SAMPLES_HEADING
+    };
     for (member, task) in chunks {
-        let (Some(blocks), Some(task)) = (chunks::blocks(member), task) else { break };
-        if blocks.start != samples.n_blocks || blocks.end > spec.n_blocks || blocks.start >= at_most {
+        let (Some(blocks), Some(task)) = (chunks::blocks(member), task) else {
+            break;
+        };
+        if blocks.start != samples.n_blocks || blocks.end > spec.n_blocks || blocks.start >= at_most
+        {
             break;
         }
-        let Some(artefact) = task.artefacts.iter().find(|a| a.name == "samples") else { break };
+        let Some(artefact) = task.artefacts.iter().find(|a| a.name == "samples") else {
+            break;
+        };
         let path = task.directory.join(&artefact.file);
         let text = verified(&path, artefact)?;
         let end = blocks.end.min(at_most);
         let n_rows = (end - blocks.start) as usize * rows_per_block;
-        let broken = |problem: String| SweepError::Samples { path: path.clone(), problem };
+        let broken = |problem: String| SweepError::Samples {
+            path: path.clone(),
+            problem,
+        };
         let mut lines = text.lines();
         if lines.next() != Some(heading) {
-            return Err(broken("its first line is not the heading of samples".into()));
+            return Err(broken(
+                "its first line is not the heading of samples".into(),
+            ));
         }
         let before = samples.marks.len();
         let all = end == blocks.end;
         for (i, line) in lines.enumerate().take_while(|(i, _)| all || *i < n_rows) {
-            let wanted = (blocks.start as usize + i / rows_per_block, i % rows_per_block);
-            let judged = parse(line, wanted, spec).map_err(|problem| broken(format!("line {}: {problem}", i + 2)))?;
+            let wanted = (
+                blocks.start as usize + i / rows_per_block,
+                i % rows_per_block,
+            );
+            let judged = parse(line, wanted, spec)
+                .map_err(|problem| broken(format!("line {}: {problem}", i + 2)))?;
             samples.push(judged, spec.design.outputs().len());
         }
         let found = samples.marks.len() - before;
@@ -94,19 +112,34 @@ pub fn read_first<'a>(
 }
 
 fn verified(path: &Path, artefact: &Artefact) -> Result<String, SweepError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| SweepError::File { what: "read", path: path.to_owned(), source })?;
+    let bytes = std::fs::read(path).map_err(|source| SweepError::File {
+        what: "read",
+        path: path.to_owned(),
+        source,
+    })?;
     let found = sha256_hex(&bytes);
     if found != artefact.sha256 {
-        let problem = format!("its SHA-256 is {found}, but {} was published", artefact.sha256);
-        return Err(SweepError::Samples { path: path.to_owned(), problem });
+        let problem = format!(
+            "its SHA-256 is {found}, but {} was published",
+            artefact.sha256
+        );
+        return Err(SweepError::Samples {
+            path: path.to_owned(),
+            problem,
+        });
     }
-    String::from_utf8(bytes)
-        .map_err(|_| SweepError::Samples { path: path.to_owned(), problem: "it is not text".into() })
+    String::from_utf8(bytes).map_err(|_| SweepError::Samples {
+        path: path.to_owned(),
+        problem: "it is not text".into(),
+    })
 }
 
 /// A sample; none for one that was not computed.
-fn parse(line: &str, (block, row): (usize, usize), spec: &GsaSpec) -> Result<Option<Judged>, String> {
+fn parse(
+    line: &str,
+    (block, row): (usize, usize),
+    spec: &GsaSpec,
+) -> Result<Option<Judged>, String> {
     let mut fields = line.split(',');
     for (name, wanted) in [("block", block), ("row", row)] {
         let found = fields.next().ok_or_else(|| format!("{name} is missing"))?;
@@ -115,7 +148,10 @@ fn parse(line: &str, (block, row): (usize, usize), spec: &GsaSpec) -> Result<Opt
         }
     }
     let status = fields.next().ok_or("status is missing")?;
-    let mut fields = Fields { fields, outputs: spec.design.outputs() };
+    let mut fields = Fields {
+        fields,
+        outputs: spec.design.outputs(),
+    };
     match (status, spec.design.organ.is_some()) {
         ("periodic", false) => fields.cell(true, &spec.analysis.exclusion).map(Some),
         ("not-periodic", false) => fields.cell(false, &spec.analysis.exclusion).map(Some),
@@ -123,7 +159,11 @@ fn parse(line: &str, (block, row): (usize, usize), spec: &GsaSpec) -> Result<Opt
         // Not physiological: the cell that the organ is asked for does not exist.
         ("refused", true) => {
             let breaks = vec!["the cell has no meaning"];
-            Ok(Some(Judged { outputs: [f64::NAN; MOST_OUTPUTS], breaks, periodic: true }))
+            Ok(Some(Judged {
+                outputs: [f64::NAN; MOST_OUTPUTS],
+                breaks,
+                periodic: true,
+            }))
         }
         ("stuck" | "refused", false) | ("diverged", true) => Ok(None),
         (other, _) => Err(format!("there is no status `{other}`")),
@@ -138,7 +178,9 @@ struct Fields<'a, I> {
 
 impl<'a, I: Iterator<Item = &'a str>> Fields<'_, I> {
     fn text(&mut self, name: &str) -> Result<&'a str, String> {
-        self.fields.next().ok_or_else(|| format!("{name} is missing"))
+        self.fields
+            .next()
+            .ok_or_else(|| format!("{name} is missing"))
     }
 
     fn number(&mut self, name: &str) -> Result<f64, String> {
@@ -155,16 +197,30 @@ impl<'a, I: Iterator<Item = &'a str>> Fields<'_, I> {
         let cut = self.number("cut")? != 0.0;
         self.number("lambda_min")?;
         let broken = [
-            (self.number("Sa_res_kPa")? > rule.resting_share * outputs[0], "resting stress"),
-            (self.number("Sa_min_kPa")? < -rule.negative_stress_kpa, "negative stress"),
+            (
+                self.number("Sa_res_kPa")? > rule.resting_share * outputs[0],
+                "resting stress",
+            ),
+            (
+                self.number("Sa_min_kPa")? < -rule.negative_stress_kpa,
+                "negative stress",
+            ),
             (
                 self.number("rise_after_peak_kPa_per_ms")? > rule.rise_after_peak_kpa_per_ms,
                 "stress rises after its maximum",
             ),
             (cut, "a duration has no end"),
         ];
-        let breaks = broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name).collect();
-        Ok(Judged { outputs, breaks, periodic })
+        let breaks = broken
+            .into_iter()
+            .filter(|(broken, _)| *broken)
+            .map(|(_, name)| name)
+            .collect();
+        Ok(Judged {
+            outputs,
+            breaks,
+            periodic,
+        })
     }
 
     fn organ(&mut self) -> Result<Judged, String> {
@@ -173,13 +229,28 @@ impl<'a, I: Iterator<Item = &'a str>> Fields<'_, I> {
         for (output, name) in outputs.iter_mut().zip(self.outputs) {
             match self.text(name)? {
                 "" => absent = true,
-                text => *output = text.parse().map_err(|_| format!("{name} is `{text}`, expected a number"))?,
+                text => {
+                    *output = text
+                        .parse()
+                        .map_err(|_| format!("{name} is `{text}`, expected a number"))?
+                }
             }
         }
         let shut = self.number("shut")? != 0.0;
-        let broken = [(shut, "a valve stays shut"), (absent && !shut, "a biomarker is absent")];
-        let breaks = broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name).collect();
-        Ok(Judged { outputs, breaks, periodic: true })
+        let broken = [
+            (shut, "a valve stays shut"),
+            (absent && !shut, "a biomarker is absent"),
+        ];
+        let breaks = broken
+            .into_iter()
+            .filter(|(broken, _)| *broken)
+            .map(|(_, name)| name)
+            .collect();
+        Ok(Judged {
+            outputs,
+            breaks,
+            periodic: true,
+        })
     }
 }
 
@@ -225,8 +296,16 @@ pub(super) mod tests {
 
     /// A sweep of two parameters (all others fixed) in chunks of two blocks.
     pub fn small(n_blocks: u32) -> GsaSpec {
-        let set = super::super::spec::BOX[2..].iter().map(|(name, lower, _)| ((*name).to_owned(), *lower)).collect();
-        let wishes = Wishes { samples: Some(n_blocks), chunk_blocks: Some(2), set, ..Wishes::default() };
+        let set = super::super::spec::BOX[2..]
+            .iter()
+            .map(|(name, lower, _)| ((*name).to_owned(), *lower))
+            .collect();
+        let wishes = Wishes {
+            samples: Some(n_blocks),
+            chunk_blocks: Some(2),
+            set,
+            ..Wishes::default()
+        };
         wishes.on(published()).unwrap()
     }
 
@@ -250,7 +329,8 @@ pub(super) mod tests {
         let blocks = chunks::blocks(member).unwrap();
         let mut text = format!("{heading}\n");
         for block in blocks.clone() {
-            (0..rows_per_block).for_each(|row| text += &format!("{block},{row},{}\n", line(block, row)));
+            (0..rows_per_block)
+                .for_each(|row| text += &format!("{block},{row},{}\n", line(block, row)));
         }
         let directory = folder.join(member.id.as_str());
         std::fs::create_dir_all(&directory).unwrap();
@@ -278,9 +358,16 @@ pub(super) mod tests {
         }
     }
 
-    fn read(spec: &GsaSpec, tasks: &[Option<TaskRecord<TaskResult>>]) -> Result<Samples, SweepError> {
+    fn read(
+        spec: &GsaSpec,
+        tasks: &[Option<TaskRecord<TaskResult>>],
+    ) -> Result<Samples, SweepError> {
         let members = chunks::members(spec);
-        read_first(spec, u32::MAX, members.iter().zip(tasks.iter().map(Option::as_ref)))
+        read_first(
+            spec,
+            u32::MAX,
+            members.iter().zip(tasks.iter().map(Option::as_ref)),
+        )
     }
 
     #[test]
@@ -295,12 +382,26 @@ pub(super) mod tests {
             "periodic,10.0,0.1,100.0,150.0,200.0,0,0.9,0.0,0.0,4e-5,2",
             "stuck,,,,,,,,,,,1",
         ];
-        let task = publish(folder.path(), &chunks::members(&spec)[0], 6, |_, row| lines[row].to_owned());
+        let task = publish(folder.path(), &chunks::members(&spec)[0], 6, |_, row| {
+            lines[row].to_owned()
+        });
         let samples = read(&spec, &[Some(task)]).unwrap();
         let counts = &samples.counts;
-        assert_eq!((counts.total, counts.physiological, counts.excluded, counts.failed), (12, 4, 6, 2));
+        assert_eq!(
+            (
+                counts.total,
+                counts.physiological,
+                counts.excluded,
+                counts.failed
+            ),
+            (12, 4, 6, 2)
+        );
         assert_eq!(counts.not_periodic, 2);
-        let by: Vec<(&str, u64)> = counts.excluded_by.iter().map(|(name, n)| (name.as_str(), *n)).collect();
+        let by: Vec<(&str, u64)> = counts
+            .excluded_by
+            .iter()
+            .map(|(name, n)| (name.as_str(), *n))
+            .collect();
         assert_eq!(
             by,
             [
@@ -312,14 +413,24 @@ pub(super) mod tests {
         );
         assert_eq!(samples.marks[5], Sample::Failed);
         assert!(samples.values[25..30].iter().all(|v| v.is_nan()));
-        assert_eq!((samples.n_blocks, samples.arithmetic), (2, vec!["portable".to_owned()]));
+        assert_eq!(
+            (samples.n_blocks, samples.arithmetic),
+            (2, vec!["portable".to_owned()])
+        );
     }
 
     #[test]
     fn samples_of_an_organ_are_excluded_where_a_valve_stays_shut_or_the_cell_is_none() {
         let folder = tempfile::tempdir().unwrap();
-        let set = super::super::spec::BOX[2..].iter().map(|(name, lower, _)| ((*name).to_owned(), *lower)).collect();
-        let wishes = Wishes { samples: Some(2), set, ..Wishes::default() };
+        let set = super::super::spec::BOX[2..]
+            .iter()
+            .map(|(name, lower, _)| ((*name).to_owned(), *lower))
+            .collect();
+        let wishes = Wishes {
+            samples: Some(2),
+            set,
+            ..Wishes::default()
+        };
         let spec = wishes.on(of_organ(organ("p1", 2.0), 1.1)).unwrap();
         let lines = [
             "finished,120.0,1.5,-1.4,300.0,80.0,40.0,60.0,0",
@@ -331,15 +442,38 @@ pub(super) mod tests {
         ];
         let publish = |lines: &[&str]| {
             let member = &chunks::members(&spec)[0];
-            publish_as(folder.path(), member, ORGAN_SAMPLES_HEADING, 6, |_, row| lines[row].to_owned())
+            publish_as(folder.path(), member, ORGAN_SAMPLES_HEADING, 6, |_, row| {
+                lines[row].to_owned()
+            })
         };
         let samples = read(&spec, &[Some(publish(&lines))]).unwrap();
         let counts = &samples.counts;
-        assert_eq!((counts.total, counts.physiological, counts.excluded, counts.failed), (12, 4, 6, 2));
-        let by: Vec<(&str, u64)> = counts.excluded_by.iter().map(|(name, n)| (name.as_str(), *n)).collect();
-        assert_eq!(by, [("a biomarker is absent", 2), ("a valve stays shut", 2), ("the cell has no meaning", 2)]);
+        assert_eq!(
+            (
+                counts.total,
+                counts.physiological,
+                counts.excluded,
+                counts.failed
+            ),
+            (12, 4, 6, 2)
+        );
+        let by: Vec<(&str, u64)> = counts
+            .excluded_by
+            .iter()
+            .map(|(name, n)| (name.as_str(), *n))
+            .collect();
+        assert_eq!(
+            by,
+            [
+                ("a biomarker is absent", 2),
+                ("a valve stays shut", 2),
+                ("the cell has no meaning", 2)
+            ]
+        );
         assert_eq!((samples.values.len(), samples.values[6]), (12 * 7, 60.0));
-        let said = read(&spec, &[Some(publish(&["periodic,1.0"; 6]))]).unwrap_err().to_string();
+        let said = read(&spec, &[Some(publish(&["periodic,1.0"; 6]))])
+            .unwrap_err()
+            .to_string();
         assert!(said.contains("there is no status `periodic`"), "{said}");
     }
 
@@ -348,16 +482,30 @@ pub(super) mod tests {
         let folder = tempfile::tempdir().unwrap();
         let spec = small(7);
         let members = chunks::members(&spec);
-        let line = |block: u32, _: usize| format!("periodic,{block}.0,0.1,100.0,150.0,200.0,0,0.9,0.0,0.0,0.0,2");
-        let mut tasks: Vec<_> = members.iter().map(|m| Some(publish(folder.path(), m, 6, line))).collect();
+        let line = |block: u32, _: usize| {
+            format!("periodic,{block}.0,0.1,100.0,150.0,200.0,0,0.9,0.0,0.0,0.0,2")
+        };
+        let mut tasks: Vec<_> = members
+            .iter()
+            .map(|m| Some(publish(folder.path(), m, 6, line)))
+            .collect();
         let whole = read(&spec, &tasks).unwrap();
-        assert_eq!((whole.n_blocks, whole.marks.len(), whole.values[6 * 6 * 5]), (7, 42, 6.0));
+        assert_eq!(
+            (whole.n_blocks, whole.marks.len(), whole.values[6 * 6 * 5]),
+            (7, 42, 6.0)
+        );
         let chunks = members.iter().zip(tasks.iter().map(Option::as_ref));
         let three = read_first(&spec, 3, chunks).unwrap();
-        assert_eq!((three.n_blocks, three.values.as_slice()), (3, &whole.values[..3 * 6 * 5]));
+        assert_eq!(
+            (three.n_blocks, three.values.as_slice()),
+            (3, &whole.values[..3 * 6 * 5])
+        );
         tasks[2] = None;
         let first = read(&spec, &tasks).unwrap();
-        assert_eq!((first.n_blocks, first.values.as_slice()), (4, &whole.values[..4 * 6 * 5]));
+        assert_eq!(
+            (first.n_blocks, first.values.as_slice()),
+            (4, &whole.values[..4 * 6 * 5])
+        );
         tasks[0] = None;
         assert_eq!(read(&spec, &tasks).unwrap(), Samples::default());
     }
@@ -384,6 +532,11 @@ pub(super) mod tests {
         let task = publish(folder.path(), member, 6, |_, _| good.to_owned());
         let path: PathBuf = task.directory.join("samples.csv");
         std::fs::write(&path, "").unwrap();
-        assert!(read(&spec, &[Some(task)]).unwrap_err().to_string().contains("its SHA-256 is"));
+        assert!(
+            read(&spec, &[Some(task)])
+                .unwrap_err()
+                .to_string()
+                .contains("its SHA-256 is")
+        );
     }
 }

@@ -13,7 +13,11 @@ const PASSIVE: (&str, [f64; 2]) = ("a_p_kPa", [1.0, 100.0]);
 /// Name of the file for [`toml()`].
 #[must_use]
 pub fn file(record: &SensitivityRecord) -> &'static str {
-    if record.spec.design.organ.is_some() { "step3.toml" } else { "step2.toml" }
+    if record.spec.design.organ.is_some() {
+        "step3.toml"
+    } else {
+        "step2.toml"
+    }
 }
 
 /// The `n` most influential parameters and the passive scale as a `[step2]` table, with the bounds of the sweep; what the
@@ -26,7 +30,11 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
     let swept = record.ranking.len();
     if !(1..=swept).contains(&n) {
         let expected = format!("1 to {swept}, the parameters swept");
-        return Err(SweepError::Setting { name: "--select".into(), found: n.to_string(), expected });
+        return Err(SweepError::Setting {
+            name: "--select".into(),
+            found: n.to_string(),
+            expected,
+        });
     }
     let design = &record.spec.design;
     let mut selected: Vec<(&str, [f64; 2])> = record.ranking[..n]
@@ -53,7 +61,11 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
     }
     text += "]\n";
     let fitted = |name: &str| selected.iter().any(|(selected, _)| *selected == name);
-    let frozen: Vec<_> = design.fixed.iter().filter(|(name, _)| !fitted(name)).collect();
+    let frozen: Vec<_> = design
+        .fixed
+        .iter()
+        .filter(|(name, _)| !fitted(name))
+        .collect();
     text += "\n[step2.bounds]\n";
     for (name, [lower, upper]) in &selected {
         let _ = writeln!(text, "{name} = [{lower:?}, {upper:?}]");
@@ -125,30 +137,57 @@ mod tests {
         let mut of = record(&["Ca50_ref_uM", "k_WS_per_ms", "n_Tm"]);
         of.spec.design.fixed.insert("phi".into(), 2.0);
         let text = toml(&of, 2).unwrap();
-        let layer: SettingsLayer = toml::from_str(&text).unwrap_or_else(|error| panic!("{error} in\n{text}"));
+        let layer: SettingsLayer =
+            toml::from_str(&text).unwrap_or_else(|error| panic!("{error} in\n{text}"));
         let step2 = serde_json::to_value(layer.step2.unwrap()).unwrap();
-        assert_eq!(step2["parameters"], serde_json::json!(["Ca50_ref_uM", "k_WS_per_ms", "a_p_kPa"]));
-        assert_eq!(step2["bounds"]["k_WS_per_ms"], serde_json::json!([0.004, 0.048]));
-        assert_eq!(step2["frozen"], serde_json::json!({"phi": 2.0}), "what is fitted is not frozen");
+        assert_eq!(
+            step2["parameters"],
+            serde_json::json!(["Ca50_ref_uM", "k_WS_per_ms", "a_p_kPa"])
+        );
+        assert_eq!(
+            step2["bounds"]["k_WS_per_ms"],
+            serde_json::json!([0.004, 0.048])
+        );
+        assert_eq!(
+            step2["frozen"],
+            serde_json::json!({"phi": 2.0}),
+            "what is fitted is not frozen"
+        );
     }
 
     #[test]
     fn of_an_organ_it_is_step_3_s_layer() {
         let mut of = record(&["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"]);
         of.spec = of_organ(organ("p1", 2.0), 1.1);
-        of.spec = Wishes { bounds: valves(), ..Wishes::default() }.on(of.spec).unwrap();
+        of.spec = Wishes {
+            bounds: valves(),
+            ..Wishes::default()
+        }
+        .on(of.spec)
+        .unwrap();
         let layer: SettingsLayer = toml::from_str(&toml(&of, 2).unwrap()).unwrap();
         let step3 = serde_json::to_value(layer.step3.unwrap()).unwrap();
-        assert_eq!(step3["parameters"], serde_json::json!(["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"]));
-        assert_eq!(step3["bounds"]["R_AV_f_mmHg_s_per_mL"], serde_json::json!([0.001, 0.1]));
+        assert_eq!(
+            step3["parameters"],
+            serde_json::json!(["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"])
+        );
+        assert_eq!(
+            step3["bounds"]["R_AV_f_mmHg_s_per_mL"],
+            serde_json::json!([0.001, 0.1])
+        );
         assert_eq!((file(&of), layer.step2.is_some()), ("step3.toml", false));
     }
 
     #[test]
     fn more_than_were_swept_cannot_be_selected() {
         for n in [0, 4] {
-            let said = toml(&record(&["Ca50_ref_uM", "k_WS_per_ms", "n_Tm"]), n).unwrap_err().to_string();
-            assert_eq!(said, format!("--select is {n}, expected 1 to 3, the parameters swept"));
+            let said = toml(&record(&["Ca50_ref_uM", "k_WS_per_ms", "n_Tm"]), n)
+                .unwrap_err()
+                .to_string();
+            assert_eq!(
+                said,
+                format!("--select is {n}, expected 1 to 3, the parameters swept")
+            );
         }
     }
 }

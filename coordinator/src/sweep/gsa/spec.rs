@@ -8,7 +8,9 @@ use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
 use cardiotwin_schemas::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, cell_default, is_parameter};
 use cardiotwin_schemas::settings::SolverSettings;
 use cardiotwin_schemas::step3::Step3Settings;
-use cardiotwin_schemas::sweep::{CellDesign, GsaAnalysis, GsaSpec, SweepFile, SweepSpec, SweptOrgan, SweptParameter};
+use cardiotwin_schemas::sweep::{
+    CellDesign, GsaAnalysis, GsaSpec, SweepFile, SweepSpec, SweptOrgan, SweptParameter,
+};
 use cardiotwin_schemas::task::TaskSpec;
 
 use crate::sweep::SweepError;
@@ -44,8 +46,11 @@ pub const CHUNK_BLOCKS: u32 = 64;
 /// The paper's analysis: 1024 blocks of 44 samples, cycle 1000 ms, λ₀ = 1.1, a_p = 42 kPa.
 #[must_use]
 pub fn published() -> GsaSpec {
-    let parameters =
-        BOX.iter().map(|(name, lower, upper)| SweptParameter { name: (*name).into(), lower: *lower, upper: *upper });
+    let parameters = BOX.iter().map(|(name, lower, upper)| SweptParameter {
+        name: (*name).into(),
+        lower: *lower,
+        upper: *upper,
+    });
     GsaSpec {
         design: CellDesign {
             parameters: parameters.collect(),
@@ -74,14 +79,18 @@ pub const AROUND: f64 = 0.3;
 /// Intervals of the published analysis.
 #[must_use]
 pub fn of_paper() -> Vec<(String, [f64; 2])> {
-    BOX.iter().map(|(name, lower, upper)| ((*name).to_owned(), [*lower, *upper])).collect()
+    BOX.iter()
+        .map(|(name, lower, upper)| ((*name).to_owned(), [*lower, *upper]))
+        .collect()
 }
 
 /// Intervals of the same parameters around a cell's values, where it has others than the model's.
 #[must_use]
 pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
     let interval = |(name, ..): &(&str, f64, f64)| -> Option<(String, [f64; 2])> {
-        let value = cell.and_then(|cell| cell.get(*name).copied()).or_else(|| cell_default(name))?;
+        let value = cell
+            .and_then(|cell| cell.get(*name).copied())
+            .or_else(|| cell_default(name))?;
         let [a, b] = [1.0 - AROUND, 1.0 + AROUND].map(|share| share * value);
         Some(((*name).to_owned(), [a.min(b), a.max(b)]))
     };
@@ -95,7 +104,10 @@ pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
 pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
     let mut spec = published();
     let swept = |(name, [lower, upper]): (String, [f64; 2])| SweptParameter { name, lower, upper };
-    spec.design.parameters = around(organ.beat.contraction.cell_parameters()).into_iter().map(swept).collect();
+    spec.design.parameters = around(organ.beat.contraction.cell_parameters())
+        .into_iter()
+        .map(swept)
+        .collect();
     // A patient's, or a finite-element ventricle's, budget of iterations says nothing of the one-fibre ventricle.
     let solver = SolverSettings::default();
     organ.beat.newton_iterations = solver.newton_iterations;
@@ -116,7 +128,10 @@ pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
 #[must_use]
 pub fn valves() -> Vec<(String, [f64; 2])> {
     let bounds = Step3Settings::default().bounds;
-    VALVE_PARAMETERS.iter().filter_map(|name| Some(((*name).to_owned(), *bounds.get(*name)?))).collect()
+    VALVE_PARAMETERS
+        .iter()
+        .filter_map(|name| Some(((*name).to_owned(), *bounds.get(*name)?)))
+        .collect()
 }
 
 /// What a person asks for; the rest stays as it is in the folder, or as published.
@@ -161,7 +176,11 @@ impl Wishes {
         }
         for (name, [lower, upper]) in &self.bounds {
             known("--bounds", name, design)?;
-            let swept = SweptParameter { name: name.clone(), lower: *lower, upper: *upper };
+            let swept = SweptParameter {
+                name: name.clone(),
+                lower: *lower,
+                upper: *upper,
+            };
             design.fixed.remove(name);
             match design.parameters.iter_mut().find(|p| p.name == *name) {
                 Some(parameter) => *parameter = swept,
@@ -186,37 +205,75 @@ impl Wishes {
 }
 
 fn known(option: &str, name: &str, design: &CellDesign) -> Result<(), SweepError> {
-    let has = |name: &str| if design.organ.is_some() { is_parameter(name) } else { CELL_PARAMETERS.contains(&name) };
+    let has = |name: &str| {
+        if design.organ.is_some() {
+            is_parameter(name)
+        } else {
+            CELL_PARAMETERS.contains(&name)
+        }
+    };
     if has(name) {
         return Ok(());
     }
-    let known: Vec<&str> = CELL_PARAMETERS.into_iter().chain(VALVE_PARAMETERS).filter(|name| has(name)).collect();
+    let known: Vec<&str> = CELL_PARAMETERS
+        .into_iter()
+        .chain(VALVE_PARAMETERS)
+        .filter(|name| has(name))
+        .collect();
     let expected = format!("a parameter among {}", known.join(", "));
-    Err(SweepError::Setting { name: option.into(), found: format!("about `{name}`"), expected })
+    Err(SweepError::Setting {
+        name: option.into(),
+        found: format!("about `{name}`"),
+        expected,
+    })
 }
 
 fn check(spec: &GsaSpec) -> Result<(), SweepError> {
     let refuse = |name: &str, found: String, expected: &str| {
-        Err(SweepError::Setting { name: name.into(), found, expected: expected.into() })
+        Err(SweepError::Setting {
+            name: name.into(),
+            found,
+            expected: expected.into(),
+        })
     };
     let (design, analysis) = (&spec.design, &spec.analysis);
     if !(2..=1 << 20).contains(&spec.n_blocks) {
-        return refuse("--samples", spec.n_blocks.to_string(), "2 to 1048576, best a power of two");
+        return refuse(
+            "--samples",
+            spec.n_blocks.to_string(),
+            "2 to 1048576, best a power of two",
+        );
     }
     if !(1..=1 << 16).contains(&spec.chunk_blocks) {
-        return refuse("--chunk-blocks", spec.chunk_blocks.to_string(), "1 to 65536");
+        return refuse(
+            "--chunk-blocks",
+            spec.chunk_blocks.to_string(),
+            "1 to 65536",
+        );
     }
     if !(1..=u64::from(u32::MAX)).contains(&analysis.seed) {
         return refuse("--seed", analysis.seed.to_string(), "1 to 4294967295");
     }
     if analysis.resamples > 100_000 {
-        return refuse("--resamples", analysis.resamples.to_string(), "up to 100000; 0 gives no intervals");
+        return refuse(
+            "--resamples",
+            analysis.resamples.to_string(),
+            "up to 100000; 0 gives no intervals",
+        );
     }
     if !(analysis.confidence > 0.0 && analysis.confidence < 1.0) {
-        return refuse("--confidence", analysis.confidence.to_string(), "above 0 and below 1");
+        return refuse(
+            "--confidence",
+            analysis.confidence.to_string(),
+            "above 0 and below 1",
+        );
     }
     if !(10.0..=1e5).contains(&design.cycle_length_ms) {
-        return refuse("--cycle-length-ms", design.cycle_length_ms.to_string(), "10 to 100000");
+        return refuse(
+            "--cycle-length-ms",
+            design.cycle_length_ms.to_string(),
+            "10 to 100000",
+        );
     }
     if !(0.2..=5.0).contains(&design.lambda_0) {
         return refuse("--lambda-0", design.lambda_0.to_string(), "0.2 to 5");
@@ -227,7 +284,11 @@ fn check(spec: &GsaSpec) -> Result<(), SweepError> {
     if let Some((name, value)) = design.fixed.iter().find(|(_, value)| !value.is_finite()) {
         return refuse(&format!("--set {name}"), value.to_string(), "a number");
     }
-    if let Some(p) = design.parameters.iter().find(|p| !(p.lower < p.upper && p.upper - p.lower < f64::INFINITY)) {
+    if let Some(p) = design
+        .parameters
+        .iter()
+        .find(|p| !(p.lower < p.upper && p.upper - p.lower < f64::INFINITY))
+    {
         return refuse(
             &format!("--bounds {}", p.name),
             format!("{},{}", p.lower, p.upper),
@@ -244,7 +305,9 @@ fn check(spec: &GsaSpec) -> Result<(), SweepError> {
 pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
     match file.sweep {
         SweepSpec::Gsa(spec) => Ok(*spec),
-        other => Err(SweepError::OtherKind { found: other.kind() }),
+        other => Err(SweepError::OtherKind {
+            found: other.kind(),
+        }),
     }
 }
 
@@ -254,7 +317,11 @@ pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
 /// [`SweepError::Sobol`] for more parameters or points than the sequence has.
 pub fn saltelli(spec: &GsaSpec) -> Result<SaltelliDesign, SweepError> {
     let design = &spec.design;
-    let intervals: Vec<Interval> = design.parameters.iter().map(|p| Interval::new(p.lower, p.upper)).collect();
+    let intervals: Vec<Interval> = design
+        .parameters
+        .iter()
+        .map(|p| Interval::new(p.lower, p.upper))
+        .collect();
     let settings = DesignSettings {
         n_blocks: spec.n_blocks as usize,
         skip_points: design.skip_points,
@@ -270,25 +337,52 @@ pub fn saltelli(spec: &GsaSpec) -> Result<SaltelliDesign, SweepError> {
 pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), SweepError> {
     let mut changes = Vec::new();
     if now.n_blocks < before.n_blocks {
-        changes.push(format!("samples {} (now {}; more may be asked for, not fewer)", before.n_blocks, now.n_blocks));
+        changes.push(format!(
+            "samples {} (now {}; more may be asked for, not fewer)",
+            before.n_blocks, now.n_blocks
+        ));
     }
     if now.chunk_blocks != before.chunk_blocks {
-        changes.push(format!("chunk-blocks {} (now {})", before.chunk_blocks, now.chunk_blocks));
+        changes.push(format!(
+            "chunk-blocks {} (now {})",
+            before.chunk_blocks, now.chunk_blocks
+        ));
     }
     let (a, b) = (&before.design, &now.design);
-    let scramble = |seed: Option<u64>| seed.map_or("plain points".to_owned(), |s| format!("scrambled with seed {s}"));
+    let scramble = |seed: Option<u64>| {
+        seed.map_or("plain points".to_owned(), |s| {
+            format!("scrambled with seed {s}")
+        })
+    };
     let organ = |design: &CellDesign| {
-        design.organ.as_ref().map_or("the 0D cell".to_owned(), |organ| format!("the organ of {}", organ.patient))
+        design
+            .organ
+            .as_ref()
+            .map_or("the 0D cell".to_owned(), |organ| {
+                format!("the organ of {}", organ.patient)
+            })
     };
     // Wherever its files lie.
-    let beat = |design: &CellDesign| design.organ.as_ref().map(|o| TaskSpec::OrganBeat(Box::new(o.beat.clone())).key());
+    let beat = |design: &CellDesign| {
+        design
+            .organ
+            .as_ref()
+            .map(|o| TaskSpec::OrganBeat(Box::new(o.beat.clone())).key())
+    };
     if organ(a) != organ(b) {
         changes.push(format!("{} (now {})", organ(a), organ(b)));
     } else if beat(a) != beat(b) {
-        changes.push(format!("another state of {}: its run has gone on, or its settings changed", organ(a)));
+        changes.push(format!(
+            "another state of {}: its run has gone on, or its settings changed",
+            organ(a)
+        ));
     }
     if a.scramble_seed != b.scramble_seed {
-        changes.push(format!("{} (now {})", scramble(a.scramble_seed), scramble(b.scramble_seed)));
+        changes.push(format!(
+            "{} (now {})",
+            scramble(a.scramble_seed),
+            scramble(b.scramble_seed)
+        ));
     }
     let numbers = [
         ("skip-points", a.skip_points as f64, b.skip_points as f64),
@@ -296,7 +390,12 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
         ("lambda-0", a.lambda_0, b.lambda_0),
         ("tolerance", a.tolerance, b.tolerance),
     ];
-    changes.extend(numbers.iter().filter(|(_, a, b)| a != b).map(|(name, a, b)| format!("{name} {a} (now {b})")));
+    changes.extend(
+        numbers
+            .iter()
+            .filter(|(_, a, b)| a != b)
+            .map(|(name, a, b)| format!("{name} {a} (now {b})")),
+    );
     let place = |design: &CellDesign, name: &str| {
         let swept = design.parameters.iter().find(|p| p.name == name);
         swept
@@ -316,7 +415,10 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
     if changes.is_empty() {
         return Ok(());
     }
-    Err(SweepError::Changed { path: folder.to_owned(), changes: changes.join(", ") })
+    Err(SweepError::Changed {
+        path: folder.to_owned(),
+        changes: changes.join(", "),
+    })
 }
 
 #[cfg(test)]
@@ -339,7 +441,10 @@ pub(crate) mod tests {
             "valves": {}, "contraction": {"model": "land2017-rice", "parameters": {"phi": phi}, "lambda_0": 1.1},
             "beats": {"mode": "fixed", "n": 1}, "measured_end_diastolic_volume_mL": 120.0
         }));
-        SweptOrgan { patient: PatientId::from(patient), beat: beat.unwrap() }
+        SweptOrgan {
+            patient: PatientId::from(patient),
+            beat: beat.unwrap(),
+        }
     }
 
     #[test]
@@ -356,74 +461,185 @@ pub(crate) mod tests {
             samples: Some(16),
             scramble: true,
             seed: Some(3),
-            bounds: vec![("a_p_kPa".into(), [1.0, 100.0]), ("n_Tm".into(), [4.0, 5.0])],
+            bounds: vec![
+                ("a_p_kPa".into(), [1.0, 100.0]),
+                ("n_Tm".into(), [4.0, 5.0]),
+            ],
             set: vec![("phi".into(), 2.0)],
             ..Wishes::default()
         };
         let spec = wishes.on(published()).unwrap();
-        assert_eq!((spec.n_blocks, spec.design.scramble_seed, spec.analysis.seed), (16, Some(3), 3));
+        assert_eq!(
+            (spec.n_blocks, spec.design.scramble_seed, spec.analysis.seed),
+            (16, Some(3), 3)
+        );
         assert_eq!(spec.design.fixed, BTreeMap::from([("phi".to_owned(), 2.0)]));
-        let names: Vec<&str> = spec.design.parameters.iter().map(|p| p.name.as_str()).collect();
-        assert_eq!((names.len(), names.contains(&"phi"), names[20]), (21, false, "a_p_kPa"));
+        let names: Vec<&str> = spec
+            .design
+            .parameters
+            .iter()
+            .map(|p| p.name.as_str())
+            .collect();
+        assert_eq!(
+            (names.len(), names.contains(&"phi"), names[20]),
+            (21, false, "a_p_kPa")
+        );
         let refused = |wishes: Wishes| wishes.on(published()).unwrap_err().to_string();
-        let unknown = refused(Wishes { set: vec![("Ca50".into(), 1.0)], ..Wishes::default() });
-        assert!(unknown.contains("`Ca50`") && unknown.contains("Ca50_ref_uM"), "{unknown}");
-        let reversed = refused(Wishes { bounds: vec![("n_Tm".into(), [5.0, 4.0])], ..Wishes::default() });
-        assert_eq!(reversed, "--bounds n_Tm is 5,4, expected LOWER,UPPER in this order");
-        assert!(refused(Wishes { samples: Some(1), ..Wishes::default() }).starts_with("--samples is 1"));
-        assert!(refused(Wishes { seed: Some(0), ..Wishes::default() }).starts_with("--seed is 0"));
+        let unknown = refused(Wishes {
+            set: vec![("Ca50".into(), 1.0)],
+            ..Wishes::default()
+        });
+        assert!(
+            unknown.contains("`Ca50`") && unknown.contains("Ca50_ref_uM"),
+            "{unknown}"
+        );
+        let reversed = refused(Wishes {
+            bounds: vec![("n_Tm".into(), [5.0, 4.0])],
+            ..Wishes::default()
+        });
+        assert_eq!(
+            reversed,
+            "--bounds n_Tm is 5,4, expected LOWER,UPPER in this order"
+        );
+        assert!(
+            refused(Wishes {
+                samples: Some(1),
+                ..Wishes::default()
+            })
+            .starts_with("--samples is 1")
+        );
+        assert!(
+            refused(Wishes {
+                seed: Some(0),
+                ..Wishes::default()
+            })
+            .starts_with("--seed is 0")
+        );
     }
 
     #[test]
     fn an_organ_s_sweep_is_around_its_cell_and_has_valves_where_asked() {
         let organ = organ("p1", 2.0);
         let spec = of_organ(organ, 1.1);
-        assert_eq!((spec.design.parameters.len(), spec.design.outputs().len(), spec.n_blocks), (21, 7, 1024));
+        assert_eq!(
+            (
+                spec.design.parameters.len(),
+                spec.design.outputs().len(),
+                spec.n_blocks
+            ),
+            (21, 7, 1024)
+        );
         let interval = |spec: &GsaSpec, name: &str| {
             let found = spec.design.parameters.iter().find(|p| p.name == name)?;
             Some([found.lower, found.upper])
         };
-        assert_eq!(interval(&spec, "phi"), Some([1.4, 2.6]), "30 % around the beat's own");
+        assert_eq!(
+            interval(&spec, "phi"),
+            Some([1.4, 2.6]),
+            "30 % around the beat's own"
+        );
         let [lower, upper] = interval(&spec, "beta_1_uM").unwrap();
-        assert!(lower < upper && upper < 0.0, "around the model's default, {lower} {upper}");
+        assert!(
+            lower < upper && upper < 0.0,
+            "around the model's default, {lower} {upper}"
+        );
         let mut bounds = of_paper();
         bounds.extend(valves());
-        let spec = Wishes { bounds, ..Wishes::default() }.on(spec).unwrap();
-        assert_eq!((spec.design.parameters.len(), interval(&spec, "phi")), (23, Some([0.1, 4.0])));
-        let passive = Wishes { set: vec![("a_p_kPa".into(), 3.0)], ..Wishes::default() }.on(spec).unwrap_err();
-        assert!(passive.to_string().contains("R_AV_f_mmHg_s_per_mL"), "{passive}");
-        let cell = Wishes { bounds: valves(), ..Wishes::default() }.on(published()).unwrap_err();
-        assert!(cell.to_string().starts_with("--bounds is about `R_AV_f"), "{cell}");
+        let spec = Wishes {
+            bounds,
+            ..Wishes::default()
+        }
+        .on(spec)
+        .unwrap();
+        assert_eq!(
+            (spec.design.parameters.len(), interval(&spec, "phi")),
+            (23, Some([0.1, 4.0]))
+        );
+        let passive = Wishes {
+            set: vec![("a_p_kPa".into(), 3.0)],
+            ..Wishes::default()
+        }
+        .on(spec)
+        .unwrap_err();
+        assert!(
+            passive.to_string().contains("R_AV_f_mmHg_s_per_mL"),
+            "{passive}"
+        );
+        let cell = Wishes {
+            bounds: valves(),
+            ..Wishes::default()
+        }
+        .on(published())
+        .unwrap_err();
+        assert!(
+            cell.to_string().starts_with("--bounds is about `R_AV_f"),
+            "{cell}"
+        );
     }
 
     #[test]
     fn an_organ_s_sweep_goes_on_with_the_same_organ_only() {
         let said = |before: SweptOrgan, now: SweptOrgan| {
-            may_follow(Path::new("gsa"), &of_organ(before, 1.1), &of_organ(now, 1.1)).map_err(|e| e.to_string())
+            may_follow(
+                Path::new("gsa"),
+                &of_organ(before, 1.1),
+                &of_organ(now, 1.1),
+            )
+            .map_err(|e| e.to_string())
         };
         said(organ("p1", 2.0), organ("p1", 2.0)).unwrap();
         let other = said(organ("p1", 2.0), organ("p2", 2.0)).unwrap_err();
-        assert!(other.contains("the organ of p1 (now the organ of p2)"), "{other}");
+        assert!(
+            other.contains("the organ of p1 (now the organ of p2)"),
+            "{other}"
+        );
         let changed = said(organ("p1", 2.0), organ("p1", 2.1)).unwrap_err();
-        assert!(changed.contains("another state of the organ of p1"), "{changed}");
+        assert!(
+            changed.contains("another state of the organ of p1"),
+            "{changed}"
+        );
     }
 
     #[test]
     fn a_folder_s_sweep_may_grow_and_be_analysed_otherwise_and_nothing_else() {
         let folder = Path::new("gsa");
         let before = published();
-        let follow = |wishes: Wishes| may_follow(folder, &before, &wishes.on(before.clone()).unwrap());
+        let follow =
+            |wishes: Wishes| may_follow(folder, &before, &wishes.on(before.clone()).unwrap());
         follow(Wishes::default()).unwrap();
-        follow(Wishes { samples: Some(2048), resamples: Some(10), seed: Some(4), ..Wishes::default() }).unwrap();
+        follow(Wishes {
+            samples: Some(2048),
+            resamples: Some(10),
+            seed: Some(4),
+            ..Wishes::default()
+        })
+        .unwrap();
         let said = |wishes: Wishes| follow(wishes).unwrap_err().to_string();
-        let text = said(Wishes { samples: Some(16), scramble: true, lambda_0: Some(1.0), ..Wishes::default() });
-        for part in
-            ["samples 1024 (now 16", "plain points (now scrambled with seed 1)", "lambda-0 1.1 (now 1)", "--out"]
-        {
+        let text = said(Wishes {
+            samples: Some(16),
+            scramble: true,
+            lambda_0: Some(1.0),
+            ..Wishes::default()
+        });
+        for part in [
+            "samples 1024 (now 16",
+            "plain points (now scrambled with seed 1)",
+            "lambda-0 1.1 (now 1)",
+            "--out",
+        ] {
             assert!(text.contains(part), "{part} is not in {text}");
         }
-        assert!(said(Wishes { chunk_blocks: Some(5), ..Wishes::default() }).contains("chunk-blocks 64 (now 5)"));
-        let fixed = said(Wishes { set: vec![("phi".into(), 2.0)], ..Wishes::default() });
+        assert!(
+            said(Wishes {
+                chunk_blocks: Some(5),
+                ..Wishes::default()
+            })
+            .contains("chunk-blocks 64 (now 5)")
+        );
+        let fixed = said(Wishes {
+            set: vec![("phi".into(), 2.0)],
+            ..Wishes::default()
+        });
         assert!(fixed.contains("phi in [0.1, 4] (now = 2)"), "{fixed}");
     }
 }

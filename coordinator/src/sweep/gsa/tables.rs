@@ -11,7 +11,14 @@ pub fn indices(record: &SensitivityRecord) -> String {
     for output in &record.outputs {
         for p in &output.parameters {
             let blocks = p.total.or(p.first).map_or(0, |index| index.n_blocks);
-            let _ = writeln!(text, "{},{},{},{},{blocks}", output.name, p.name, pair(p.first), pair(p.total));
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{blocks}",
+                output.name,
+                p.name,
+                pair(p.first),
+                pair(p.total)
+            );
         }
     }
     text
@@ -38,7 +45,9 @@ pub fn ranking(record: &SensitivityRecord) -> String {
         .to_owned();
     let whole = |value: Option<u32>| value.map_or_else(String::new, |value| value.to_string());
     for r in &record.ranking {
-        let [low, high] = r.rank_interval.map_or([None, None], |ranks| ranks.map(Some));
+        let [low, high] = r
+            .rank_interval
+            .map_or([None, None], |ranks| ranks.map(Some));
         let _ = writeln!(
             text,
             "{},{},{:?},{},{},{},{},{},{},{},{}",
@@ -63,5 +72,9 @@ fn number(value: Option<f64>) -> String {
 }
 
 fn pair(index: Option<SobolIndex>) -> String {
-    format!("{},{}", number(index.map(|i| i.value)), number(index.and_then(|i| i.half_width)))
+    format!(
+        "{},{}",
+        number(index.map(|i| i.value)),
+        number(index.and_then(|i| i.half_width))
+    )
 }

@@ -25,8 +25,12 @@ pub fn of(
     let mut all = vec![finished(members)];
     match over {
         Uncertainty::Data => {
-            for (table, words) in [(TableKind::Step1Biomarkers, "step 1"), (TableKind::Step2Biomarkers, "step 2")] {
-                let errors: Vec<&TargetError> = errors.iter().filter(|e| e.table == table).collect();
+            for (table, words) in [
+                (TableKind::Step1Biomarkers, "step 1"),
+                (TableKind::Step2Biomarkers, "step 2"),
+            ] {
+                let errors: Vec<&TargetError> =
+                    errors.iter().filter(|e| e.table == table).collect();
                 all.extend(data(&errors, words));
             }
         }
@@ -45,8 +49,16 @@ fn finished(members: &[RobustnessMember]) -> Condition {
     let over = |m: &&RobustnessMember| m.values.contains_key(&TableKind::Step2Biomarkers);
     let open = |m: &RobustnessMember| matches!(m.state.as_str(), "waiting" | "running" | "unknown");
     let n = members.iter().filter(over).count();
-    let names: Vec<&str> = members.iter().filter(|m| m.state == "failed").map(|m| m.id.as_str()).collect();
-    let failed = if names.is_empty() { String::new() } else { format!("; failed: {}", names.join(", ")) };
+    let names: Vec<&str> = members
+        .iter()
+        .filter(|m| m.state == "failed")
+        .map(|m| m.id.as_str())
+        .collect();
+    let failed = if names.is_empty() {
+        String::new()
+    } else {
+        format!("; failed: {}", names.join(", "))
+    };
     Condition {
         name: "every personalisation reached the verification beat".to_owned(),
         passed: (!members.iter().any(open)).then_some(n == members.len()),
@@ -67,20 +79,29 @@ fn data(errors: &[&TargetError], words: &str) -> [Condition; 3] {
             passed: worst.map(|e| excess(e) <= ALLOWANCE),
             found: worst.map_or_else(missing, |e| {
                 let (error, reference) = sides(e);
-                format!("{}: {} against {}", e.biomarker, percent(error), percent(reference))
+                format!(
+                    "{}: {} against {}",
+                    e.biomarker,
+                    percent(error),
+                    percent(reference)
+                )
             }),
             limit: limit.to_owned(),
         }
     };
     let to_original = "error of the original to the measured value + 2 points, each biomarker";
-    let mut every_sample = worst(format!("{words} meets perturbed targets, worst sample"), to_original, &|e| {
-        (e.to_perturbed.maximum, e.original)
-    });
+    let mut every_sample = worst(
+        format!("{words} meets perturbed targets, worst sample"),
+        to_original,
+        &|e| (e.to_perturbed.maximum, e.original),
+    );
     every_sample.found += &beyond(errors);
     [
-        worst(format!("{words} meets perturbed targets, mean over samples"), to_original, &|e| {
-            (e.to_perturbed.mean, e.original)
-        }),
+        worst(
+            format!("{words} meets perturbed targets, mean over samples"),
+            to_original,
+            &|e| (e.to_perturbed.mean, e.original),
+        ),
         every_sample,
         worst(
             format!("{words} follows perturbed targets, mean over samples"),
@@ -93,17 +114,30 @@ fn data(errors: &[&TargetError], words: &str) -> [Condition; 3] {
 /// How many samples, biomarker by biomarker, miss their targets.
 fn beyond(errors: &[&TargetError]) -> String {
     let each = errors.iter().filter(|e| !e.beyond.is_empty());
-    let each: Vec<String> = each.map(|e| format!("{} {}", e.beyond.len(), e.biomarker)).collect();
-    if each.is_empty() { String::new() } else { format!("; samples beyond: {}", each.join(", ")) }
+    let each: Vec<String> = each
+        .map(|e| format!("{} {}", e.beyond.len(), e.biomarker))
+        .collect();
+    if each.is_empty() {
+        String::new()
+    } else {
+        format!("; samples beyond: {}", each.join(", "))
+    }
 }
 
 fn largest_mean(table: Option<&RobustnessTable>, kind: TableKind, limit: f64) -> Condition {
     let five = Biomarker::TABLE_2.map(Biomarker::key);
-    let means = table.into_iter().flat_map(|t| &t.quantities).filter(|q| five.contains(&q.name.as_str()));
-    let largest =
-        means.filter_map(|q| Some((q.name.as_str(), q.relative_differences?.mean))).max_by(|a, b| a.1.total_cmp(&b.1));
+    let means = table
+        .into_iter()
+        .flat_map(|t| &t.quantities)
+        .filter(|q| five.contains(&q.name.as_str()));
+    let largest = means
+        .filter_map(|q| Some((q.name.as_str(), q.relative_differences?.mean)))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
     Condition {
-        name: format!("{}: largest mean difference of the paper's five biomarkers", kind.word()),
+        name: format!(
+            "{}: largest mean difference of the paper's five biomarkers",
+            kind.word()
+        ),
         passed: largest.map(|(_, mean)| mean <= limit),
         found: largest.map_or_else(missing, |(name, mean)| format!("{name}: {}", percent(mean))),
         limit: format!("{}, the paper's largest", percent(limit)),
@@ -113,10 +147,13 @@ fn largest_mean(table: Option<&RobustnessTable>, kind: TableKind, limit: f64) ->
 /// Mean difference of each quantity against the printed one.
 fn printed(table: Option<&RobustnessTable>, kind: TableKind, over: Uncertainty) -> Condition {
     let number = kind.paper(over);
-    let pairs = table.into_iter().flat_map(|t| &t.quantities).filter_map(|q| {
-        let paper = PAPER.column(number, &q.name)?.mean_of_rel_diff_percent;
-        Some((q.name.as_str(), 100.0 * q.relative_differences?.mean, paper))
-    });
+    let pairs = table
+        .into_iter()
+        .flat_map(|t| &t.quantities)
+        .filter_map(|q| {
+            let paper = PAPER.column(number, &q.name)?.mean_of_rel_diff_percent;
+            Some((q.name.as_str(), 100.0 * q.relative_differences?.mean, paper))
+        });
     let pairs: Vec<_> = pairs.collect();
     let beyond: Vec<String> = pairs
         .iter()
@@ -124,14 +161,22 @@ fn printed(table: Option<&RobustnessTable>, kind: TableKind, over: Uncertainty) 
         .map(|(name, found, paper)| format!("{name} {found:.1} % against {paper} %"))
         .collect();
     Condition {
-        name: format!("{}: mean differences no larger than Table {number}'s", kind.word()),
+        name: format!(
+            "{}: mean differences no larger than Table {number}'s",
+            kind.word()
+        ),
         passed: (!pairs.is_empty()).then_some(beyond.is_empty()),
         found: if pairs.is_empty() {
             missing()
         } else if beyond.is_empty() {
             format!("none of {} is larger", pairs.len())
         } else {
-            format!("{} of {} are larger: {}", beyond.len(), pairs.len(), beyond.join(", "))
+            format!(
+                "{} of {} are larger: {}",
+                beyond.len(),
+                pairs.len(),
+                beyond.join(", ")
+            )
         },
         limit: format!("the mean that Table {number} prints for each quantity"),
     }

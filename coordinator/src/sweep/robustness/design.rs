@@ -30,7 +30,9 @@ pub enum DesignError {
         source: RobustnessError,
     },
     /// A fitted parameter without a default to vary.
-    #[error("step 2 of patient {patient} fits `{name}`, which has neither a default nor a value in step2.initial")]
+    #[error(
+        "step 2 of patient {patient} fits `{name}`, which has neither a default nor a value in step2.initial"
+    )]
     NoGuess {
         /// Whose.
         patient: PatientId,
@@ -38,7 +40,9 @@ pub enum DesignError {
         name: String,
     },
     /// Bounds between which nothing lies.
-    #[error("{table}.bounds.{name} of patient {patient} are {lower} to {upper}; expected the lower one first")]
+    #[error(
+        "{table}.bounds.{name} of patient {patient} are {lower} to {upper}; expected the lower one first"
+    )]
     Bounds {
         /// Table of the settings.
         table: &'static str,
@@ -69,8 +73,16 @@ pub struct Member {
 ///
 /// # Errors
 /// [`DesignError`] where settings leave nothing to vary or make no sense.
-pub fn members(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
-    let mut all = vec![member(patient, MemberRole::Original, ORIGINAL.to_owned(), BTreeMap::new())];
+pub fn members(
+    patient: &ResolvedPatient,
+    spec: &RobustnessSpec,
+) -> Result<Vec<Member>, DesignError> {
+    let mut all = vec![member(
+        patient,
+        MemberRole::Original,
+        ORIGINAL.to_owned(),
+        BTreeMap::new(),
+    )];
     let samples = match spec.over {
         Uncertainty::Data => data(patient, spec)?,
         Uncertainty::Guess => guesses(patient, spec)?,
@@ -89,7 +101,12 @@ fn named(patient: &PatientId, suffix: &str) -> PatientId {
     PatientId(format!("{patient}.{suffix}"))
 }
 
-fn member(patient: &ResolvedPatient, role: MemberRole, suffix: String, inputs: BTreeMap<String, f64>) -> Member {
+fn member(
+    patient: &ResolvedPatient,
+    role: MemberRole,
+    suffix: String,
+    inputs: BTreeMap<String, f64>,
+) -> Member {
     let mut plan = patient.clone();
     plan.random_stream = Some(patient.random_stream().clone());
     // The tables are the paper's, which end with the verification beat.
@@ -108,12 +125,25 @@ fn suffix(letter: char, number: usize, of: u32) -> String {
 fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
     let n = spec.n_samples as usize;
     let factors = perturbed_data(&[1.0; STEP1_BIOMARKERS.len()], spec.range, n, spec.seed)
-        .map_err(|source| DesignError::Samples { patient: patient.id.clone(), source })?;
+        .map_err(|source| DesignError::Samples {
+            patient: patient.id.clone(),
+            source,
+        })?;
     let measured = measured(patient);
     let members = factors.iter().zip(1..).map(|(sample, number)| {
-        let named = STEP1_BIOMARKERS.iter().zip(sample).filter(|(name, _)| measured.contains(name));
-        let factors: BTreeMap<String, f64> = named.map(|(name, factor)| ((*name).to_owned(), *factor)).collect();
-        let mut member = member(patient, MemberRole::Sample, suffix('d', number, spec.n_samples), factors.clone());
+        let named = STEP1_BIOMARKERS
+            .iter()
+            .zip(sample)
+            .filter(|(name, _)| measured.contains(name));
+        let factors: BTreeMap<String, f64> = named
+            .map(|(name, factor)| ((*name).to_owned(), *factor))
+            .collect();
+        let mut member = member(
+            patient,
+            MemberRole::Sample,
+            suffix('d', number, spec.n_samples),
+            factors.clone(),
+        );
         member.plan.step0.biomarker_factors = factors;
         member
     });
@@ -123,12 +153,23 @@ fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>,
 /// Targets of step 1 that the patient's data give.
 fn measured(patient: &ResolvedPatient) -> Vec<&'static str> {
     let step0 = &patient.step0;
-    let given = |name: &str| Biomarkers { ..step0.biomarkers }.step1_target_mut(name).is_some_and(|v| v.is_some());
+    let given = |name: &str| {
+        Biomarkers { ..step0.biomarkers }
+            .step1_target_mut(name)
+            .is_some_and(|v| v.is_some())
+    };
     let of_trace = |name: &str| {
-        let trace = if name.starts_with("tau_V") { &step0.volume } else { &step0.pressure };
+        let trace = if name.starts_with("tau_V") {
+            &step0.volume
+        } else {
+            &step0.pressure
+        };
         trace.is_some()
     };
-    STEP1_BIOMARKERS.into_iter().filter(|name| given(name) || of_trace(name)).collect()
+    STEP1_BIOMARKERS
+        .into_iter()
+        .filter(|name| given(name) || of_trace(name))
+        .collect()
 }
 
 /// A guess that is varied.
@@ -143,18 +184,38 @@ struct Guess {
 fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
     let (step1, step2) = (&patient.settings.step1, &patient.settings.step2);
     let guess = |table, name: &str, centre: f64, bounds: Option<&[f64; 2]>| {
-        let bounds = bounds.map(|[lower, upper]| interval(patient, table, name, *lower, *upper)).transpose()?;
+        let bounds = bounds
+            .map(|[lower, upper]| interval(patient, table, name, *lower, *upper))
+            .transpose()?;
         let prefix = if table == "step2" { STEP2_PREFIX } else { "" };
         // A default outside of narrowed bounds: the guess is the bound, as the fit would cut it.
         let centre = bounds.map_or(centre, |b| b.clamp(centre));
-        Ok(Guess { name: format!("{prefix}{name}"), centre, bounds })
+        Ok(Guess {
+            name: format!("{prefix}{name}"),
+            centre,
+            bounds,
+        })
     };
-    let start = Step1Parameters { tanh: step1.initial, valves: step1.valves }.updated();
-    let free = STEP1_PARAMETERS.iter().zip(start).filter(|(name, _)| !step1.frozen.iter().any(|f| f == *name));
+    let start = Step1Parameters {
+        tanh: step1.initial,
+        valves: step1.valves,
+    }
+    .updated();
+    let free = STEP1_PARAMETERS
+        .iter()
+        .zip(start)
+        .filter(|(name, _)| !step1.frozen.iter().any(|f| f == *name));
     let of_step1 = free.map(|(name, value)| guess("step1", name, value, step1.bounds.get(*name)));
     let of_step2 = step2.fitted().into_iter().map(|name| {
-        let value = step2.initial.get(&name).copied().or_else(|| cell_default(&name));
-        let value = value.ok_or_else(|| DesignError::NoGuess { patient: patient.id.clone(), name: name.clone() })?;
+        let value = step2
+            .initial
+            .get(&name)
+            .copied()
+            .or_else(|| cell_default(&name));
+        let value = value.ok_or_else(|| DesignError::NoGuess {
+            patient: patient.id.clone(),
+            name: name.clone(),
+        })?;
         guess("step2", &name, value, step2.bounds.get(&name))
     });
     of_step1.chain(of_step2).collect()
@@ -165,7 +226,10 @@ fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
 /// # Errors
 /// As [`members`].
 pub fn guess_centres(patient: &ResolvedPatient) -> Result<Vec<(String, f64)>, DesignError> {
-    Ok(varied(patient)?.into_iter().map(|guess| (guess.name, guess.centre)).collect())
+    Ok(varied(patient)?
+        .into_iter()
+        .map(|guess| (guess.name, guess.centre))
+        .collect())
 }
 
 /// Perturbed guesses of both steps, cut to the bounds.
@@ -173,23 +237,43 @@ fn guesses(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Membe
     let varied = varied(patient)?;
     let centres: Vec<f64> = varied.iter().map(|guess| guess.centre).collect();
     let bounds: Vec<Option<Interval>> = varied.iter().map(|guess| guess.bounds).collect();
-    let samples = perturbed_guesses(&centres, &bounds, spec.range, spec.n_samples as usize, spec.seed)
-        .map_err(|source| DesignError::Samples { patient: patient.id.clone(), source })?;
+    let samples = perturbed_guesses(
+        &centres,
+        &bounds,
+        spec.range,
+        spec.n_samples as usize,
+        spec.seed,
+    )
+    .map_err(|source| DesignError::Samples {
+        patient: patient.id.clone(),
+        source,
+    })?;
     let members = samples.iter().zip(1..).map(|(sample, number)| {
-        let inputs: BTreeMap<String, f64> =
-            varied.iter().map(|guess| guess.name.clone()).zip(sample.iter().copied()).collect();
+        let inputs: BTreeMap<String, f64> = varied
+            .iter()
+            .map(|guess| guess.name.clone())
+            .zip(sample.iter().copied())
+            .collect();
         let suffix = suffix('g', number, spec.n_samples);
         let mut member = member(patient, MemberRole::Sample, suffix, inputs.clone());
         let settings = &mut member.plan.settings;
-        let start = Step1Parameters { tanh: settings.step1.initial, valves: settings.step1.valves };
+        let start = Step1Parameters {
+            tanh: settings.step1.initial,
+            valves: settings.step1.valves,
+        };
         let mut values = start.updated();
         for (value, name) in values.iter_mut().zip(STEP1_PARAMETERS) {
             *value = inputs.get(name).copied().unwrap_or(*value);
         }
         let start = start.with_updated(values);
         (settings.step1.initial, settings.step1.valves) = (start.tanh, start.valves);
-        let step2 = inputs.iter().filter_map(|(name, value)| Some((name.strip_prefix(STEP2_PREFIX)?, value)));
-        settings.step2.initial.extend(step2.map(|(name, value)| (name.to_owned(), *value)));
+        let step2 = inputs
+            .iter()
+            .filter_map(|(name, value)| Some((name.strip_prefix(STEP2_PREFIX)?, value)));
+        settings
+            .step2
+            .initial
+            .extend(step2.map(|(name, value)| (name.to_owned(), *value)));
         member
     });
     Ok(members.collect())
@@ -205,14 +289,28 @@ fn interval(
     if lower <= upper && lower.is_finite() && upper.is_finite() {
         return Ok(Interval::new(lower, upper));
     }
-    Err(DesignError::Bounds { table, patient: patient.id.clone(), name: name.to_owned(), lower, upper })
+    Err(DesignError::Bounds {
+        table,
+        patient: patient.id.clone(),
+        name: name.to_owned(),
+        lower,
+        upper,
+    })
 }
 
-fn seeds<'a>(patient: &'a ResolvedPatient, spec: &'a RobustnessSpec) -> impl Iterator<Item = Member> + 'a {
+fn seeds<'a>(
+    patient: &'a ResolvedPatient,
+    spec: &'a RobustnessSpec,
+) -> impl Iterator<Item = Member> + 'a {
     (1..=spec.n_seeds).map(|number| {
         let seed = patient.settings.step2.seed.wrapping_add(u64::from(number));
         let inputs = BTreeMap::from([(SEED.to_owned(), seed as f64)]);
-        let mut member = member(patient, MemberRole::Seed, suffix('s', number as usize, spec.n_seeds), inputs);
+        let mut member = member(
+            patient,
+            MemberRole::Seed,
+            suffix('s', number as usize, spec.n_seeds),
+            inputs,
+        );
         member.plan.settings.step2.seed = seed;
         member
     })

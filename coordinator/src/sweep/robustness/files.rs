@@ -38,14 +38,24 @@ pub fn tables_csv(result: &RobustnessResult) -> String {
     ]);
     for patient in &result.patients {
         let mut row = |table: &str, paper: Option<u32>, members: &str, q: &QuantitySpread| {
-            let head = [patient.patient.to_string(), table.to_owned(), paper.map_or(String::new(), |p| p.to_string())];
+            let head = [
+                patient.patient.to_string(),
+                table.to_owned(),
+                paper.map_or(String::new(), |p| p.to_string()),
+            ];
             out.row(head.into_iter().chain([members.to_owned()]).chain(cells(q)));
         };
-        patient.inputs.iter().for_each(|q| row("inputs", None, "sample", q));
+        patient
+            .inputs
+            .iter()
+            .for_each(|q| row("inputs", None, "sample", q));
         for (members, tables) in [("sample", &patient.tables), ("seed", &patient.seed_tables)] {
             for table in tables {
                 let paper = (members == "sample").then_some(table.paper_table);
-                table.quantities.iter().for_each(|q| row(table.table.word(), paper, members, q));
+                table
+                    .quantities
+                    .iter()
+                    .for_each(|q| row(table.table.word(), paper, members, q));
             }
         }
     }
@@ -53,16 +63,32 @@ pub fn tables_csv(result: &RobustnessResult) -> String {
 }
 
 fn cells(q: &QuantitySpread) -> Vec<String> {
-    let mut cells = vec![q.name.clone(), number(Some(q.original)), q.n.to_string(), q.n_missing.to_string()];
+    let mut cells = vec![
+        q.name.clone(),
+        number(Some(q.original)),
+        q.n.to_string(),
+        q.n_missing.to_string(),
+    ];
     cells.extend(moments(Some(&q.values)));
     cells.extend(moments(q.relative_differences.as_ref()));
     cells.push(number(q.spread));
-    cells.push(q.amplification.as_ref().map_or(String::new(), |a| a.input.clone()));
+    cells.push(
+        q.amplification
+            .as_ref()
+            .map_or(String::new(), |a| a.input.clone()),
+    );
     cells.push(number(q.amplification.as_ref().map(|a| a.input_spread)));
     cells.push(number(q.amplification.as_ref().map(|a| a.ratio)));
     let paper = q.paper.as_ref();
     let printed = paper.map(|p| {
-        [p.original, p.mean, p.sd, p.mean_of_rel_diff_percent, p.sd_of_rel_diff_percent, p.max_of_rel_diff_percent]
+        [
+            p.original,
+            p.mean,
+            p.sd,
+            p.mean_of_rel_diff_percent,
+            p.sd_of_rel_diff_percent,
+            p.max_of_rel_diff_percent,
+        ]
     });
     match printed {
         Some(printed) => cells.extend(printed.map(|p| p.to_string())),
@@ -74,10 +100,20 @@ fn cells(q: &QuantitySpread) -> Vec<String> {
 /// One row for each personalisation: what it was given, how it ended, its results.
 #[must_use]
 pub fn members_csv(result: &RobustnessResult) -> String {
-    let members = || result.patients.iter().flat_map(|p| p.members.iter().map(move |m| (&p.patient, m)));
+    let members = || {
+        result
+            .patients
+            .iter()
+            .flat_map(|p| p.members.iter().map(move |m| (&p.patient, m)))
+    };
     let inputs: BTreeSet<&String> = members().flat_map(|(_, m)| m.inputs.keys()).collect();
-    let results: BTreeSet<(TableKind, &String)> =
-        members().flat_map(|(_, m)| m.values.iter().flat_map(|(t, v)| v.keys().map(|name| (*t, name)))).collect();
+    let results: BTreeSet<(TableKind, &String)> = members()
+        .flat_map(|(_, m)| {
+            m.values
+                .iter()
+                .flat_map(|(t, v)| v.keys().map(|name| (*t, name)))
+        })
+        .collect();
     let mut head: Vec<String> = [
         "patient",
         "member",
@@ -94,7 +130,11 @@ pub fn members_csv(result: &RobustnessResult) -> String {
     .map(str::to_owned)
     .to_vec();
     head.extend(inputs.iter().map(|name| format!("input:{name}")));
-    head.extend(results.iter().map(|(table, name)| format!("{}:{name}", table.word())));
+    head.extend(
+        results
+            .iter()
+            .map(|(table, name)| format!("{}:{name}", table.word())),
+    );
     let mut out = Rows::new(&head);
     for (patient, m) in members() {
         let mut cells = vec![
@@ -110,8 +150,16 @@ pub fn members_csv(result: &RobustnessResult) -> String {
             m.step2_evaluations.map_or(String::new(), |n| n.to_string()),
             number(m.verification_cost),
         ];
-        cells.extend(inputs.iter().map(|name| number(m.inputs.get(*name).copied())));
-        cells.extend(results.iter().map(|(t, name)| number(m.values.get(t).and_then(|v| v.get(*name)).copied())));
+        cells.extend(
+            inputs
+                .iter()
+                .map(|name| number(m.inputs.get(*name).copied())),
+        );
+        cells.extend(
+            results
+                .iter()
+                .map(|(t, name)| number(m.values.get(t).and_then(|v| v.get(*name)).copied())),
+        );
         out.row(cells);
     }
     out.text()
@@ -120,28 +168,46 @@ pub fn members_csv(result: &RobustnessResult) -> String {
 /// One row for each target and step: how well fits meet perturbed and measured values.
 #[must_use]
 pub fn targets_csv(result: &RobustnessResult) -> String {
-    let mut head: Vec<String> = ["patient", "table", "biomarker", "error_original"].map(str::to_owned).to_vec();
+    let mut head: Vec<String> = ["patient", "table", "biomarker", "error_original"]
+        .map(str::to_owned)
+        .to_vec();
     for to in ["to_perturbed", "to_measured"] {
         head.extend(["mean", "SD", "min", "max"].map(|m| format!("error_{to}_{m}")));
     }
     let mut out = Rows::new(&head);
     for patient in &result.patients {
         for e in &patient.target_errors {
-            let head =
-                [patient.patient.to_string(), e.table.word().to_owned(), e.biomarker.clone(), number(Some(e.original))];
-            out.row(head.into_iter().chain(moments(Some(&e.to_perturbed))).chain(moments(Some(&e.to_measured))));
+            let head = [
+                patient.patient.to_string(),
+                e.table.word().to_owned(),
+                e.biomarker.clone(),
+                number(Some(e.original)),
+            ];
+            out.row(
+                head.into_iter()
+                    .chain(moments(Some(&e.to_perturbed)))
+                    .chain(moments(Some(&e.to_measured))),
+            );
         }
     }
     out.text()
 }
 
 fn moments(m: Option<&Moments>) -> [String; 4] {
-    [m.map(|m| m.mean), m.and_then(|m| m.standard_deviation), m.map(|m| m.minimum), m.map(|m| m.maximum)].map(number)
+    [
+        m.map(|m| m.mean),
+        m.and_then(|m| m.standard_deviation),
+        m.map(|m| m.minimum),
+        m.map(|m| m.maximum),
+    ]
+    .map(number)
 }
 
 /// Nine significant digits: the last bits of a sum depend on its order, and say nothing.
 fn number(value: Option<f64>) -> String {
-    let rounded = value.filter(|v| v.is_finite()).and_then(|v| format!("{v:.8e}").parse::<f64>().ok());
+    let rounded = value
+        .filter(|v| v.is_finite())
+        .and_then(|v| format!("{v:.8e}").parse::<f64>().ok());
     rounded.map_or(String::new(), |v| v.to_string())
 }
 
@@ -155,10 +221,13 @@ impl Rows {
     }
 
     fn row(&mut self, cells: impl IntoIterator<Item = String>) {
-        self.0.write_record(cells).expect("every row has the header's width");
+        self.0
+            .write_record(cells)
+            .expect("every row has the header's width");
     }
 
     fn text(self) -> String {
-        String::from_utf8(self.0.into_inner().expect("memory is flushed")).expect("CSV of text is text")
+        String::from_utf8(self.0.into_inner().expect("memory is flushed"))
+            .expect("CSV of text is text")
     }
 }

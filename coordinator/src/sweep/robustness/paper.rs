@@ -20,14 +20,18 @@ struct Table {
 }
 
 /// Read once.
-pub static PAPER: LazyLock<Paper> =
-    LazyLock::new(|| serde_json::from_str(include_str!("paper_tables.json")).expect("the printed tables are JSON"));
+pub static PAPER: LazyLock<Paper> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("paper_tables.json")).expect("the printed tables are JSON")
+});
 
 impl Paper {
     /// A printed column; `None` where the table has none of that name.
     #[must_use]
     pub fn column(&self, table: u32, quantity: &str) -> Option<&PaperSpread> {
-        self.tables.get(&table.to_string())?.quantities.get(quantity)
+        self.tables
+            .get(&table.to_string())?
+            .quantities
+            .get(quantity)
     }
 }
 
@@ -42,16 +46,34 @@ mod tests {
         for over in [Uncertainty::Data, Uncertainty::Guess] {
             let table = |kind: TableKind| kind.paper(over);
             for name in STEP1_PARAMETERS {
-                assert!(PAPER.column(table(TableKind::Step1Parameters), name).is_some(), "{name}");
+                assert!(
+                    PAPER
+                        .column(table(TableKind::Step1Parameters), name)
+                        .is_some(),
+                    "{name}"
+                );
             }
             for biomarker in crate::results::Biomarker::TABLE_2 {
                 for kind in [TableKind::Step1Biomarkers, TableKind::Step2Biomarkers] {
-                    assert!(PAPER.column(table(kind), biomarker.key()).is_some(), "{}", biomarker.key());
+                    assert!(
+                        PAPER.column(table(kind), biomarker.key()).is_some(),
+                        "{}",
+                        biomarker.key()
+                    );
                 }
             }
             // The paper prints all fitted parameters but a_p.
-            for name in CellFitSettings::default().parameters.iter().filter(|name| *name != "a_p_kPa") {
-                assert!(PAPER.column(table(TableKind::Step2Parameters), name).is_some(), "{name}");
+            for name in CellFitSettings::default()
+                .parameters
+                .iter()
+                .filter(|name| *name != "a_p_kPa")
+            {
+                assert!(
+                    PAPER
+                        .column(table(TableKind::Step2Parameters), name)
+                        .is_some(),
+                    "{name}"
+                );
             }
         }
         let columns: usize = PAPER.tables.values().map(|t| t.quantities.len()).sum();

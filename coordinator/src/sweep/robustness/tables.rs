@@ -9,8 +9,9 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::robustness::{
-    Amplification, MemberRole, Moments, PaperSpread, PatientRobustness, QuantitySpread, RobustnessMember,
-    RobustnessResult, RobustnessSpec, RobustnessTable, TableKind, TargetError, Uncertainty,
+    Amplification, MemberRole, Moments, PaperSpread, PatientRobustness, QuantitySpread,
+    RobustnessMember, RobustnessResult, RobustnessSpec, RobustnessTable, TableKind, TargetError,
+    Uncertainty,
 };
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
@@ -35,8 +36,12 @@ pub fn result(
     patients: &[ResolvedPatient],
     record: &RunRecord,
 ) -> Result<RobustnessResult, DesignError> {
-    let records: HashMap<&PatientId, &PatientRecord> = record.patients.iter().map(|p| (&p.plan.id, p)).collect();
-    let named = spec.patients.iter().filter_map(|id| patients.iter().find(|p| p.id == *id));
+    let records: HashMap<&PatientId, &PatientRecord> =
+        record.patients.iter().map(|p| (&p.plan.id, p)).collect();
+    let named = spec
+        .patients
+        .iter()
+        .filter_map(|id| patients.iter().find(|p| p.id == *id));
     let patients = named.map(|plan| {
         let members = members(plan, spec)?;
         Ok(of_patient(spec, plan, &members, &records))
@@ -56,7 +61,10 @@ pub fn patients(spec: &RobustnessSpec, record: &RunRecord) -> Vec<ResolvedPatien
     let original = |id: &PatientId| {
         let name = original_of(id);
         let found = record.patients.iter().find(|p| p.plan.id == name)?;
-        Some(ResolvedPatient { id: id.clone(), ..found.plan.clone() })
+        Some(ResolvedPatient {
+            id: id.clone(),
+            ..found.plan.clone()
+        })
     };
     spec.patients.iter().filter_map(original).collect()
 }
@@ -67,9 +75,19 @@ fn of_patient(
     members: &[Member],
     records: &HashMap<&PatientId, &PatientRecord>,
 ) -> PatientRobustness {
-    let summaries = members.iter().map(|m| summary(m, records.get(&m.plan.id).copied())).collect();
-    let original = members.first().and_then(|m| records.get(&m.plan.id).copied());
-    of_members(spec, plan, summaries, original.map(|record| *PatientView(record).measured()))
+    let summaries = members
+        .iter()
+        .map(|m| summary(m, records.get(&m.plan.id).copied()))
+        .collect();
+    let original = members
+        .first()
+        .and_then(|m| records.get(&m.plan.id).copied());
+    of_members(
+        spec,
+        plan,
+        summaries,
+        original.map(|record| *PatientView(record).measured()),
+    )
 }
 
 /// Everything about one patient that the tables are made of.
@@ -89,7 +107,13 @@ pub(super) fn of_members(
     members: Vec<RobustnessMember>,
     measured: Option<Biomarkers>,
 ) -> PatientRobustness {
-    let mut known = Known { spec, patient: &plan.id, members, measured, inputs: Vec::new() };
+    let mut known = Known {
+        spec,
+        patient: &plan.id,
+        members,
+        measured,
+        inputs: Vec::new(),
+    };
     known.inputs = known.input_spreads(plan);
     let tables = known.tables(MemberRole::Sample, plan);
     let seed_tables = known.tables(MemberRole::Seed, plan);
@@ -123,7 +147,9 @@ impl Known<'_> {
     /// What was varied, over the samples whose step 1 is over.
     fn input_spreads(&self, plan: &ResolvedPatient) -> Vec<QuantitySpread> {
         let samples: Vec<&RobustnessMember> = self.of_role(MemberRole::Sample).collect();
-        let Some(first) = samples.first() else { return Vec::new() };
+        let Some(first) = samples.first() else {
+            return Vec::new();
+        };
         let centres = centres(self.spec.over, plan, first);
         let spreads = centres.into_iter().filter_map(|(name, centre)| {
             // A perturbed biomarker is told in its unit where its measured value is known.
@@ -132,8 +158,11 @@ impl Known<'_> {
                 Uncertainty::Guess => 1.0,
             };
             let over = |m: &&&RobustnessMember| m.values.contains_key(&TableKind::Step1Parameters);
-            let values: Vec<f64> =
-                samples.iter().filter(over).filter_map(|m| Some(scale * m.inputs.get(&name)?)).collect();
+            let values: Vec<f64> = samples
+                .iter()
+                .filter(over)
+                .filter_map(|m| Some(scale * m.inputs.get(&name)?))
+                .collect();
             spread(name, scale * centre, &values)
         });
         spreads.collect()
@@ -142,7 +171,8 @@ impl Known<'_> {
     fn tables(&self, role: MemberRole, plan: &ResolvedPatient) -> Vec<RobustnessTable> {
         // Step 1 does not know step 2's seed.
         let of_role = TableKind::ALL.into_iter().filter(|t| {
-            role != MemberRole::Seed || matches!(t, TableKind::Step2Parameters | TableKind::Step2Biomarkers)
+            role != MemberRole::Seed
+                || matches!(t, TableKind::Step2Parameters | TableKind::Step2Biomarkers)
         });
         let tables = of_role.filter_map(|table| {
             let quantities = names(table, plan).into_iter().filter_map(|name| {
@@ -157,14 +187,19 @@ impl Known<'_> {
             });
             let quantities: Vec<QuantitySpread> = quantities.collect();
             let paper_table = table.paper(self.spec.over);
-            (!quantities.is_empty()).then_some(RobustnessTable { table, paper_table, quantities })
+            (!quantities.is_empty()).then_some(RobustnessTable {
+                table,
+                paper_table,
+                quantities,
+            })
         });
         tables.collect()
     }
 
     fn printed(&self, table: TableKind, name: &str) -> Option<PaperSpread> {
         let own = PAPER.patient == self.patient.as_str();
-        own.then(|| PAPER.column(table.paper(self.spec.over), name).cloned()).flatten()
+        own.then(|| PAPER.column(table.paper(self.spec.over), name).cloned())
+            .flatten()
     }
 
     /// Against the input that belongs to the quantity, else against all of them.
@@ -173,10 +208,17 @@ impl Known<'_> {
         let own = partner.and_then(|name| self.inputs.iter().find(|i| i.name == name));
         let (input, input_spread) = match own {
             Some(input) => (input.name.clone(), input.spread?),
-            None => (ALL_INPUTS.to_owned(), root_mean_square(self.inputs.iter().filter_map(|i| i.spread))?),
+            None => (
+                ALL_INPUTS.to_owned(),
+                root_mean_square(self.inputs.iter().filter_map(|i| i.spread))?,
+            ),
         };
         let ratio = found.spread? / input_spread;
-        ratio.is_finite().then_some(Amplification { input, input_spread, ratio })
+        ratio.is_finite().then_some(Amplification {
+            input,
+            input_spread,
+            ratio,
+        })
     }
 
     /// Errors of fitted biomarkers to perturbed and to measured values.
@@ -188,17 +230,24 @@ impl Known<'_> {
         let errors = tables.into_iter().flat_map(|table| {
             STEP1_BIOMARKERS.into_iter().filter_map(move |name| {
                 let measured = self.measured(name)?;
-                let original = statistics::relative_error(self.original_value(table, name)?, measured);
+                let original =
+                    statistics::relative_error(self.original_value(table, name)?, measured);
                 let pairs: Vec<(&RobustnessMember, (f64, f64))> = self
                     .of_role(MemberRole::Sample)
-                    .filter_map(|m| Some((m, (value(m, table, name)?, measured * m.inputs.get(name)?))))
+                    .filter_map(|m| {
+                        Some((m, (value(m, table, name)?, measured * m.inputs.get(name)?)))
+                    })
                     .collect();
                 let limit = original + conditions::ALLOWANCE;
                 let misses = |value, target| statistics::relative_error(value, target) > limit;
-                let beyond = pairs.iter().filter(|(_, (value, target))| misses(*value, *target));
+                let beyond = pairs
+                    .iter()
+                    .filter(|(_, (value, target))| misses(*value, *target));
                 let beyond = beyond.map(|(member, _)| member.id.clone()).collect();
-                let (values, targets): (Vec<f64>, Vec<f64>) = pairs.into_iter().map(|pair| pair.1).unzip();
-                let to_measured = statistics::errors_to_targets(&values, &vec![measured; values.len()])?;
+                let (values, targets): (Vec<f64>, Vec<f64>) =
+                    pairs.into_iter().map(|pair| pair.1).unzip();
+                let to_measured =
+                    statistics::errors_to_targets(&values, &vec![measured; values.len()])?;
                 Some(TargetError {
                     table,
                     biomarker: name.to_owned(),
@@ -214,14 +263,25 @@ impl Known<'_> {
 }
 
 fn value(member: &RobustnessMember, table: TableKind, name: &str) -> Option<f64> {
-    member.values.get(&table)?.get(name).copied().filter(|v| v.is_finite())
+    member
+        .values
+        .get(&table)?
+        .get(name)
+        .copied()
+        .filter(|v| v.is_finite())
 }
 
 /// What the inputs of the samples lie around, in the tables' order.
-fn centres(over: Uncertainty, plan: &ResolvedPatient, sample: &RobustnessMember) -> Vec<(String, f64)> {
+fn centres(
+    over: Uncertainty,
+    plan: &ResolvedPatient,
+    sample: &RobustnessMember,
+) -> Vec<(String, f64)> {
     match over {
         Uncertainty::Data => {
-            let given = STEP1_BIOMARKERS.into_iter().filter(|name| sample.inputs.contains_key(*name));
+            let given = STEP1_BIOMARKERS
+                .into_iter()
+                .filter(|name| sample.inputs.contains_key(*name));
             given.map(|name| (name.to_owned(), 1.0)).collect()
         }
         // The samples exist, so the guesses that they lie around do.
@@ -232,9 +292,10 @@ fn centres(over: Uncertainty, plan: &ResolvedPatient, sample: &RobustnessMember)
 /// The input that a result follows from most directly: the fixed point updates each parameter by one biomarker.
 fn partner(over: Uncertainty, table: TableKind, name: &str) -> Option<String> {
     match (over, table) {
-        (Uncertainty::Data, TableKind::Step1Parameters) => {
-            STEP1_PARAMETERS.iter().position(|known| *known == name).map(|idx| STEP1_BIOMARKERS[idx].to_owned())
-        }
+        (Uncertainty::Data, TableKind::Step1Parameters) => STEP1_PARAMETERS
+            .iter()
+            .position(|known| *known == name)
+            .map(|idx| STEP1_BIOMARKERS[idx].to_owned()),
         (Uncertainty::Data, _) => Some(name.to_owned()),
         (Uncertainty::Guess, TableKind::Step1Parameters) => Some(name.to_owned()),
         (Uncertainty::Guess, TableKind::Step2Parameters) => Some(format!("{STEP2_PREFIX}{name}")),
@@ -261,7 +322,13 @@ fn moments(found: statistics::Moments) -> Moments {
     Moments {
         mean: found.mean,
         // Equal values spread by the mean's last bit: that is zero.
-        standard_deviation: found.standard_deviation.map(|sd| if sd < 1e-14 * found.mean.abs() { 0.0 } else { sd }),
+        standard_deviation: found.standard_deviation.map(|sd| {
+            if sd < 1e-14 * found.mean.abs() {
+                0.0
+            } else {
+                sd
+            }
+        }),
         minimum: found.minimum,
         maximum: found.maximum,
     }

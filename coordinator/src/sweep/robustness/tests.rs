@@ -18,14 +18,27 @@ use crate::results::Biomarker;
 
 fn patient(id: &str) -> ResolvedPatient {
     let mut patient = ResolvedPatient::without_data(PatientId::from(id), Workflow::Personalise);
-    let trace = |name: &str| Some(InputFile { name: name.into(), path: name.into(), sha256: name.into() });
+    let trace = |name: &str| {
+        Some(InputFile {
+            name: name.into(),
+            path: name.into(),
+            sha256: name.into(),
+        })
+    };
     (patient.step0.pressure, patient.step0.volume) = (trace("pressure"), trace("volume"));
     patient
 }
 
 fn spec(over: Uncertainty, n_samples: u32, n_seeds: u32) -> RobustnessSpec {
     let range = if over == Uncertainty::Data { 0.1 } else { 0.5 };
-    RobustnessSpec { over, patients: vec![PatientId::from("02-CoA")], n_samples, n_seeds, range, seed: 1 }
+    RobustnessSpec {
+        over,
+        patients: vec![PatientId::from("02-CoA")],
+        n_samples,
+        n_seeds,
+        range,
+        seed: 1,
+    }
 }
 
 fn measured() -> Biomarkers {
@@ -46,16 +59,29 @@ fn finished(member: &Member, error: f64) -> RobustnessMember {
     let factor = |name: &str| member.inputs.get(name).copied().unwrap_or(1.0);
     let mut values: BTreeMap<TableKind, BTreeMap<String, f64>> = BTreeMap::new();
     let parameters = STEP1_PARAMETERS.iter().zip(STEP1_BIOMARKERS);
-    let parameters = parameters.map(|(name, biomarker)| ((*name).to_owned(), 10.0 * factor(biomarker)));
+    let parameters =
+        parameters.map(|(name, biomarker)| ((*name).to_owned(), 10.0 * factor(biomarker)));
     values.insert(TableKind::Step1Parameters, parameters.collect());
-    let simulated = Biomarker::TABLE_2.into_iter().chain([Biomarker::TauVd, Biomarker::TauVr]).map(|b| {
-        let key = b.key();
-        (key.to_owned(), b.of(&measured()).unwrap() * factor(key) * (1.0 + error))
-    });
+    let simulated = Biomarker::TABLE_2
+        .into_iter()
+        .chain([Biomarker::TauVd, Biomarker::TauVr])
+        .map(|b| {
+            let key = b.key();
+            (
+                key.to_owned(),
+                b.of(&measured()).unwrap() * factor(key) * (1.0 + error),
+            )
+        });
     let simulated: BTreeMap<String, f64> = simulated.collect();
     values.insert(TableKind::Step1Biomarkers, simulated.clone());
     let seed = member.inputs.get("step2.seed").copied().unwrap_or(1.0);
-    let fitted = member.plan.settings.step2.parameters.iter().map(|name| (name.clone(), 2.0 + 0.1 * seed));
+    let fitted = member
+        .plan
+        .settings
+        .step2
+        .parameters
+        .iter()
+        .map(|name| (name.clone(), 2.0 + 0.1 * seed));
     values.insert(TableKind::Step2Parameters, fitted.collect());
     values.insert(TableKind::Step2Biomarkers, simulated);
     RobustnessMember {
@@ -80,7 +106,12 @@ fn of(spec: &RobustnessSpec, members: Vec<RobustnessMember>) -> RobustnessResult
         version: "test".into(),
         cohort: "test".into(),
         spec: spec.clone(),
-        patients: vec![of_members(spec, &patient("02-CoA"), members, Some(measured()))],
+        patients: vec![of_members(
+            spec,
+            &patient("02-CoA"),
+            members,
+            Some(measured()),
+        )],
     }
 }
 
@@ -98,18 +129,36 @@ fn members_of_uncertain_data_differ_in_factors_alone() {
         let mut bare = member.plan.clone();
         (bare.id, bare.random_stream) = (plan.id.clone(), None);
         bare.step0.biomarker_factors.clear();
-        assert_eq!(bare.settings.workflow.until, LastStep::Step2Verification, "the paper's tables");
+        assert_eq!(
+            bare.settings.workflow.until,
+            LastStep::Step2Verification,
+            "the paper's tables"
+        );
         bare.settings.workflow = plan.settings.workflow;
         if member.role == MemberRole::Seed {
             assert_ne!(bare.settings.step2.seed, plan.settings.step2.seed);
             bare.settings.step2.seed = plan.settings.step2.seed;
         }
         assert_eq!(bare, plan);
-        assert_eq!(member.plan.step0.biomarker_factors.len(), if member.role == MemberRole::Sample { 6 } else { 0 });
+        assert_eq!(
+            member.plan.step0.biomarker_factors.len(),
+            if member.role == MemberRole::Sample {
+                6
+            } else {
+                0
+            }
+        );
     }
     let again = members(&plan, &spec(Uncertainty::Data, 10, 2)).unwrap();
     assert_eq!(all, again);
-    let other = members(&plan, &RobustnessSpec { seed: 2, ..spec(Uncertainty::Data, 10, 2) }).unwrap();
+    let other = members(
+        &plan,
+        &RobustnessSpec {
+            seed: 2,
+            ..spec(Uncertainty::Data, 10, 2)
+        },
+    )
+    .unwrap();
     assert_ne!(all[1], other[1]);
 }
 
@@ -130,24 +179,38 @@ fn what_was_not_measured_is_not_perturbed_and_other_factors_stay() {
 fn members_of_guesses_start_elsewhere_in_both_steps() {
     let mut plan = patient("02-CoA");
     plan.settings.step1.frozen = vec!["R_AV_f_mmHg_s_per_mL".into()];
-    plan.settings.step2.bounds.insert("n_TRPN".into(), [2.5, 5.0]); // the default, 2, lies below
+    plan.settings
+        .step2
+        .bounds
+        .insert("n_TRPN".into(), [2.5, 5.0]); // the default, 2, lies below
     let all = members(&plan, &spec(Uncertainty::Guess, 5, 0)).unwrap();
     assert_eq!(all.len(), 6);
     for member in &all[1..] {
         let settings = &member.plan.settings;
         assert_eq!(settings.step1.valves.r_av_f_mmhg_s_per_ml, 0.01, "frozen");
         assert_ne!(settings.step1.initial.smax_ref_kpa, 100.0);
-        assert_eq!(settings.step1.initial.a7, plan.settings.step1.initial.a7, "not updated by step 1");
+        assert_eq!(
+            settings.step1.initial.a7, plan.settings.step1.initial.a7,
+            "not updated by step 1"
+        );
         assert_eq!(settings.step2.initial.len(), 10);
         for (name, value) in &settings.step2.initial {
             let [lower, upper] = settings.step2.bounds[name];
             assert!((lower..=upper).contains(value), "{name} {value}");
         }
-        assert_eq!((settings.step2.seed, member.inputs.len()), (plan.settings.step2.seed, 15));
+        assert_eq!(
+            (settings.step2.seed, member.inputs.len()),
+            (plan.settings.step2.seed, 15)
+        );
     }
     plan.settings.step2.parameters.push("k_XX".into());
-    let refused = members(&plan, &spec(Uncertainty::Guess, 5, 0)).unwrap_err().to_string();
-    assert!(refused.contains("`k_XX`") && refused.contains("02-CoA"), "{refused}");
+    let refused = members(&plan, &spec(Uncertainty::Guess, 5, 0))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("`k_XX`") && refused.contains("02-CoA"),
+        "{refused}"
+    );
 }
 
 proptest! {
@@ -219,13 +282,23 @@ fn a_fit_that_ignores_its_targets_misses_the_conditions() {
     let stubborn = |m: &Member| {
         let mut m = m.clone();
         let inputs = std::mem::take(&mut m.inputs);
-        RobustnessMember { inputs, ..finished(&m, 0.0) }
+        RobustnessMember {
+            inputs,
+            ..finished(&m, 0.0)
+        }
     };
     let all = members(&plan, &spec).unwrap();
     let passed = |found: RobustnessResult| -> Vec<Option<bool>> {
-        found.patients[0].conditions.iter().map(|c| c.passed).collect()
+        found.patients[0]
+            .conditions
+            .iter()
+            .map(|c| c.passed)
+            .collect()
     };
-    assert_eq!(passed(of(&spec, all.iter().map(|m| finished(m, 0.0)).collect())), vec![Some(true); 7]);
+    assert_eq!(
+        passed(of(&spec, all.iter().map(|m| finished(m, 0.0)).collect())),
+        vec![Some(true); 7]
+    );
     let result = of(&spec, all.iter().map(stubborn).collect());
     for e in &result.patients[0].target_errors {
         // Factors within two points of 1 leave a target that is not followed as near as asked.
@@ -233,9 +306,23 @@ fn a_fit_that_ignores_its_targets_misses_the_conditions() {
     }
     let beyond = result.patients[0].target_errors[0].beyond.len();
     let found = &result.patients[0].conditions[2].found;
-    assert!(found.contains(&format!("samples beyond: {beyond} P_max_mmHg, ")), "{found}");
+    assert!(
+        found.contains(&format!("samples beyond: {beyond} P_max_mmHg, ")),
+        "{found}"
+    );
     let stubborn = passed(result);
-    assert_eq!(stubborn, [Some(true), Some(false), Some(false), Some(false), Some(false), Some(false), Some(false)]);
+    assert_eq!(
+        stubborn,
+        [
+            Some(true),
+            Some(false),
+            Some(false),
+            Some(false),
+            Some(false),
+            Some(false),
+            Some(false)
+        ]
+    );
 }
 
 #[test]
@@ -246,17 +333,48 @@ fn spreads_of_guesses_stand_against_the_printed_ones() {
     // Guesses change nothing; seeds change the fitted cell.
     let steady = |m: &Member| RobustnessMember {
         inputs: m.inputs.clone(),
-        ..finished(&Member { inputs: BTreeMap::new(), ..m.clone() }, 0.0)
+        ..finished(
+            &Member {
+                inputs: BTreeMap::new(),
+                ..m.clone()
+            },
+            0.0,
+        )
     };
-    let members = all.iter().map(|m| if m.role == MemberRole::Seed { finished(m, 0.0) } else { steady(m) }).collect();
+    let members = all
+        .iter()
+        .map(|m| {
+            if m.role == MemberRole::Seed {
+                finished(m, 0.0)
+            } else {
+                steady(m)
+            }
+        })
+        .collect();
     let result = of(&spec, members);
     let found = &result.patients[0];
-    assert!(found.conditions.iter().all(|c| c.passed == Some(true)), "{:?}", found.conditions);
+    assert!(
+        found.conditions.iter().all(|c| c.passed == Some(true)),
+        "{:?}",
+        found.conditions
+    );
     assert_eq!(found.conditions.len(), 7);
     let paper = found.tables[0].quantities[0].paper.as_ref().unwrap();
-    assert_eq!((found.tables[0].paper_table, paper.mean.to_string().as_str()), (7, "102.3"));
-    let seeds = found.seed_tables.iter().find(|t| t.table == TableKind::Step2Parameters).unwrap();
-    assert!(seeds.quantities.iter().all(|q| q.spread.unwrap() > 0.05 && q.paper.is_none()));
+    assert_eq!(
+        (found.tables[0].paper_table, paper.mean.to_string().as_str()),
+        (7, "102.3")
+    );
+    let seeds = found
+        .seed_tables
+        .iter()
+        .find(|t| t.table == TableKind::Step2Parameters)
+        .unwrap();
+    assert!(
+        seeds
+            .quantities
+            .iter()
+            .all(|q| q.spread.unwrap() > 0.05 && q.paper.is_none())
+    );
     assert_eq!(found.inputs.len(), 16);
     assert!((found.inputs[0].original, found.inputs[6].name.as_str()) == (100.0, "step2.n_TRPN"));
 }

@@ -30,7 +30,9 @@ pub fn summary(member: &Member, record: Option<&PatientRecord>) -> RobustnessMem
         id: member.plan.id.clone(),
         role: member.role,
         state: record.map_or_else(|| "waiting".to_owned(), |r| r.status.state.clone()),
-        failure: record.and_then(|r| r.failure.as_ref()).map(|f| f.message.clone()),
+        failure: record
+            .and_then(|r| r.failure.as_ref())
+            .map(|f| f.message.clone()),
         inputs: member.inputs.clone(),
         step1: step1.map(ToString::to_string),
         step1_iterations: record.map_or(0, |r| r.iterations.len() as u32),
@@ -46,24 +48,37 @@ fn values(record: &PatientRecord) -> BTreeMap<TableKind, BTreeMap<String, f64>> 
     let mut all = BTreeMap::new();
     // Before step 1 is over its best iterate is a way, not a result.
     if let Some(step1) = &record.step1 {
-        let parameters = STEP1_PARAMETERS.iter().map(|name| (*name).to_owned()).zip(step1.parameters.updated());
+        let parameters = STEP1_PARAMETERS
+            .iter()
+            .map(|name| (*name).to_owned())
+            .zip(step1.parameters.updated());
         all.insert(TableKind::Step1Parameters, parameters.collect());
         if let Some(simulated) = PatientView(record).simulated(Step::Step1) {
             all.insert(TableKind::Step1Biomarkers, biomarkers(simulated));
         }
     }
     if let Some(fit) = &record.cell_fit {
-        let fitted = fit.result.parameters.iter().map(|p| (p.name.clone(), p.value));
+        let fitted = fit
+            .result
+            .parameters
+            .iter()
+            .map(|p| (p.name.clone(), p.value));
         all.insert(TableKind::Step2Parameters, fitted.collect());
     }
     if let Some(beat) = &record.verification {
-        all.insert(TableKind::Step2Biomarkers, biomarkers(&beat.result.biomarkers));
+        all.insert(
+            TableKind::Step2Biomarkers,
+            biomarkers(&beat.result.biomarkers),
+        );
     }
     all
 }
 
 fn biomarkers(values: &Biomarkers) -> BTreeMap<String, f64> {
-    BIOMARKERS.iter().filter_map(|b| Some((b.key().to_owned(), b.of(values)?))).collect()
+    BIOMARKERS
+        .iter()
+        .filter_map(|b| Some((b.key().to_owned(), b.of(values)?)))
+        .collect()
 }
 
 /// Names of a table's quantities, in its order.

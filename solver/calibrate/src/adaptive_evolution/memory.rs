@@ -26,7 +26,11 @@ pub(super) struct Success {
 
 impl Memory {
     pub(super) fn new(n_cells: usize) -> Self {
-        Self { scales: vec![0.5; n_cells], rates: vec![Some(0.5); n_cells], next: 0 }
+        Self {
+            scales: vec![0.5; n_cells],
+            rates: vec![Some(0.5); n_cells],
+            next: 0,
+        }
     }
 
     /// Mutation scale and crossover rate of one candidate.
@@ -63,7 +67,9 @@ impl Memory {
         };
         self.scales[self.next] = mean(&|s| s.scale);
         let all_zero = successes.iter().all(|s| s.rate == 0.0);
-        self.rates[self.next] = self.rates[self.next].filter(|_| !all_zero).map(|_| mean(&|s| s.rate));
+        self.rates[self.next] = self.rates[self.next]
+            .filter(|_| !all_zero)
+            .map(|_| mean(&|s| s.rate));
         self.next = (self.next + 1) % self.scales.len();
     }
 }

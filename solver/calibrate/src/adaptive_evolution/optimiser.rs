@@ -55,13 +55,48 @@ impl Default for Settings {
 
 impl Settings {
     fn validate(&self) -> Result<(), PopulationError> {
-        check("popsize", self.popsize as f64, self.popsize > 0, "at least 1")?;
-        check("best_share", self.best_share, self.best_share > 0.0 && self.best_share <= 1.0, "above 0 and at most 1")?;
-        check("archive_rate", self.archive_rate, (0.0..=100.0).contains(&self.archive_rate), "from 0 to 100")?;
-        check("n_memory", self.n_memory as f64, self.n_memory > 0, "at least 1")?;
-        check("max_evaluations", self.max_evaluations as f64, self.max_evaluations > 0, "at least 1")?;
-        check("tol", self.tol, self.tol >= 0.0 && self.tol.is_finite(), "at least 0")?;
-        check("atol", self.atol, self.atol >= 0.0 && self.atol.is_finite(), "at least 0")
+        check(
+            "popsize",
+            self.popsize as f64,
+            self.popsize > 0,
+            "at least 1",
+        )?;
+        check(
+            "best_share",
+            self.best_share,
+            self.best_share > 0.0 && self.best_share <= 1.0,
+            "above 0 and at most 1",
+        )?;
+        check(
+            "archive_rate",
+            self.archive_rate,
+            (0.0..=100.0).contains(&self.archive_rate),
+            "from 0 to 100",
+        )?;
+        check(
+            "n_memory",
+            self.n_memory as f64,
+            self.n_memory > 0,
+            "at least 1",
+        )?;
+        check(
+            "max_evaluations",
+            self.max_evaluations as f64,
+            self.max_evaluations > 0,
+            "at least 1",
+        )?;
+        check(
+            "tol",
+            self.tol,
+            self.tol >= 0.0 && self.tol.is_finite(),
+            "at least 0",
+        )?;
+        check(
+            "atol",
+            self.atol,
+            self.atol >= 0.0 && self.atol.is_finite(),
+            "at least 0",
+        )
     }
 }
 
@@ -111,13 +146,20 @@ impl AdaptiveEvolution {
     ///
     /// # Errors
     /// [`PopulationError`] when the box, a setting or a guess makes no sense.
-    pub fn new(bounds: &[Interval], guesses: &[Vec<f64>], settings: Settings) -> Result<Self, PopulationError> {
+    pub fn new(
+        bounds: &[Interval],
+        guesses: &[Vec<f64>],
+        settings: Settings,
+    ) -> Result<Self, PopulationError> {
         Interval::validate(bounds)?;
         settings.validate()?;
         let n_free = bounds.iter().filter(|b| b.width() > 0.0).count().max(1);
         let n_first = (settings.popsize * n_free).max(FEWEST_MEMBERS);
         let mut population = latin_hypercube::unit(n_first, bounds.len(), settings.seed);
-        for (member, guess) in population.iter_mut().zip(unit_guesses(guesses, bounds, n_first)?) {
+        for (member, guess) in population
+            .iter_mut()
+            .zip(unit_guesses(guesses, bounds, n_first)?)
+        {
             *member = guess;
         }
         Ok(Self {
@@ -140,8 +182,16 @@ impl AdaptiveEvolution {
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self.stage {
-            Stage::FirstPopulation => self.population.iter().map(|m| scale(m, &self.bounds)).collect(),
-            Stage::Evolution => self.trials().iter().map(|t| scale(&t.point, &self.bounds)).collect(),
+            Stage::FirstPopulation => self
+                .population
+                .iter()
+                .map(|m| scale(m, &self.bounds))
+                .collect(),
+            Stage::Evolution => self
+                .trials()
+                .iter()
+                .map(|t| scale(&t.point, &self.bounds))
+                .collect(),
             Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Polish::ask),
             Stage::Ended => Vec::new(),
         }
@@ -158,7 +208,10 @@ impl AdaptiveEvolution {
             Stage::FirstPopulation | Stage::Evolution => {}
         }
         if costs.len() != self.population.len() {
-            return Err(PopulationError::Costs { n_costs: costs.len(), n_points: self.population.len() });
+            return Err(PopulationError::Costs {
+                n_costs: costs.len(),
+                n_points: self.population.len(),
+            });
         }
         self.n_evaluations += costs.len();
         let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
@@ -172,7 +225,8 @@ impl AdaptiveEvolution {
         self.generation += 1;
         let finite = self.costs.iter().all(|c| c.is_finite());
         let bound = self.settings.atol + self.settings.tol * mean(&self.costs).abs();
-        self.converged = finite && self.generation > 1 && population_standard_deviation(&self.costs) <= bound;
+        self.converged =
+            finite && self.generation > 1 && population_standard_deviation(&self.costs) <= bound;
         if self.converged || self.n_evaluations >= self.settings.max_evaluations {
             self.begin_polish()?;
         }
@@ -190,7 +244,11 @@ impl AdaptiveEvolution {
             self.costs[i] = *cost;
             if fall > 0.0 {
                 self.archive.push(parent);
-                successes.push(Success { scale: trial.scale, rate: trial.rate, fall });
+                successes.push(Success {
+                    scale: trial.scale,
+                    rate: trial.rate,
+                    fall,
+                });
             }
         }
         self.memory.learn(&successes);
@@ -203,12 +261,21 @@ impl AdaptiveEvolution {
         let used = (self.n_evaluations as f64 / self.settings.max_evaluations as f64).min(1.0);
         let wanted = self.n_first as f64 - used * (self.n_first - FEWEST_MEMBERS) as f64;
         order.truncate((wanted.round() as usize).clamp(FEWEST_MEMBERS, self.population.len()));
-        self.population = order.iter().map(|i| std::mem::take(&mut self.population[*i])).collect();
+        self.population = order
+            .iter()
+            .map(|i| std::mem::take(&mut self.population[*i]))
+            .collect();
         self.costs = order.iter().map(|i| self.costs[*i]).collect();
-        let n_archive = (self.settings.archive_rate * self.population.len() as f64).round() as usize;
-        let mut random = generator(self.settings.seed, Purpose::Archive, [self.generation as u64, 0]);
+        let n_archive =
+            (self.settings.archive_rate * self.population.len() as f64).round() as usize;
+        let mut random = generator(
+            self.settings.seed,
+            Purpose::Archive,
+            [self.generation as u64, 0],
+        );
         while self.archive.len() > n_archive {
-            self.archive.swap_remove(random.random_range(0..self.archive.len()));
+            self.archive
+                .swap_remove(random.random_range(0..self.archive.len()));
         }
     }
 
@@ -233,7 +300,11 @@ impl AdaptiveEvolution {
         let first = other(n, &[candidate]);
         let second = other(n + self.archive.len(), &[candidate, first]);
         let a = &self.population[first];
-        let b = if second < n { &self.population[second] } else { &self.archive[second - n] };
+        let b = if second < n {
+            &self.population[second]
+        } else {
+            &self.archive[second - n]
+        };
         let from_mutant = random.random_range(0..parent.len());
         let mut point = parent.clone();
         for d in 0..point.len() {
@@ -253,12 +324,18 @@ impl AdaptiveEvolution {
     fn begin_polish(&mut self) -> Result<(), PopulationError> {
         let start = scale(&self.population[0], &self.bounds);
         self.polish = Polish::new(&start, self.costs[0], &self.bounds, &self.settings.polish)?;
-        self.stage = if self.polish.is_some() { Stage::Polish } else { Stage::Ended };
+        self.stage = if self.polish.is_some() {
+            Stage::Polish
+        } else {
+            Stage::Ended
+        };
         Ok(())
     }
 
     fn tell_polish(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
-        let Some(polish) = &mut self.polish else { return Err(PopulationError::Ended) };
+        let Some(polish) = &mut self.polish else {
+            return Err(PopulationError::Ended);
+        };
         polish.tell(costs)?;
         if polish.is_ended() {
             self.stage = Stage::Ended;
@@ -308,6 +385,12 @@ impl AdaptiveEvolution {
     /// All members in their units, and their costs; the best one first.
     #[must_use]
     pub fn members(&self) -> (Vec<Vec<f64>>, &[f64]) {
-        (self.population.iter().map(|m| scale(m, &self.bounds)).collect(), &self.costs)
+        (
+            self.population
+                .iter()
+                .map(|m| scale(m, &self.bounds))
+                .collect(),
+            &self.costs,
+        )
     }
 }

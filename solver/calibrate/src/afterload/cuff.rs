@@ -53,10 +53,17 @@ pub struct CuffFit {
 /// # Errors
 /// [`AfterloadError`] for a flow that does not eject, pressures out of order, or pressures that no load has with this flow.
 /// Verified by `a_cuff_gives_back_the_load_it_was_taken_from`.
-pub fn fit_cuff(flow_ml_per_s: &[f64], step_ms: f64, cuff: Cuff) -> Result<CuffFit, AfterloadError> {
-    let in_order =
-        cuff.diastolic_mmhg > 0.0 && cuff.systolic_mmhg > cuff.diastolic_mmhg && cuff.systolic_mmhg.is_finite();
-    let between = cuff.mean_mmhg.is_none_or(|mean| mean > cuff.diastolic_mmhg && mean < cuff.systolic_mmhg);
+pub fn fit_cuff(
+    flow_ml_per_s: &[f64],
+    step_ms: f64,
+    cuff: Cuff,
+) -> Result<CuffFit, AfterloadError> {
+    let in_order = cuff.diastolic_mmhg > 0.0
+        && cuff.systolic_mmhg > cuff.diastolic_mmhg
+        && cuff.systolic_mmhg.is_finite();
+    let between = cuff
+        .mean_mmhg
+        .is_none_or(|mean| mean > cuff.diastolic_mmhg && mean < cuff.systolic_mmhg);
     if !in_order || !between {
         return Err(AfterloadError::Cuff {
             systolic_mmhg: cuff.systolic_mmhg,
@@ -66,22 +73,38 @@ pub fn fit_cuff(flow_ml_per_s: &[f64], step_ms: f64, cuff: Cuff) -> Result<CuffF
     }
     let n = flow_ml_per_s.len();
     let mean_flow = flow_ml_per_s.iter().sum::<f64>() / n.max(1) as f64;
-    let highest = flow_ml_per_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let highest = flow_ml_per_s
+        .iter()
+        .copied()
+        .fold(f64::NEG_INFINITY, f64::max);
     if n < 8 || !(mean_flow > 0.0 && highest > 2.0 * mean_flow) {
         let lowest = flow_ml_per_s.iter().copied().fold(f64::INFINITY, f64::min);
-        return Err(AfterloadError::NoEjection { lowest_ml_per_s: lowest, highest_ml_per_s: highest });
+        return Err(AfterloadError::NoEjection {
+            lowest_ml_per_s: lowest,
+            highest_ml_per_s: highest,
+        });
     }
-    let problem = Problem { flow: flow_ml_per_s, step_ms, mean_flow };
-    let refused = || AfterloadError::NoLoad { systolic_mmhg: cuff.systolic_mmhg, diastolic_mmhg: cuff.diastolic_mmhg };
-    let with_mean = cuff.mean_mmhg.and_then(|mean| problem.with_mean(cuff.systolic_mmhg, cuff.diastolic_mmhg, mean));
+    let problem = Problem {
+        flow: flow_ml_per_s,
+        step_ms,
+        mean_flow,
+    };
+    let refused = || AfterloadError::NoLoad {
+        systolic_mmhg: cuff.systolic_mmhg,
+        diastolic_mmhg: cuff.diastolic_mmhg,
+    };
+    let with_mean = cuff
+        .mean_mmhg
+        .and_then(|mean| problem.with_mean(cuff.systolic_mmhg, cuff.diastolic_mmhg, mean));
     let assumed_share = with_mean.is_none();
     let usual = USUAL_SHARE / (1.0 + USUAL_SHARE);
-    let solve = |systolic: f64, diastolic: f64, mean: Option<f64>, share: f64| -> Option<[f64; 3]> {
-        match mean.filter(|_| !assumed_share) {
-            Some(mean) => problem.with_mean(systolic, diastolic, mean),
-            None => problem.with_share(systolic, diastolic, share),
-        }
-    };
+    let solve =
+        |systolic: f64, diastolic: f64, mean: Option<f64>, share: f64| -> Option<[f64; 3]> {
+            match mean.filter(|_| !assumed_share) {
+                Some(mean) => problem.with_mean(systolic, diastolic, mean),
+                None => problem.with_share(systolic, diastolic, share),
+            }
+        };
     let (systolic, diastolic, mean) = (cuff.systolic_mmhg, cuff.diastolic_mmhg, cuff.mean_mmhg);
     let best = solve(systolic, diastolic, mean, usual).ok_or_else(refused)?;
     let values = elements(best);
@@ -91,10 +114,20 @@ pub fn fit_cuff(flow_ml_per_s: &[f64], step_ms: f64, cuff: Cuff) -> Result<CuffF
     let moved = |d: [f64; 4]| {
         let share = usual + d[3] * SHARE_SD;
         let mean = mean.map(|m| m + d[2] * sd_mmhg);
-        solve(systolic + d[0] * sd_mmhg, diastolic + d[1] * sd_mmhg, mean, share).map(elements)
+        solve(
+            systolic + d[0] * sd_mmhg,
+            diastolic + d[1] * sd_mmhg,
+            mean,
+            share,
+        )
+        .map(elements)
     };
     let mut variance = [0.0; 4];
-    let n_uncertain = if assumed_share { [true, true, false, true] } else { [true, true, true, false] };
+    let n_uncertain = if assumed_share {
+        [true, true, false, true]
+    } else {
+        [true, true, true, false]
+    };
     for k in (0..4).filter(|k| n_uncertain[*k]) {
         let (mut up, mut down) = ([0.0; 4], [0.0; 4]);
         (up[k], down[k]) = (h, -h);
@@ -144,12 +177,19 @@ impl Problem<'_> {
     }
 
     fn pressure(&self, [total, share, tau_ms]: [f64; 3]) -> Vec<f64> {
-        self.flow.iter().zip(self.response(tau_ms)).map(|(q, y)| total * (share * q + (1.0 - share) * y)).collect()
+        self.flow
+            .iter()
+            .zip(self.response(tau_ms))
+            .map(|(q, y)| total * (share * q + (1.0 - share) * y))
+            .collect()
     }
 
     fn extremes(&self, share: f64, tau_ms: f64) -> (f64, f64) {
         let p = self.pressure([1.0, share, tau_ms]);
-        p.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)))
+        p.iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| {
+                (l.min(*p), h.max(*p))
+            })
     }
 
     /// R and τ for a share: highest over lowest pressure falls with τ.
@@ -167,7 +207,10 @@ impl Problem<'_> {
     fn with_mean(&self, systolic: f64, diastolic: f64, mean: f64) -> Option<[f64; 3]> {
         let total = mean / self.mean_flow;
         let tau_of = |share: f64| {
-            bisect(TAU_MS.0.ln(), TAU_MS.1.ln(), |x| total * self.extremes(share, x.exp()).0 - diastolic).map(f64::exp)
+            bisect(TAU_MS.0.ln(), TAU_MS.1.ln(), |x| {
+                total * self.extremes(share, x.exp()).0 - diastolic
+            })
+            .map(f64::exp)
         };
         let missed = |share: f64| {
             let tau_ms = tau_of(share).unwrap_or(TAU_MS.1);
@@ -186,7 +229,11 @@ fn bisect(low: f64, high: f64, f: impl Fn(f64) -> f64) -> Option<f64> {
     }
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if f(middle) <= 0.0 { low = middle } else { high = middle }
+        if f(middle) <= 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     Some(0.5 * (low + high))
 }
@@ -199,7 +246,11 @@ mod tests {
         (0..800)
             .map(|t| {
                 let x = (f64::from(t) - 60.0) / 280.0;
-                if (0.0..1.0).contains(&x) { 1500.0 * x.powf(0.9) * (1.0 - x).powf(1.6) } else { 0.0 }
+                if (0.0..1.0).contains(&x) {
+                    1500.0 * x.powf(0.9) * (1.0 - x).powf(1.6)
+                } else {
+                    0.0
+                }
             })
             .collect()
     }
@@ -207,10 +258,22 @@ mod tests {
     fn cuff_of(three: [f64; 3]) -> Cuff {
         let flow = flow();
         let mean_flow = flow.iter().sum::<f64>() / 800.0;
-        let p = Problem { flow: &flow, step_ms: 1.0, mean_flow }.pressure(three);
-        let (low, high) = p.iter().fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
+        let p = Problem {
+            flow: &flow,
+            step_ms: 1.0,
+            mean_flow,
+        }
+        .pressure(three);
+        let (low, high) = p
+            .iter()
+            .fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
         let mean = p.iter().sum::<f64>() / 800.0;
-        Cuff { systolic_mmhg: high, diastolic_mmhg: low, mean_mmhg: Some(mean), sd_mmhg: Some(3.0) }
+        Cuff {
+            systolic_mmhg: high,
+            diastolic_mmhg: low,
+            mean_mmhg: Some(mean),
+            sd_mmhg: Some(3.0),
+        }
     }
 
     #[test]
@@ -222,28 +285,61 @@ mod tests {
             for (found, made) in fit.values.iter().zip([r1, r2, c, r2 * c]) {
                 assert!((found / made - 1.0).abs() < 1e-3, "{:?}", fit.values);
             }
-            assert!(fit.sd.iter().zip(fit.values).all(|(sd, v)| *sd > 0.0 && *sd < 1.5 * v), "{fit:?}");
+            assert!(
+                fit.sd
+                    .iter()
+                    .zip(fit.values)
+                    .all(|(sd, v)| *sd > 0.0 && *sd < 1.5 * v),
+                "{fit:?}"
+            );
         }
     }
 
     #[test]
     fn without_a_mean_the_share_is_the_usual_one() {
         let share = USUAL_SHARE / (1.0 + USUAL_SHARE);
-        let cuff = Cuff { mean_mmhg: None, ..cuff_of([1.0, share, 1400.0]) };
+        let cuff = Cuff {
+            mean_mmhg: None,
+            ..cuff_of([1.0, share, 1400.0])
+        };
         let fit = fit_cuff(&flow(), 1.0, cuff).unwrap();
         assert!(fit.assumed_share);
-        assert!((fit.values[1] - (1.0 - share)).abs() < 1e-4 && (fit.values[3] - 1.4).abs() < 1e-3, "{fit:?}");
-        let (low, high) = fit.pressure_mmhg.iter().fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
-        assert!((low - cuff.diastolic_mmhg).abs() < 1e-3 && (high - cuff.systolic_mmhg).abs() < 1e-3);
+        assert!(
+            (fit.values[1] - (1.0 - share)).abs() < 1e-4 && (fit.values[3] - 1.4).abs() < 1e-3,
+            "{fit:?}"
+        );
+        let (low, high) = fit
+            .pressure_mmhg
+            .iter()
+            .fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
+        assert!(
+            (low - cuff.diastolic_mmhg).abs() < 1e-3 && (high - cuff.systolic_mmhg).abs() < 1e-3
+        );
     }
 
     #[test]
     fn nonsense_is_refused() {
-        let cuff =
-            |systolic_mmhg, diastolic_mmhg, mean_mmhg| Cuff { systolic_mmhg, diastolic_mmhg, mean_mmhg, sd_mmhg: None };
-        assert!(matches!(fit_cuff(&flow(), 1.0, cuff(60.0, 70.0, None)), Err(AfterloadError::Cuff { .. })));
-        assert!(matches!(fit_cuff(&flow(), 1.0, cuff(120.0, 70.0, Some(130.0))), Err(AfterloadError::Cuff { .. })));
-        assert!(matches!(fit_cuff(&[5.0; 800], 1.0, cuff(120.0, 70.0, None)), Err(AfterloadError::NoEjection { .. })));
-        assert!(matches!(fit_cuff(&flow(), 1.0, cuff(70.2, 70.0, None)), Err(AfterloadError::NoLoad { .. })));
+        let cuff = |systolic_mmhg, diastolic_mmhg, mean_mmhg| Cuff {
+            systolic_mmhg,
+            diastolic_mmhg,
+            mean_mmhg,
+            sd_mmhg: None,
+        };
+        assert!(matches!(
+            fit_cuff(&flow(), 1.0, cuff(60.0, 70.0, None)),
+            Err(AfterloadError::Cuff { .. })
+        ));
+        assert!(matches!(
+            fit_cuff(&flow(), 1.0, cuff(120.0, 70.0, Some(130.0))),
+            Err(AfterloadError::Cuff { .. })
+        ));
+        assert!(matches!(
+            fit_cuff(&[5.0; 800], 1.0, cuff(120.0, 70.0, None)),
+            Err(AfterloadError::NoEjection { .. })
+        ));
+        assert!(matches!(
+            fit_cuff(&flow(), 1.0, cuff(70.2, 70.0, None)),
+            Err(AfterloadError::NoLoad { .. })
+        ));
     }
 }

@@ -26,7 +26,12 @@ pub struct DiscoverySettings {
 
 impl Default for DiscoverySettings {
     fn default() -> Self {
-        Self { effects: Vec::new(), threshold: 6.0, most: 3, confidence_level: 0.95 }
+        Self {
+            effects: Vec::new(),
+            threshold: 6.0,
+            most: 3,
+            confidence_level: 0.95,
+        }
     }
 }
 
@@ -160,9 +165,18 @@ struct Search<'a> {
 ///
 /// # Errors
 /// [`AfterloadError`] when a minimisation cannot begin.
-pub fn discover(record: &Record, settings: &DiscoverySettings) -> Result<Discovery, AfterloadError> {
-    let wanted = |e: &&Effect| settings.effects.is_empty() || settings.effects.iter().any(|name| name == e.name);
-    let search = Search { record, settings, effects: EFFECTS.iter().filter(wanted).collect() };
+pub fn discover(
+    record: &Record,
+    settings: &DiscoverySettings,
+) -> Result<Discovery, AfterloadError> {
+    let wanted = |e: &&Effect| {
+        settings.effects.is_empty() || settings.effects.iter().any(|name| name == e.name)
+    };
+    let search = Search {
+        record,
+        settings,
+        effects: EFFECTS.iter().filter(wanted).collect(),
+    };
     search.run()
 }
 
@@ -173,7 +187,10 @@ impl<'a> Search<'a> {
 
     fn base(&self) -> Result<Fitted, AfterloadError> {
         let fit = self.problem(&[]).fit_base(TOLERANCE)?;
-        Ok(Fitted { effects: Vec::new(), fit })
+        Ok(Fitted {
+            effects: Vec::new(),
+            fit,
+        })
     }
 
     /// A model with one more effect, from the model's optimum and all the effect's starts.
@@ -184,7 +201,12 @@ impl<'a> Search<'a> {
         for parameter in effect.parameters {
             starts = starts
                 .into_iter()
-                .flat_map(|start| parameter.starts.iter().map(move |value| [&start[..], &[*value]].concat()))
+                .flat_map(|start| {
+                    parameter
+                        .starts
+                        .iter()
+                        .map(move |value| [&start[..], &[*value]].concat())
+                })
                 .collect();
         }
         let fit = self.problem(&effects).fit_from(&starts, TOLERANCE)?;
@@ -193,7 +215,9 @@ impl<'a> Search<'a> {
 
     /// The same effects fitted from the three elements on, one after the other.
     fn anew(&self, base: &Fitted, effects: &[&'static Effect]) -> Result<Fitted, AfterloadError> {
-        effects.iter().try_fold(base.clone(), |model, effect| self.with(&model, effect))
+        effects
+            .iter()
+            .try_fold(base.clone(), |model, effect| self.with(&model, effect))
     }
 
     fn three(&self, model: &Fitted) -> [f64; 3] {
@@ -202,7 +226,8 @@ impl<'a> Search<'a> {
     }
 
     fn residuals(&self, model: &Fitted) -> Vec<f64> {
-        self.problem(&model.effects).all_residuals(&model.fit.parameters)
+        self.problem(&model.effects)
+            .all_residuals(&model.fit.parameters)
     }
 
     fn run(&self) -> Result<Discovery, AfterloadError> {
@@ -223,7 +248,11 @@ impl<'a> Search<'a> {
         model = self.exchange(&base, model)?;
         if !self.beats_nameless(&base, &model)? {
             for candidate in &mut stages[0].candidates {
-                if model.effects.iter().any(|e| e.name == candidate.effect.name) {
+                if model
+                    .effects
+                    .iter()
+                    .any(|e| e.name == candidate.effect.name)
+                {
                     candidate.refused = Some("a shape without a name explains more".to_owned());
                 }
             }
@@ -235,7 +264,11 @@ impl<'a> Search<'a> {
     /// All candidates beside a model; the best one that may be named.
     fn stage(&self, model: &Fitted) -> Result<(Stage, Option<Fitted>), AfterloadError> {
         let mut tried = Vec::new();
-        for effect in self.effects.iter().filter(|e| model.effects.iter().all(|had| had.name != e.name)) {
+        for effect in self
+            .effects
+            .iter()
+            .filter(|e| model.effects.iter().all(|had| had.name != e.name))
+        {
             tried.push(self.with(model, effect)?);
         }
         let richest = tried
@@ -256,20 +289,41 @@ impl<'a> Search<'a> {
             let three = self.three(&fitted);
             let n = self.record.n_samples() as f64;
             let root_mean_square_mmhg = (fitted.fit.sum_of_squares / n).sqrt();
-            let candidate =
-                Candidate { effect, delta_bic, probability: 0.0, root_mean_square_mmhg, strength, three, refused };
+            let candidate = Candidate {
+                effect,
+                delta_bic,
+                probability: 0.0,
+                root_mean_square_mmhg,
+                strength,
+                three,
+                refused,
+            };
             rated.push((candidate, fitted));
         }
         rated.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
         let problem = self.problem(&model.effects);
         let nameless = nameless::fit(&problem, &model.fit, n_effective)?;
-        let nameless_bic = nameless.delta_bic(Scale::new(self.record), model.fit.sum_of_squares, n_effective);
+        let nameless_bic = nameless.delta_bic(
+            Scale::new(self.record),
+            model.fit.sum_of_squares,
+            n_effective,
+        );
         let nameless = nameless::describe(&problem, &model.fit, &nameless, nameless_bic);
-        let top = rated.iter().map(|r| r.0.delta_bic).fold(nameless_bic.max(0.0), f64::max);
+        let top = rated
+            .iter()
+            .map(|r| r.0.delta_bic)
+            .fold(nameless_bic.max(0.0), f64::max);
         let weight = |delta_bic: f64| (0.5 * (delta_bic - top)).exp();
-        let sum: f64 = rated.iter().map(|r| weight(r.0.delta_bic)).sum::<f64>() + weight(0.0) + weight(nameless_bic);
-        rated.iter_mut().for_each(|r| r.0.probability = weight(r.0.delta_bic) / sum);
-        let best = rated.iter().find(|r| r.0.refused.is_none()).map(|r| r.1.clone());
+        let sum: f64 = rated.iter().map(|r| weight(r.0.delta_bic)).sum::<f64>()
+            + weight(0.0)
+            + weight(nameless_bic);
+        rated
+            .iter_mut()
+            .for_each(|r| r.0.probability = weight(r.0.delta_bic) / sum);
+        let best = rated
+            .iter()
+            .find(|r| r.0.refused.is_none())
+            .map(|r| r.1.clone());
         let stage = Stage {
             with: model.effects.iter().map(|e| e.name).collect(),
             candidates: rated.into_iter().map(|r| r.0).collect(),
@@ -289,16 +343,25 @@ impl<'a> Search<'a> {
         let mut best: Option<(f64, Fitted)> = None;
         for first in stage.candidates.iter().take(PAIRED).map(|c| c.effect) {
             let one = self.with(model, first)?;
-            for second in self.effects.iter().filter(|e| one.effects.iter().all(|had| had.name != e.name)) {
+            for second in self
+                .effects
+                .iter()
+                .filter(|e| one.effects.iter().all(|had| had.name != e.name))
+            {
                 let both = self.with(&one, second)?;
                 let worth = noise::worth(self.record, &self.residuals(&both));
                 let evidence = self.delta_bic(model, &both, worth.n_effective);
-                if evidence < 2.0 * self.settings.threshold || best.as_ref().is_some_and(|b| b.0 >= evidence) {
+                if evidence < 2.0 * self.settings.threshold
+                    || best.as_ref().is_some_and(|b| b.0 >= evidence)
+                {
                     continue;
                 }
                 let folds = Folds::new(self.record, &worth);
                 let held_out = self.held_out(model, &folds)?;
-                if self.refused(&both, 2, evidence, held_out, &folds)?.is_none() {
+                if self
+                    .refused(&both, 2, evidence, held_out, &folds)?
+                    .is_none()
+                {
                     best = Some((evidence, both));
                 }
             }
@@ -314,13 +377,23 @@ impl<'a> Search<'a> {
         let n_effective = noise::worth(self.record, &self.residuals(model)).n_effective;
         let nameless = nameless::fit(&self.problem(&[]), &base.fit, n_effective)?;
         let named = self.delta_bic(base, model, n_effective);
-        Ok(named > nameless.delta_bic(Scale::new(self.record), base.fit.sum_of_squares, n_effective))
+        Ok(named
+            > nameless.delta_bic(
+                Scale::new(self.record),
+                base.fit.sum_of_squares,
+                n_effective,
+            ))
     }
 
     fn delta_bic(&self, without: &Fitted, with: &Fitted, n_effective: f64) -> f64 {
         let n_of = |m: &Fitted| self.problem(&m.effects).n_coordinates();
         let scale = Scale::new(self.record);
-        let gain = scale.delta_bic(without.fit.sum_of_squares, with.fit.sum_of_squares, n_of(with), n_effective);
+        let gain = scale.delta_bic(
+            without.fit.sum_of_squares,
+            with.fit.sum_of_squares,
+            n_of(with),
+            n_effective,
+        );
         gain + n_of(without) as f64 * n_effective.ln()
     }
 
@@ -341,16 +414,22 @@ impl<'a> Search<'a> {
         for p in new.iter().flat_map(|effect| effect.parameters) {
             let (low, high) = p.range;
             let (value, margin) = (values[p.position], AT_END * (high - low));
-            if p.smallest > 0.0 && (value - high >= -margin || (low < 0.0 && value - low <= margin)) {
+            if p.smallest > 0.0 && (value - high >= -margin || (low < 0.0 && value - low <= margin))
+            {
                 return Ok(Some(format!("{} at the end of its range", p.name)));
             }
             if value.abs() < p.smallest {
-                return Ok(Some(format!("{} below its smallest meaningful size", p.name)));
+                return Ok(Some(format!(
+                    "{} below its smallest meaningful size",
+                    p.name
+                )));
             }
         }
         let now = self.held_out(with, folds)?;
         if now > (1.0 - LEAST_HELD_OUT_FALL) * held_out {
-            return Ok(Some(format!("held-out misfit {held_out:.2} to {now:.2} mmHg")));
+            return Ok(Some(format!(
+                "held-out misfit {held_out:.2} to {now:.2} mmHg"
+            )));
         }
         Ok(None)
     }
@@ -363,7 +442,12 @@ impl<'a> Search<'a> {
             problem.counts = folds.seen(fold);
             let fit = problem.fit_from(std::slice::from_ref(&model.fit.parameters), TOLERANCE)?;
             let residuals = problem.all_residuals(&fit.parameters);
-            sum += residuals.iter().zip(&folds.of).filter(|(_, f)| **f == fold).map(|(r, _)| r * r).sum::<f64>();
+            sum += residuals
+                .iter()
+                .zip(&folds.of)
+                .filter(|(_, f)| **f == fold)
+                .map(|(r, _)| r * r)
+                .sum::<f64>();
         }
         Ok((sum / self.record.n_samples() as f64).sqrt())
     }
@@ -407,8 +491,12 @@ impl<'a> Search<'a> {
         let errors = model.fit.standard_errors();
         let z = normal::quantile(0.5 + 0.5 * self.settings.confidence_level);
         let inflation = (self.record.n_samples() as f64 / n_effective).sqrt();
-        let before =
-            model.effects.iter().take_while(|e| e.name != effect.name).map(|e| e.parameters.len()).sum::<usize>();
+        let before = model
+            .effects
+            .iter()
+            .take_while(|e| e.name != effect.name)
+            .map(|e| e.parameters.len())
+            .sum::<usize>();
         effect
             .parameters
             .iter()
@@ -416,14 +504,23 @@ impl<'a> Search<'a> {
             .map(|(k, p)| {
                 let value = values[p.position];
                 let half = errors[problem.n_base() + before + k].map(|e| z * e * inflation);
-                let interval =
-                    half.map(|h| [(value - h).max(p.range.0) * p.factor, (value + h).min(p.range.1) * p.factor]);
+                let interval = half.map(|h| {
+                    [
+                        (value - h).max(p.range.0) * p.factor,
+                        (value + h).min(p.range.1) * p.factor,
+                    ]
+                });
                 (p.name, value * p.factor, interval)
             })
             .collect()
     }
 
-    fn conclude(&self, base: Fitted, model: Fitted, stages: Vec<Stage>) -> Result<Discovery, AfterloadError> {
+    fn conclude(
+        &self,
+        base: Fitted,
+        model: Fitted,
+        stages: Vec<Stage>,
+    ) -> Result<Discovery, AfterloadError> {
         let residuals = self.residuals(&model);
         let worth = noise::worth(self.record, &residuals);
         let n_effective = worth.n_effective;
@@ -440,7 +537,12 @@ impl<'a> Search<'a> {
         };
         let mut accepted = Vec::new();
         for effect in &model.effects {
-            let others: Vec<_> = model.effects.iter().copied().filter(|e| e.name != effect.name).collect();
+            let others: Vec<_> = model
+                .effects
+                .iter()
+                .copied()
+                .filter(|e| e.name != effect.name)
+                .collect();
             let without = self.anew(&base, &others)?;
             accepted.push(Found {
                 effect,
@@ -449,7 +551,12 @@ impl<'a> Search<'a> {
             });
         }
         let measured = &self.record.pressure;
-        let model_pressure = |r: &[f64]| r.iter().zip(measured).map(|(r, p)| r + p).collect::<Vec<f64>>();
+        let model_pressure = |r: &[f64]| {
+            r.iter()
+                .zip(measured)
+                .map(|(r, p)| r + p)
+                .collect::<Vec<f64>>()
+        };
         let names: Vec<_> = model.effects.iter().map(|e| e.name).collect();
         let nameless = match stages.iter().find(|stage| stage.with == names) {
             Some(stage) => stage.nameless.clone(),
@@ -478,10 +585,20 @@ impl<'a> Search<'a> {
     }
 
     /// Which effects pass for the accepted ones: fitted to noise-free pressure of the final model in their place.
-    fn confusable(&self, model: &Fitted, n_effective: f64) -> Result<Vec<Confusable>, AfterloadError> {
+    fn confusable(
+        &self,
+        model: &Fitted,
+        n_effective: f64,
+    ) -> Result<Vec<Confusable>, AfterloadError> {
         let values = self.problem(&model.effects).values(&model.fit.parameters);
-        let exact = self.record.with_pressure(pressure(self.record, &values, Start::Free));
-        let there = Search { record: &exact, settings: self.settings, effects: self.effects.clone() };
+        let exact = self
+            .record
+            .with_pressure(pressure(self.record, &values, Start::Free));
+        let there = Search {
+            record: &exact,
+            settings: self.settings,
+            effects: self.effects.clone(),
+        };
         let mut found = Vec::new();
         for effect in &model.effects {
             for other in effect.same_as {
@@ -492,9 +609,18 @@ impl<'a> Search<'a> {
                     separated_by: effect.separated_by,
                 });
             }
-            let others: Vec<_> = model.effects.iter().copied().filter(|e| e.name != effect.name).collect();
+            let others: Vec<_> = model
+                .effects
+                .iter()
+                .copied()
+                .filter(|e| e.name != effect.name)
+                .collect();
             let without = there.anew(&there.base()?, &others)?;
-            for rival in self.effects.iter().filter(|e| model.effects.iter().all(|had| had.name != e.name)) {
+            for rival in self
+                .effects
+                .iter()
+                .filter(|e| model.effects.iter().all(|had| had.name != e.name))
+            {
                 let fitted = there.with(&without, rival)?;
                 let evidence = self.evidence_of(fitted.fit.sum_of_squares, model, n_effective);
                 if evidence < CONFUSED {
@@ -516,20 +642,37 @@ impl<'a> Search<'a> {
         model: &Fitted,
         n_effective: f64,
     ) -> Result<Vec<(&'static str, String)>, AfterloadError> {
-        let mut found: Vec<(&'static str, String)> =
-            HIDDEN.iter().map(|(name, why)| (*name, (*why).to_owned())).collect();
+        let mut found: Vec<(&'static str, String)> = HIDDEN
+            .iter()
+            .map(|(name, why)| (*name, (*why).to_owned()))
+            .collect();
         let values = self.problem(&model.effects).values(&model.fit.parameters);
-        for effect in self.effects.iter().filter(|e| model.effects.iter().all(|had| had.name != e.name)) {
+        for effect in self
+            .effects
+            .iter()
+            .filter(|e| model.effects.iter().all(|had| had.name != e.name))
+        {
             let mut typical = values;
-            effect.parameters.iter().for_each(|p| typical[p.position] = p.starts[0]);
-            let exact = self.record.with_pressure(pressure(self.record, &typical, Start::Free));
-            let there = Search { record: &exact, settings: self.settings, effects: Vec::new() };
+            effect
+                .parameters
+                .iter()
+                .for_each(|p| typical[p.position] = p.starts[0]);
+            let exact = self
+                .record
+                .with_pressure(pressure(self.record, &typical, Start::Free));
+            let there = Search {
+                record: &exact,
+                settings: self.settings,
+                effects: Vec::new(),
+            };
             let problem = there.problem(&model.effects);
-            let refitted = problem.fit_from(std::slice::from_ref(&model.fit.parameters), TOLERANCE)?;
+            let refitted =
+                problem.fit_from(std::slice::from_ref(&model.fit.parameters), TOLERANCE)?;
             let evidence = self.evidence_of(refitted.sum_of_squares, model, n_effective);
             if evidence < CONFUSED {
-                let why =
-                    format!("a typical one would change the evidence by {evidence:.1} only: the others take it up");
+                let why = format!(
+                    "a typical one would change the evidence by {evidence:.1} only: the others take it up"
+                );
                 found.push((effect.name, why));
             }
         }

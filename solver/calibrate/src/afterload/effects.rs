@@ -261,5 +261,8 @@ pub const HIDDEN: [(&str, &str); 4] = [
         "pressure_offset",
         "a shifted pressure zero has exactly the traces of outflow_pressure; checked zeros would show it",
     ),
-    ("flow_offset", "a shifted flow zero has exactly the traces of outflow_pressure; checked zeros would show it"),
+    (
+        "flow_offset",
+        "a shifted flow zero has exactly the traces of outflow_pressure; checked zeros would show it",
+    ),
 ];

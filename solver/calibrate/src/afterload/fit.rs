@@ -19,7 +19,10 @@ const POOR: f64 = 0.3;
 ///
 /// # Errors
 /// [`AfterloadError`] when the level makes no sense or the minimisation fails.
-pub fn fit_windkessel(record: &Record, settings: WindkesselFitSettings) -> Result<WindkesselFit, AfterloadError> {
+pub fn fit_windkessel(
+    record: &Record,
+    settings: WindkesselFitSettings,
+) -> Result<WindkesselFit, AfterloadError> {
     let level = settings.confidence_level;
     if !(level > 0.0 && level < 1.0) {
         return Err(AfterloadError::Confidence { level });
@@ -30,7 +33,12 @@ pub fn fit_windkessel(record: &Record, settings: WindkesselFitSettings) -> Resul
     let worth = noise::worth(record, &residuals);
     let z = normal::quantile(0.5 + 0.5 * level);
     let inflation = worth.inflation(record.n_samples());
-    let profiles = Profiles { problem: &problem, fit: &fit, z, inflation };
+    let profiles = Profiles {
+        problem: &problem,
+        fit: &fit,
+        z,
+        inflation,
+    };
     let x = &fit.parameters;
     let values = problem.values(x);
     let errors = fit.standard_errors();
@@ -49,9 +57,15 @@ pub fn fit_windkessel(record: &Record, settings: WindkesselFitSettings) -> Resul
     let time_constant = profiles.estimate(x[1] + x[2], None, &tau_map, f64::exp);
     let start = match settings.start {
         Start::Free => profiles.estimate(x[3], error(3, 1.0), &own(3), |u| u),
-        Start::Periodic => Estimate { value: first_pc(&residuals, record, values[0]), ..Estimate::default() },
+        Start::Periodic => Estimate {
+            value: first_pc(&residuals, record, values[0]),
+            ..Estimate::default()
+        },
     };
-    let start = Estimate { determined: Determined::Well, ..start };
+    let start = Estimate {
+        determined: Determined::Well,
+        ..start
+    };
     let rms = (fit.sum_of_squares / residuals.len() as f64).sqrt();
     Ok(WindkesselFit {
         r1,
@@ -71,7 +85,10 @@ pub fn fit_windkessel(record: &Record, settings: WindkesselFitSettings) -> Resul
 
 /// The compliance's pressure at the first sample of a periodic start.
 fn first_pc(residuals: &[f64], record: &Record, r1: f64) -> f64 {
-    let flow = record.flow[record.flow_time_s.partition_point(|t| *t < -1e-8).min(record.flow.len() - 1)];
+    let flow = record.flow[record
+        .flow_time_s
+        .partition_point(|t| *t < -1e-8)
+        .min(record.flow.len() - 1)];
     residuals[0] + record.pressure[0] - r1 * flow
 }
 
@@ -87,7 +104,13 @@ struct Profiles<'a> {
 
 impl Profiles<'_> {
     /// Value, error and interval of one quantity; `natural` takes the coordinate to the quantity.
-    fn estimate(&self, best: f64, standard_error: Option<f64>, map: &Map, natural: impl Fn(f64) -> f64) -> Estimate {
+    fn estimate(
+        &self,
+        best: f64,
+        standard_error: Option<f64>,
+        map: &Map,
+        natural: impl Fn(f64) -> f64,
+    ) -> Estimate {
         let x = &self.fit.parameters;
         let bounds = self.problem.bounds();
         let (k, _) = map(x);
@@ -107,12 +130,21 @@ impl Profiles<'_> {
             let mut from = warm.to_vec();
             from[k] = value;
             let residuals = |y: &[f64]| self.problem.residuals(&map(y).1);
-            let settings =
-                Settings { max_steps: 40, cost_tolerance: 1e-9, step_tolerance: 1e-8, ..Settings::default() };
+            let settings = Settings {
+                max_steps: 40,
+                cost_tolerance: 1e-9,
+                step_tolerance: 1e-8,
+                ..Settings::default()
+            };
             let fit = crate::least_squares::fit(&residuals, &from, &box_here, settings).ok()?;
             Some((fit.sum_of_squares, fit.parameters))
         };
-        let profile = Profile { at: &at, start: &start, least, threshold };
+        let profile = Profile {
+            at: &at,
+            start: &start,
+            least,
+            threshold,
+        };
         let ends = profile.interval(best, 0.02 * limits.width(), limits);
         let [lower, upper] = ends.map(|end| end.map(&natural));
         let value = natural(best);
@@ -121,7 +153,13 @@ impl Profiles<'_> {
             (Some(_), Some(_)) => Determined::Poorly,
             _ => Determined::Not,
         };
-        Estimate { value, standard_error, lower, upper, determined }
+        Estimate {
+            value,
+            standard_error,
+            lower,
+            upper,
+            determined,
+        }
     }
 }
 
@@ -136,10 +174,17 @@ fn correlations(problem: &Problem<'_>, x: &[f64]) -> [Option<f64>; 3] {
                 y[k] += step;
                 problem.residuals(&y)
             };
-            moved(h).iter().zip(moved(-h)).map(|(a, b)| (a - b) / (2.0 * h)).collect()
+            moved(h)
+                .iter()
+                .zip(moved(-h))
+                .map(|(a, b)| (a - b) / (2.0 * h))
+                .collect()
         })
         .collect();
-    let lengths: Vec<f64> = columns.iter().map(|c| c.iter().map(|v| v * v).sum::<f64>().sqrt()).collect();
+    let lengths: Vec<f64> = columns
+        .iter()
+        .map(|c| c.iter().map(|v| v * v).sum::<f64>().sqrt())
+        .collect();
     let gram = nalgebra::DMatrix::from_fn(n, n, |i, j| {
         let product: f64 = columns[i].iter().zip(&columns[j]).map(|(a, b)| a * b).sum();
         product / (lengths[i] * lengths[j])

@@ -26,14 +26,25 @@ impl Folds {
         let time = &record.pressure_time_s;
         if record.n_beats() >= 3 {
             let n = record.n_beats().min(MOST_FOLDS);
-            return Self { of: time.iter().map(|t| record.beat_of(*t) % n).collect(), n, by_beat: true };
+            return Self {
+                of: time.iter().map(|t| record.beat_of(*t) % n).collect(),
+                n,
+                by_beat: true,
+            };
         }
         let length_ms = 1e3 * (time[time.len() - 1] - time[0]);
         let block = SHORTEST_BLOCK_MS.max(3.0 * worth.correlation_time_ms);
         let n_blocks = ((length_ms / block).floor() as usize).max(BLOCK_FOLDS);
         let width = 1e-3 * length_ms / n_blocks as f64;
-        let of = time.iter().map(|t| (((t - time[0]) / width) as usize).min(n_blocks - 1) % BLOCK_FOLDS).collect();
-        Self { of, n: BLOCK_FOLDS, by_beat: false }
+        let of = time
+            .iter()
+            .map(|t| (((t - time[0]) / width) as usize).min(n_blocks - 1) % BLOCK_FOLDS)
+            .collect();
+        Self {
+            of,
+            n: BLOCK_FOLDS,
+            by_beat: false,
+        }
     }
 
     /// Which samples a fit sees while this fold is held out.

@@ -20,7 +20,9 @@ mod simulate;
 mod tests;
 
 pub use cuff::{CUFF_SD_MMHG, Cuff, CuffFit, USUAL_SHARE, fit_cuff};
-pub use discover::{Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover};
+pub use discover::{
+    Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover,
+};
 pub use effects::{EFFECTS, Effect, HIDDEN, Kind};
 pub use ejected::ejected;
 pub use fit::fit_windkessel;
@@ -48,7 +50,9 @@ pub enum AfterloadError {
         n_values: usize,
     },
     /// A sample that is not finite, or a time not after the one before.
-    #[error("sample {idx} of the {trace} at {time_ms} ms is {value}: values must be finite, times increase")]
+    #[error(
+        "sample {idx} of the {trace} at {time_ms} ms is {value}: values must be finite, times increase"
+    )]
     Sample {
         /// Which trace.
         trace: &'static str,
@@ -70,7 +74,9 @@ pub enum AfterloadError {
         pressure_ms: [f64; 2],
     },
     /// A flow that does not eject.
-    #[error("the flow lies between {lowest_ml_per_s} and {highest_ml_per_s} mL/s: nothing is ejected")]
+    #[error(
+        "the flow lies between {lowest_ml_per_s} and {highest_ml_per_s} mL/s: nothing is ejected"
+    )]
     NoEjection {
         /// Smallest flow.
         lowest_ml_per_s: f64,
@@ -119,7 +125,10 @@ pub struct WindkesselFitSettings {
 
 impl Default for WindkesselFitSettings {
     fn default() -> Self {
-        Self { start: Start::Free, confidence_level: 0.95 }
+        Self {
+            start: Start::Free,
+            confidence_level: 0.95,
+        }
     }
 }
 

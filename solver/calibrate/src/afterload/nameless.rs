@@ -61,12 +61,21 @@ pub(super) struct NamelessFit {
 impl NamelessFit {
     /// Fall of BIC against a model without harmonics.
     pub(super) fn delta_bic(&self, scale: Scale, without: f64, n_effective: f64) -> f64 {
-        scale.delta_bic(without, self.fit.sum_of_squares, 2 * self.n_harmonics, n_effective)
+        scale.delta_bic(
+            without,
+            self.fit.sum_of_squares,
+            2 * self.n_harmonics,
+            n_effective,
+        )
     }
 }
 
 /// Fits with each number of harmonics that the effective number of samples allows; the one with the lowest BIC.
-pub(super) fn fit(problem: &Problem<'_>, from: &Fit, n_effective: f64) -> Result<NamelessFit, AfterloadError> {
+pub(super) fn fit(
+    problem: &Problem<'_>,
+    from: &Fit,
+    n_effective: f64,
+) -> Result<NamelessFit, AfterloadError> {
     let mut best: Option<(f64, NamelessFit)> = None;
     for n_harmonics in HARMONICS {
         // More coefficients than that are a drawing, not a model.
@@ -81,16 +90,24 @@ pub(super) fn fit(problem: &Problem<'_>, from: &Fit, n_effective: f64) -> Result
         };
         let fit = least_squares::fit(&residuals, &from.parameters, &problem.bounds(), TOLERANCE)?;
         let found = NamelessFit { fit, n_harmonics };
-        let evidence = found.delta_bic(Scale::new(problem.record), from.sum_of_squares, n_effective);
+        let evidence =
+            found.delta_bic(Scale::new(problem.record), from.sum_of_squares, n_effective);
         if best.as_ref().is_none_or(|(highest, _)| evidence > *highest) {
             best = Some((evidence, found));
         }
     }
-    Ok(best.expect("the first number of harmonics is always tried").1)
+    Ok(best
+        .expect("the first number of harmonics is always tried")
+        .1)
 }
 
 /// What the discrepancy looks like and goes with.
-pub(super) fn describe(problem: &Problem<'_>, model: &Fit, found: &NamelessFit, delta_bic: f64) -> Nameless {
+pub(super) fn describe(
+    problem: &Problem<'_>,
+    model: &Fit,
+    found: &NamelessFit,
+    delta_bic: f64,
+) -> Nameless {
     let record = problem.record;
     let n = record.n_samples();
     let basis = basis(record, &vec![true; n], found.n_harmonics);
@@ -99,10 +116,18 @@ pub(super) fn describe(problem: &Problem<'_>, model: &Fit, found: &NamelessFit, 
     let discrepancy = -(&basis * basis.tr_mul(&r));
     let largest = discrepancy.iamax();
     let phase = record.phase_of(record.pressure_time_s[largest]);
-    let flow: Vec<f64> = record.pressure_time_s.iter().map(|t| at(&record.flow_time_s, &record.flow, *t)).collect();
+    let flow: Vec<f64> = record
+        .pressure_time_s
+        .iter()
+        .map(|t| at(&record.flow_time_s, &record.flow, *t))
+        .collect();
     let rate = slopes(&record.pressure_time_s, &flow);
     let squared: Vec<f64> = flow.iter().map(|q| q * q.abs()).collect();
-    let phases: Vec<f64> = record.pressure_time_s.iter().map(|t| record.phase_of(*t)).collect();
+    let phases: Vec<f64> = record
+        .pressure_time_s
+        .iter()
+        .map(|t| record.phase_of(*t))
+        .collect();
     let leads = [
         ("time in the beat", &phases),
         ("flow", &flow),
@@ -110,8 +135,13 @@ pub(super) fn describe(problem: &Problem<'_>, model: &Fit, found: &NamelessFit, 
         ("rate of flow", &rate),
         ("pressure", &record.pressure),
     ];
-    let mut depends_on: Vec<Dependence> =
-        leads.into_iter().map(|(on, x)| Dependence { on, share: cubic_share(x, discrepancy.as_slice()) }).collect();
+    let mut depends_on: Vec<Dependence> = leads
+        .into_iter()
+        .map(|(on, x)| Dependence {
+            on,
+            share: cubic_share(x, discrepancy.as_slice()),
+        })
+        .collect();
     depends_on.sort_by(|a, b| b.share.total_cmp(&a.share));
     Nameless {
         delta_bic,
@@ -125,14 +155,21 @@ pub(super) fn describe(problem: &Problem<'_>, model: &Fit, found: &NamelessFit, 
 
 /// Share of the variance of `y` that a cubic of `x` explains.
 fn cubic_share(x: &[f64], y: &[f64]) -> f64 {
-    let scale = x.iter().fold(0.0_f64, |m, v| m.max(v.abs())).max(f64::MIN_POSITIVE);
+    let scale = x
+        .iter()
+        .fold(0.0_f64, |m, v| m.max(v.abs()))
+        .max(f64::MIN_POSITIVE);
     let columns = DMatrix::from_fn(x.len(), 4, |i, k| (x[i] / scale).powi(k as i32));
     let y = DVector::from_column_slice(y);
     let mean = y.mean();
     let total = y.map(|v| (v - mean).powi(2)).sum();
     let q = columns.qr().q();
     let rest = (&y - &q * q.tr_mul(&y)).norm_squared();
-    if total > 0.0 { (1.0 - rest / total).max(0.0) } else { 0.0 }
+    if total > 0.0 {
+        (1.0 - rest / total).max(0.0)
+    } else {
+        0.0
+    }
 }
 
 fn at(time: &[f64], value: &[f64], t: f64) -> f64 {

@@ -19,7 +19,10 @@ pub(super) struct Scale {
 impl Scale {
     pub(super) fn new(record: &Record) -> Self {
         let tolerance = (TOLERANCE_OF_PULSE * record.pulse_pressure_mmhg()).powi(2);
-        Self { n_samples: record.n_samples() as f64, tolerance }
+        Self {
+            n_samples: record.n_samples() as f64,
+            tolerance,
+        }
     }
 
     /// Mean square with what no load follows, mmHg².
@@ -29,7 +32,8 @@ impl Scale {
 
     /// Fall of BIC: the model with `more` parameters against that without.
     pub(super) fn delta_bic(&self, without: f64, with: f64, more: usize, n_effective: f64) -> f64 {
-        n_effective * (self.variance(without) / self.variance(with)).ln() - more as f64 * n_effective.ln()
+        n_effective * (self.variance(without) / self.variance(with)).ln()
+            - more as f64 * n_effective.ln()
     }
 }
 
@@ -63,7 +67,9 @@ pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
     let mut tau = 1.0;
     if variance > 0.0 {
         for lag in 1..n / 2 {
-            let product: f64 = (lag..n).map(|i| (residuals[i] - mean) * (residuals[i - lag] - mean)).sum();
+            let product: f64 = (lag..n)
+                .map(|i| (residuals[i] - mean) * (residuals[i - lag] - mean))
+                .sum();
             tau += 2.0 * product / variance;
             if lag as f64 >= WINDOW * 0.5 * tau {
                 break;
@@ -73,9 +79,14 @@ pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
     let tau = tau.max(1.0);
     let n_beats = record.n_beats() as f64;
     let within = (n as f64 / tau).max(2.0);
-    let beat_correlation = (record.n_beats() > 1).then(|| beat_correlation(record, residuals, mean));
+    let beat_correlation =
+        (record.n_beats() > 1).then(|| beat_correlation(record, residuals, mean));
     let design = 1.0 + (n_beats - 1.0) * beat_correlation.unwrap_or(0.0).max(0.0);
-    Worth { correlation_time_ms: 0.5e3 * tau * step, beat_correlation, n_effective: (within / design).max(2.0) }
+    Worth {
+        correlation_time_ms: 0.5e3 * tau * step,
+        beat_correlation,
+        n_effective: (within / design).max(2.0),
+    }
 }
 
 /// Correlation of residuals at the same phase in neighbouring beats.
@@ -91,7 +102,10 @@ fn beat_correlation(record: &Record, residuals: &[f64], mean: f64) -> f64 {
     let (mut product, mut here, mut there) = (0.0, 0.0, 0.0);
     for (t, r) in time.iter().zip(residuals) {
         let beat = record.beat_of(*t);
-        let (Some(onset), Some(next)) = (record.upstrokes_s.get(beat), record.upstrokes_s.get(beat + 1)) else {
+        let (Some(onset), Some(next)) = (
+            record.upstrokes_s.get(beat),
+            record.upstrokes_s.get(beat + 1),
+        ) else {
             continue;
         };
         if let Some(other) = at(next + t - onset) {
@@ -101,5 +115,9 @@ fn beat_correlation(record: &Record, residuals: &[f64], mean: f64) -> f64 {
             there += other * other;
         }
     }
-    if here > 0.0 && there > 0.0 { product / (here * there).sqrt() } else { 0.0 }
+    if here > 0.0 && there > 0.0 {
+        product / (here * there).sqrt()
+    } else {
+        0.0
+    }
 }

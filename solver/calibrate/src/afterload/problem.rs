@@ -15,8 +15,12 @@ const DECADES: f64 = 2.5;
 /// Time constants R2 C to start from \[s\].
 const TIME_CONSTANTS_S: [f64; 3] = [0.6, 1.5, 4.0];
 /// Fits are close enough at these; the default ones cost twice the time.
-pub(super) const TOLERANCE: Settings =
-    Settings { cost_tolerance: 1e-9, step_tolerance: 1e-8, max_steps: 60, difference_step: 1e-5 };
+pub(super) const TOLERANCE: Settings = Settings {
+    cost_tolerance: 1e-9,
+    step_tolerance: 1e-8,
+    max_steps: 60,
+    difference_step: 1e-5,
+};
 
 /// Coordinates: R1, ln R2, ln C, start (unless periodic), then the parameters of the terms.
 pub(super) struct Problem<'a> {
@@ -29,15 +33,29 @@ pub(super) struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     pub(super) fn new(record: &'a Record, start: Start, effects: &[&'static Effect]) -> Self {
-        Self { record, start, effects: effects.to_vec(), counts: vec![true; record.n_samples()] }
+        Self {
+            record,
+            start,
+            effects: effects.to_vec(),
+            counts: vec![true; record.n_samples()],
+        }
     }
 
     pub(super) fn n_base(&self) -> usize {
-        if self.start == Start::Free { N_BASE } else { N_BASE - 1 }
+        if self.start == Start::Free {
+            N_BASE
+        } else {
+            N_BASE - 1
+        }
     }
 
     pub(super) fn n_coordinates(&self) -> usize {
-        self.n_base() + self.effects.iter().map(|e| e.parameters.len()).sum::<usize>()
+        self.n_base()
+            + self
+                .effects
+                .iter()
+                .map(|e| e.parameters.len())
+                .sum::<usize>()
     }
 
     pub(super) fn values(&self, x: &[f64]) -> Values {
@@ -45,21 +63,36 @@ impl<'a> Problem<'a> {
         values[at::R1] = x[0];
         values[at::R2] = x[1].exp();
         values[at::COMPLIANCE] = x[2].exp();
-        values[at::START] = if self.start == Start::Free { x[3] } else { self.record.pressure[0] };
+        values[at::START] = if self.start == Start::Free {
+            x[3]
+        } else {
+            self.record.pressure[0]
+        };
         let terms = self.effects.iter().flat_map(|e| e.parameters);
-        terms.zip(&x[self.n_base()..]).for_each(|(parameter, value)| values[parameter.position] = *value);
+        terms
+            .zip(&x[self.n_base()..])
+            .for_each(|(parameter, value)| values[parameter.position] = *value);
         values
     }
 
     /// Model less measured pressure at every sample.
     pub(super) fn all_residuals(&self, x: &[f64]) -> Vec<f64> {
         let model = pressure(self.record, &self.values(x), self.start);
-        model.iter().zip(&self.record.pressure).map(|(m, p)| m - p).collect()
+        model
+            .iter()
+            .zip(&self.record.pressure)
+            .map(|(m, p)| m - p)
+            .collect()
     }
 
     /// The same where samples count.
     pub(super) fn residuals(&self, x: &[f64]) -> Vec<f64> {
-        self.all_residuals(x).into_iter().zip(&self.counts).filter(|(_, counts)| **counts).map(|(r, _)| r).collect()
+        self.all_residuals(x)
+            .into_iter()
+            .zip(&self.counts)
+            .filter(|(_, counts)| **counts)
+            .map(|(r, _)| r)
+            .collect()
     }
 
     pub(super) fn bounds(&self) -> Vec<Interval> {
@@ -87,14 +120,26 @@ impl<'a> Problem<'a> {
     fn resistance_guess(&self) -> f64 {
         let record = self.record;
         let mean_pressure = record.pressure.iter().sum::<f64>() / record.n_samples() as f64;
-        mean_pressure.abs().max(1.0) / record.mean_flow_ml_per_s().max(0.02 * range(&record.flow).1)
+        mean_pressure.abs().max(1.0)
+            / record
+                .mean_flow_ml_per_s()
+                .max(0.02 * range(&record.flow).1)
     }
 
     fn base_starts(&self) -> Vec<Vec<f64>> {
-        let bounds = Self { effects: Vec::new(), counts: Vec::new(), ..*self }.bounds();
+        let bounds = Self {
+            effects: Vec::new(),
+            counts: Vec::new(),
+            ..*self
+        }
+        .bounds();
         let resistance = self.resistance_guess();
         let of = |tau: &f64| {
-            let mut x = vec![0.1 * bounds[0].upper, resistance.ln(), (tau / resistance).ln()];
+            let mut x = vec![
+                0.1 * bounds[0].upper,
+                resistance.ln(),
+                (tau / resistance).ln(),
+            ];
             if self.start == Start::Free {
                 x.push(self.record.pressure[0]);
             }
@@ -104,13 +149,23 @@ impl<'a> Problem<'a> {
     }
 
     /// The best of fits from these starts.
-    pub(super) fn fit_from(&self, starts: &[Vec<f64>], settings: Settings) -> Result<Fit, AfterloadError> {
+    pub(super) fn fit_from(
+        &self,
+        starts: &[Vec<f64>],
+        settings: Settings,
+    ) -> Result<Fit, AfterloadError> {
         let bounds = self.bounds();
         let mut best: Option<Fit> = None;
         let mut refused = None;
         for start in starts {
             match least_squares::fit(&|x| self.residuals(x), start, &bounds, settings) {
-                Ok(fit) if best.as_ref().is_none_or(|b| fit.sum_of_squares < b.sum_of_squares) => best = Some(fit),
+                Ok(fit)
+                    if best
+                        .as_ref()
+                        .is_none_or(|b| fit.sum_of_squares < b.sum_of_squares) =>
+                {
+                    best = Some(fit)
+                }
                 Ok(_) => {}
                 Err(error) => refused = Some(error),
             }

@@ -43,24 +43,38 @@ impl Record {
         let (first, last) = (flow_time_ms[0], flow_time_ms[flow_time_ms.len() - 1]);
         let reach = median(flow_time_ms.windows(2).map(|w| w[1] - w[0]));
         let inside = |t: f64| t >= first - reach && t <= last + reach;
-        let kept: Vec<usize> = (0..pressure_time_ms.len()).filter(|i| inside(pressure_time_ms[*i])).collect();
+        let kept: Vec<usize> = (0..pressure_time_ms.len())
+            .filter(|i| inside(pressure_time_ms[*i]))
+            .collect();
         if kept.len() < FEWEST_SAMPLES {
             return Err(AfterloadError::Overlap {
                 n_samples: kept.len(),
                 flow_ms: [first, last],
-                pressure_ms: [pressure_time_ms[0], pressure_time_ms[pressure_time_ms.len() - 1]],
+                pressure_ms: [
+                    pressure_time_ms[0],
+                    pressure_time_ms[pressure_time_ms.len() - 1],
+                ],
             });
         }
-        let highest = flow_ml_per_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let highest = flow_ml_per_s
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
         let lowest = flow_ml_per_s.iter().copied().fold(f64::INFINITY, f64::min);
         if highest <= 0.0 || highest - lowest < LEAST_SWING * highest {
-            return Err(AfterloadError::NoEjection { lowest_ml_per_s: lowest, highest_ml_per_s: highest });
+            return Err(AfterloadError::NoEjection {
+                lowest_ml_per_s: lowest,
+                highest_ml_per_s: highest,
+            });
         }
         // Counted from the pressure's first sample, so that clocks that began long ago lose no digits.
         let zero = pressure_time_ms[kept[0]];
         let seconds = |t: &f64| (t - zero) * 1e-3;
         let flow_time_s: Vec<f64> = flow_time_ms.iter().map(seconds).collect();
-        let pressure_time_s: Vec<f64> = kept.iter().map(|i| seconds(&pressure_time_ms[*i])).collect();
+        let pressure_time_s: Vec<f64> = kept
+            .iter()
+            .map(|i| seconds(&pressure_time_ms[*i]))
+            .collect();
         let upstrokes_s = upstrokes(&flow_time_s, flow_ml_per_s);
         let length = pressure_time_s[pressure_time_s.len() - 1] - pressure_time_s[0];
         let cycle_s = match upstrokes_s.len() {
@@ -87,7 +101,9 @@ impl Record {
     /// The pressure samples in use: time since the first of them, ms, and pressure, mmHg.
     #[must_use]
     pub fn pressure_samples(&self) -> Vec<(f64, f64)> {
-        std::iter::zip(&self.pressure_time_s, &self.pressure).map(|(t, p)| (1e3 * t, *p)).collect()
+        std::iter::zip(&self.pressure_time_s, &self.pressure)
+            .map(|(t, p)| (1e3 * t, *p))
+            .collect()
     }
 
     /// Number of pressure samples left out, where no flow was measured.
@@ -111,7 +127,9 @@ impl Record {
     /// Mean flow over the record, mL/s.
     #[must_use]
     pub fn mean_flow_ml_per_s(&self) -> f64 {
-        let area: f64 = (1..self.flow.len()).map(|i| 0.5 * (self.flow[i] + self.flow[i - 1]) * self.flow_step(i)).sum();
+        let area: f64 = (1..self.flow.len())
+            .map(|i| 0.5 * (self.flow[i] + self.flow[i - 1]) * self.flow_step(i))
+            .sum();
         area / (self.flow_time_s[self.flow.len() - 1] - self.flow_time_s[0])
     }
 
@@ -130,35 +148,54 @@ impl Record {
     #[must_use]
     pub fn sampled_alike(&self) -> bool {
         self.flow.len() == self.pressure.len()
-            && std::iter::zip(&self.flow_time_s, &self.pressure_time_s).all(|(q, p)| (q - p).abs() < 1e-6)
+            && std::iter::zip(&self.flow_time_s, &self.pressure_time_s)
+                .all(|(q, p)| (q - p).abs() < 1e-6)
     }
 
     /// The beat of a time, from 0: what lies before the second upstroke belongs to the first beat.
     pub(super) fn beat_of(&self, time_s: f64) -> usize {
-        self.upstrokes_s.partition_point(|onset| *onset <= time_s).saturating_sub(1)
+        self.upstrokes_s
+            .partition_point(|onset| *onset <= time_s)
+            .saturating_sub(1)
     }
 
     /// Time since the upstroke over the usual cycle; before the first upstroke counted back from it.
     pub(super) fn phase_of(&self, time_s: f64) -> f64 {
-        let onset = self.upstrokes_s.get(self.beat_of(time_s)).copied().unwrap_or(0.0);
+        let onset = self
+            .upstrokes_s
+            .get(self.beat_of(time_s))
+            .copied()
+            .unwrap_or(0.0);
         ((time_s - onset) / self.cycle_s).rem_euclid(1.0)
     }
 
     /// The same record with other pressures, as many.
     pub(super) fn with_pressure(&self, pressure: Vec<f64>) -> Self {
-        Self { pressure, ..self.clone() }
+        Self {
+            pressure,
+            ..self.clone()
+        }
     }
 }
 
 fn check(trace: &'static str, time_ms: &[f64], values: &[f64]) -> Result<(), AfterloadError> {
     let (n_times, n_values) = (time_ms.len(), values.len());
     if n_times != n_values || n_times < FEWEST_SAMPLES {
-        return Err(AfterloadError::Samples { trace, n_times, n_values });
+        return Err(AfterloadError::Samples {
+            trace,
+            n_times,
+            n_values,
+        });
     }
     for idx in 0..n_times {
         let in_order = idx == 0 || time_ms[idx] > time_ms[idx - 1];
         if !(time_ms[idx].is_finite() && values[idx].is_finite() && in_order) {
-            return Err(AfterloadError::Sample { trace, idx, time_ms: time_ms[idx], value: values[idx] });
+            return Err(AfterloadError::Sample {
+                trace,
+                idx,
+                time_ms: time_ms[idx],
+                value: values[idx],
+            });
         }
     }
     Ok(())
@@ -172,7 +209,8 @@ fn upstrokes(time_s: &[f64], flow: &[f64]) -> Vec<f64> {
     let (mut armed, mut found) = (flow[0] < level, Vec::<f64>::new());
     for i in 1..flow.len() {
         if armed && flow[i] >= level {
-            let onset = time_s[i - 1] + (time_s[i] - time_s[i - 1]) * (level - flow[i - 1]) / (flow[i] - flow[i - 1]);
+            let onset = time_s[i - 1]
+                + (time_s[i] - time_s[i - 1]) * (level - flow[i - 1]) / (flow[i] - flow[i - 1]);
             if found.last().is_none_or(|last| onset - last > REFRACTORY_S) {
                 found.push(onset);
             }
@@ -185,7 +223,11 @@ fn upstrokes(time_s: &[f64], flow: &[f64]) -> Vec<f64> {
 }
 
 pub(super) fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
+    values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(*v), high.max(*v))
+        })
 }
 
 pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {

@@ -71,7 +71,10 @@ impl Grid {
         }
         let slopes = central_slopes(knots, &record.flow);
         let mut i = 0;
-        let (mut flow, mut slope) = (Vec::with_capacity(time_s.len()), Vec::with_capacity(time_s.len()));
+        let (mut flow, mut slope) = (
+            Vec::with_capacity(time_s.len()),
+            Vec::with_capacity(time_s.len()),
+        );
         for t in &time_s {
             while i + 2 < knots.len() && knots[i + 1] <= *t {
                 i += 1;
@@ -81,7 +84,12 @@ impl Grid {
             flow.push(between(&record.flow));
             slope.push(between(&slopes));
         }
-        Self { time_s, flow, slope, sample }
+        Self {
+            time_s,
+            flow,
+            slope,
+            sample,
+        }
     }
 }
 
@@ -123,7 +131,8 @@ impl Load<'_> {
         let run_off = |pressure: f64| (pressure - p[at::OUTFLOW]) / p[at::R2];
         let (proximal, outflow) = if self.is_split() {
             let (f, c) = (p[at::PROXIMAL_SHARE], p[at::COMPLIANCE]);
-            rates[JUNCTION] = (x[PA] - x[PB] - p[at::JUNCTION_RESISTANCE] * x[JUNCTION]) / p[at::JUNCTION_INERTANCE];
+            rates[JUNCTION] = (x[PA] - x[PB] - p[at::JUNCTION_RESISTANCE] * x[JUNCTION])
+                / p[at::JUNCTION_INERTANCE];
             rates[PB] = (x[JUNCTION] - run_off(x[PB])) / ((1.0 - f) * c * softness(x[PB]));
             (f * c, x[JUNCTION])
         } else {
@@ -134,8 +143,13 @@ impl Load<'_> {
             rates[CREEP] = (x[PA] - x[CREEP]) / p[at::CREEP_TIME];
         }
         // What the tube's wave brings is part of the flow; what the compliance sends back is not.
-        let back = if p[at::TRAVEL] > 0.0 { 0.5 * x[PA] / p[at::R1].max(LEAST_IMPEDANCE) } else { 0.0 };
-        rates[PA] = ((flow - back - outflow) / proximal - share * rates[CREEP]) / ((1.0 - share) * softness(x[PA]));
+        let back = if p[at::TRAVEL] > 0.0 {
+            0.5 * x[PA] / p[at::R1].max(LEAST_IMPEDANCE)
+        } else {
+            0.0
+        };
+        rates[PA] = ((flow - back - outflow) / proximal - share * rates[CREEP])
+            / ((1.0 - share) * softness(x[PA]));
         if p[at::PARALLEL_RATE] > 0.0 {
             rates[PARALLEL] = p[at::PARALLEL_RATE] * (flow - x[PARALLEL]);
         }
@@ -151,7 +165,10 @@ impl Load<'_> {
             (PB, self.is_split()),
             (PARALLEL, p[at::PARALLEL_RATE] > 0.0),
         ];
-        on.into_iter().filter(|(_, on)| *on).map(|(state, _)| state).collect()
+        on.into_iter()
+            .filter(|(_, on)| *on)
+            .map(|(state, _)| state)
+            .collect()
     }
 
     /// Pressures count from Pa, so that they move with it while it is not periodic.
@@ -191,24 +208,36 @@ impl<'a> Stepper<'a> {
             matrix
         });
         let alone = load.others().is_empty();
-        Self { load, matrix, alone, exponentials: Vec::new() }
+        Self {
+            load,
+            matrix,
+            alone,
+            exponentials: Vec::new(),
+        }
     }
 
     fn step(&mut self, x: &State, flow: f64, slope: f64, dt: f64) -> State {
-        let Some(matrix) = self.matrix else { return self.runge_kutta(x, flow, slope, dt) };
+        let Some(matrix) = self.matrix else {
+            return self.runge_kutta(x, flow, slope, dt);
+        };
         if self.alone {
             // One decay: its integrals are at hand, and samples of any spacing cost alike.
             let (rate, gain, constant) = (-matrix[(PA, PA)], matrix[(PA, N)], matrix[(PA, N + 2)]);
             let reached = -(-rate * dt).exp_m1() / rate;
             let mut next = *x;
-            next[PA] += (gain * flow + constant - rate * x[PA]) * reached + gain * slope * (dt - reached) / rate;
+            next[PA] += (gain * flow + constant - rate * x[PA]) * reached
+                + gain * slope * (dt - reached) / rate;
             return next;
         }
         let key = (dt * 1e9).round() as i64;
-        let found = self.exponentials.iter().position(|(length, _)| *length == key);
+        let found = self
+            .exponentials
+            .iter()
+            .position(|(length, _)| *length == key);
         let position = found.unwrap_or_else(|| {
             let exponential = (matrix * dt).exp();
-            self.exponentials.push((key, exponential.fixed_rows::<N>(0).into_owned()));
+            self.exponentials
+                .push((key, exponential.fixed_rows::<N>(0).into_owned()));
             self.exponentials.len() - 1
         });
         let e = &self.exponentials[position].1;
@@ -221,7 +250,8 @@ impl<'a> Stepper<'a> {
     fn runge_kutta(&self, x: &State, flow: f64, slope: f64, dt: f64) -> State {
         let n = (dt / LONGEST_STEP_S).ceil().max(1.0);
         let h = dt / n;
-        let moved = |x: &State, k: &State, h: f64| -> State { std::array::from_fn(|i| x[i] + h * k[i]) };
+        let moved =
+            |x: &State, k: &State, h: f64| -> State { std::array::from_fn(|i| x[i] + h * k[i]) };
         let mut x = *x;
         for i in 0..n as usize {
             let q = flow + slope * h * i as f64;
@@ -236,7 +266,13 @@ impl<'a> Stepper<'a> {
     }
 
     /// Over the grid's steps up to a position; `seen` gets each state.
-    fn run(&mut self, grid: &Grid, to: usize, mut x: State, mut seen: impl FnMut(usize, &State)) -> State {
+    fn run(
+        &mut self,
+        grid: &Grid,
+        to: usize,
+        mut x: State,
+        mut seen: impl FnMut(usize, &State),
+    ) -> State {
         seen(0, &x);
         for i in 1..=to {
             let dt = grid.time_s[i] - grid.time_s[i - 1];
@@ -255,13 +291,22 @@ impl<'a> Stepper<'a> {
         if start == Start::Periodic {
             unknown.push(PA);
         }
-        let to = grid.time_s.partition_point(|t| *t <= grid.time_s[0] + cycle_s + SAME_S) - 1;
+        let to = grid
+            .time_s
+            .partition_point(|t| *t <= grid.time_s[0] + cycle_s + SAME_S)
+            - 1;
         let whole = |u: &DVector<f64>| -> State {
             let mut x = [0.0; N];
             x[PA] = pa;
-            unknown.iter().zip(u.iter()).for_each(|(state, value)| x[*state] = *value);
+            unknown
+                .iter()
+                .zip(u.iter())
+                .for_each(|(state, value)| x[*state] = *value);
             let base = x[PA];
-            unknown.iter().filter(|s| Load::counted_from_pa(**s)).for_each(|s| x[*s] += base);
+            unknown
+                .iter()
+                .filter(|s| Load::counted_from_pa(**s))
+                .for_each(|s| x[*s] += base);
             x
         };
         if unknown.is_empty() {
@@ -272,7 +317,11 @@ impl<'a> Stepper<'a> {
             let end = self.run(grid, to, whole(u), |_, _| {});
             DVector::from_fn(m, |i, _| {
                 let state = unknown[i];
-                if Load::counted_from_pa(state) { end[state] - end[PA] } else { end[state] }
+                if Load::counted_from_pa(state) {
+                    end[state] - end[PA]
+                } else {
+                    end[state]
+                }
             })
         };
         // Near the solution, for the nonlinear load's sake.
@@ -285,7 +334,10 @@ impl<'a> Stepper<'a> {
             let change = after(&moved) - &from_guess;
             matrix.set_column(column, &(matrix.column(column) - change));
         }
-        let solution = matrix.lu().solve(&(&from_guess - &guess)).map_or(from_guess, |d| guess + d);
+        let solution = matrix
+            .lu()
+            .solve(&(&from_guess - &guess))
+            .map_or(from_guess, |d| guess + d);
         whole(&solution)
     }
 }
@@ -317,14 +369,19 @@ impl Tube<'_> {
 
     fn flow(&self, t: f64) -> f64 {
         let first = self.grid.time_s[0];
-        let t = if t < first { t + self.record.cycle_s } else { t };
+        let t = if t < first {
+            t + self.record.cycle_s
+        } else {
+            t
+        };
         interpolated(&self.grid.time_s, &self.grid.flow, t)
     }
 
     fn run(&self, stepper: &mut Stepper<'_>, to: usize, mut x: State) -> (Vec<State>, Vec<f64>) {
         let (mut states, mut pa) = (vec![x], vec![x[PA]]);
-        let arriving =
-            |pa: &[f64], t: f64| self.flow(t - self.travel) + 0.5 * self.pa(pa, t - 2.0 * self.travel) / self.impedance;
+        let arriving = |pa: &[f64], t: f64| {
+            self.flow(t - self.travel) + 0.5 * self.pa(pa, t - 2.0 * self.travel) / self.impedance
+        };
         let mut from = arriving(&pa, self.grid.time_s[0]);
         for i in 1..=to {
             let dt = self.grid.time_s[i] - self.grid.time_s[i - 1];
@@ -339,10 +396,24 @@ impl Tube<'_> {
 }
 
 /// States at the grid's times, with Pa as it arrives at the beginning of the tube.
-fn through_tube(record: &Record, values: &Values, grid: &Grid, stepper: &mut Stepper<'_>) -> Vec<State> {
+fn through_tube(
+    record: &Record,
+    values: &Values,
+    grid: &Grid,
+    stepper: &mut Stepper<'_>,
+) -> Vec<State> {
     let impedance = values[at::R1].max(LEAST_IMPEDANCE);
-    let mut tube = Tube { record, grid, travel: values[at::TRAVEL], impedance, cycle_before: None };
-    let to = grid.time_s.partition_point(|t| *t <= grid.time_s[0] + record.cycle_s + SAME_S) - 1;
+    let mut tube = Tube {
+        record,
+        grid,
+        travel: values[at::TRAVEL],
+        impedance,
+        cycle_before: None,
+    };
+    let to = grid
+        .time_s
+        .partition_point(|t| *t <= grid.time_s[0] + record.cycle_s + SAME_S)
+        - 1;
     let mut first = [0.0; N];
     for state in [PA, CREEP, PB] {
         first[state] = values[at::START];
@@ -351,11 +422,20 @@ fn through_tube(record: &Record, values: &Values, grid: &Grid, stepper: &mut Ste
         let (states, pa) = tube.run(stepper, to, first);
         let end = states[to];
         let moved = values[at::START] - end[PA];
-        first = std::array::from_fn(|i| if matches!(i, PA | CREEP | PB) { end[i] + moved } else { end[i] });
+        first = std::array::from_fn(|i| {
+            if matches!(i, PA | CREEP | PB) {
+                end[i] + moved
+            } else {
+                end[i]
+            }
+        });
         tube.cycle_before = Some(pa);
     }
     let (mut states, pa) = tube.run(stepper, grid.time_s.len() - 1, first);
-    states.iter_mut().zip(&grid.time_s).for_each(|(x, t)| x[PA] = tube.pa(&pa, t - tube.travel));
+    states
+        .iter_mut()
+        .zip(&grid.time_s)
+        .for_each(|(x, t)| x[PA] = tube.pa(&pa, t - tube.travel));
     states
 }
 
@@ -374,7 +454,12 @@ fn interpolated(time: &[f64], value: &[f64], t: f64) -> f64 {
 /// - `start_mmhg`: pressure of the compliance at the first pressure sample
 /// - `terms`: effects, each with its parameters in the units of their names and their order
 #[must_use]
-pub fn simulate(record: &Record, three: [f64; 3], start_mmhg: f64, terms: &[(&Effect, &[f64])]) -> Vec<f64> {
+pub fn simulate(
+    record: &Record,
+    three: [f64; 3],
+    start_mmhg: f64,
+    terms: &[(&Effect, &[f64])],
+) -> Vec<f64> {
     let mut values = [0.0; at::N];
     values[..3].copy_from_slice(&three);
     values[at::START] = start_mmhg;
@@ -390,7 +475,10 @@ pub fn simulate(record: &Record, three: [f64; 3], start_mmhg: f64, terms: &[(&Ef
 pub(super) fn pressure(record: &Record, values: &Values, start: Start) -> Vec<f64> {
     let grid = Grid::new(record, values[at::LAG]);
     let mean_pressure = record.pressure.iter().sum::<f64>() / record.pressure.len() as f64;
-    let mut stepper = Stepper::new(Load { p: values, mean_pressure });
+    let mut stepper = Stepper::new(Load {
+        p: values,
+        mean_pressure,
+    });
     let last = grid.time_s.len() - 1;
     let states = if values[at::TRAVEL] > 0.0 {
         through_tube(record, values, &grid, &mut stepper)
@@ -410,7 +498,12 @@ pub(super) fn pressure(record: &Record, values: &Values, start: Start) -> Vec<f6
     let whole: Vec<f64> = (0..=last).map(measured).collect();
     let p: Vec<f64> = grid.sample.iter().map(|i| whole[*i]).collect();
     if values[at::CATHETER_PERIOD] > 0.0 {
-        return catheter(&record.pressure_time_s, &p, values[at::CATHETER_PERIOD], values[at::CATHETER_DAMPING]);
+        return catheter(
+            &record.pressure_time_s,
+            &p,
+            values[at::CATHETER_PERIOD],
+            values[at::CATHETER_DAMPING],
+        );
     }
     p
 }
@@ -445,13 +538,18 @@ fn catheter(time_s: &[f64], p: &[f64], period_s: f64, damping: f64) -> Vec<f64> 
     for i in 1..p.len() {
         let dt = time_s[i] - time_s[i - 1];
         let key = (dt * 1e9).round() as i64;
-        let position = exponentials.iter().position(|(length, _)| *length == key).unwrap_or_else(|| {
-            exponentials.push((key, (matrix * dt).exp()));
-            exponentials.len() - 1
-        });
+        let position = exponentials
+            .iter()
+            .position(|(length, _)| *length == key)
+            .unwrap_or_else(|| {
+                exponentials.push((key, (matrix * dt).exp()));
+                exponentials.len() - 1
+            });
         let e = &exponentials[position].1;
         let slope = (p[i] - p[i - 1]) / dt;
-        let at = |row: usize| e[(row, 0)] * y + e[(row, 1)] * dy + e[(row, 2)] * p[i - 1] + e[(row, 3)] * slope;
+        let at = |row: usize| {
+            e[(row, 0)] * y + e[(row, 1)] * dy + e[(row, 2)] * p[i - 1] + e[(row, 3)] * slope
+        };
         (y, dy) = (at(0), at(1));
         out.push(y);
     }

@@ -59,7 +59,10 @@ fn the_human_record_has_its_reference_values() {
     ] {
         assert!((found / expected - 1.0).abs() < 3e-4, "{found} {expected}");
     }
-    assert_eq!((fit.r1.determined, fit.r2.determined, record.n_beats()), (Determined::Well, Determined::Well, 1));
+    assert_eq!(
+        (fit.r1.determined, fit.r2.determined, record.n_beats()),
+        (Determined::Well, Determined::Well, 1)
+    );
 }
 
 /// The reference is near when samples are paired by their position, 5 ms apart, whatever their stamps.
@@ -87,7 +90,9 @@ fn the_porcine_record_has_its_reference_values_when_paired_by_position() {
 #[test]
 fn a_ramp_of_flow_has_its_closed_form() {
     // C dP/dt = a t − P/R2 from P0: P = R2 a (t − τ) + (P0 + R2 a τ) e^(−t/τ), at samples of any spacing.
-    let time: Vec<f64> = (0..60).map(|i| 7.0 * f64::from(i) + 0.05 * f64::from(i * i)).collect();
+    let time: Vec<f64> = (0..60)
+        .map(|i| 7.0 * f64::from(i) + 0.05 * f64::from(i * i))
+        .collect();
     let flow: Vec<f64> = time.iter().map(|t| 0.5 * t).collect();
     let record = Record::new(&time, &flow, &time, &vec![80.0; 60]).unwrap();
     let tau = LOAD[1] * LOAD[2];
@@ -134,28 +139,60 @@ fn linear_effects_have_their_impedance() {
     let three = real(r1).plus(plain);
     let (f, l, r) = (0.3, 0.004, 0.05);
     let distal = shunt(jw.times(real((1.0 - f) * c)));
-    let split = parallel(jw.times(real(f * c)).inverse(), jw.times(real(l)).plus(real(r)).plus(distal));
+    let split = parallel(
+        jw.times(real(f * c)).inverse(),
+        jw.times(real(l)).plus(real(r)).plus(distal),
+    );
     let (share, tau) = (0.6, 0.15);
-    let creep = real(1.0 - share).plus(real(share).times(real(1.0).plus(jw.times(real(tau))).inverse()));
+    let creep =
+        real(1.0 - share).plus(real(share).times(real(1.0).plus(jw.times(real(tau))).inverse()));
     // A tube of impedance R1 and delay T that ends in R1 + (R2 | C): reflected with e^(−2jωT).
     let travel = 0.05;
     let load = real(r1).plus(plain);
-    let gamma = load.plus(real(-r1)).times(load.plus(real(r1)).inverse()).times(Z::turned(-2.0 * w * travel));
-    let tube = real(r1).times(real(1.0).plus(gamma)).times(real(1.0).plus(Z(-gamma.0, -gamma.1)).inverse());
+    let gamma = load
+        .plus(real(-r1))
+        .times(load.plus(real(r1)).inverse())
+        .times(Z::turned(-2.0 * w * travel));
+    let tube = real(r1)
+        .times(real(1.0).plus(gamma))
+        .times(real(1.0).plus(Z(-gamma.0, -gamma.1)).inverse());
     let (period, damping) = (0.08, 0.3);
     let w0 = TAU / period;
     let filter = real(w0 * w0).times(Z(w0 * w0 - w * w, 2.0 * damping * w0 * w).inverse());
     let expected: [(&str, &[f64], Z); 7] = [
         ("wave_reflection", &[l, f, r], real(r1).plus(split)),
         ("tube_reflection", &[1e3 * travel], tube),
-        ("parallel_inertance", &[10.0], plain.plus(parallel(real(r1), jw.times(real(r1 / 10.0))))),
-        ("series_inertance", &[1e-3], three.plus(jw.times(real(1e-3)))),
-        ("viscoelastic_wall", &[share, 1e3 * tau], real(r1).plus(shunt(jw.times(real(c)).times(creep)))),
-        ("timing_misalignment", &[20.0], three.times(Z::turned(-0.02 * w))),
-        ("catheter_response", &[1e3 * period, damping], three.times(filter)),
+        (
+            "parallel_inertance",
+            &[10.0],
+            plain.plus(parallel(real(r1), jw.times(real(r1 / 10.0)))),
+        ),
+        (
+            "series_inertance",
+            &[1e-3],
+            three.plus(jw.times(real(1e-3))),
+        ),
+        (
+            "viscoelastic_wall",
+            &[share, 1e3 * tau],
+            real(r1).plus(shunt(jw.times(real(c)).times(creep))),
+        ),
+        (
+            "timing_misalignment",
+            &[20.0],
+            three.times(Z::turned(-0.02 * w)),
+        ),
+        (
+            "catheter_response",
+            &[1e3 * period, damping],
+            three.times(filter),
+        ),
     ];
     let time: Vec<f64> = (0..12_000).map(f64::from).collect();
-    let flow: Vec<f64> = time.iter().map(|t| 80.0 + 60.0 * (w * t * 1e-3).sin()).collect();
+    let flow: Vec<f64> = time
+        .iter()
+        .map(|t| 80.0 + 60.0 * (w * t * 1e-3).sin())
+        .collect();
     let record = Record::new(&time, &flow, &time, &vec![80.0; 12_000]).unwrap();
     for (name, strength, z) in expected {
         let pressure = simulate(&record, LOAD, 76.0, &[(effect(name), strength)]);
@@ -164,7 +201,11 @@ fn linear_effects_have_their_impedance() {
         for i in last {
             let (s, co) = (w * time[i] * 1e-3).sin_cos();
             let wave = 60.0 * (z.0 * s + z.1 * co);
-            assert!((pressure[i] - mean - wave).abs() < 0.05, "{name} at {i}: {} {wave}", pressure[i] - mean);
+            assert!(
+                (pressure[i] - mean - wave).abs() < 0.05,
+                "{name} at {i}: {} {wave}",
+                pressure[i] - mean
+            );
         }
     }
 }
@@ -176,12 +217,20 @@ fn outflow_pressure_and_shifted_zeros_are_one() {
     let blank = |flow: &[f64]| Record::new(&time, flow, &time, &vec![80.0; time.len()]).unwrap();
     let outflow = effect("outflow_pressure");
     let with = simulate(&blank(&flow), LOAD, 85.0, &[(outflow, &[12.0])]);
-    let shifted: Vec<f64> = simulate(&blank(&flow), LOAD, 73.0, &[]).iter().map(|p| p + 12.0).collect();
+    let shifted: Vec<f64> = simulate(&blank(&flow), LOAD, 73.0, &[])
+        .iter()
+        .map(|p| p + 12.0)
+        .collect();
     let more: Vec<f64> = flow.iter().map(|q| q + 20.0).collect();
     // Q + q0 into R1 and R2: an outflow pressure of R2 q0 and a shift of R1 q0 beside it, together (R1 + R2) q0.
     let flow_shifted = simulate(&blank(&more), LOAD, 85.0, &[]);
     let q0 = 20.0;
-    let as_outflow = simulate(&blank(&flow), LOAD, 85.0 + LOAD[0] * q0, &[(outflow, &[(LOAD[0] + LOAD[1]) * q0])]);
+    let as_outflow = simulate(
+        &blank(&flow),
+        LOAD,
+        85.0 + LOAD[0] * q0,
+        &[(outflow, &[(LOAD[0] + LOAD[1]) * q0])],
+    );
     for i in 0..time.len() {
         assert!((with[i] - shifted[i]).abs() < 1e-9);
         assert!((flow_shifted[i] - as_outflow[i]).abs() < 1e-9);
@@ -194,15 +243,27 @@ fn the_nonlinear_load_joins_the_linear_one_and_bends_away() {
     let record = Record::new(&time, &flow, &time, &vec![80.0; time.len()]).unwrap();
     let stiffening = effect("pressure_dependent_compliance");
     let at = |beta: f64| simulate(&record, LOAD, 85.0, &[(stiffening, &[beta])]);
-    let gap = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(gap(&at(0.0), &at(1e-9)) < 1e-5, "{}", gap(&at(0.0), &at(1e-9)));
+    let gap = |a: &[f64], b: &[f64]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max)
+    };
+    assert!(
+        gap(&at(0.0), &at(1e-9)) < 1e-5,
+        "{}",
+        gap(&at(0.0), &at(1e-9))
+    );
     assert!(gap(&at(0.0), &at(0.02)) > 1.0);
 }
 
 #[test]
 fn a_periodic_start_returns_after_its_cycle() {
     let record = made(3, LOAD, &[]);
-    let settings = WindkesselFitSettings { start: Start::Periodic, ..Default::default() };
+    let settings = WindkesselFitSettings {
+        start: Start::Periodic,
+        ..Default::default()
+    };
     let (time, flow) = ejections(1, 4.0);
     let periodic = {
         let mut pc = 85.0;
@@ -216,11 +277,20 @@ fn a_periodic_start_returns_after_its_cycle() {
     };
     let fit = fit_windkessel(&periodic, settings).unwrap();
     assert!(fit.root_mean_square_mmhg < 1e-4, "{fit:?}");
-    for (found, truth) in [(fit.r1.value, LOAD[0]), (fit.r2.value, LOAD[1]), (fit.compliance.value, LOAD[2])] {
+    for (found, truth) in [
+        (fit.r1.value, LOAD[0]),
+        (fit.r2.value, LOAD[1]),
+        (fit.compliance.value, LOAD[2]),
+    ] {
         assert!((found / truth - 1.0).abs() < 1e-3, "{found} {truth}");
     }
     // A record that is still on its way to the periodic state does not have one.
-    assert!(fit_windkessel(&record, settings).unwrap().root_mean_square_mmhg > 0.1);
+    assert!(
+        fit_windkessel(&record, settings)
+            .unwrap()
+            .root_mean_square_mmhg
+            > 0.1
+    );
 }
 
 #[test]
@@ -244,24 +314,45 @@ fn little_flow_does_not_determine_the_peripheral_resistance() {
 fn what_cannot_be_fitted_is_refused() {
     let (time, flow) = ejections(1, 4.0);
     let p = vec![80.0; time.len()];
-    assert!(matches!(Record::new(&time[..9], &flow[..9], &time, &p), Err(AfterloadError::Samples { .. })));
+    assert!(matches!(
+        Record::new(&time[..9], &flow[..9], &time, &p),
+        Err(AfterloadError::Samples { .. })
+    ));
     let mut bad = p.clone();
     bad[3] = f64::NAN;
-    assert!(matches!(Record::new(&time, &flow, &time, &bad), Err(AfterloadError::Sample { idx: 3, .. })));
+    assert!(matches!(
+        Record::new(&time, &flow, &time, &bad),
+        Err(AfterloadError::Sample { idx: 3, .. })
+    ));
     let still = vec![90.0; time.len()];
-    assert!(matches!(Record::new(&time, &still, &time, &p), Err(AfterloadError::NoEjection { .. })));
+    assert!(matches!(
+        Record::new(&time, &still, &time, &p),
+        Err(AfterloadError::NoEjection { .. })
+    ));
     let later: Vec<f64> = time.iter().map(|t| t + 5000.0).collect();
-    assert!(matches!(Record::new(&time, &flow, &later, &p), Err(AfterloadError::Overlap { n_samples: 0, .. })));
+    assert!(matches!(
+        Record::new(&time, &flow, &later, &p),
+        Err(AfterloadError::Overlap { n_samples: 0, .. })
+    ));
     let record = made(1, LOAD, &[]);
-    let settings = WindkesselFitSettings { confidence_level: 1.0, ..Default::default() };
-    assert!(matches!(fit_windkessel(&record, settings), Err(AfterloadError::Confidence { .. })));
+    let settings = WindkesselFitSettings {
+        confidence_level: 1.0,
+        ..Default::default()
+    };
+    assert!(matches!(
+        fit_windkessel(&record, settings),
+        Err(AfterloadError::Confidence { .. })
+    ));
 }
 
 #[test]
 fn pressures_without_flow_are_left_out() {
     let (time, flow) = ejections(2, 4.0);
     let record = Record::new(&time[..300], &flow[..300], &time, &vec![80.0; time.len()]).unwrap();
-    assert_eq!((record.n_samples(), record.n_dropped()), (301, time.len() - 301));
+    assert_eq!(
+        (record.n_samples(), record.n_dropped()),
+        (301, time.len() - 301)
+    );
 }
 
 /// Noise that needs no generator: two incommensurate sines of half a millimetre of mercury.
@@ -271,21 +362,33 @@ fn noise(i: usize) -> f64 {
 
 fn discovered(terms: &[(&Effect, &[f64])]) -> Discovery {
     let record = made(3, LOAD, terms);
-    let noisy = record.pressure_samples().iter().enumerate().map(|(i, (_, p))| p + noise(i)).collect();
+    let noisy = record
+        .pressure_samples()
+        .iter()
+        .enumerate()
+        .map(|(i, (_, p))| p + noise(i))
+        .collect();
     discover(&record.with_pressure(noisy), &DiscoverySettings::default()).unwrap()
 }
 
 #[test]
 fn nothing_missing_is_called_nothing() {
     let found = discovered(&[]);
-    assert!(found.accepted.is_empty() && found.unexplained.is_none(), "{:?}", found.stages[0].candidates);
+    assert!(
+        found.accepted.is_empty() && found.unexplained.is_none(),
+        "{:?}",
+        found.stages[0].candidates
+    );
     assert_eq!(found.gap.before_mmhg, found.gap.after_mmhg);
 }
 
 #[test]
 fn what_is_missing_is_named_with_its_strength_and_the_gap_closes() {
-    let cases: [(&str, &[f64]); 3] =
-        [("tube_reflection", &[40.0]), ("wave_reflection", &[0.004, 0.3, 0.05]), ("timing_misalignment", &[-25.0])];
+    let cases: [(&str, &[f64]); 3] = [
+        ("tube_reflection", &[40.0]),
+        ("wave_reflection", &[0.004, 0.3, 0.05]),
+        ("timing_misalignment", &[-25.0]),
+    ];
     for (name, strength) in cases {
         let found = discovered(&[(effect(name), strength)]);
         let names: Vec<_> = found.accepted.iter().map(|f| f.effect.name).collect();
@@ -293,8 +396,15 @@ fn what_is_missing_is_named_with_its_strength_and_the_gap_closes() {
         let fitted = found.accepted[0].strength[0].1;
         assert!((fitted / strength[0] - 1.0).abs() < 0.1, "{name}: {fitted}");
         let gap = found.gap;
-        assert!(gap.by_beat && gap.held_out_after_mmhg < 0.6 * gap.held_out_before_mmhg, "{name}: {gap:?}");
-        assert!((found.after[1] / LOAD[1] - 1.0).abs() < 0.1, "{name}: {:?}", found.after);
+        assert!(
+            gap.by_beat && gap.held_out_after_mmhg < 0.6 * gap.held_out_before_mmhg,
+            "{name}: {gap:?}"
+        );
+        assert!(
+            (found.after[1] / LOAD[1] - 1.0).abs() < 0.1,
+            "{name}: {:?}",
+            found.after
+        );
     }
 }
 
@@ -303,7 +413,10 @@ fn an_outflow_pressure_is_not_told_from_a_shifted_zero() {
     let found = discovered(&[(effect("outflow_pressure"), &[45.0])]);
     assert_eq!(found.accepted[0].effect.name, "outflow_pressure");
     let others: Vec<_> = found.confusable.iter().map(|c| c.other).collect();
-    assert!(others.contains(&"pressure_offset") && others.contains(&"flow_offset"), "{others:?}");
+    assert!(
+        others.contains(&"pressure_offset") && others.contains(&"flow_offset"),
+        "{others:?}"
+    );
 }
 
 proptest! {

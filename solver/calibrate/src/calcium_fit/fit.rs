@@ -25,7 +25,10 @@ pub struct CalciumFitSettings {
 
 impl Default for CalciumFitSettings {
     fn default() -> Self {
-        Self { activation_ms: 0.0, confidence_level: 0.95 }
+        Self {
+            activation_ms: 0.0,
+            confidence_level: 0.95,
+        }
     }
 }
 
@@ -33,7 +36,9 @@ impl Default for CalciumFitSettings {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalciumFitError {
     /// Times and values of different number, or too few.
-    #[error("the trace has {n_times} times and {n_values} values, but must have at least 8 of each, as many of both")]
+    #[error(
+        "the trace has {n_times} times and {n_values} values, but must have at least 8 of each, as many of both"
+    )]
     Samples {
         /// Number of times.
         n_times: usize,
@@ -41,7 +46,9 @@ pub enum CalciumFitError {
         n_values: usize,
     },
     /// A sample that is not finite, or a time not after the one before.
-    #[error("sample {idx} at {time_ms} ms is {calcium_um} µM: values must be finite, times increase")]
+    #[error(
+        "sample {idx} at {time_ms} ms is {calcium_um} µM: values must be finite, times increase"
+    )]
     Sample {
         /// Position of the sample.
         idx: usize,
@@ -91,21 +98,44 @@ fn from_asymmetry(x: &[f64]) -> RiceParameters {
 
 /// Parameters by resting and peak calcium and both time constants.
 fn from_time_constants(x: &[f64]) -> RiceParameters {
-    RiceParameters { ca_res_um: x[0], ca_max_um: x[1], tau_cr_ms: x[2], tau_cd_ms: x[3] }
+    RiceParameters {
+        ca_res_um: x[0],
+        ca_max_um: x[1],
+        tau_cr_ms: x[2],
+        tau_cd_ms: x[3],
+    }
 }
 
 impl Problem<'_> {
     fn residuals(&self, parameters: &RiceParameters) -> Vec<f64> {
         let transient = parameters.transient_um(&self.times_ms);
-        transient.iter().zip(self.calcium_um).map(|(model, trace)| model - trace).collect()
+        transient
+            .iter()
+            .zip(self.calcium_um)
+            .map(|(model, trace)| model - trace)
+            .collect()
     }
 
     fn by_asymmetry(&self, start: &[f64], bounds: &[Interval]) -> Result<Fit, LeastSquaresError> {
-        least_squares::fit(&|x| self.residuals(&from_asymmetry(x)), start, bounds, Default::default())
+        least_squares::fit(
+            &|x| self.residuals(&from_asymmetry(x)),
+            start,
+            bounds,
+            Default::default(),
+        )
     }
 
-    fn by_time_constants(&self, start: &[f64], bounds: &[Interval]) -> Result<Fit, LeastSquaresError> {
-        least_squares::fit(&|x| self.residuals(&from_time_constants(x)), start, bounds, Default::default())
+    fn by_time_constants(
+        &self,
+        start: &[f64],
+        bounds: &[Interval],
+    ) -> Result<Fit, LeastSquaresError> {
+        least_squares::fit(
+            &|x| self.residuals(&from_time_constants(x)),
+            start,
+            bounds,
+            Default::default(),
+        )
     }
 }
 
@@ -121,7 +151,13 @@ pub fn fit_calcium(
     settings: CalciumFitSettings,
 ) -> Result<CalciumFit, CalciumFitError> {
     let peak_ms = check(times_ms, calcium_um, settings)?;
-    let problem = Problem { times_ms: times_ms.iter().map(|t| t - settings.activation_ms).collect(), calcium_um };
+    let problem = Problem {
+        times_ms: times_ms
+            .iter()
+            .map(|t| t - settings.activation_ms)
+            .collect(),
+        calcium_um,
+    };
     let bounds = bounds(&problem.times_ms, calcium_um);
     let mut best: Option<Fit> = None;
     let mut refused = None;
@@ -131,7 +167,13 @@ pub fn fit_calcium(
         let lowest = calcium_um.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = calcium_um.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         match problem.by_asymmetry(&[lowest, highest, peak_ms / peak_over_mean, u], &bounds) {
-            Ok(fit) if best.as_ref().is_none_or(|b| fit.sum_of_squares < b.sum_of_squares) => best = Some(fit),
+            Ok(fit)
+                if best
+                    .as_ref()
+                    .is_none_or(|b| fit.sum_of_squares < b.sum_of_squares) =>
+            {
+                best = Some(fit)
+            }
             Ok(_) => {}
             Err(error) => refused = Some(error),
         }
@@ -144,7 +186,11 @@ pub fn fit_calcium(
 }
 
 /// The peak's time after activation, once the trace is one.
-fn check(times_ms: &[f64], calcium_um: &[f64], settings: CalciumFitSettings) -> Result<f64, CalciumFitError> {
+fn check(
+    times_ms: &[f64],
+    calcium_um: &[f64],
+    settings: CalciumFitSettings,
+) -> Result<f64, CalciumFitError> {
     let (n_times, n_values) = (times_ms.len(), calcium_um.len());
     if n_times != n_values || n_times < 8 {
         return Err(CalciumFitError::Samples { n_times, n_values });
@@ -153,18 +199,31 @@ fn check(times_ms: &[f64], calcium_um: &[f64], settings: CalciumFitSettings) -> 
         let (time_ms, calcium_um) = (times_ms[idx], calcium_um[idx]);
         let in_order = idx == 0 || time_ms > times_ms[idx - 1];
         if !(time_ms.is_finite() && calcium_um.is_finite() && in_order) {
-            return Err(CalciumFitError::Sample { idx, time_ms, calcium_um });
+            return Err(CalciumFitError::Sample {
+                idx,
+                time_ms,
+                calcium_um,
+            });
         }
     }
     let level = settings.confidence_level;
     if !(level > 0.0 && level < 1.0) {
         return Err(CalciumFitError::Confidence { level });
     }
-    let peak = (0..n_times).fold(0, |best, i| if calcium_um[i] > calcium_um[best] { i } else { best });
+    let peak = (0..n_times).fold(0, |best, i| {
+        if calcium_um[i] > calcium_um[best] {
+            i
+        } else {
+            best
+        }
+    });
     let (activation_ms, peak_ms) = (settings.activation_ms, times_ms[peak]);
     let at_an_end = peak == 0 || peak + 1 == n_times;
     if at_an_end || peak_ms <= activation_ms || calcium_um[peak] <= 0.0 {
-        return Err(CalciumFitError::NoTransient { activation_ms, peak_ms });
+        return Err(CalciumFitError::NoTransient {
+            activation_ms,
+            peak_ms,
+        });
     }
     Ok(peak_ms - activation_ms)
 }
@@ -178,7 +237,10 @@ fn bounds(times_ms: &[f64], calcium_um: &[f64]) -> [Interval; 4] {
     // Concentrations of the model are positive, even where a background was subtracted from the trace.
     let least = 1e-6 * highest;
     [
-        Interval::new((lowest - 0.5 * range).max(least), (lowest + 0.5 * range).max(2.0 * least)),
+        Interval::new(
+            (lowest - 0.5 * range).max(least),
+            (lowest + 0.5 * range).max(2.0 * least),
+        ),
         Interval::new((highest - 0.5 * range).max(least), highest + range),
         Interval::new(1e-3 * duration, duration),
         Interval::new(0.0, LARGEST_ASYMMETRY),
@@ -197,52 +259,90 @@ fn conclude(
     let mut equal_bounds = *bounds;
     equal_bounds[3] = Interval::new(0.0, 0.0);
     let equal = problem.by_asymmetry(&best.parameters, &equal_bounds)?;
-    let time_constants = if best.parameters[3] < EQUAL || equal.sum_of_squares <= best.sum_of_squares {
-        best = equal;
-        TimeConstants::Equal
-    } else if equal.sum_of_squares <= threshold(&best) {
-        TimeConstants::Indistinct
-    } else {
-        TimeConstants::Distinct
-    };
+    let time_constants =
+        if best.parameters[3] < EQUAL || equal.sum_of_squares <= best.sum_of_squares {
+            best = equal;
+            TimeConstants::Equal
+        } else if equal.sum_of_squares <= threshold(&best) {
+            TimeConstants::Indistinct
+        } else {
+            TimeConstants::Distinct
+        };
     let parameters = from_asymmetry(&best.parameters);
     let errors = best.standard_errors();
     let (least, threshold) = (best.sum_of_squares, threshold(&best));
-    let estimate = |value: f64, standard_error: Option<f64>, limits: Interval, profile: Profile<'_>| -> Estimate {
+    let estimate = |value: f64,
+                    standard_error: Option<f64>,
+                    limits: Interval,
+                    profile: Profile<'_>|
+     -> Estimate {
         let step = standard_error.map_or(0.01 * value.abs(), |e| z * e);
         let [lower, upper] = profile.interval(value, step, limits);
-        Estimate { value, standard_error, lower, upper }
+        Estimate {
+            value,
+            standard_error,
+            lower,
+            upper,
+        }
     };
     let along = |k: usize| {
         let profile = |value: f64, start: &[f64]| {
             let (mut bounds, mut start) = (*bounds, start.to_vec());
             bounds[k] = Interval::new(value, value);
             start[k] = value;
-            problem.by_asymmetry(&start, &bounds).ok().map(|fit| (fit.sum_of_squares, fit.parameters))
+            problem
+                .by_asymmetry(&start, &bounds)
+                .ok()
+                .map(|fit| (fit.sum_of_squares, fit.parameters))
         };
         estimate(
             best.parameters[k],
             errors[k],
             bounds[k],
-            Profile { at: &profile, start: &best.parameters, least, threshold },
+            Profile {
+                at: &profile,
+                start: &best.parameters,
+                least,
+                threshold,
+            },
         )
     };
     let tau_limits = Interval::new(1e-3 * bounds[2].lower, 2.0 * bounds[2].upper);
     let tau_bounds = [bounds[0], bounds[1], tau_limits, tau_limits];
-    let both = [parameters.ca_res_um, parameters.ca_max_um, parameters.tau_cr_ms, parameters.tau_cd_ms];
+    let both = [
+        parameters.ca_res_um,
+        parameters.ca_max_um,
+        parameters.tau_cr_ms,
+        parameters.tau_cd_ms,
+    ];
     let tau_errors = match time_constants {
         // Both columns of derivatives are the same.
         TimeConstants::Equal => vec![None; 4],
-        _ => problem.by_time_constants(&both, &tau_bounds)?.standard_errors(),
+        _ => problem
+            .by_time_constants(&both, &tau_bounds)?
+            .standard_errors(),
     };
     let along_tau = |k: usize| {
         let profile = |value: f64, start: &[f64]| {
             let (mut bounds, mut start) = (tau_bounds, start.to_vec());
             bounds[k] = Interval::new(value, value);
             start[k] = value;
-            problem.by_time_constants(&start, &bounds).ok().map(|fit| (fit.sum_of_squares, fit.parameters))
+            problem
+                .by_time_constants(&start, &bounds)
+                .ok()
+                .map(|fit| (fit.sum_of_squares, fit.parameters))
         };
-        estimate(both[k], tau_errors[k], tau_limits, Profile { at: &profile, start: &both, least, threshold })
+        estimate(
+            both[k],
+            tau_errors[k],
+            tau_limits,
+            Profile {
+                at: &profile,
+                start: &both,
+                least,
+                threshold,
+            },
+        )
     };
     let residuals = problem.residuals(&parameters);
     Ok(CalciumFit {
@@ -264,5 +364,9 @@ fn conclude(
 fn neighbours_correlation(residuals: &[f64]) -> f64 {
     let squares: f64 = residuals.iter().map(|r| r * r).sum();
     let neighbours: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();
-    if squares > 0.0 { neighbours / squares } else { 0.0 }
+    if squares > 0.0 {
+        neighbours / squares
+    } else {
+        0.0
+    }
 }

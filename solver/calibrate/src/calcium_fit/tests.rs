@@ -6,7 +6,12 @@ use crate::random::{Purpose, generator};
 use rand::Rng;
 
 fn truth(tau_cr_ms: f64, tau_cd_ms: f64) -> RiceParameters {
-    RiceParameters { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms, tau_cd_ms }
+    RiceParameters {
+        ca_res_um: 0.15,
+        ca_max_um: 0.6,
+        tau_cr_ms,
+        tau_cd_ms,
+    }
 }
 
 fn times() -> Vec<f64> {
@@ -16,8 +21,12 @@ fn times() -> Vec<f64> {
 /// A trace with independent normal noise.
 fn noisy(p: &RiceParameters, standard_deviation: f64, seed: u64) -> Vec<f64> {
     let mut random = generator(seed, Purpose::LatinHypercube, [7, 7]);
-    let mut noise = || standard_deviation * normal::quantile(random.random_range(1e-12..1.0 - 1e-12));
-    p.transient_um(&times()).into_iter().map(|v| v + noise()).collect()
+    let mut noise =
+        || standard_deviation * normal::quantile(random.random_range(1e-12..1.0 - 1e-12));
+    p.transient_um(&times())
+        .into_iter()
+        .map(|v| v + noise())
+        .collect()
 }
 
 fn fitted(trace: &[f64]) -> CalciumFit {
@@ -33,9 +42,15 @@ fn an_exact_trace_gives_its_parameters_back() {
     let expected = truth(210.0, 55.0);
     let fit = fitted(&expected.transient_um(&times()));
     let p = fit.parameters;
-    assert!(fit.converged && fit.time_constants == TimeConstants::Distinct, "{fit:?}");
+    assert!(
+        fit.converged && fit.time_constants == TimeConstants::Distinct,
+        "{fit:?}"
+    );
     assert!((p.ca_res_um - 0.15).abs() < 1e-8 && (p.ca_max_um - 0.6).abs() < 1e-8);
-    assert!((p.tau_cr_ms - 210.0).abs() < 1e-5 && (p.tau_cd_ms - 55.0).abs() < 1e-5, "{p:?}");
+    assert!(
+        (p.tau_cr_ms - 210.0).abs() < 1e-5 && (p.tau_cd_ms - 55.0).abs() < 1e-5,
+        "{p:?}"
+    );
     // Exchanged, the curve and so the answer are the same.
     let exchanged = fitted(&truth(55.0, 210.0).transient_um(&times()));
     assert!((exchanged.parameters.tau_cr_ms - 210.0).abs() < 1e-5);
@@ -45,7 +60,10 @@ fn an_exact_trace_gives_its_parameters_back() {
 fn activation_is_taken_off() {
     let shifted: Vec<f64> = times().iter().map(|t| t - 40.0).collect();
     let trace = truth(180.0, 70.0).transient_um(&shifted);
-    let settings = CalciumFitSettings { activation_ms: 40.0, ..CalciumFitSettings::default() };
+    let settings = CalciumFitSettings {
+        activation_ms: 40.0,
+        ..CalciumFitSettings::default()
+    };
     let fit = fit_calcium(&times(), &trace, settings).unwrap();
     assert!((fit.parameters.tau_cr_ms - 180.0).abs() < 1e-5, "{fit:?}");
 }
@@ -61,7 +79,10 @@ fn a_narrow_trace_has_equal_time_constants() {
     let fit = fitted(&times().into_iter().map(narrow).collect::<Vec<_>>());
     assert_eq!(fit.time_constants, TimeConstants::Equal);
     assert_eq!(fit.parameters.tau_cr_ms, fit.parameters.tau_cd_ms);
-    assert_eq!((fit.tau_cr_ms.standard_error, fit.tau_cd_ms.standard_error), (None, None));
+    assert_eq!(
+        (fit.tau_cr_ms.standard_error, fit.tau_cd_ms.standard_error),
+        (None, None)
+    );
     assert!(fit.tau_mean_ms.standard_error.is_some() && fit.tau_mean_ms.lower.is_some());
     // What misses the shape is no noise.
     assert!(fit.residual_correlation > 0.9, "{fit:?}");
@@ -78,7 +99,10 @@ fn equal_time_constants_in_noise_are_not_told_apart() {
         n_covered += usize::from(covers(&fit.tau_mean_ms, 129.87));
         // Each alone is far less sure than their mean.
         let width = |e: &Estimate| e.upper.unwrap() - e.lower.unwrap();
-        assert!(width(&fit.tau_cr_ms) + width(&fit.tau_cd_ms) > 4.0 * width(&fit.tau_mean_ms), "{fit:?}");
+        assert!(
+            width(&fit.tau_cr_ms) + width(&fit.tau_cd_ms) > 4.0 * width(&fit.tau_mean_ms),
+            "{fit:?}"
+        );
     }
     // Equal constants are the edge of what is possible: half of the usual 5 % lie beyond.
     assert!(n_equal >= 26 && n_covered >= 25, "{n_equal} {n_covered}");
@@ -104,7 +128,9 @@ fn intervals_cover() {
         for (count, (estimate, truth)) in covered.iter_mut().zip(pairs) {
             *count += usize::from(covers(&estimate, truth));
         }
-        linear += usize::from((fit.ca_max_um.value - 0.6).abs() <= 1.96 * fit.ca_max_um.standard_error.unwrap());
+        linear += usize::from(
+            (fit.ca_max_um.value - 0.6).abs() <= 1.96 * fit.ca_max_um.standard_error.unwrap(),
+        );
     }
     // Binomial with n = 100 and 0.95: below 88 with a probability of 0.4 %.
     assert!(covered.iter().all(|c| *c >= 88), "{covered:?}");
@@ -115,7 +141,9 @@ fn intervals_cover() {
 #[test]
 fn what_is_no_transient_is_refused_by_name() {
     let refused = |times: &[f64], trace: &[f64]| {
-        fit_calcium(times, trace, CalciumFitSettings::default()).unwrap_err().to_string()
+        fit_calcium(times, trace, CalciumFitSettings::default())
+            .unwrap_err()
+            .to_string()
     };
     let t = times();
     assert!(refused(&t[..5], &[0.1; 5]).contains("5 times"));
@@ -123,10 +151,19 @@ fn what_is_no_transient_is_refused_by_name() {
     let falling: Vec<f64> = t.iter().map(|s| (-s / 100.0).exp()).collect();
     assert!(refused(&t, &falling).contains("does not rise"));
     // Neither what only falls nor what only rises is a transient, wherever activation is said to be.
-    let early = CalciumFitSettings { activation_ms: -20.0, ..CalciumFitSettings::default() };
+    let early = CalciumFitSettings {
+        activation_ms: -20.0,
+        ..CalciumFitSettings::default()
+    };
     let rising: Vec<f64> = falling.iter().map(|c| 1.0 - c).collect();
     for trace in [falling, rising, vec![0.3; t.len()]] {
-        assert!(matches!(fit_calcium(&t, &trace, early), Err(CalciumFitError::NoTransient { .. })), "{trace:?}");
+        assert!(
+            matches!(
+                fit_calcium(&t, &trace, early),
+                Err(CalciumFitError::NoTransient { .. })
+            ),
+            "{trace:?}"
+        );
     }
     let mut broken = noisy(&truth(100.0, 80.0), 0.01, 0);
     broken[17] = f64::NAN;

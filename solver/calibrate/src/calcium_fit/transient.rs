@@ -12,15 +12,32 @@ impl RiceParameters {
     /// longer time constant: symmetric in the two, and free of cancellation where they are close.
     #[must_use]
     pub fn transient_um(&self, times_ms: &[f64]) -> Vec<f64> {
-        let (longer, shorter) = (self.tau_cr_ms.max(self.tau_cd_ms), self.tau_cr_ms.min(self.tau_cd_ms));
+        let (longer, shorter) = (
+            self.tau_cr_ms.max(self.tau_cd_ms),
+            self.tau_cr_ms.min(self.tau_cd_ms),
+        );
         let slow = 1.0 / longer;
         let gap = (longer - shorter) / (longer * shorter);
         let equal = 0.5 * gap < EQUAL_RATES * slow;
         let slow = if equal { slow + 0.5 * gap } else { slow };
         let shape = |s: f64| (-slow * s).exp() * if equal { s } else { -(-gap * s).exp_m1() };
-        let peak = shape(if equal { 1.0 / slow } else { (gap * longer).ln_1p() / gap });
+        let peak = shape(if equal {
+            1.0 / slow
+        } else {
+            (gap * longer).ln_1p() / gap
+        });
         let rise = self.ca_max_um - self.ca_res_um;
-        times_ms.iter().map(|s| self.ca_res_um + if *s > 0.0 { rise * (shape(*s) / peak) } else { 0.0 }).collect()
+        times_ms
+            .iter()
+            .map(|s| {
+                self.ca_res_um
+                    + if *s > 0.0 {
+                        rise * (shape(*s) / peak)
+                    } else {
+                        0.0
+                    }
+            })
+            .collect()
     }
 }
 
@@ -29,7 +46,13 @@ mod tests {
     use super::*;
 
     fn rice(tau_cr_ms: f64, tau_cd_ms: f64, s: f64) -> f64 {
-        RiceParameters { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms, tau_cd_ms }.transient_um(&[s])[0]
+        RiceParameters {
+            ca_res_um: 0.15,
+            ca_max_um: 0.6,
+            tau_cr_ms,
+            tau_cd_ms,
+        }
+        .transient_um(&[s])[0]
     }
 
     /// Equation A16, with β's exponents as in docs/models.md, for time constants far enough apart not to cancel.
@@ -40,7 +63,10 @@ mod tests {
             let beta = r.powf(-1.0 / (r - 1.0)) - r.powf(-1.0 / (1.0 - 1.0 / r));
             for s in [0.0, 1.0, 20.0, 100.0, 500.0, 1200.0] {
                 let printed = 0.15 + 0.45 / beta * (f64::exp(-s / tau_cr) - f64::exp(-s / tau_cd));
-                assert!((rice(tau_cr, tau_cd, s) - printed).abs() < 1e-13, "{tau_cr} {tau_cd} {s}");
+                assert!(
+                    (rice(tau_cr, tau_cd, s) - printed).abs() < 1e-13,
+                    "{tau_cr} {tau_cd} {s}"
+                );
             }
         }
     }
@@ -52,8 +78,15 @@ mod tests {
             let limit = 0.15 + 0.45 * after / 130.0 * (1.0 - after / 130.0).exp();
             for gap in [0.0, 1e-13, 1e-10, 1e-8, 1e-6, 1e-3] {
                 let near = rice(130.0 * (1.0 + gap), 130.0 * (1.0 - gap), s);
-                assert!((near - limit).abs() < 1e-14 + 100.0 * gap * gap, "{gap} {s}");
-                assert_eq!(near, rice(130.0 * (1.0 - gap), 130.0 * (1.0 + gap), s), "exchanged");
+                assert!(
+                    (near - limit).abs() < 1e-14 + 100.0 * gap * gap,
+                    "{gap} {s}"
+                );
+                assert_eq!(
+                    near,
+                    rice(130.0 * (1.0 - gap), 130.0 * (1.0 + gap), s),
+                    "exchanged"
+                );
             }
         }
     }

@@ -21,8 +21,9 @@ pub(super) struct Rates {
 impl Rates {
     pub(super) fn new(n_dimensions: usize, n_candidates: usize) -> Self {
         let n = n_dimensions as f64;
-        let raw: Vec<f64> =
-            (1..=n_candidates / 2).map(|i| (0.5 * (n_candidates as f64 + 1.0)).ln() - (i as f64).ln()).collect();
+        let raw: Vec<f64> = (1..=n_candidates / 2)
+            .map(|i| (0.5 * (n_candidates as f64 + 1.0)).ln() - (i as f64).ln())
+            .collect();
         let sum: f64 = raw.iter().sum();
         let weights: Vec<f64> = raw.iter().map(|w| w / sum).collect();
         let mu = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
@@ -33,7 +34,8 @@ impl Rates {
             path_sigma,
             path_covariance: (4.0 + mu / n) / (n + 4.0 + 2.0 * mu / n),
             rank_one,
-            rank_mu: (2.0 * (mu - 2.0 + 1.0 / mu) / ((n + 2.0).powi(2) + mu)).clamp(0.0, 1.0 - rank_one),
+            rank_mu: (2.0 * (mu - 2.0 + 1.0 / mu) / ((n + 2.0).powi(2) + mu))
+                .clamp(0.0, 1.0 - rank_one),
             damping: 1.0 + 2.0 * (((mu - 1.0) / (n + 1.0)).sqrt() - 1.0).max(0.0) + path_sigma,
             length: n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n)),
             weights,
@@ -62,7 +64,10 @@ pub(super) struct Axes {
 impl Axes {
     /// A step of the distribution from standard normal numbers.
     pub(super) fn step(&self, normal: &[f64]) -> Vec<f64> {
-        let scaled = DVector::from_iterator(normal.len(), normal.iter().zip(self.lengths.iter()).map(|(z, l)| z * l));
+        let scaled = DVector::from_iterator(
+            normal.len(),
+            normal.iter().zip(self.lengths.iter()).map(|(z, l)| z * l),
+        );
         (&self.vectors * scaled).as_slice().to_vec()
     }
 
@@ -98,7 +103,10 @@ impl Distribution {
     pub(super) fn axes(&self) -> Axes {
         let eigen = SymmetricEigen::new(self.covariance());
         // Rounding may leave an eigenvalue below zero where an axis has shrunk to nothing.
-        Axes { vectors: eigen.eigenvectors, lengths: eigen.eigenvalues.map(|v| v.max(1e-30).sqrt()) }
+        Axes {
+            vectors: eigen.eigenvectors,
+            lengths: eigen.eigenvalues.map(|v| v.max(1e-30).sqrt()),
+        }
     }
 
     /// Mean variance of a coordinate of a sample.
@@ -123,8 +131,8 @@ impl Distribution {
             *mean = (*mean + self.sigma * step).clamp(-0.1, 1.1);
         }
         let gain = |rate: f64| (rate * (2.0 - rate) * rates.n_effective).sqrt();
-        let path_sigma =
-            (1.0 - rates.path_sigma) * vector(&self.path_sigma) + gain(rates.path_sigma) * axes.whiten(&mean_step);
+        let path_sigma = (1.0 - rates.path_sigma) * vector(&self.path_sigma)
+            + gain(rates.path_sigma) * axes.whiten(&mean_step);
         let length = path_sigma.norm() / rates.length;
         // While the scale still grows fast, the covariance's path would blow up.
         let start = (1.0 - (1.0 - rates.path_sigma).powi(2 * self.n_updates as i32)).sqrt();
@@ -132,13 +140,15 @@ impl Distribution {
         let path_covariance = (1.0 - rates.path_covariance) * vector(&self.path_covariance)
             + moves * gain(rates.path_covariance) * &mean_step;
         let missing = (1.0 - moves) * rates.path_covariance * (2.0 - rates.path_covariance);
-        let mut covariance = self.covariance() * (1.0 - rates.rank_one - rates.rank_mu + rates.rank_one * missing);
+        let mut covariance =
+            self.covariance() * (1.0 - rates.rank_one - rates.rank_mu + rates.rank_one * missing);
         covariance.ger(rates.rank_one, &path_covariance, &path_covariance, 1.0);
         for (weight, step) in ranked() {
             let step = vector(step);
             covariance.ger(rates.rank_mu * weight, &step, &step, 1.0);
         }
-        self.sigma = (self.sigma * (rates.path_sigma / rates.damping * (length - 1.0)).exp()).min(1.0);
+        self.sigma =
+            (self.sigma * (rates.path_sigma / rates.damping * (length - 1.0)).exp()).min(1.0);
         self.covariance = covariance.as_slice().to_vec();
         self.path_sigma = path_sigma.as_slice().to_vec();
         self.path_covariance = path_covariance.as_slice().to_vec();

@@ -52,13 +52,48 @@ impl Settings {
     fn validate(&self) -> Result<(), PopulationError> {
         let n_candidates = self.n_candidates.unwrap_or(4);
         let deviation = self.first_deviation;
-        check("n_candidates", n_candidates as f64, n_candidates >= 4, "at least 4")?;
-        check("first_deviation", deviation, deviation > 0.0 && deviation <= 1.0, "above 0 and at most 1")?;
-        check("tol", self.tol, self.tol >= 0.0 && self.tol.is_finite(), "at least 0")?;
-        check("atol", self.atol, self.atol >= 0.0 && self.atol.is_finite(), "at least 0")?;
-        check("step_tolerance", self.step_tolerance, self.step_tolerance > 0.0, "above 0")?;
-        check("n_agreeing_runs", self.n_agreeing_runs as f64, self.n_agreeing_runs > 0, "at least 1")?;
-        check("max_evaluations", self.max_evaluations as f64, self.max_evaluations > 0, "at least 1")
+        check(
+            "n_candidates",
+            n_candidates as f64,
+            n_candidates >= 4,
+            "at least 4",
+        )?;
+        check(
+            "first_deviation",
+            deviation,
+            deviation > 0.0 && deviation <= 1.0,
+            "above 0 and at most 1",
+        )?;
+        check(
+            "tol",
+            self.tol,
+            self.tol >= 0.0 && self.tol.is_finite(),
+            "at least 0",
+        )?;
+        check(
+            "atol",
+            self.atol,
+            self.atol >= 0.0 && self.atol.is_finite(),
+            "at least 0",
+        )?;
+        check(
+            "step_tolerance",
+            self.step_tolerance,
+            self.step_tolerance > 0.0,
+            "above 0",
+        )?;
+        check(
+            "n_agreeing_runs",
+            self.n_agreeing_runs as f64,
+            self.n_agreeing_runs > 0,
+            "at least 1",
+        )?;
+        check(
+            "max_evaluations",
+            self.max_evaluations as f64,
+            self.max_evaluations > 0,
+            "at least 1",
+        )
     }
 }
 
@@ -105,10 +140,16 @@ impl CmaEs {
     ///
     /// # Errors
     /// [`PopulationError`] when the box, a setting or a guess makes no sense.
-    pub fn new(bounds: &[Interval], guesses: &[Vec<f64>], settings: Settings) -> Result<Self, PopulationError> {
+    pub fn new(
+        bounds: &[Interval],
+        guesses: &[Vec<f64>],
+        settings: Settings,
+    ) -> Result<Self, PopulationError> {
         Interval::validate(bounds)?;
         settings.validate()?;
-        let mut free: Vec<usize> = (0..bounds.len()).filter(|i| bounds[*i].width() > 0.0).collect();
+        let mut free: Vec<usize> = (0..bounds.len())
+            .filter(|i| bounds[*i].width() > 0.0)
+            .collect();
         if free.is_empty() {
             // Nothing can move: the first coordinate is sampled without an effect, until the costs agree.
             free.push(0);
@@ -117,7 +158,10 @@ impl CmaEs {
             .into_iter()
             .map(|guess| free.iter().map(|i| guess[*i]).collect())
             .collect();
-        let mean = guesses.first().cloned().unwrap_or_else(|| vec![0.5; free.len()]);
+        let mean = guesses
+            .first()
+            .cloned()
+            .unwrap_or_else(|| vec![0.5; free.len()]);
         Ok(Self {
             distribution: Distribution::new(mean.clone(), settings.first_deviation),
             settings,
@@ -138,7 +182,10 @@ impl CmaEs {
 
     /// Candidates of a generation of the current run.
     fn n_candidates(&self) -> usize {
-        let first = self.settings.n_candidates.unwrap_or(4 + (3.0 * (self.free.len() as f64).ln()) as usize);
+        let first = self
+            .settings
+            .n_candidates
+            .unwrap_or(4 + (3.0 * (self.free.len() as f64).ln()) as usize);
         first << self.run.min(10)
     }
 
@@ -149,8 +196,9 @@ impl CmaEs {
             .map(|candidate| {
                 let position = [generation, candidate as u64];
                 let mut random = generator(self.settings.seed, Purpose::Deviates, position);
-                let normal: Vec<f64> =
-                    (0..self.free.len()).map(|_| normal::quantile(random.random_range(1e-15..1.0 - 1e-15))).collect();
+                let normal: Vec<f64> = (0..self.free.len())
+                    .map(|_| normal::quantile(random.random_range(1e-15..1.0 - 1e-15)))
+                    .collect();
                 axes.step(&normal)
             })
             .collect()
@@ -158,7 +206,12 @@ impl CmaEs {
 
     /// Where a step leads, which may lie beyond the box.
     fn sample(&self, step: &[f64]) -> Vec<f64> {
-        self.distribution.mean.iter().zip(step).map(|(m, s)| m + self.distribution.sigma * s).collect()
+        self.distribution
+            .mean
+            .iter()
+            .zip(step)
+            .map(|(m, s)| m + self.distribution.sigma * s)
+            .collect()
     }
 
     /// The point of the box that a sample is evaluated at, in the parameters' units.
@@ -176,7 +229,10 @@ impl CmaEs {
         if self.is_ended() {
             return Vec::new();
         }
-        self.steps(&self.distribution.axes()).iter().map(|step| self.point(&self.sample(step))).collect()
+        self.steps(&self.distribution.axes())
+            .iter()
+            .map(|step| self.point(&self.sample(step)))
+            .collect()
     }
 
     /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
@@ -189,7 +245,10 @@ impl CmaEs {
         }
         let n_points = self.n_candidates();
         if costs.len() != n_points {
-            return Err(PopulationError::Costs { n_costs: costs.len(), n_points });
+            return Err(PopulationError::Costs {
+                n_costs: costs.len(),
+                n_points,
+            });
         }
         self.n_evaluations += n_points;
         let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
@@ -197,12 +256,17 @@ impl CmaEs {
         let steps = self.steps(&axes);
         for (step, cost) in steps.iter().zip(&costs) {
             if *cost < self.best_cost {
-                self.best = self.sample(step).iter().map(|x| x.clamp(0.0, 1.0)).collect();
+                self.best = self
+                    .sample(step)
+                    .iter()
+                    .map(|x| x.clamp(0.0, 1.0))
+                    .collect();
                 self.best_cost = *cost;
             }
         }
         let ranked = self.rank(steps, &costs);
-        self.distribution.update(&ranked, &Rates::new(self.free.len(), n_points), &axes);
+        self.distribution
+            .update(&ranked, &Rates::new(self.free.len(), n_points), &axes);
         let best = costs.iter().copied().fold(f64::INFINITY, f64::min);
         self.run_best = self.run_best.min(best);
         self.history.push(best);
@@ -234,23 +298,36 @@ impl CmaEs {
     fn rank(&self, steps: Vec<Vec<f64>>, costs: &[f64]) -> Vec<Vec<f64>> {
         let mut finite: Vec<f64> = costs.iter().copied().filter(|c| c.is_finite()).collect();
         finite.sort_by(f64::total_cmp);
-        let quartile = |share: f64| finite.get((share * (finite.len() as f64 - 1.0)) as usize).copied().unwrap_or(0.0);
+        let quartile = |share: f64| {
+            finite
+                .get((share * (finite.len() as f64 - 1.0)) as usize)
+                .copied()
+                .unwrap_or(0.0)
+        };
         let weight = 2.0 * (quartile(0.75) - quartile(0.25)) / self.distribution.mean_variance();
         let beyond = |step: &[f64]| {
             let square = |x: f64| (x - x.clamp(0.0, 1.0)).powi(2);
             self.sample(step).into_iter().map(square).sum::<f64>() / self.free.len() as f64
         };
-        let mut ranked: Vec<(f64, Vec<f64>)> =
-            steps.into_iter().zip(costs).map(|(step, cost)| (cost + weight * beyond(&step), step)).collect();
+        let mut ranked: Vec<(f64, Vec<f64>)> = steps
+            .into_iter()
+            .zip(costs)
+            .map(|(step, cost)| (cost + weight * beyond(&step), step))
+            .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         ranked.into_iter().map(|(_, step)| step).collect()
     }
 
     fn run_ends(&self, n_remembered: usize, axes: &Axes) -> bool {
-        let (low, high) =
-            self.history.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (c.min(low), c.max(high)));
+        let (low, high) = self
+            .history
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| {
+                (c.min(low), c.max(high))
+            });
         let flat = self.history.len() >= n_remembered
-            && (high - low <= self.settings.atol + self.settings.tol * low.abs() || low.is_infinite());
+            && (high - low <= self.settings.atol + self.settings.tol * low.abs()
+                || low.is_infinite());
         flat || self.distribution.largest_deviation() <= self.settings.step_tolerance
             || axes.condition() > WORST_CONDITION
     }

@@ -91,12 +91,19 @@ impl DifferentialEvolution {
     ///
     /// # Errors
     /// [`PopulationError`] when the box, a setting or a guess makes no sense.
-    pub fn new(bounds: &[Interval], guesses: &[Vec<f64>], settings: Settings) -> Result<Self, PopulationError> {
+    pub fn new(
+        bounds: &[Interval],
+        guesses: &[Vec<f64>],
+        settings: Settings,
+    ) -> Result<Self, PopulationError> {
         Interval::validate(bounds)?;
         settings.validate()?;
         let n_members = settings.n_members(bounds);
         let mut population = latin_hypercube::unit(n_members, bounds.len(), settings.seed);
-        for (member, guess) in population.iter_mut().zip(unit_guesses(guesses, bounds, n_members)?) {
+        for (member, guess) in population
+            .iter_mut()
+            .zip(unit_guesses(guesses, bounds, n_members)?)
+        {
             *member = guess;
         }
         Ok(Self {
@@ -119,8 +126,17 @@ impl DifferentialEvolution {
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self.stage {
             Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Polish::ask),
-            _ if self.pending.0.is_empty() => self.make_trials().iter().map(|trial| self.scale(trial)).collect(),
-            _ => self.pending.0.iter().map(|trial| self.scale(trial)).collect(),
+            _ if self.pending.0.is_empty() => self
+                .make_trials()
+                .iter()
+                .map(|trial| self.scale(trial))
+                .collect(),
+            _ => self
+                .pending
+                .0
+                .iter()
+                .map(|trial| self.scale(trial))
+                .collect(),
         }
     }
 
@@ -146,7 +162,10 @@ impl DifferentialEvolution {
             _ => self.population.len(),
         };
         if costs.len() != n_points {
-            return Err(PopulationError::Costs { n_costs: costs.len(), n_points });
+            return Err(PopulationError::Costs {
+                n_costs: costs.len(),
+                n_points,
+            });
         }
         self.n_evaluations += n_points;
         let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
@@ -224,7 +243,10 @@ impl DifferentialEvolution {
     /// what the data determine.
     #[must_use]
     pub fn members(&self) -> (Vec<Vec<f64>>, &[f64]) {
-        (self.population.iter().map(|m| self.scale(m)).collect(), &self.costs)
+        (
+            self.population.iter().map(|m| self.scale(m)).collect(),
+            &self.costs,
+        )
     }
 
     /// The result, once the optimisation has ended.
@@ -239,7 +261,10 @@ impl DifferentialEvolution {
             n_generations: self.generation,
             n_evaluations: self.n_evaluations(),
             n_polish_evaluations: self.n_polish_evaluations(),
-            polished: self.polish.as_ref().is_some_and(|polish| polish.gain().is_some()),
+            polished: self
+                .polish
+                .as_ref()
+                .is_some_and(|polish| polish.gain().is_some()),
         })
     }
 
@@ -253,7 +278,11 @@ impl DifferentialEvolution {
 
     /// The trials under way, made again if the state was stored since they were asked for.
     fn take_trials(&mut self) -> Vec<Vec<f64>> {
-        if self.pending.0.is_empty() { self.make_trials() } else { std::mem::take(&mut self.pending.0) }
+        if self.pending.0.is_empty() {
+            self.make_trials()
+        } else {
+            std::mem::take(&mut self.pending.0)
+        }
     }
 
     /// The points of the next batch in unit coordinates.
@@ -262,9 +291,13 @@ impl DifferentialEvolution {
             (Stage::FirstPopulation, _) => self.population.clone(),
             (Stage::Evolution, Updating::Deferred) => {
                 let scale = self.mutation_scale();
-                (0..self.population.len()).map(|i| self.trial(i, scale)).collect()
+                (0..self.population.len())
+                    .map(|i| self.trial(i, scale))
+                    .collect()
             }
-            (Stage::Evolution, Updating::Immediate) => vec![self.trial(self.candidate, self.mutation_scale())],
+            (Stage::Evolution, Updating::Immediate) => {
+                vec![self.trial(self.candidate, self.mutation_scale())]
+            }
             (Stage::Polish | Stage::Ended, _) => Vec::new(),
         }
     }
@@ -272,7 +305,12 @@ impl DifferentialEvolution {
     /// One scale for the whole generation, drawn anew for each.
     fn mutation_scale(&self) -> f64 {
         let [low, high] = self.settings.mutation;
-        let u: f64 = generator(self.settings.seed, Purpose::Dither, [self.generation as u64, 0]).random();
+        let u: f64 = generator(
+            self.settings.seed,
+            Purpose::Dither,
+            [self.generation as u64, 0],
+        )
+        .random();
         low + (high - low) * u
     }
 
@@ -290,7 +328,11 @@ impl DifferentialEvolution {
         let first = other(&[candidate]);
         let second = other(&[candidate, first]);
         let from_mutant = rng.random_range(0..n_dimensions);
-        let (best, a, b) = (&self.population[0], &self.population[first], &self.population[second]);
+        let (best, a, b) = (
+            &self.population[0],
+            &self.population[first],
+            &self.population[second],
+        );
         let mut trial = self.population[candidate].clone();
         for (d, value) in trial.iter_mut().enumerate() {
             let crossover = rng.random::<f64>() < self.settings.recombination;
@@ -346,12 +388,18 @@ impl DifferentialEvolution {
         }
         let start = self.scale(&self.population[0]);
         self.polish = Polish::new(&start, self.costs[0], &self.bounds, &self.settings.polish)?;
-        self.stage = if self.polish.is_some() { Stage::Polish } else { Stage::Ended };
+        self.stage = if self.polish.is_some() {
+            Stage::Polish
+        } else {
+            Stage::Ended
+        };
         Ok(())
     }
 
     fn tell_polish(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
-        let Some(polish) = &mut self.polish else { return Err(PopulationError::Ended) };
+        let Some(polish) = &mut self.polish else {
+            return Err(PopulationError::Ended);
+        };
         polish.tell(costs)?;
         if polish.is_ended() {
             self.stage = Stage::Ended;

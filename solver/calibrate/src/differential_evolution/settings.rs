@@ -66,12 +66,47 @@ impl Settings {
 
     pub(super) fn validate(&self) -> Result<(), PopulationError> {
         let [low, high] = self.mutation;
-        check("popsize", self.popsize as f64, self.popsize > 0, "at least 1")?;
-        check("mutation", low, (0.0..2.0).contains(&low), "at least 0 and below 2")?;
-        check("mutation", high, high >= low && high < 2.0, "at least the lower one and below 2")?;
-        check("recombination", self.recombination, (0.0..=1.0).contains(&self.recombination), "from 0 to 1")?;
-        check("tol", self.tol, self.tol >= 0.0 && self.tol.is_finite(), "at least 0")?;
-        check("atol", self.atol, self.atol >= 0.0 && self.atol.is_finite(), "at least 0")?;
-        check("maxiter", self.maxiter as f64, self.maxiter > 0, "at least 1")
+        check(
+            "popsize",
+            self.popsize as f64,
+            self.popsize > 0,
+            "at least 1",
+        )?;
+        check(
+            "mutation",
+            low,
+            (0.0..2.0).contains(&low),
+            "at least 0 and below 2",
+        )?;
+        check(
+            "mutation",
+            high,
+            high >= low && high < 2.0,
+            "at least the lower one and below 2",
+        )?;
+        check(
+            "recombination",
+            self.recombination,
+            (0.0..=1.0).contains(&self.recombination),
+            "from 0 to 1",
+        )?;
+        check(
+            "tol",
+            self.tol,
+            self.tol >= 0.0 && self.tol.is_finite(),
+            "at least 0",
+        )?;
+        check(
+            "atol",
+            self.atol,
+            self.atol >= 0.0 && self.atol.is_finite(),
+            "at least 0",
+        )?;
+        check(
+            "maxiter",
+            self.maxiter as f64,
+            self.maxiter > 0,
+            "at least 1",
+        )
     }
 }

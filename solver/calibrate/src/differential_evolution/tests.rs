@@ -11,7 +11,10 @@ fn sphere(x: &[f64]) -> f64 {
 
 /// A cost with an offset, so that the relative tolerance is met early, as a fit's residual does.
 fn offset(x: &[f64]) -> f64 {
-    1.0 + x.windows(2).map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2)).sum::<f64>()
+    1.0 + x
+        .windows(2)
+        .map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2))
+        .sum::<f64>()
 }
 
 fn bounds(n: usize) -> Vec<Interval> {
@@ -34,19 +37,35 @@ fn start(n: usize, settings: Settings) -> DifferentialEvolution {
 fn evaluations_are_counted_as_in_the_paper() {
     // D = 10: 150 for each population, 11 for each gradient of the polish (notes to Table 1).
     for updating in [Updating::Deferred, Updating::Immediate] {
-        let settings = Settings { updating, maxiter: 40, seed: 5, ..Settings::default() };
+        let settings = Settings {
+            updating,
+            maxiter: 40,
+            seed: 5,
+            ..Settings::default()
+        };
         let outcome = finish(start(10, settings), offset).outcome().unwrap();
         assert_eq!(outcome.ending, Ending::Generations);
         assert_eq!(outcome.n_generations, 40);
-        assert_eq!(outcome.n_evaluations, 150 * 41 + outcome.n_polish_evaluations);
-        assert!(outcome.n_polish_evaluations > 0 && outcome.n_polish_evaluations.is_multiple_of(11));
+        assert_eq!(
+            outcome.n_evaluations,
+            150 * 41 + outcome.n_polish_evaluations
+        );
+        assert!(
+            outcome.n_polish_evaluations > 0 && outcome.n_polish_evaluations.is_multiple_of(11)
+        );
     }
 }
 
 #[test]
 fn a_batch_is_a_generation_or_a_point() {
     let mut deferred = start(3, Settings::default());
-    let mut immediate = start(3, Settings { updating: Updating::Immediate, ..Settings::default() });
+    let mut immediate = start(
+        3,
+        Settings {
+            updating: Updating::Immediate,
+            ..Settings::default()
+        },
+    );
     for de in [&mut deferred, &mut immediate] {
         assert_eq!((de.ask().len(), de.stage()), (45, Stage::FirstPopulation));
         let costs: Vec<f64> = de.ask().iter().map(|p| sphere(p)).collect();
@@ -57,12 +76,33 @@ fn a_batch_is_a_generation_or_a_point() {
 
 #[test]
 fn polish_lowers_the_cost_of_an_early_end() {
-    let unpolished = finish(start(3, Settings { polish: vec![], ..Settings::default() }), offset).outcome().unwrap();
-    let polished = finish(start(3, Settings::default()), offset).outcome().unwrap();
+    let unpolished = finish(
+        start(
+            3,
+            Settings {
+                polish: vec![],
+                ..Settings::default()
+            },
+        ),
+        offset,
+    )
+    .outcome()
+    .unwrap();
+    let polished = finish(start(3, Settings::default()), offset)
+        .outcome()
+        .unwrap();
     assert_eq!(unpolished.ending, Ending::Converged);
     assert!(!unpolished.polished && polished.polished);
-    assert!(polished.cost < unpolished.cost && polished.cost - 1.0 < 1e-6, "{} {}", polished.cost, unpolished.cost);
-    assert_eq!(polished.n_evaluations - polished.n_polish_evaluations, unpolished.n_evaluations);
+    assert!(
+        polished.cost < unpolished.cost && polished.cost - 1.0 < 1e-6,
+        "{} {}",
+        polished.cost,
+        unpolished.cost
+    );
+    assert_eq!(
+        polished.n_evaluations - polished.n_polish_evaluations,
+        unpolished.n_evaluations
+    );
 }
 
 #[test]
@@ -71,13 +111,26 @@ fn asking_twice_asks_the_same() {
     for _ in 0..3 {
         let points = de.ask();
         assert_eq!(points, de.ask());
-        de.tell(&points.iter().map(|p| sphere(p)).collect::<Vec<_>>()).unwrap();
+        de.tell(&points.iter().map(|p| sphere(p)).collect::<Vec<_>>())
+            .unwrap();
     }
 }
 
 #[test]
 fn seeds_differ_and_repeat() {
-    let of = |seed| finish(start(3, Settings { seed, maxiter: 20, ..Settings::default() }), sphere);
+    let of = |seed| {
+        finish(
+            start(
+                3,
+                Settings {
+                    seed,
+                    maxiter: 20,
+                    ..Settings::default()
+                },
+            ),
+            sphere,
+        )
+    };
     assert_eq!(of(1), of(1));
     assert_ne!(of(1).best(), of(2).best());
 }
@@ -93,9 +146,21 @@ fn failures_are_the_worst_and_do_not_survive() {
     };
     let outcome = finish(start(3, Settings::default()), f).outcome().unwrap();
     assert!(outcome.cost - 1.0 < 1e-6, "{outcome:?}");
-    let hopeless = finish(start(2, Settings { maxiter: 5, ..Settings::default() }), |_| f64::NAN);
+    let hopeless = finish(
+        start(
+            2,
+            Settings {
+                maxiter: 5,
+                ..Settings::default()
+            },
+        ),
+        |_| f64::NAN,
+    );
     let outcome = hopeless.outcome().unwrap();
-    assert_eq!((outcome.cost, outcome.ending, outcome.n_polish_evaluations), (f64::INFINITY, Ending::Generations, 0));
+    assert_eq!(
+        (outcome.cost, outcome.ending, outcome.n_polish_evaluations),
+        (f64::INFINITY, Ending::Generations, 0)
+    );
     assert_eq!(hopeless.spread(), f64::INFINITY);
 }
 
@@ -105,13 +170,23 @@ fn guesses_enter_the_first_population_cut_to_the_box() {
     let de = DifferentialEvolution::new(&bounds(2), &guesses, Settings::default()).unwrap();
     let points = de.ask();
     for (point, expected) in points.iter().zip([[1.0, 2.0], [-5.0, 3.0]]) {
-        assert!(point.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{point:?}");
+        assert!(
+            point
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 1e-12),
+            "{point:?}"
+        );
     }
 }
 
 #[test]
 fn an_interval_without_width_keeps_its_value_and_takes_no_members() {
-    let bounds = [Interval::new(-5.0, 10.0), Interval::new(3.0, 3.0), Interval::new(-5.0, 10.0)];
+    let bounds = [
+        Interval::new(-5.0, 10.0),
+        Interval::new(3.0, 3.0),
+        Interval::new(-5.0, 10.0),
+    ];
     let de = DifferentialEvolution::new(&bounds, &[], Settings::default()).unwrap();
     assert_eq!(de.ask().len(), 30);
     let outcome = finish(de, offset).outcome().unwrap();
@@ -120,17 +195,66 @@ fn an_interval_without_width_keeps_its_value_and_takes_no_members() {
 
 #[test]
 fn nonsense_is_refused_by_name() {
-    let refused = |settings| DifferentialEvolution::new(&bounds(2), &[], settings).unwrap_err().to_string();
-    assert!(refused(Settings { popsize: 0, ..Settings::default() }).contains("popsize is 0"));
-    assert!(refused(Settings { mutation: [0.5, 2.5], ..Settings::default() }).contains("mutation is 2.5"));
-    assert!(refused(Settings { recombination: 1.5, ..Settings::default() }).contains("recombination"));
-    assert!(refused(Settings { tol: f64::NAN, ..Settings::default() }).contains("tol"));
-    assert!(refused(Settings { maxiter: 0, ..Settings::default() }).contains("maxiter"));
+    let refused = |settings| {
+        DifferentialEvolution::new(&bounds(2), &[], settings)
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(
+        refused(Settings {
+            popsize: 0,
+            ..Settings::default()
+        })
+        .contains("popsize is 0")
+    );
+    assert!(
+        refused(Settings {
+            mutation: [0.5, 2.5],
+            ..Settings::default()
+        })
+        .contains("mutation is 2.5")
+    );
+    assert!(
+        refused(Settings {
+            recombination: 1.5,
+            ..Settings::default()
+        })
+        .contains("recombination")
+    );
+    assert!(
+        refused(Settings {
+            tol: f64::NAN,
+            ..Settings::default()
+        })
+        .contains("tol")
+    );
+    assert!(
+        refused(Settings {
+            maxiter: 0,
+            ..Settings::default()
+        })
+        .contains("maxiter")
+    );
     assert!(DifferentialEvolution::new(&[], &[], Settings::default()).is_err());
     assert!(DifferentialEvolution::new(&bounds(2), &[vec![1.0]], Settings::default()).is_err());
     let mut de = start(2, Settings::default());
-    assert_eq!(de.tell(&[1.0]), Err(PopulationError::Costs { n_costs: 1, n_points: 30 }));
-    let mut ended = finish(start(2, Settings { maxiter: 2, ..Settings::default() }), sphere);
+    assert_eq!(
+        de.tell(&[1.0]),
+        Err(PopulationError::Costs {
+            n_costs: 1,
+            n_points: 30
+        })
+    );
+    let mut ended = finish(
+        start(
+            2,
+            Settings {
+                maxiter: 2,
+                ..Settings::default()
+            },
+        ),
+        sphere,
+    );
     assert_eq!(ended.tell(&[]), Err(PopulationError::Ended));
     assert!(ended.ask().is_empty());
 }
@@ -138,7 +262,14 @@ fn nonsense_is_refused_by_name() {
 #[test]
 fn settings_are_read_with_defaults() {
     let settings: Settings = serde_json::from_str(r#"{"updating":"immediate","seed":7}"#).unwrap();
-    assert_eq!(settings, Settings { updating: Updating::Immediate, seed: 7, ..Settings::default() });
+    assert_eq!(
+        settings,
+        Settings {
+            updating: Updating::Immediate,
+            seed: 7,
+            ..Settings::default()
+        }
+    );
     let without: Settings = serde_json::from_str(r#"{"polish":[]}"#).unwrap();
     assert_eq!(without.polish, []);
     assert!(serde_json::from_str::<Settings>(r#"{"pop_size":7}"#).is_err());

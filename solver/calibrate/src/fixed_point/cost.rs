@@ -31,10 +31,24 @@ pub enum Biomarker {
 
 impl Biomarker {
     /// The biomarkers of the cost, those of pressure first.
-    pub const OF_COST: [Self; 6] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr];
+    pub const OF_COST: [Self; 6] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::TauVd,
+        Self::TauVr,
+    ];
     /// All biomarkers: those of the cost, then stroke volume.
-    pub const ALL: [Self; 7] =
-        [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr, Self::Sv];
+    pub const ALL: [Self; 7] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::TauVd,
+        Self::TauVr,
+        Self::Sv,
+    ];
 
     /// Key with its unit, as in files.
     #[must_use]
@@ -53,7 +67,9 @@ impl Biomarker {
     /// The one of this key.
     #[must_use]
     pub fn named(key: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|biomarker| biomarker.key() == key)
+        Self::ALL
+            .into_iter()
+            .find(|biomarker| biomarker.key() == key)
     }
 
     /// Whether it comes from a volume trace: absent in a personalisation to pressure alone.
@@ -159,11 +175,18 @@ impl Cost {
         let terms: Vec<Term> = Biomarker::OF_COST
             .into_iter()
             .filter_map(|biomarker| {
-                let relative_difference = difference(measured.get(biomarker)?, simulated.get(biomarker));
-                Some(Term { biomarker, relative_difference })
+                let relative_difference =
+                    difference(measured.get(biomarker)?, simulated.get(biomarker));
+                Some(Term {
+                    biomarker,
+                    relative_difference,
+                })
             })
             .collect();
-        Self { total: terms.iter().map(|t| t.relative_difference.powi(2)).sum(), terms }
+        Self {
+            total: terms.iter().map(|t| t.relative_difference.powi(2)).sum(),
+            terms,
+        }
     }
 }
 
@@ -191,7 +214,11 @@ impl Weights {
     /// biomarkers' keys; a biomarker that is absent does not count.
     #[must_use]
     pub fn of_uncertainty_percent(uncertainty_percent: &BTreeMap<String, f64>) -> Self {
-        let weight = |biomarker: Biomarker| uncertainty_percent.get(biomarker.key()).map(|sd| (0.01 * sd).powi(-2));
+        let weight = |biomarker: Biomarker| {
+            uncertainty_percent
+                .get(biomarker.key())
+                .map(|sd| (0.01 * sd).powi(-2))
+        };
         Self(Biomarker::ALL.map(|biomarker| weight(biomarker).unwrap_or(0.0)))
     }
 
@@ -199,20 +226,31 @@ impl Weights {
     /// difference where the simulation has no such biomarker.
     #[must_use]
     pub fn residuals(&self, measured: &Biomarkers, simulated: &Biomarkers) -> Vec<f64> {
-        let weighted = Biomarker::ALL.into_iter().zip(self.0).filter(|(_, weight)| *weight > 0.0);
+        let weighted = Biomarker::ALL
+            .into_iter()
+            .zip(self.0)
+            .filter(|(_, weight)| *weight > 0.0);
         weighted
-            .filter_map(|(b, weight)| Some(weight.sqrt() * difference(measured.get(b)?, simulated.get(b))))
+            .filter_map(|(b, weight)| {
+                Some(weight.sqrt() * difference(measured.get(b)?, simulated.get(b)))
+            })
             .collect()
     }
 
     /// Sum of the squared residuals.
     #[must_use]
     pub fn misfit(&self, measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
-        self.residuals(measured, simulated).iter().map(|r| r * r).sum()
+        self.residuals(measured, simulated)
+            .iter()
+            .map(|r| r * r)
+            .sum()
     }
 }
 
 /// (clinical − simulated)/clinical; 1, missed by all of it, where there is no finite one.
 fn difference(clinical: f64, simulated: Option<f64>) -> f64 {
-    simulated.map(|s| (clinical - s) / clinical).filter(|d| d.is_finite()).unwrap_or(1.0)
+    simulated
+        .map(|s| (clinical - s) / clinical)
+        .filter(|d| d.is_finite())
+        .unwrap_or(1.0)
 }

@@ -55,7 +55,11 @@ impl History {
     /// A loop that begins.
     #[must_use]
     pub fn new(initial: Parameters) -> Self {
-        Self { initial, iterations: Vec::new(), resumed_at: 0 }
+        Self {
+            initial,
+            iterations: Vec::new(),
+            resumed_at: 0,
+        }
     }
 
     /// The same iterations, to be continued under other settings.
@@ -68,12 +72,18 @@ impl History {
     /// Whether these parameters, or such as hardly differ, were not simulated yet.
     #[must_use]
     pub fn lacks(&self, parameters: &Parameters) -> bool {
-        !self.iterations.iter().any(|i| i.parameters.close_to(parameters, HARDLY))
+        !self
+            .iterations
+            .iter()
+            .any(|i| i.parameters.close_to(parameters, HARDLY))
     }
 
     /// Adds an iteration.
     pub fn push(&mut self, parameters: Parameters, outcome: Outcome) {
-        self.iterations.push(Iteration { parameters, outcome });
+        self.iterations.push(Iteration {
+            parameters,
+            outcome,
+        });
     }
 }
 
@@ -144,7 +154,9 @@ pub enum FixedPointError {
         expected: &'static str,
     },
     /// An interval that makes no sense.
-    #[error("bounds of {parameter} are {lower} to {upper}, but must be positive, finite and in order")]
+    #[error(
+        "bounds of {parameter} are {lower} to {upper}, but must be positive, finite and in order"
+    )]
     Bounds {
         /// Parameter.
         parameter: Parameter,
@@ -189,7 +201,11 @@ pub enum FixedPointError {
 /// # Errors
 /// [`FixedPointError`] when settings, measured biomarkers or the initial parameters make no sense; never because of
 /// what a simulation gave.
-pub fn decide(settings: &Settings, measured: &Biomarkers, history: &History) -> Result<Decision, FixedPointError> {
+pub fn decide(
+    settings: &Settings,
+    measured: &Biomarkers,
+    history: &History,
+) -> Result<Decision, FixedPointError> {
     Ok(Run::new(settings, measured, history)?.decide())
 }
 
@@ -210,7 +226,11 @@ pub fn ended(
 ///
 /// # Errors
 /// As for [`decide`].
-pub fn nothing_new(settings: &Settings, measured: &Biomarkers, history: &History) -> Result<Decision, FixedPointError> {
+pub fn nothing_new(
+    settings: &Settings,
+    measured: &Biomarkers,
+    history: &History,
+) -> Result<Decision, FixedPointError> {
     Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
@@ -228,7 +248,9 @@ pub fn content(
     promised_misfit: f64,
 ) -> Result<Option<Decision>, FixedPointError> {
     let run = Run::new(settings, measured, history)?;
-    let best = run.best(history.iterations.len()).and_then(|best| run.misfits[best]);
+    let best = run
+        .best(history.iterations.len())
+        .and_then(|best| run.misfits[best]);
     let is_little = best.is_some_and(|best| promised_misfit > best * (1.0 - PROMISED_FRACTION));
     let ends = settings.stop == super::Stop::NoPromise && run.converged() && is_little;
     Ok(ends.then(|| run.ending(Quality::Converged, Ending::Tolerance)))
@@ -255,10 +277,18 @@ fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointEr
     for biomarker in Biomarker::OF_COST {
         let value = measured.get(biomarker);
         let negative = biomarker == Biomarker::DpdtMin;
-        let expected = if negative { "negative and finite" } else { "positive and finite" };
+        let expected = if negative {
+            "negative and finite"
+        } else {
+            "positive and finite"
+        };
         let optional = biomarker.is_of_volume() && value.is_none();
         if !optional && !value.is_some_and(|v| v.is_finite() && v != 0.0 && (v < 0.0) == negative) {
-            return Err(FixedPointError::Measured { biomarker, value, expected });
+            return Err(FixedPointError::Measured {
+                biomarker,
+                value,
+                expected,
+            });
         }
     }
     for parameter in PARAMETERS {
@@ -269,7 +299,10 @@ fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointEr
     }
     let (resumed_at, n_iterations) = (history.resumed_at, history.iterations.len());
     if resumed_at > n_iterations {
-        return Err(FixedPointError::ResumedAt { resumed_at, n_iterations });
+        return Err(FixedPointError::ResumedAt {
+            resumed_at,
+            n_iterations,
+        });
     }
     Ok(())
 }
@@ -285,12 +318,26 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(settings: &'a Settings, measured: &'a Biomarkers, history: &'a History) -> Result<Self, FixedPointError> {
+    fn new(
+        settings: &'a Settings,
+        measured: &'a Biomarkers,
+        history: &'a History,
+    ) -> Result<Self, FixedPointError> {
         settings.validate()?;
         validate(measured, history)?;
-        let costs = told(history).map(|b| Some(Cost::of(measured, b?).total)).collect();
-        let misfits = told(history).map(|b| Some(settings.weights.misfit(measured, b?))).collect();
-        Ok(Self { settings, measured, history, costs, misfits })
+        let costs = told(history)
+            .map(|b| Some(Cost::of(measured, b?).total))
+            .collect();
+        let misfits = told(history)
+            .map(|b| Some(settings.weights.misfit(measured, b?)))
+            .collect();
+        Ok(Self {
+            settings,
+            measured,
+            history,
+            costs,
+            misfits,
+        })
     }
 
     fn decide(&self) -> Decision {
@@ -305,12 +352,21 @@ impl<'a> Run<'a> {
 
     fn converged(&self) -> bool {
         let best = self.best(self.history.iterations.len());
-        best.and_then(|b| self.costs[b]).is_some_and(|c| c <= self.settings.tolerance)
+        best.and_then(|b| self.costs[b])
+            .is_some_and(|c| c <= self.settings.tolerance)
     }
 
     fn ending(&self, otherwise: Quality, because: Ending) -> Decision {
-        let quality = if self.converged() { Quality::Converged } else { otherwise };
-        Decision::Ended { quality, because, best: self.best(self.history.iterations.len()) }
+        let quality = if self.converged() {
+            Quality::Converged
+        } else {
+            otherwise
+        };
+        Decision::Ended {
+            quality,
+            because,
+            best: self.best(self.history.iterations.len()),
+        }
     }
 
     /// Whether the loop is over; `forgiving`: a failed simulation is one that did not help.
@@ -326,13 +382,16 @@ impl<'a> Run<'a> {
         if self.without_improvement(forgiving) >= self.settings.stagnation_iterations {
             return Some(self.ending(Quality::Stalled, Ending::Stagnation));
         }
-        (n - resumed_at >= self.settings.max_iterations).then(|| self.ending(Quality::LimitReached, Ending::Limit))
+        (n - resumed_at >= self.settings.max_iterations)
+            .then(|| self.ending(Quality::LimitReached, Ending::Limit))
     }
 
     /// Among the first `n` iterations within the bounds that of lowest misfit within the tolerance; where none is, that of
     /// lowest cost; the first one of equals.
     fn best(&self, n: usize) -> Option<usize> {
-        self.lowest(n, |i| self.is_whole(i) && self.settings.admits(&self.history.iterations[i].parameters))
+        self.lowest(n, |i| {
+            self.is_whole(i) && self.settings.admits(&self.history.iterations[i].parameters)
+        })
     }
 
     fn is_whole(&self, i: usize) -> bool {
@@ -345,7 +404,11 @@ impl<'a> Run<'a> {
             .filter_map(|i| {
                 let cost = self.costs[i]?;
                 let is_beyond = cost > self.settings.tolerance;
-                Some((i, is_beyond, if is_beyond { cost } else { self.misfits[i]? }))
+                Some((
+                    i,
+                    is_beyond,
+                    if is_beyond { cost } else { self.misfits[i]? },
+                ))
             })
             .min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)))
             .map(|x| x.0)
@@ -366,7 +429,8 @@ impl<'a> Run<'a> {
             if self.is_whole(i) && !is_whole {
                 (is_whole, best) = (true, None);
             }
-            let helped = best.is_none_or(|b| misfit <= b * (1.0 - self.settings.stagnation_fraction));
+            let helped =
+                best.is_none_or(|b| misfit <= b * (1.0 - self.settings.stagnation_fraction));
             in_a_row = if helped { 0 } else { in_a_row + 1 };
             best = Some(best.map_or(misfit, |b| b.min(misfit)));
         }
@@ -388,7 +452,10 @@ impl<'a> Run<'a> {
                 None => self.settings.clamp(&self.history.initial),
                 Some(i) => self.update(&iterations[i]),
             };
-            let Some(stored) = iterations.iter().position(|i| i.parameters.same_as(&proposal)) else {
+            let Some(stored) = iterations
+                .iter()
+                .position(|i| i.parameters.same_as(&proposal))
+            else {
                 return Ok((proposal, from));
             };
             // What is stored is not simulated again: go on from it as if it had just been.
@@ -405,7 +472,10 @@ impl<'a> Run<'a> {
 
     fn update(&self, iteration: &Iteration) -> Parameters {
         let mut next = iteration.parameters;
-        let (Outcome::Simulated(simulated) | Outcome::NoWholeBeat(simulated)) = &iteration.outcome else { return next };
+        let (Outcome::Simulated(simulated) | Outcome::NoWholeBeat(simulated)) = &iteration.outcome
+        else {
+            return next;
+        };
         for parameter in PARAMETERS {
             if self.settings.frozen.contains(&parameter) {
                 continue;
@@ -413,7 +483,10 @@ impl<'a> Run<'a> {
             let (biomarker, exponent) = parameter.driver();
             if let Some(ratio) = self.measured.ratio_to(simulated, biomarker) {
                 let damping = self.settings.damping.of(parameter.group());
-                next.set(parameter, next.get(parameter) * ratio.powf(exponent * damping));
+                next.set(
+                    parameter,
+                    next.get(parameter) * ratio.powf(exponent * damping),
+                );
             }
         }
         self.settings.clamp(&next)

@@ -12,8 +12,8 @@ mod settings;
 
 pub use cost::{Biomarker, Biomarkers, Cost, Term, Weights};
 pub use decision::{
-    Decision, Ending, FixedPointError, History, Iteration, Outcome, PROMISED_FRACTION, Quality, content, decide, ended,
-    nothing_new,
+    Decision, Ending, FixedPointError, History, Iteration, Outcome, PROMISED_FRACTION, Quality,
+    content, decide, ended, nothing_new,
 };
 pub use parameters::{Bounds, Group, PARAMETERS, Parameter, Parameters};
 pub use settings::{Damping, Settings, Stop};

@@ -27,8 +27,14 @@ pub enum Parameter {
 }
 
 /// All parameters in the order of eqs. 13 and 15.
-pub const PARAMETERS: [Parameter; 6] =
-    [Parameter::SmaxRef, Parameter::TauSrRef, Parameter::TauSd, Parameter::TCr, Parameter::RAvF, Parameter::RMvF];
+pub const PARAMETERS: [Parameter; 6] = [
+    Parameter::SmaxRef,
+    Parameter::TauSrRef,
+    Parameter::TauSd,
+    Parameter::TCr,
+    Parameter::RAvF,
+    Parameter::RMvF,
+];
 
 /// Parameters that share a damping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -156,7 +162,9 @@ impl Parameters {
     /// Whether every value is equal up to this share of it.
     #[must_use]
     pub fn close_to(&self, other: &Self, share: f64) -> bool {
-        PARAMETERS.into_iter().all(|p| (self.get(p) - other.get(p)).abs() <= share * self.get(p).abs())
+        PARAMETERS
+            .into_iter()
+            .all(|p| (self.get(p) - other.get(p)).abs() <= share * self.get(p).abs())
     }
 }
 

@@ -29,7 +29,10 @@ pub struct Damping {
 
 impl Default for Damping {
     fn default() -> Self {
-        Self { active_stress: 1.0, valves: 1.0 }
+        Self {
+            active_stress: 1.0,
+            valves: 1.0,
+        }
     }
 }
 
@@ -37,7 +40,10 @@ impl Damping {
     /// The same damping for all parameters.
     #[must_use]
     pub fn uniform(d: f64) -> Self {
-        Self { active_stress: d, valves: d }
+        Self {
+            active_stress: d,
+            valves: d,
+        }
     }
 
     /// The damping of a group.
@@ -94,7 +100,10 @@ impl Settings {
     /// The interval of a parameter.
     #[must_use]
     pub fn bounds_of(&self, parameter: Parameter) -> Bounds {
-        self.bounds.get(&parameter).copied().unwrap_or_else(|| Bounds::default_of(parameter))
+        self.bounds
+            .get(&parameter)
+            .copied()
+            .unwrap_or_else(|| Bounds::default_of(parameter))
     }
 
     /// Whether all parameters that may move lie within their bounds.
@@ -110,7 +119,10 @@ impl Settings {
     #[must_use]
     pub fn clamp(&self, parameters: &Parameters) -> Parameters {
         let mut inside = *parameters;
-        for p in super::PARAMETERS.into_iter().filter(|p| !self.frozen.contains(p)) {
+        for p in super::PARAMETERS
+            .into_iter()
+            .filter(|p| !self.frozen.contains(p))
+        {
             let bounds = self.bounds_of(p);
             inside.set(p, parameters.get(p).clamp(bounds.lower, bounds.upper));
         }
@@ -123,21 +135,53 @@ impl Settings {
     /// [`FixedPointError::Setting`] or [`FixedPointError::Bounds`] naming the setting, its value and what it must be.
     pub fn validate(&self) -> Result<(), FixedPointError> {
         let setting = |key, value: f64, ok: bool, expected| {
-            if ok { Ok(()) } else { Err(FixedPointError::Setting { key, value, expected }) }
+            if ok {
+                Ok(())
+            } else {
+                Err(FixedPointError::Setting {
+                    key,
+                    value,
+                    expected,
+                })
+            }
         };
         let in_unit = |d: f64| d > 0.0 && d <= 1.0;
         let (d, v) = (self.damping.active_stress, self.damping.valves);
-        setting("tolerance", self.tolerance, self.tolerance > 0.0 && self.tolerance.is_finite(), "positive")?;
-        setting("damping.active_stress", d, in_unit(d), "above 0 and at most 1")?;
+        setting(
+            "tolerance",
+            self.tolerance,
+            self.tolerance > 0.0 && self.tolerance.is_finite(),
+            "positive",
+        )?;
+        setting(
+            "damping.active_stress",
+            d,
+            in_unit(d),
+            "above 0 and at most 1",
+        )?;
         setting("damping.valves", v, in_unit(v), "above 0 and at most 1")?;
-        setting("max_iterations", self.max_iterations as f64, self.max_iterations > 0, "at least 1")?;
+        setting(
+            "max_iterations",
+            self.max_iterations as f64,
+            self.max_iterations > 0,
+            "at least 1",
+        )?;
         let n = self.stagnation_iterations;
         setting("stagnation_iterations", n as f64, n > 0, "at least 1")?;
         let f = self.stagnation_fraction;
-        setting("stagnation_fraction", f, (0.0..1.0).contains(&f), "at least 0 and below 1")?;
+        setting(
+            "stagnation_fraction",
+            f,
+            (0.0..1.0).contains(&f),
+            "at least 0 and below 1",
+        )?;
         for (parameter, b) in &self.bounds {
             if !(b.lower > 0.0 && b.lower <= b.upper && b.upper.is_finite()) {
-                return Err(FixedPointError::Bounds { parameter: *parameter, lower: b.lower, upper: b.upper });
+                return Err(FixedPointError::Bounds {
+                    parameter: *parameter,
+                    lower: b.lower,
+                    upper: b.upper,
+                });
             }
         }
         Ok(())

@@ -38,11 +38,21 @@ fn run(
     for _ in 0..100 {
         match decide(settings, measured, &history).unwrap() {
             Decision::Next { parameters, .. } => {
-                assert!(!history.iterations.iter().any(|i| i.parameters.same_as(&parameters)), "asked twice");
+                assert!(
+                    !history
+                        .iterations
+                        .iter()
+                        .any(|i| i.parameters.same_as(&parameters)),
+                    "asked twice"
+                );
                 let outcome = simulate(history.iterations.len(), &parameters);
                 history.push(parameters, outcome);
             }
-            Decision::Ended { quality, because, best } => return (history, quality, because, best),
+            Decision::Ended {
+                quality,
+                because,
+                best,
+            } => return (history, quality, because, best),
         }
     }
     panic!("the loop did not end");
@@ -57,9 +67,24 @@ fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
     let mut history = History::new(Parameters::default());
     let settings = Settings::default();
     let first = decide(&settings, &measured(), &history).unwrap();
-    assert_eq!(first, Decision::Next { parameters: Parameters::default(), from: None });
-    history.push(Parameters::default(), Outcome::Simulated(heart(&Parameters::default(), 0.8)));
-    let Decision::Next { parameters: p, from } = decide(&settings, &measured(), &history).unwrap() else { panic!() };
+    assert_eq!(
+        first,
+        Decision::Next {
+            parameters: Parameters::default(),
+            from: None
+        }
+    );
+    history.push(
+        Parameters::default(),
+        Outcome::Simulated(heart(&Parameters::default(), 0.8)),
+    );
+    let Decision::Next {
+        parameters: p,
+        from,
+    } = decide(&settings, &measured(), &history).unwrap()
+    else {
+        panic!()
+    };
     assert_eq!(from, Some(0));
     let expected = [
         100.0 * 120.0 / 95.0,
@@ -70,23 +95,44 @@ fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
         0.01 * 50.0 / 90.0,
     ];
     for (parameter, value) in PARAMETERS.into_iter().zip(expected) {
-        assert!((p.get(parameter) / value - 1.0).abs() < 1e-12, "{parameter}");
+        assert!(
+            (p.get(parameter) / value - 1.0).abs() < 1e-12,
+            "{parameter}"
+        );
     }
 }
 
 #[test]
 fn converges_within_the_tolerance_and_names_the_best() {
-    let (history, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), healthy);
-    assert_eq!((quality, because, best), (Quality::Converged, Ending::Tolerance, Some(1)));
+    let (history, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        healthy,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::Converged, Ending::Tolerance, Some(1))
+    );
     assert_eq!(history.iterations.len(), 2);
 }
 
 #[test]
 fn best_of_limit_goes_on_beyond_the_tolerance() {
-    let settings = Settings { stop: Stop::BestOfLimit, ..Settings::default() };
-    let (history, quality, because, best) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
-    assert_eq!((quality, because, best), (Quality::Converged, Ending::Limit, Some(9)));
+    let settings = Settings {
+        stop: Stop::BestOfLimit,
+        ..Settings::default()
+    };
+    let (history, quality, because, best) = run(
+        &settings,
+        &measured(),
+        History::new(Parameters::default()),
+        healthy,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::Converged, Ending::Limit, Some(9))
+    );
     assert_eq!(history.iterations.len(), 10);
 }
 
@@ -94,71 +140,160 @@ fn best_of_limit_goes_on_beyond_the_tolerance() {
 fn damping_is_an_exponent_per_group() {
     let mut history = History::new(Parameters::default());
     history.push(Parameters::default(), healthy(0, &Parameters::default()));
-    let settings = Settings { damping: Damping { active_stress: 0.5, valves: 0.25 }, ..Settings::default() };
-    let Decision::Next { parameters: p, .. } = decide(&settings, &measured(), &history).unwrap() else { panic!() };
+    let settings = Settings {
+        damping: Damping {
+            active_stress: 0.5,
+            valves: 0.25,
+        },
+        ..Settings::default()
+    };
+    let Decision::Next { parameters: p, .. } = decide(&settings, &measured(), &history).unwrap()
+    else {
+        panic!()
+    };
     assert!((p.smax_ref_kpa - 100.0 * (120.0f64 / 95.0).sqrt()).abs() < 1e-9);
     assert!((p.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).powf(0.25)).abs() < 1e-12);
 }
 
 #[test]
 fn pressure_alone_leaves_the_valves() {
-    let only_pressure = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
-    let (history, quality, _, _) =
-        run(&Settings::default(), &only_pressure, History::new(Parameters::default()), healthy);
+    let only_pressure = Biomarkers {
+        tau_vd_ms: None,
+        tau_vr_ms: None,
+        ..measured()
+    };
+    let (history, quality, _, _) = run(
+        &Settings::default(),
+        &only_pressure,
+        History::new(Parameters::default()),
+        healthy,
+    );
     assert_eq!(quality, Quality::Converged);
     assert!(
         history
             .iterations
             .iter()
-            .all(|i| i.parameters.r_av_f_mmhg_s_per_ml == 0.01 && i.parameters.r_mv_f_mmhg_s_per_ml == 0.01)
+            .all(|i| i.parameters.r_av_f_mmhg_s_per_ml == 0.01
+                && i.parameters.r_mv_f_mmhg_s_per_ml == 0.01)
     );
-    let Outcome::Simulated(b) = history.iterations[1].outcome else { panic!() };
+    let Outcome::Simulated(b) = history.iterations[1].outcome else {
+        panic!()
+    };
     assert_eq!(Cost::of(&only_pressure, &b).terms.len(), 4);
 }
 
 #[test]
 fn cost_is_the_sum_of_squared_relative_differences() {
-    let m = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
-    let s = Biomarkers { p_max_mmhg: Some(108.0), dpdt_max_mmhg_per_ms: Some(2.4), ..m };
+    let m = Biomarkers {
+        tau_vd_ms: None,
+        tau_vr_ms: None,
+        ..measured()
+    };
+    let s = Biomarkers {
+        p_max_mmhg: Some(108.0),
+        dpdt_max_mmhg_per_ms: Some(2.4),
+        ..m
+    };
     let cost = Cost::of(&m, &s);
     assert!((cost.total - (0.01 + 0.04)).abs() < 1e-12);
     assert!((cost.terms[1].relative_difference + 0.2).abs() < 1e-12);
     // What a simulation cannot give counts as missed entirely, and the loop still has a finite cost.
-    let none = Cost::of(&m, &Biomarkers { ptd90_ms: None, ..m });
+    let none = Cost::of(
+        &m,
+        &Biomarkers {
+            ptd90_ms: None,
+            ..m
+        },
+    );
     assert_eq!(none.total, 1.0);
 }
 
 #[test]
 fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance() {
-    let m = Biomarkers { sv_ml: Some(100.0), ..measured() };
-    let beat =
-        |p_max: f64, sv: f64| Outcome::Simulated(Biomarkers { p_max_mmhg: Some(p_max), sv_ml: Some(sv), ..measured() });
+    let m = Biomarkers {
+        sv_ml: Some(100.0),
+        ..measured()
+    };
+    let beat = |p_max: f64, sv: f64| {
+        Outcome::Simulated(Biomarkers {
+            p_max_mmhg: Some(p_max),
+            sv_ml: Some(sv),
+            ..measured()
+        })
+    };
     let mut history = History::new(Parameters::default());
     // Costs 0.25, 0, 0.04; stroke volume off by 0, 40, 5 %.
-    for (k, outcome) in [beat(60.0, 100.0), beat(120.0, 60.0), beat(96.0, 95.0)].into_iter().enumerate() {
-        history.push(Parameters { t_cr_ms: 400.0 + k as f64, ..Parameters::default() }, outcome);
+    for (k, outcome) in [beat(60.0, 100.0), beat(120.0, 60.0), beat(96.0, 95.0)]
+        .into_iter()
+        .enumerate()
+    {
+        history.push(
+            Parameters {
+                t_cr_ms: 400.0 + k as f64,
+                ..Parameters::default()
+            },
+            outcome,
+        );
     }
-    let best = |weights| match decide(&Settings { weights, ..Settings::default() }, &m, &history) {
-        Ok(Decision::Ended { quality: Quality::Converged, best, .. }) => best,
+    let best = |weights| match decide(
+        &Settings {
+            weights,
+            ..Settings::default()
+        },
+        &m,
+        &history,
+    ) {
+        Ok(Decision::Ended {
+            quality: Quality::Converged,
+            best,
+            ..
+        }) => best,
         other => panic!("{other:?}"),
     };
     assert_eq!(best(Weights::default()), Some(1), "the misfit is the cost");
-    assert_eq!(best(Weights::default().with(Biomarker::Sv, 1.0)), Some(2), "0.04 + 0.05² < 0.4²");
+    assert_eq!(
+        best(Weights::default().with(Biomarker::Sv, 1.0)),
+        Some(2),
+        "0.04 + 0.05² < 0.4²"
+    );
     // The first one has a lower misfit still, but not the tolerance.
-    assert_eq!(best(Weights::default().with(Biomarker::PMax, 0.01).with(Biomarker::Sv, 9.0)), Some(2));
+    assert_eq!(
+        best(
+            Weights::default()
+                .with(Biomarker::PMax, 0.01)
+                .with(Biomarker::Sv, 9.0)
+        ),
+        Some(2)
+    );
 }
 
 #[test]
 fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
     let stubborn = |k: usize, p: &Parameters| {
-        if k == 4 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.1)) }
+        if k == 4 {
+            Outcome::Failed
+        } else {
+            Outcome::Simulated(heart(p, 0.1))
+        }
     };
-    let (history, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), stubborn);
-    assert_eq!((quality, because, best), (Quality::FailedAt(4), Ending::Failure, Some(3)));
+    let (history, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        stubborn,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::FailedAt(4), Ending::Failure, Some(3))
+    );
     assert_eq!(history.iterations.len(), 5);
 
-    let at_once = run(&Settings::default(), &measured(), History::new(Parameters::default()), |_, _| Outcome::Failed);
+    let at_once = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        |_, _| Outcome::Failed,
+    );
     assert_eq!((at_once.1, at_once.3), (Quality::FailedAt(0), None));
 }
 
@@ -167,7 +302,11 @@ fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Parameters) -> Outcome {
     move |_, p| {
         let beat = heart(p, 0.8);
         if p.smax_ref_kpa < smax_ref_kpa {
-            Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..beat })
+            Outcome::NoWholeBeat(Biomarkers {
+                tau_vd_ms: None,
+                tau_vr_ms: None,
+                ..beat
+            })
         } else {
             Outcome::Simulated(beat)
         }
@@ -176,12 +315,25 @@ fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Parameters) -> Outcome {
 
 #[test]
 fn early_beats_without_open_valves_lead_on_by_their_pressure() {
-    let weak = Parameters { smax_ref_kpa: 30.0, ..Parameters::default() };
-    let (history, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(weak), weak_below(90.0));
+    let weak = Parameters {
+        smax_ref_kpa: 30.0,
+        ..Parameters::default()
+    };
+    let (history, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(weak),
+        weak_below(90.0),
+    );
     assert_eq!((quality, because), (Quality::Converged, Ending::Tolerance));
-    assert!(matches!(history.iterations[0].outcome, Outcome::NoWholeBeat(_)));
-    assert!(matches!(history.iterations[best.unwrap()].outcome, Outcome::Simulated(_)));
+    assert!(matches!(
+        history.iterations[0].outcome,
+        Outcome::NoWholeBeat(_)
+    ));
+    assert!(matches!(
+        history.iterations[best.unwrap()].outcome,
+        Outcome::Simulated(_)
+    ));
     // Pressure updates its parameters; what has no biomarker stays.
     let second = history.iterations[1].parameters;
     assert!(second.smax_ref_kpa > 60.0);
@@ -191,25 +343,54 @@ fn early_beats_without_open_valves_lead_on_by_their_pressure() {
 #[test]
 fn a_beat_without_open_valves_is_never_the_result() {
     // All of its pressure is met, and volume is not measured: the cost alone would call it converged.
-    let only_pressure = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
+    let only_pressure = Biomarkers {
+        tau_vd_ms: None,
+        tau_vr_ms: None,
+        ..measured()
+    };
     let shut = |_: usize, _: &Parameters| Outcome::NoWholeBeat(only_pressure);
-    let (_, quality, because, best) =
-        run(&Settings::default(), &only_pressure, History::new(Parameters::default()), shut);
-    assert_eq!((quality, because, best), (Quality::Stalled, Ending::NothingNew, None));
+    let (_, quality, because, best) = run(
+        &Settings::default(),
+        &only_pressure,
+        History::new(Parameters::default()),
+        shut,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::Stalled, Ending::NothingNew, None)
+    );
 
     // Three in a row that gain nothing end the loop, and the first whole beat is a gain whatever it costs.
-    let far = |k: usize| Biomarkers { p_max_mmhg: Some(if k == 3 { 400.0 } else { 90.0 }), ..measured() };
-    let then_whole = |k: usize, _: &Parameters| {
-        if k < 3 { Outcome::NoWholeBeat(far(k)) } else { Outcome::Simulated(far(k)) }
+    let far = |k: usize| Biomarkers {
+        p_max_mmhg: Some(if k == 3 { 400.0 } else { 90.0 }),
+        ..measured()
     };
-    let (history, quality, _, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), then_whole);
+    let then_whole = |k: usize, _: &Parameters| {
+        if k < 3 {
+            Outcome::NoWholeBeat(far(k))
+        } else {
+            Outcome::Simulated(far(k))
+        }
+    };
+    let (history, quality, _, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        then_whole,
+    );
     assert_eq!((quality, best), (Quality::Converged, Some(4)));
     assert_eq!(history.iterations.len(), 5);
     let never = |k: usize, _: &Parameters| Outcome::NoWholeBeat(far(k + 4));
-    let (history, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), never);
-    assert_eq!((quality, because, best), (Quality::Stalled, Ending::Stagnation, None));
+    let (history, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        never,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::Stalled, Ending::Stagnation, None)
+    );
     assert_eq!(history.iterations.len(), 4);
 }
 
@@ -217,33 +398,71 @@ fn a_beat_without_open_valves_is_never_the_result() {
 fn a_beat_that_loses_its_valves_after_a_whole_one_is_a_failure() {
     let loses = |k: usize, p: &Parameters| {
         let beat = heart(p, 0.1);
-        if k == 2 { Outcome::NoWholeBeat(beat) } else { Outcome::Simulated(beat) }
+        if k == 2 {
+            Outcome::NoWholeBeat(beat)
+        } else {
+            Outcome::Simulated(beat)
+        }
     };
-    let (_, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), loses);
-    assert_eq!((quality, because, best), (Quality::FailedAt(2), Ending::Failure, Some(1)));
+    let (_, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        loses,
+    );
+    assert_eq!(
+        (quality, because, best),
+        (Quality::FailedAt(2), Ending::Failure, Some(1))
+    );
 }
 
 #[test]
 fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
     let stubborn = |k: usize, p: &Parameters| {
-        if k == 4 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.1)) }
+        if k == 4 {
+            Outcome::Failed
+        } else {
+            Outcome::Simulated(heart(p, 0.1))
+        }
     };
-    let (history, _, _, _) = run(&Settings::default(), &measured(), History::new(Parameters::default()), stubborn);
+    let (history, _, _, _) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        stubborn,
+    );
     let resumed = history.clone().resumed();
 
     let same = decide(&Settings::default(), &measured(), &resumed).unwrap();
     // Under the same settings the way leads to the failed parameters again, so there is nothing to do.
-    assert_eq!(same, Decision::Ended { quality: Quality::FailedAt(4), because: Ending::NothingNew, best: Some(3) });
+    assert_eq!(
+        same,
+        Decision::Ended {
+            quality: Quality::FailedAt(4),
+            because: Ending::NothingNew,
+            best: Some(3)
+        }
+    );
 
-    let careful = Settings { damping: Damping::uniform(0.5), ..Settings::default() };
-    let Decision::Next { parameters, from } = decide(&careful, &measured(), &resumed).unwrap() else { panic!() };
+    let careful = Settings {
+        damping: Damping::uniform(0.5),
+        ..Settings::default()
+    };
+    let Decision::Next { parameters, from } = decide(&careful, &measured(), &resumed).unwrap()
+    else {
+        panic!()
+    };
     assert_eq!(from, Some(3));
-    let Outcome::Simulated(b) = history.iterations[3].outcome else { panic!() };
-    let expected = history.iterations[3].parameters.smax_ref_kpa * (120.0f64 / b.p_max_mmhg.unwrap()).sqrt();
+    let Outcome::Simulated(b) = history.iterations[3].outcome else {
+        panic!()
+    };
+    let expected =
+        history.iterations[3].parameters.smax_ref_kpa * (120.0f64 / b.p_max_mmhg.unwrap()).sqrt();
     assert!((parameters.smax_ref_kpa - expected).abs() < 1e-9);
 
-    let (after, quality, _, best) = run(&careful, &measured(), resumed, |_, p| Outcome::Simulated(heart(p, 0.8)));
+    let (after, quality, _, best) = run(&careful, &measured(), resumed, |_, p| {
+        Outcome::Simulated(heart(p, 0.8))
+    });
     assert_eq!(quality, Quality::Converged);
     assert!(best.unwrap() >= 5 && after.iterations.len() > 5);
 }
@@ -251,17 +470,39 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
 #[test]
 fn a_rerun_with_bounds_never_leaves_them() {
     let fails_high = |_: usize, p: &Parameters| {
-        if p.smax_ref_kpa > 150.0 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.3)) }
+        if p.smax_ref_kpa > 150.0 {
+            Outcome::Failed
+        } else {
+            Outcome::Simulated(heart(p, 0.3))
+        }
     };
-    let (history, quality, _, _) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), fails_high);
+    let (history, quality, _, _) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        fails_high,
+    );
     assert!(matches!(quality, Quality::FailedAt(_)), "{quality:?}");
-    let bounds = [(Parameter::SmaxRef, Bounds { lower: 80.0, upper: 140.0 })].into();
-    let settings = Settings { bounds, ..Settings::default() };
+    let bounds = [(
+        Parameter::SmaxRef,
+        Bounds {
+            lower: 80.0,
+            upper: 140.0,
+        },
+    )]
+    .into();
+    let settings = Settings {
+        bounds,
+        ..Settings::default()
+    };
     let n = history.iterations.len();
     let (after, quality, _, best) = run(&settings, &measured(), history.resumed(), fails_high);
     assert!(!matches!(quality, Quality::FailedAt(_)));
-    assert!(after.iterations[n..].iter().all(|i| i.parameters.smax_ref_kpa <= 140.0));
+    assert!(
+        after.iterations[n..]
+            .iter()
+            .all(|i| i.parameters.smax_ref_kpa <= 140.0)
+    );
     assert!(settings.admits(&after.iterations[best.unwrap()].parameters));
 }
 
@@ -269,10 +510,22 @@ fn a_rerun_with_bounds_never_leaves_them() {
 fn a_result_outside_the_new_bounds_does_not_count() {
     let mut history = History::new(Parameters::default());
     history.push(Parameters::default(), Outcome::Simulated(measured()));
-    let bounds = [(Parameter::SmaxRef, Bounds { lower: 1.0, upper: 50.0 })].into();
-    let settings = Settings { bounds, ..Settings::default() };
+    let bounds = [(
+        Parameter::SmaxRef,
+        Bounds {
+            lower: 1.0,
+            upper: 50.0,
+        },
+    )]
+    .into();
+    let settings = Settings {
+        bounds,
+        ..Settings::default()
+    };
     let decision = decide(&settings, &measured(), &history.resumed()).unwrap();
-    let Decision::Next { parameters, .. } = decision else { panic!("{decision:?}") };
+    let Decision::Next { parameters, .. } = decision else {
+        panic!("{decision:?}")
+    };
     assert_eq!(parameters.smax_ref_kpa, 50.0);
 }
 
@@ -281,10 +534,17 @@ fn three_in_a_row_without_improvement_stall() {
     let costs = [1.0, 0.9, 0.88, 0.95, 0.87, 0.5];
     let deaf = |k: usize, _: &Parameters| {
         let p_max_mmhg = 120.0 * (1.0 + f64::sqrt(costs[k]));
-        Outcome::Simulated(Biomarkers { p_max_mmhg: Some(p_max_mmhg), ..measured() })
+        Outcome::Simulated(Biomarkers {
+            p_max_mmhg: Some(p_max_mmhg),
+            ..measured()
+        })
     };
-    let (history, quality, because, best) =
-        run(&Settings::default(), &measured(), History::new(Parameters::default()), deaf);
+    let (history, quality, because, best) = run(
+        &Settings::default(),
+        &measured(),
+        History::new(Parameters::default()),
+        deaf,
+    );
     assert_eq!((quality, because), (Quality::Stalled, Ending::Stagnation));
     // 0.88, 0.95 and 0.87 are all above 0.95 times the best before.
     assert_eq!((history.iterations.len(), best), (5, Some(4)));
@@ -292,9 +552,20 @@ fn three_in_a_row_without_improvement_stall() {
 
 #[test]
 fn with_everything_frozen_there_is_nothing_new() {
-    let settings = Settings { frozen: PARAMETERS.into_iter().collect(), ..Settings::default() };
-    let (history, quality, because, best) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
-    assert_eq!((history.iterations.len(), quality, because, best), (1, Quality::Stalled, Ending::NothingNew, Some(0)));
+    let settings = Settings {
+        frozen: PARAMETERS.into_iter().collect(),
+        ..Settings::default()
+    };
+    let (history, quality, because, best) = run(
+        &settings,
+        &measured(),
+        History::new(Parameters::default()),
+        healthy,
+    );
+    assert_eq!(
+        (history.iterations.len(), quality, because, best),
+        (1, Quality::Stalled, Ending::NothingNew, Some(0))
+    );
 }
 
 #[test]
@@ -310,36 +581,79 @@ fn nonsense_is_refused_by_name() {
     assert!(with(|s| s.max_iterations = 0).contains("max_iterations"));
     assert!(
         with(|s| {
-            s.bounds.insert(Parameter::TauSd, Bounds { lower: 5.0, upper: 1.0 });
+            s.bounds.insert(
+                Parameter::TauSd,
+                Bounds {
+                    lower: 5.0,
+                    upper: 1.0,
+                },
+            );
         })
         .contains("tau_SD_ms are 5 to 1")
     );
-    let flipped = Biomarkers { dpdt_min_mmhg_per_ms: Some(1.0), ..measured() };
-    assert!(decide(&Settings::default(), &flipped, &history).unwrap_err().to_string().contains("negative"));
-    let missing = Biomarkers { ptd90_ms: None, ..measured() };
-    assert!(decide(&Settings::default(), &missing, &history).unwrap_err().to_string().contains("PTD90_ms is None"));
+    let flipped = Biomarkers {
+        dpdt_min_mmhg_per_ms: Some(1.0),
+        ..measured()
+    };
+    assert!(
+        decide(&Settings::default(), &flipped, &history)
+            .unwrap_err()
+            .to_string()
+            .contains("negative")
+    );
+    let missing = Biomarkers {
+        ptd90_ms: None,
+        ..measured()
+    };
+    assert!(
+        decide(&Settings::default(), &missing, &history)
+            .unwrap_err()
+            .to_string()
+            .contains("PTD90_ms is None")
+    );
     let mut beyond = history.clone();
     beyond.resumed_at = 1;
     assert!(matches!(
         decide(&Settings::default(), &measured(), &beyond),
-        Err(FixedPointError::ResumedAt { resumed_at: 1, n_iterations: 0 })
+        Err(FixedPointError::ResumedAt {
+            resumed_at: 1,
+            n_iterations: 0
+        })
     ));
 }
 
 #[test]
 fn settings_and_history_survive_storage() {
     let settings = Settings {
-        bounds: [(Parameter::TCr, Bounds { lower: 100.0, upper: 600.0 })].into(),
+        bounds: [(
+            Parameter::TCr,
+            Bounds {
+                lower: 100.0,
+                upper: 600.0,
+            },
+        )]
+        .into(),
         frozen: [Parameter::RMvF].into(),
         ..Settings::default()
     };
     let json = serde_json::to_string(&settings).unwrap();
-    assert!(json.contains(r#""t_CR_ms":{"#) && json.contains(r#""first_converged""#), "{json}");
+    assert!(
+        json.contains(r#""t_CR_ms":{"#) && json.contains(r#""first_converged""#),
+        "{json}"
+    );
     assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings);
     assert!(serde_json::from_str::<Settings>(r#"{"tolerence":0.1}"#).is_err());
-    let (history, _, _, _) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
+    let (history, _, _, _) = run(
+        &settings,
+        &measured(),
+        History::new(Parameters::default()),
+        healthy,
+    );
     let back: History = serde_json::from_str(&serde_json::to_string(&history).unwrap()).unwrap();
-    assert_eq!(decide(&settings, &measured(), &back), decide(&settings, &measured(), &history));
+    assert_eq!(
+        decide(&settings, &measured(), &back),
+        decide(&settings, &measured(), &history)
+    );
 }
 
 proptest! {

@@ -63,11 +63,31 @@ impl Settings {
 
     fn validate(&self) -> Result<(), IdentifiabilityError> {
         let checks = [
-            ("absolute_rise", self.absolute_rise, self.absolute_rise >= 0.0 && self.absolute_rise.is_finite()),
-            ("relative_rise", self.relative_rise, self.relative_rise >= 0.0 && self.relative_rise.is_finite()),
-            ("determined_fraction", self.determined_fraction, (0.0..=1.0).contains(&self.determined_fraction)),
-            ("first_step", self.first_step, self.first_step > 0.0 && self.first_step <= 1.0),
-            ("precision", self.precision, self.precision > 0.0 && self.precision <= 1.0),
+            (
+                "absolute_rise",
+                self.absolute_rise,
+                self.absolute_rise >= 0.0 && self.absolute_rise.is_finite(),
+            ),
+            (
+                "relative_rise",
+                self.relative_rise,
+                self.relative_rise >= 0.0 && self.relative_rise.is_finite(),
+            ),
+            (
+                "determined_fraction",
+                self.determined_fraction,
+                (0.0..=1.0).contains(&self.determined_fraction),
+            ),
+            (
+                "first_step",
+                self.first_step,
+                self.first_step > 0.0 && self.first_step <= 1.0,
+            ),
+            (
+                "precision",
+                self.precision,
+                self.precision > 0.0 && self.precision <= 1.0,
+            ),
         ];
         match checks.into_iter().find(|(_, _, ok)| !ok) {
             Some((key, value, _)) => Err(IdentifiabilityError::Setting { key, value }),

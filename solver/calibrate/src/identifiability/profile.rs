@@ -87,12 +87,19 @@ impl Profile {
         Interval::validate(bounds)?;
         settings.validate()?;
         if best.len() != bounds.len() {
-            return Err(IdentifiabilityError::Dimension { n_parameters: best.len(), n_bounds: bounds.len() });
+            return Err(IdentifiabilityError::Dimension {
+                n_parameters: best.len(),
+                n_bounds: bounds.len(),
+            });
         }
         if !best_cost.is_finite() {
             return Err(IdentifiabilityError::NoBest);
         }
-        let best: Vec<f64> = best.iter().zip(bounds).map(|(x, b)| b.to_unit(*x)).collect();
+        let best: Vec<f64> = best
+            .iter()
+            .zip(bounds)
+            .map(|(x, b)| b.to_unit(*x))
+            .collect();
         let mut profile = Self {
             settings,
             bounds: bounds.to_vec(),
@@ -125,7 +132,10 @@ impl Profile {
     /// The points to evaluate next, in the parameters' units and inside the box; empty at the end.
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
-        self.walks.iter().flat_map(|walk| self.points(walk)).collect()
+        self.walks
+            .iter()
+            .flat_map(|walk| self.points(walk))
+            .collect()
     }
 
     /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
@@ -135,7 +145,10 @@ impl Profile {
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), IdentifiabilityError> {
         let n_points = self.ask().len();
         if costs.len() != n_points {
-            return Err(IdentifiabilityError::Costs { n_costs: costs.len(), n_points });
+            return Err(IdentifiabilityError::Costs {
+                n_costs: costs.len(),
+                n_points,
+            });
         }
         self.n_evaluations += n_points;
         let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
@@ -157,7 +170,9 @@ impl Profile {
     }
 
     fn tell_walk(&self, walk: &mut Walk, costs: &[f64]) -> Result<(), IdentifiabilityError> {
-        let Some(refit) = &mut walk.refit else { return Ok(()) };
+        let Some(refit) = &mut walk.refit else {
+            return Ok(());
+        };
         // Without other parameters there is nothing to refit: the one cost decides.
         let (near_optimal, ended) = if walk.others.is_empty() {
             (costs[0] <= self.settings.threshold(self.best_cost), true)
@@ -200,20 +215,34 @@ impl Profile {
             }
             None => (walk.inside + sign * walk.step).clamp(0.0, 1.0),
         };
-        let start = if walk.others.is_empty() { vec![walk.value] } else { walk.others.clone() };
-        walk.refit = Some(Lbfgsb::new(&start, &vec![Interval::new(0.0, 1.0); start.len()], self.settings.refit)?);
+        let start = if walk.others.is_empty() {
+            vec![walk.value]
+        } else {
+            walk.others.clone()
+        };
+        walk.refit = Some(Lbfgsb::new(
+            &start,
+            &vec![Interval::new(0.0, 1.0); start.len()],
+            self.settings.refit,
+        )?);
         Ok(())
     }
 
     /// The points of a walk's refit, in the parameters' units.
     fn points(&self, walk: &Walk) -> Vec<Vec<f64>> {
-        let Some(refit) = &walk.refit else { return Vec::new() };
+        let Some(refit) = &walk.refit else {
+            return Vec::new();
+        };
         if walk.others.is_empty() {
             return vec![vec![self.bounds[0].from_unit(walk.value)]];
         }
         let whole = |mut point: Vec<f64>| {
             point.insert(walk.parameter, walk.value);
-            point.iter().zip(&self.bounds).map(|(u, b)| b.from_unit(*u)).collect()
+            point
+                .iter()
+                .zip(&self.bounds)
+                .map(|(u, b)| b.from_unit(*u))
+                .collect()
         };
         refit.ask().into_iter().map(whole).collect()
     }
@@ -234,20 +263,26 @@ impl Profile {
     /// minimum.
     #[must_use]
     pub fn better(&self) -> Option<(&[f64], f64)> {
-        self.better.as_ref().map(|(set, cost)| (set.as_slice(), *cost))
+        self.better
+            .as_ref()
+            .map(|(set, cost)| (set.as_slice(), *cost))
     }
 
     /// The profiles of all parameters with a width, once all walks have ended.
     #[must_use]
     pub fn outcome(&self) -> Option<Vec<ProfiledParameter>> {
-        self.walks.chunks_exact(2).map(|sides| self.profiled(&sides[0], &sides[1])).collect()
+        self.walks
+            .chunks_exact(2)
+            .map(|sides| self.profiled(&sides[0], &sides[1]))
+            .collect()
     }
 
     /// The profiles as far as they have come: a walk that has not ended stands where its outermost near-optimal set is.
     #[must_use]
     pub fn so_far(&self) -> Vec<ProfiledParameter> {
         let end = |walk: &Walk| walk.end.unwrap_or(walk.inside);
-        let between = |sides: &[Walk]| self.between(sides[0].parameter, end(&sides[0]), end(&sides[1]));
+        let between =
+            |sides: &[Walk]| self.between(sides[0].parameter, end(&sides[0]), end(&sides[1]));
         self.walks.chunks_exact(2).map(between).collect()
     }
 

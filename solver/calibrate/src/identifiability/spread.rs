@@ -56,12 +56,24 @@ pub fn near_optimal(
     Interval::validate(bounds)?;
     settings.validate()?;
     if let Some((set, _)) = sets.iter().find(|(set, _)| set.len() != bounds.len()) {
-        return Err(IdentifiabilityError::Dimension { n_parameters: set.len(), n_bounds: bounds.len() });
+        return Err(IdentifiabilityError::Dimension {
+            n_parameters: set.len(),
+            n_bounds: bounds.len(),
+        });
     }
-    let best = sets.iter().filter(|s| s.1.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1));
-    let (best, best_cost) = best.map(|(set, cost)| (set, *cost)).ok_or(IdentifiabilityError::NoBest)?;
+    let best = sets
+        .iter()
+        .filter(|s| s.1.is_finite())
+        .min_by(|a, b| a.1.total_cmp(&b.1));
+    let (best, best_cost) = best
+        .map(|(set, cost)| (set, *cost))
+        .ok_or(IdentifiabilityError::NoBest)?;
     let threshold = settings.threshold(best_cost);
-    let near: Vec<&Vec<f64>> = sets.iter().filter(|s| s.1 <= threshold).map(|(set, _)| set).collect();
+    let near: Vec<&Vec<f64>> = sets
+        .iter()
+        .filter(|s| s.1 <= threshold)
+        .map(|(set, _)| set)
+        .collect();
     let spread = |(p, interval): (usize, &Interval)| {
         let values: Vec<f64> = near.iter().map(|set| set[p]).collect();
         let minimum = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -72,9 +84,18 @@ pub fn near_optimal(
             maximum,
             mean: mean(&values),
             standard_deviation: (values.len() > 1).then(|| standard_deviation(&values)),
-            share: if interval.width() > 0.0 { (maximum - minimum) / interval.width() } else { 0.0 },
+            share: if interval.width() > 0.0 {
+                (maximum - minimum) / interval.width()
+            } else {
+                0.0
+            },
             bound: bound_of(best[p], *interval),
-            mark: mark(best[p], Interval::new(minimum, maximum), *interval, settings),
+            mark: mark(
+                best[p],
+                Interval::new(minimum, maximum),
+                *interval,
+                settings,
+            ),
         }
     };
     Ok(NearOptimal {

@@ -42,7 +42,11 @@ pub(super) struct LineSearch {
 impl LineSearch {
     /// Begins at a value with a negative slope and a first step within (0, `max_step`].
     pub(super) fn new(value: f64, slope: f64, step: f64, max_step: f64) -> Self {
-        let initial = Point { step: 0.0, value, slope };
+        let initial = Point {
+            step: 0.0,
+            value,
+            slope,
+        };
         Self {
             step,
             max_step,
@@ -64,7 +68,12 @@ impl LineSearch {
 
     /// After an evaluation without a finite value: half the step, and never so far again.
     pub(super) fn shrink(&mut self) {
-        *self = Self::new(self.initial.value, self.initial.slope, 0.5 * self.step, 0.5 * self.step);
+        *self = Self::new(
+            self.initial.value,
+            self.initial.slope,
+            0.5 * self.step,
+            0.5 * self.step,
+        );
     }
 
     /// Judges value and slope at [`Self::step`], and chooses the next step.
@@ -75,7 +84,8 @@ impl LineSearch {
         if !self.second_stage && value <= enough && slope >= 0.0 {
             self.second_stage = true;
         }
-        let rounding = self.bracketed && (step <= low || step >= high || high - low <= X_TOLERANCE * high);
+        let rounding =
+            self.bracketed && (step <= low || step >= high || high - low <= X_TOLERANCE * high);
         let at_limit = step == self.max_step && value <= enough && slope <= test_slope
             || step == 0.0 && (value > enough || slope >= test_slope);
         let converged = value <= enough && slope.abs() <= G_TOLERANCE * -self.initial.slope;
@@ -85,8 +95,16 @@ impl LineSearch {
         let trial = Point { step, value, slope };
         if !self.second_stage && value <= self.best.value && value > enough {
             // In the first stage the search goes on an auxiliary function with a better interval.
-            let lower = |p: Point| Point { value: p.value - p.step * test_slope, slope: p.slope - test_slope, ..p };
-            let raise = |p: Point| Point { value: p.value + p.step * test_slope, slope: p.slope + test_slope, ..p };
+            let lower = |p: Point| Point {
+                value: p.value - p.step * test_slope,
+                slope: p.slope - test_slope,
+                ..p
+            };
+            let raise = |p: Point| Point {
+                value: p.value + p.step * test_slope,
+                slope: p.slope + test_slope,
+                ..p
+            };
             (self.best, self.other) = (lower(self.best), lower(self.other));
             self.update(lower(trial));
             (self.best, self.other) = (raise(self.best), raise(self.other));
@@ -100,14 +118,19 @@ impl LineSearch {
             }
             self.width_before = self.width;
             self.width = distance.abs();
-            self.interval = [self.best.step.min(self.other.step), self.best.step.max(self.other.step)];
+            self.interval = [
+                self.best.step.min(self.other.step),
+                self.best.step.max(self.other.step),
+            ];
         } else {
             let ahead = self.step - self.best.step;
             self.interval = [self.step + 1.1 * ahead, self.step + 4.0 * ahead];
         }
         self.step = self.step.clamp(0.0, self.max_step);
         let [low, high] = self.interval;
-        if self.bracketed && (self.step <= low || self.step >= high || high - low <= X_TOLERANCE * high) {
+        if self.bracketed
+            && (self.step <= low || self.step >= high || high - low <= X_TOLERANCE * high)
+        {
             self.step = self.best.step;
         }
         Verdict::Evaluate
@@ -116,18 +139,28 @@ impl LineSearch {
     /// Safeguarded cubic and quadratic steps (section 4 of the source, the four cases of `dcstep`).
     fn update(&mut self, p: Point) {
         let (x, y) = (self.best, self.other);
-        let opposite = p.slope.signum() * x.slope.signum() < 0.0 && p.slope != 0.0 && x.slope != 0.0;
+        let opposite =
+            p.slope.signum() * x.slope.signum() < 0.0 && p.slope != 0.0 && x.slope != 0.0;
         let next = if p.value > x.value {
             self.bracketed = true;
             let cubic = x.step + ratio_above(x, p) * (p.step - x.step);
-            let quadratic =
-                x.step + x.slope / ((x.value - p.value) / (p.step - x.step) + x.slope) / 2.0 * (p.step - x.step);
-            if (cubic - x.step).abs() <= (quadratic - x.step).abs() { cubic } else { cubic + (quadratic - cubic) / 2.0 }
+            let quadratic = x.step
+                + x.slope / ((x.value - p.value) / (p.step - x.step) + x.slope) / 2.0
+                    * (p.step - x.step);
+            if (cubic - x.step).abs() <= (quadratic - x.step).abs() {
+                cubic
+            } else {
+                cubic + (quadratic - cubic) / 2.0
+            }
         } else if opposite {
             self.bracketed = true;
             let cubic = p.step + ratio_opposite(x, p) * (x.step - p.step);
             let secant = p.step + p.slope / (p.slope - x.slope) * (x.step - p.step);
-            if (cubic - p.step).abs() > (secant - p.step).abs() { cubic } else { secant }
+            if (cubic - p.step).abs() > (secant - p.step).abs() {
+                cubic
+            } else {
+                secant
+            }
         } else if p.slope.abs() < x.slope.abs() {
             self.step_of_smaller_slope(p)
         } else if self.bracketed {
@@ -146,7 +179,11 @@ impl LineSearch {
             self.best = p;
         }
         // A cubic through values that rounding made equal has no extremum: stay at the best point, which ends the search.
-        self.step = if next.is_finite() { next } else { self.best.step };
+        self.step = if next.is_finite() {
+            next
+        } else {
+            self.best.step
+        };
     }
 
     /// Third case: lower value, slope of the same sign and smaller, so the cubic may have no minimum ahead.
@@ -168,9 +205,17 @@ impl LineSearch {
         if self.bracketed {
             let nearer = if cubic_is_nearer { cubic } else { secant };
             let limit = p.step + 0.66 * (self.other.step - p.step);
-            if p.step > x.step { nearer.min(limit) } else { nearer.max(limit) }
+            if p.step > x.step {
+                nearer.min(limit)
+            } else {
+                nearer.max(limit)
+            }
         } else {
-            let farther = if (cubic - p.step).abs() > (secant - p.step).abs() { cubic } else { secant };
+            let farther = if (cubic - p.step).abs() > (secant - p.step).abs() {
+                cubic
+            } else {
+                secant
+            };
             farther.max(self.interval[0]).min(self.interval[1])
         }
     }
@@ -184,7 +229,10 @@ fn cubic_terms(x: Point, p: Point) -> (f64, f64) {
 /// First case: position of the cubic's minimum between `x` and `p`, as a fraction from `x`.
 fn ratio_above(x: Point, p: Point) -> f64 {
     let (theta, scale) = cubic_terms(x, p);
-    let gamma = scale * ((theta / scale).powi(2) - (x.slope / scale) * (p.slope / scale)).max(0.0).sqrt();
+    let gamma = scale
+        * ((theta / scale).powi(2) - (x.slope / scale) * (p.slope / scale))
+            .max(0.0)
+            .sqrt();
     let gamma = if p.step < x.step { -gamma } else { gamma };
     ((gamma - x.slope) + theta) / (((gamma - x.slope) + gamma) + p.slope)
 }
@@ -192,7 +240,10 @@ fn ratio_above(x: Point, p: Point) -> f64 {
 /// Second and fourth case: position of the cubic's minimum, as a fraction from `p` to `x`.
 fn ratio_opposite(x: Point, p: Point) -> f64 {
     let (theta, scale) = cubic_terms(x, p);
-    let gamma = scale * ((theta / scale).powi(2) - (x.slope / scale) * (p.slope / scale)).max(0.0).sqrt();
+    let gamma = scale
+        * ((theta / scale).powi(2) - (x.slope / scale) * (p.slope / scale))
+            .max(0.0)
+            .sqrt();
     let gamma = if p.step > x.step { -gamma } else { gamma };
     ((gamma - p.slope) + theta) / (((gamma - p.slope) + gamma) + x.slope)
 }

@@ -14,7 +14,11 @@ pub(super) struct Memory {
 
 impl Memory {
     pub(super) fn new(max_pairs: usize) -> Self {
-        Self { pairs: Vec::new(), theta: 1.0, max_pairs }
+        Self {
+            pairs: Vec::new(),
+            theta: 1.0,
+            max_pairs,
+        }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -54,7 +58,12 @@ impl Memory {
 /// The minimiser of the model within the box, along the projected gradient and then on the free variables.
 ///
 /// None if the model is not positive definite in floating point, so that the memory must be dropped.
-pub(super) fn minimiser(x: &[f64], g: &[f64], bounds: &[Interval], memory: &Memory) -> Option<Vec<f64>> {
+pub(super) fn minimiser(
+    x: &[f64],
+    g: &[f64],
+    bounds: &[Interval],
+    memory: &Memory,
+) -> Option<Vec<f64>> {
     let b = memory.matrix(x.len());
     let cauchy = cauchy_point(x, g, bounds, &b)?;
     if memory.is_empty() {
@@ -74,7 +83,9 @@ fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> 
     };
     let times: Vec<f64> = (0..n).map(time_to_bound).collect();
     let mut d = DVector::from_fn(n, |i, _| if times[i] > 0.0 { -g[i] } else { 0.0 });
-    let mut order: Vec<usize> = (0..n).filter(|i| times[*i] > 0.0 && times[*i].is_finite()).collect();
+    let mut order: Vec<usize> = (0..n)
+        .filter(|i| times[*i] > 0.0 && times[*i].is_finite())
+        .collect();
     order.sort_by(|i, j| times[*i].total_cmp(&times[*j]));
     let mut z = DVector::<f64>::zeros(n);
     let mut reached = 0.0;
@@ -95,11 +106,19 @@ fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> 
         };
         z.axpy(times[i] - reached, &d, 1.0);
         reached = times[i];
-        z[i] = if d[i] > 0.0 { bounds[i].upper - x[i] } else { bounds[i].lower - x[i] };
+        z[i] = if d[i] > 0.0 {
+            bounds[i].upper - x[i]
+        } else {
+            bounds[i].lower - x[i]
+        };
         d[i] = 0.0;
         // Variables that meet their bounds at the same time leave together.
         while let Some(j) = breaks.next_if(|j| times[*j] <= reached) {
-            z[j] = if d[j] > 0.0 { bounds[j].upper - x[j] } else { bounds[j].lower - x[j] };
+            z[j] = if d[j] > 0.0 {
+                bounds[j].upper - x[j]
+            } else {
+                bounds[j].lower - x[j]
+            };
             d[j] = 0.0;
         }
     }
@@ -108,9 +127,17 @@ fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> 
 
 /// Minimum of the model over the variables that the Cauchy point leaves free, projected into the box; if the
 /// projection is no direction of descent, cut back to the box instead (Morales and Nocedal 2011).
-fn subspace_minimum(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>, cauchy: Vec<f64>) -> Option<Vec<f64>> {
+fn subspace_minimum(
+    x: &[f64],
+    g: &[f64],
+    bounds: &[Interval],
+    b: &DMatrix<f64>,
+    cauchy: Vec<f64>,
+) -> Option<Vec<f64>> {
     let n = x.len();
-    let free: Vec<usize> = (0..n).filter(|i| cauchy[*i] > bounds[*i].lower && cauchy[*i] < bounds[*i].upper).collect();
+    let free: Vec<usize> = (0..n)
+        .filter(|i| cauchy[*i] > bounds[*i].lower && cauchy[*i] < bounds[*i].upper)
+        .collect();
     if free.is_empty() {
         return Some(cauchy);
     }

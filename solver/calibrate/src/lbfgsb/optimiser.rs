@@ -144,10 +144,17 @@ impl Lbfgsb {
     ///
     /// # Errors
     /// [`LbfgsbError`] when the box makes no sense or has another dimension than the start.
-    pub fn new(start: &[f64], bounds: &[Interval], settings: Settings) -> Result<Self, LbfgsbError> {
+    pub fn new(
+        start: &[f64],
+        bounds: &[Interval],
+        settings: Settings,
+    ) -> Result<Self, LbfgsbError> {
         Interval::validate(bounds)?;
         if start.len() != bounds.len() {
-            return Err(LbfgsbError::Dimension { n_start: start.len(), n_bounds: bounds.len() });
+            return Err(LbfgsbError::Dimension {
+                n_start: start.len(),
+                n_bounds: bounds.len(),
+            });
         }
         Ok(Self {
             settings,
@@ -165,7 +172,9 @@ impl Lbfgsb {
     /// The points to evaluate next, shape (D + 1, D): a trial and its D differences. Empty once the optimisation ended.
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
-        let Some(trial) = self.trial() else { return Vec::new() };
+        let Some(trial) = self.trial() else {
+            return Vec::new();
+        };
         let mut points = Vec::with_capacity(trial.len() + 1);
         points.push(trial.clone());
         for i in 0..trial.len() {
@@ -183,7 +192,10 @@ impl Lbfgsb {
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), LbfgsbError> {
         let trial = self.trial().ok_or(LbfgsbError::Ended)?;
         if costs.len() != trial.len() + 1 {
-            return Err(LbfgsbError::Costs { n_costs: costs.len(), n_points: trial.len() + 1 });
+            return Err(LbfgsbError::Costs {
+                n_costs: costs.len(),
+                n_points: trial.len() + 1,
+            });
         }
         self.n_evaluations += costs.len();
         let cost = worst_if_not_finite(costs[0]);
@@ -261,7 +273,11 @@ impl Lbfgsb {
             DifferenceStep::OfWidth(fraction) => fraction * bounds.width(),
         };
         // A step that vanishes beside the coordinate is replaced by one of half its digits, as in SciPy.
-        let step = if x + step == x { f64::EPSILON.sqrt() * x.abs().max(1.0) } else { step };
+        let step = if x + step == x {
+            f64::EPSILON.sqrt() * x.abs().max(1.0)
+        } else {
+            step
+        };
         if x + step <= bounds.upper {
             x + step
         } else if x - step >= bounds.lower {
@@ -288,9 +304,15 @@ impl Lbfgsb {
     fn projected_gradient(&self) -> f64 {
         let component = |i: usize| {
             let (x, g) = (self.x[i], self.gradient[i]);
-            if g < 0.0 { (x - self.bounds[i].upper).max(g) } else { (x - self.bounds[i].lower).min(g) }
+            if g < 0.0 {
+                (x - self.bounds[i].upper).max(g)
+            } else {
+                (x - self.bounds[i].lower).min(g)
+            }
         };
-        (0..self.x.len()).map(|i| component(i).abs()).fold(0.0, f64::max)
+        (0..self.x.len())
+            .map(|i| component(i).abs())
+            .fold(0.0, f64::max)
     }
 
     /// Begins an iteration: a direction of descent and a line search along it.
@@ -309,14 +331,28 @@ impl Lbfgsb {
     fn new_search(&self) -> Option<Search> {
         let target = minimiser(&self.x, &self.gradient, &self.bounds, &self.memory)?;
         let direction: Vec<f64> = target.iter().zip(&self.x).map(|(t, x)| t - x).collect();
-        let slope: f64 = direction.iter().zip(&self.gradient).map(|(d, g)| d * g).sum();
+        let slope: f64 = direction
+            .iter()
+            .zip(&self.gradient)
+            .map(|(d, g)| d * g)
+            .sum();
         if slope >= 0.0 || !slope.is_finite() {
             return None;
         }
-        let max_step = if self.n_iterations == 0 { 1.0 } else { self.room(&direction) };
+        let max_step = if self.n_iterations == 0 {
+            1.0
+        } else {
+            self.room(&direction)
+        };
         let step = max_step.min(1.0);
         let line = LineSearch::new(self.cost, slope, step, max_step);
-        (step > 0.0).then_some(Search { target, direction, line, slope, n_steps: 0 })
+        (step > 0.0).then_some(Search {
+            target,
+            direction,
+            line,
+            slope,
+            n_steps: 0,
+        })
     }
 
     /// How far a direction may be followed within the box.
@@ -329,9 +365,20 @@ impl Lbfgsb {
         (0..self.x.len()).map(of).fold(1e10, f64::min)
     }
 
-    fn search(&mut self, mut search: Search, trial: Vec<f64>, cost: f64, gradient: Vec<f64>) -> Phase {
+    fn search(
+        &mut self,
+        mut search: Search,
+        trial: Vec<f64>,
+        cost: f64,
+        gradient: Vec<f64>,
+    ) -> Phase {
         search.n_steps += 1;
-        let slope: f64 = search.direction.iter().zip(&gradient).map(|(d, g)| d * g).sum();
+        let slope: f64 = search
+            .direction
+            .iter()
+            .zip(&gradient)
+            .map(|(d, g)| d * g)
+            .sum();
         let verdict = if cost.is_finite() {
             search.line.advance(cost, slope)
         } else {
@@ -352,10 +399,21 @@ impl Lbfgsb {
         self.accept(&search, trial, cost, gradient, slope)
     }
 
-    fn accept(&mut self, search: &Search, x: Vec<f64>, cost: f64, gradient: Vec<f64>, slope: f64) -> Phase {
+    fn accept(
+        &mut self,
+        search: &Search,
+        x: Vec<f64>,
+        cost: f64,
+        gradient: Vec<f64>,
+        slope: f64,
+    ) -> Phase {
         self.n_iterations += 1;
         let step_length = search.line.step();
-        let change: Vec<f64> = gradient.iter().zip(&self.gradient).map(|(new, old)| new - old).collect();
+        let change: Vec<f64> = gradient
+            .iter()
+            .zip(&self.gradient)
+            .map(|(new, old)| new - old)
+            .collect();
         let step: Vec<f64> = search.direction.iter().map(|d| step_length * d).collect();
         let cost_before = self.cost;
         (self.x, self.cost, self.gradient) = (x, cost, gradient);

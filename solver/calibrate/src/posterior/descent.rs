@@ -41,7 +41,12 @@ impl Mode {
     /// Half the sum of squares of the residuals and of the standard coordinates.
     #[must_use]
     pub fn height(&self) -> f64 {
-        0.5 * self.residuals.iter().chain(&self.u).map(|v| v * v).sum::<f64>()
+        0.5 * self
+            .residuals
+            .iter()
+            .chain(&self.u)
+            .map(|v| v * v)
+            .sum::<f64>()
     }
 
     /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right.
@@ -50,7 +55,8 @@ impl Mode {
     #[must_use]
     pub fn left(&self, error_factor: f64) -> f64 {
         let squares = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
-        (error_factor.powi(2) * squares(&self.residuals) + squares(&self.u)) / self.residuals.len().max(1) as f64
+        (error_factor.powi(2) * squares(&self.residuals) + squares(&self.u))
+            / self.residuals.len().max(1) as f64
     }
 }
 
@@ -60,10 +66,22 @@ impl Mode {
 #[must_use]
 pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Option<Mode> {
     let found = target.at(start)?;
-    let aim = Aim { errors: vec![0.0; found.residuals.len()], prior: vec![0.0; start.len()] };
-    let mut descent = Descent { target, aim, evaluations: 1 };
+    let aim = Aim {
+        errors: vec![0.0; found.residuals.len()],
+        prior: vec![0.0; start.len()],
+    };
+    let mut descent = Descent {
+        target,
+        aim,
+        evaluations: 1,
+    };
     let end = descent.from(start.to_vec(), found, None, max_steps)?;
-    Some(Mode { u: end.u, residuals: end.found.residuals, jacobian: end.jacobian, evaluations: descent.evaluations })
+    Some(Mode {
+        u: end.u,
+        residuals: end.found.residuals,
+        jacobian: end.jacobian,
+        evaluations: descent.evaluations,
+    })
 }
 
 /// What a descent compromises between.
@@ -99,7 +117,10 @@ impl<Q> Descent<'_, Q> {
     fn parts(&self, u: &[f64], residuals: &[f64]) -> (DVector<f64>, DVector<f64>) {
         let sum = residuals.iter().zip(&self.aim.errors).map(|(r, e)| r + e);
         let off = u.iter().zip(&self.aim.prior).map(|(u, p)| u - p);
-        (DVector::from_iterator(residuals.len(), sum), DVector::from_iterator(u.len(), off))
+        (
+            DVector::from_iterator(residuals.len(), sum),
+            DVector::from_iterator(u.len(), off),
+        )
     }
 
     /// Half the sum of squares.
@@ -149,7 +170,8 @@ impl<Q> Descent<'_, Q> {
         let mut converged = false;
         let mut heights = vec![height];
         for _ in 0..max_steps {
-            if heights.len() > TRIES && heights[heights.len() - 1 - TRIES] - height < GAIN_OF_TRIES {
+            if heights.len() > TRIES && heights[heights.len() - 1 - TRIES] - height < GAIN_OF_TRIES
+            {
                 converged = true;
                 break;
             }
@@ -165,11 +187,16 @@ impl<Q> Descent<'_, Q> {
             }
             let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
             let there = self.at(&next);
-            let gained =
-                there.as_ref().map_or(f64::NEG_INFINITY, |there| height - self.height(&next, &there.residuals));
+            let gained = there.as_ref().map_or(f64::NEG_INFINITY, |there| {
+                height - self.height(&next, &there.residuals)
+            });
             let kept = gained / promised;
             if let Some(there) = &there {
-                let change = there.residuals.iter().zip(&found.residuals).map(|(there, here)| there - here);
+                let change = there
+                    .residuals
+                    .iter()
+                    .zip(&found.residuals)
+                    .map(|(there, here)| there - here);
                 let change = DVector::from_iterator(there.residuals.len(), change);
                 let missed = change - &jacobian * &step;
                 jacobian.ger(1.0 / step.norm_squared(), &missed, &step, 1.0);
@@ -195,13 +222,24 @@ impl<Q> Descent<'_, Q> {
             }
         }
         // What was damped is made up for.
-        if let Some((step, _)) = self.step(&u, &found.residuals, &jacobian, 0.0, f64::INFINITY).filter(|_| converged) {
+        if let Some((step, _)) = self
+            .step(&u, &found.residuals, &jacobian, 0.0, f64::INFINITY)
+            .filter(|_| converged)
+        {
             let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
-            if let Some(there) = self.at(&next).filter(|there| self.height(&next, &there.residuals) < height) {
+            if let Some(there) = self
+                .at(&next)
+                .filter(|there| self.height(&next, &there.residuals) < height)
+            {
                 (u, found) = (next, there);
             }
         }
-        Some(End { u, found, jacobian, converged })
+        Some(End {
+            u,
+            found,
+            jacobian,
+            converged,
+        })
     }
 
     /// Derivatives of the residuals by one-sided differences, to the other side where one has no answer.

@@ -32,25 +32,52 @@ pub struct Draw<Q> {
 /// that ends higher than errors and prior let expect is begun again, from where a linear model would have the draw, then from
 /// the mode. None where their matrices have no factors.
 #[must_use]
-pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_steps: usize) -> Option<Draw<Q>> {
+pub fn draw<Q>(
+    target: &Target<'_, Q>,
+    mode: &Mode,
+    seed: u64,
+    index: u64,
+    max_steps: usize,
+) -> Option<Draw<Q>> {
     let mut generator = generator(seed, Purpose::Posterior, [index, 0]);
     let prior = deviates(&mut generator, mode.u.len());
     let errors = deviates(&mut generator, mode.residuals.len());
-    let way: Vec<f64> = prior.iter().zip(&mode.u).map(|(prior, mode)| prior - mode).collect();
-    let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
+    let way: Vec<f64> = prior
+        .iter()
+        .zip(&mode.u)
+        .map(|(prior, mode)| prior - mode)
+        .collect();
+    let mut descent = Descent {
+        target,
+        aim: Aim { errors, prior },
+        evaluations: 0,
+    };
     let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY)?;
     // Of a linear model, half the added χ² of the data, and the cross term with what the mode leaves.
     let m = mode.residuals.len() as f64;
     let left: f64 = mode.residuals.iter().map(|r| r * r).sum();
     let farthest = mode.height() + 0.5 * m + FARTHEST * (0.5 * m + left).sqrt();
     let mut best: Option<(f64, End<Q>)> = None;
-    for (way, jacobian) in
-        [(way.as_slice(), None), (step.as_slice(), None), (&vec![0.0; mode.u.len()][..], Some(mode.jacobian.clone()))]
-    {
-        let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(way).map(|(u, s)| u + s * share).collect() };
-        let shares = (0..HALVINGS).map(|halvings| 0.5_f64.powi(halvings)).chain([0.0]);
-        let Some((u, found)) = shares.map(part).find_map(|u| descent.at(&u).map(|found| (u, found))) else { continue };
-        let Some(end) = descent.from(u, found, jacobian, max_steps) else { continue };
+    for (way, jacobian) in [
+        (way.as_slice(), None),
+        (step.as_slice(), None),
+        (&vec![0.0; mode.u.len()][..], Some(mode.jacobian.clone())),
+    ] {
+        let part = |share: f64| -> Vec<f64> {
+            mode.u.iter().zip(way).map(|(u, s)| u + s * share).collect()
+        };
+        let shares = (0..HALVINGS)
+            .map(|halvings| 0.5_f64.powi(halvings))
+            .chain([0.0]);
+        let Some((u, found)) = shares
+            .map(part)
+            .find_map(|u| descent.at(&u).map(|found| (u, found)))
+        else {
+            continue;
+        };
+        let Some(end) = descent.from(u, found, jacobian, max_steps) else {
+            continue;
+        };
         let height = descent.height(&end.u, &end.found.residuals);
         if best.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
             best = Some((height, end));
@@ -62,9 +89,16 @@ pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_s
     let (height, end) = best?;
     let converged = end.converged && height <= farthest;
     let Descent { evaluations, .. } = descent;
-    Some(Draw { u: end.u, seen: end.found.seen, converged, evaluations })
+    Some(Draw {
+        u: end.u,
+        seen: end.found.seen,
+        converged,
+        evaluations,
+    })
 }
 
 fn deviates(generator: &mut Pcg64, n: usize) -> Vec<f64> {
-    (0..n).map(|_| quantile(generator.random::<f64>().max(f64::MIN_POSITIVE))).collect()
+    (0..n)
+        .map(|_| quantile(generator.random::<f64>().max(f64::MIN_POSITIVE)))
+        .collect()
 }

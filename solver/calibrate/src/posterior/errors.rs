@@ -23,18 +23,28 @@ impl TraceErrors {
         if n == 0 {
             return None;
         }
-        let matrix = DMatrix::from_fn(n, n, |i, j| covariance(i, j) * if i == j { 1.0 + NUGGET } else { 1.0 });
-        Some(Self { measured: measured.to_vec(), factor: matrix.cholesky()? })
+        let matrix = DMatrix::from_fn(n, n, |i, j| {
+            covariance(i, j) * if i == j { 1.0 + NUGGET } else { 1.0 }
+        });
+        Some(Self {
+            measured: measured.to_vec(),
+            factor: matrix.cholesky()?,
+        })
     }
 
     /// Differences of a simulated trace to the measured one, transformed so that errors are independent and of standard
     /// deviation 1; as many as samples.
     #[must_use]
     pub fn residuals(&self, simulated: &[f64]) -> Vec<f64> {
-        let differences = simulated.iter().zip(&self.measured).map(|(simulated, measured)| simulated - measured);
+        let differences = simulated
+            .iter()
+            .zip(&self.measured)
+            .map(|(simulated, measured)| simulated - measured);
         let mut values = DVector::from_iterator(self.measured.len(), differences);
         // The factor's diagonal is positive, so that this always has a solution.
-        self.factor.l_dirty().solve_lower_triangular_mut(&mut values);
+        self.factor
+            .l_dirty()
+            .solve_lower_triangular_mut(&mut values);
         values.as_slice().to_vec()
     }
 }

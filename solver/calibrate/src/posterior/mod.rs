@@ -41,17 +41,25 @@ impl<Q> Target<'_, Q> {
     /// Parameters in their own coordinates.
     #[must_use]
     pub fn parameters(&self, u: &[f64]) -> Vec<f64> {
-        u.iter().zip(self.prior).map(|(u, prior)| prior.from_standard(*u)).collect()
+        u.iter()
+            .zip(self.prior)
+            .map(|(u, prior)| prior.from_standard(*u))
+            .collect()
     }
 
     /// The coordinates in which the prior is standard normal.
     #[must_use]
     pub fn standard(&self, parameters: &[f64]) -> Vec<f64> {
-        parameters.iter().zip(self.prior).map(|(x, prior)| prior.to_standard(*x)).collect()
+        parameters
+            .iter()
+            .zip(self.prior)
+            .map(|(x, prior)| prior.to_standard(*x))
+            .collect()
     }
 
     fn at(&self, u: &[f64]) -> Option<Evaluated<Q>> {
-        (self.model)(&self.parameters(u)).filter(|found| found.residuals.iter().all(|r| r.is_finite()))
+        (self.model)(&self.parameters(u))
+            .filter(|found| found.residuals.iter().all(|r| r.is_finite()))
     }
 }
 

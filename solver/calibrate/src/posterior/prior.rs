@@ -26,8 +26,13 @@ impl TruncatedNormal {
     /// `normal` within `interval`, of which it has to have some probability.
     #[must_use]
     pub fn new(normal: Prior, interval: Interval) -> Self {
-        let below = [interval.lower, interval.upper].map(|x| cumulative((x - normal.centre) / normal.width));
-        Self { normal, interval, below }
+        let below = [interval.lower, interval.upper]
+            .map(|x| cumulative((x - normal.centre) / normal.width));
+        Self {
+            normal,
+            interval,
+            below,
+        }
     }
 
     /// The parameter at which the distribution has the share of probability below it that a standard normal one has below `u`.
@@ -35,7 +40,8 @@ impl TruncatedNormal {
     pub fn from_standard(&self, u: f64) -> f64 {
         let [low, high] = self.below;
         let z = quantile(low + cumulative(u) * (high - low));
-        self.interval.clamp(self.normal.centre + self.normal.width * z)
+        self.interval
+            .clamp(self.normal.centre + self.normal.width * z)
     }
 
     /// The inverse of [`Self::from_standard`]; a value on a bound is eight standard deviations out.

@@ -9,7 +9,9 @@ pub enum SobolError {
     #[error(transparent)]
     Interval(#[from] IntervalError),
     /// More dimensions than there are direction numbers for, or none.
-    #[error("a Sobol sequence of {n_dimensions} dimensions was asked for, but must have 1 to {largest}")]
+    #[error(
+        "a Sobol sequence of {n_dimensions} dimensions was asked for, but must have 1 to {largest}"
+    )]
     Dimensions {
         /// Dimensions asked for.
         n_dimensions: usize,
@@ -17,7 +19,9 @@ pub enum SobolError {
         largest: usize,
     },
     /// More points than the sequence has.
-    #[error("{n_points} points were asked for, but the sequence ends after {largest}; skip or sample fewer")]
+    #[error(
+        "{n_points} points were asked for, but the sequence ends after {largest}; skip or sample fewer"
+    )]
     Points {
         /// Points asked for, those skipped included.
         n_points: u64,
@@ -58,7 +62,9 @@ pub enum SobolError {
         n_rows: usize,
     },
     /// Nothing is left to take the means of.
-    #[error("none of {n_rows} samples is physiological, so that nothing can replace those excluded")]
+    #[error(
+        "none of {n_rows} samples is physiological, so that nothing can replace those excluded"
+    )]
     NonePhysiological {
         /// Rows of values.
         n_rows: usize,

@@ -55,15 +55,23 @@ pub fn replace_excluded(
 ) -> Result<(Vec<f64>, Exclusion), SobolError> {
     if n_outputs == 0 || values.len() != n_outputs * samples.len() {
         let n_rows = values.len() / n_outputs.max(1);
-        return Err(SobolError::Marks { n_marks: samples.len(), n_rows });
+        return Err(SobolError::Marks {
+            n_marks: samples.len(),
+            n_rows,
+        });
     }
     let count = |wanted| samples.iter().filter(|s| **s == wanted).count();
     let n_physiological = count(Sample::Physiological);
     if n_physiological == 0 {
-        return Err(SobolError::NonePhysiological { n_rows: samples.len() });
+        return Err(SobolError::NonePhysiological {
+            n_rows: samples.len(),
+        });
     }
     let mean_over = |output: usize, f: &dyn Fn(f64) -> f64| {
-        let rows = values.chunks_exact(n_outputs).zip(samples).filter(|(_, s)| **s == Sample::Physiological);
+        let rows = values
+            .chunks_exact(n_outputs)
+            .zip(samples)
+            .filter(|(_, s)| **s == Sample::Physiological);
         // A biomarker that a physiological sample does not have (a level it never reaches) is no part of the mean.
         let (sum, n) = rows
             .map(|(row, _)| row[output])
@@ -72,17 +80,22 @@ pub fn replace_excluded(
         sum / n as f64
     };
     let means: Vec<f64> = (0..n_outputs).map(|o| mean_over(o, &|v| v)).collect();
-    let standard_deviations =
-        means.iter().enumerate().map(|(o, mean)| mean_over(o, &|v| (v - mean).powi(2)).sqrt()).collect();
+    let standard_deviations = means
+        .iter()
+        .enumerate()
+        .map(|(o, mean)| mean_over(o, &|v| (v - mean).powi(2)).sqrt())
+        .collect();
     let replaced = values
         .chunks_exact(n_outputs)
         .zip(samples)
         .flat_map(|(row, sample)| {
-            row.iter().zip(&means).map(move |(value, mean)| match sample {
-                Sample::Physiological => *value,
-                Sample::Excluded => *mean,
-                Sample::Failed => f64::NAN,
-            })
+            row.iter()
+                .zip(&means)
+                .map(move |(value, mean)| match sample {
+                    Sample::Physiological => *value,
+                    Sample::Excluded => *mean,
+                    Sample::Failed => f64::NAN,
+                })
         })
         .collect();
     let exclusion = Exclusion {
@@ -102,14 +115,37 @@ mod tests {
 
     #[test]
     fn means_take_the_place_of_what_is_excluded() {
-        let values = [1.0, 10.0, 99.0, f64::NAN, 3.0, 30.0, 5.0, 7.0, 5.0, f64::NAN];
-        let samples = [Physiological, Excluded, Physiological, Failed, Physiological];
+        let values = [
+            1.0,
+            10.0,
+            99.0,
+            f64::NAN,
+            3.0,
+            30.0,
+            5.0,
+            7.0,
+            5.0,
+            f64::NAN,
+        ];
+        let samples = [
+            Physiological,
+            Excluded,
+            Physiological,
+            Failed,
+            Physiological,
+        ];
         let (replaced, exclusion) = replace_excluded(&values, 2, &samples).unwrap();
         assert_eq!(replaced[..6], [1.0, 10.0, 3.0, 20.0, 3.0, 30.0]);
         assert!(replaced[6].is_nan() && replaced[7].is_nan() && replaced[9].is_nan());
-        assert_eq!((exclusion.n_excluded, exclusion.n_failed, exclusion.n_rows), (1, 1, 5));
+        assert_eq!(
+            (exclusion.n_excluded, exclusion.n_failed, exclusion.n_rows),
+            (1, 1, 5)
+        );
         assert_eq!(exclusion.means, [3.0, 20.0]);
-        assert_eq!((exclusion.standard_deviations[1], exclusion.share()), (10.0, 0.2));
+        assert_eq!(
+            (exclusion.standard_deviations[1], exclusion.share()),
+            (10.0, 0.2)
+        );
     }
 
     #[test]

@@ -32,7 +32,11 @@ pub struct AnalysisSettings {
 
 impl Default for AnalysisSettings {
     fn default() -> Self {
-        Self { n_resamples: 100, confidence_level: 0.95, seed: 1 }
+        Self {
+            n_resamples: 100,
+            confidence_level: 0.95,
+            seed: 1,
+        }
     }
 }
 
@@ -104,7 +108,11 @@ pub fn analyse(
     let rows_per_block = rows_per_block(n_parameters);
     let values_per_block = rows_per_block * n_outputs;
     if n_parameters == 0 || n_outputs == 0 || !values.len().is_multiple_of(values_per_block) {
-        return Err(SobolError::Incomplete { n_values: values.len(), n_outputs, rows_per_block });
+        return Err(SobolError::Incomplete {
+            n_values: values.len(),
+            n_outputs,
+            rows_per_block,
+        });
     }
     let n_blocks = values.len() / values_per_block;
     if n_blocks < 2 {
@@ -121,7 +129,12 @@ pub fn analyse(
             analyse_output(n_parameters, output, &weights, settings)
         })
         .collect();
-    Ok(Analysis { n_parameters, n_blocks, settings, outputs })
+    Ok(Analysis {
+        n_parameters,
+        n_blocks,
+        settings,
+        outputs,
+    })
 }
 
 /// How often each block counts, shape (1 + resamples, blocks): the first row is the estimate itself.
@@ -145,7 +158,12 @@ fn analyse_output(
 ) -> OutputIndices {
     let n_finite = output.iter().filter(|v| v.is_finite()).count();
     let finite = |values: &[f64], f: &dyn Fn(f64) -> f64| -> f64 {
-        values.iter().filter(|v| v.is_finite()).map(|v| f(*v)).sum::<f64>() / n_finite as f64
+        values
+            .iter()
+            .filter(|v| v.is_finite())
+            .map(|v| f(*v))
+            .sum::<f64>()
+            / n_finite as f64
     };
     let mean = finite(&output, &|v| v);
     let standard_deviation = finite(&output, &|v| (v - mean).powi(2)).sqrt();
@@ -161,10 +179,14 @@ fn analyse_output(
     let (least, largest) = output
         .iter()
         .filter(|v| v.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, largest), v| (v.min(least), v.max(largest)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, largest), v| {
+            (v.min(least), v.max(largest))
+        });
     // What rounding leaves of a constant output is no variation.
     let indices = if largest - least > 4.0 * f64::EPSILON * least.abs().max(largest.abs()) {
-        output.iter_mut().for_each(|v| *v = (*v - mean) / standard_deviation);
+        output
+            .iter_mut()
+            .for_each(|v| *v = (*v - mean) / standard_deviation);
         let terms = Terms::new(n_parameters, &output);
         let resampled = terms.indices(weights);
         for parameter in 0..n_parameters {
@@ -174,15 +196,22 @@ fn analyse_output(
             }
         }
         let z = normal::quantile(0.5 + 0.5 * settings.confidence_level);
-        (0..resampled.ncols()).map(|i| index(resampled.column(i).as_slice(), terms.n_blocks(i), z)).collect()
+        (0..resampled.ncols())
+            .map(|i| index(resampled.column(i).as_slice(), terms.n_blocks(i), z))
+            .collect()
     } else {
         vec![None; 2 * n_parameters + n_parameters * (n_parameters - 1) / 2]
     };
     result.first.copy_from_slice(&indices[..n_parameters]);
-    result.total.copy_from_slice(&indices[n_parameters..2 * n_parameters]);
+    result
+        .total
+        .copy_from_slice(&indices[n_parameters..2 * n_parameters]);
     result.second = pairs(n_parameters)
         .zip(&indices[2 * n_parameters..])
-        .map(|(parameters, index)| PairIndex { parameters, index: *index })
+        .map(|(parameters, index)| PairIndex {
+            parameters,
+            index: *index,
+        })
         .collect();
     result
 }
@@ -206,7 +235,11 @@ fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Inde
         squares += difference * (v - mean);
     }
     let half_width = (n > 1.0).then(|| z * (squares / (n - 1.0)).sqrt());
-    Some(Index { value, half_width, n_blocks })
+    Some(Index {
+        value,
+        half_width,
+        n_blocks,
+    })
 }
 
 impl OutputIndices {
@@ -220,6 +253,9 @@ impl OutputIndices {
     #[must_use]
     pub fn second_of(&self, j: usize, k: usize) -> Option<Index> {
         let wanted = [j.min(k), j.max(k)];
-        self.second.iter().find(|p| p.parameters == wanted).and_then(|p| p.index)
+        self.second
+            .iter()
+            .find(|p| p.parameters == wanted)
+            .and_then(|p| p.index)
     }
 }

@@ -25,7 +25,10 @@ impl NumpyRandom {
         let words = seed_words(seed);
         let wide = |i: usize| u128::from(words[i]) | (u128::from(words[i + 1]) << 32);
         // The first two words of 64 bits are the state, the next two the stream, high word first.
-        Self { pcg: Pcg64::new((wide(0) << 64) | wide(2), (wide(4) << 64) | wide(6)), upper_half: None }
+        Self {
+            pcg: Pcg64::new((wide(0) << 64) | wide(2), (wide(4) << 64) | wide(6)),
+            upper_half: None,
+        }
     }
 
     fn next_u32(&mut self) -> u32 {
@@ -71,7 +74,9 @@ impl Hash {
 }
 
 fn mix(x: u32, y: u32) -> u32 {
-    let mixed = x.wrapping_mul(0xCA01_F9DD).wrapping_sub(y.wrapping_mul(0x4973_F715));
+    let mixed = x
+        .wrapping_mul(0xCA01_F9DD)
+        .wrapping_sub(y.wrapping_mul(0x4973_F715));
     mixed ^ (mixed >> XOR_SHIFT)
 }
 
@@ -79,14 +84,20 @@ fn mix(x: u32, y: u32) -> u32 {
 fn seed_words(seed: u64) -> [u32; 8] {
     // A seed has at most two words here, fewer than the pool, which is filled up with zeros.
     let entropy = [seed as u32, (seed >> 32) as u32, 0, 0];
-    let mut hash = Hash { constant: 0x43B0_D7E5, multiplier: 0x931E_8875 };
+    let mut hash = Hash {
+        constant: 0x43B0_D7E5,
+        multiplier: 0x931E_8875,
+    };
     let mut pool = entropy.map(|word| hash.of(word));
     for source in 0..POOL {
         for target in (0..POOL).filter(|target| *target != source) {
             pool[target] = mix(pool[target], hash.of(pool[source]));
         }
     }
-    let mut hash = Hash { constant: 0x8B51_F9DD, multiplier: 0x58F3_8DED };
+    let mut hash = Hash {
+        constant: 0x8B51_F9DD,
+        multiplier: 0x58F3_8DED,
+    };
     std::array::from_fn(|i| hash.of(pool[i % POOL]))
 }
 
@@ -106,7 +117,10 @@ mod tests {
         assert_eq!(draw(20260101, 3), [1, 0, 1, 2, 0, 1, 1, 2]);
         assert_eq!(
             draw(1099511627793, 4000000000),
-            [3296128163, 1350598681, 3148440408, 1056502744, 3105403195, 2102821684, 184582129, 734195447]
+            [
+                3296128163, 1350598681, 3148440408, 1056502744, 3105403195, 2102821684, 184582129,
+                734195447
+            ]
         );
     }
 

@@ -35,10 +35,15 @@ impl SobolPoints {
     /// [`SobolError::Dimensions`] for none or more than [`Self::LARGEST_DIMENSION`].
     pub fn new(n_dimensions: usize, scramble: Option<u64>) -> Result<Self, SobolError> {
         if !(1..=Self::LARGEST_DIMENSION).contains(&n_dimensions) {
-            return Err(SobolError::Dimensions { n_dimensions, largest: Self::LARGEST_DIMENSION });
+            return Err(SobolError::Dimensions {
+                n_dimensions,
+                largest: Self::LARGEST_DIMENSION,
+            });
         }
-        let mut points =
-            Self { directions: (0..n_dimensions).map(direction_numbers).collect(), shift: vec![0; n_dimensions] };
+        let mut points = Self {
+            directions: (0..n_dimensions).map(direction_numbers).collect(),
+            shift: vec![0; n_dimensions],
+        };
         if let Some(seed) = scramble {
             points.scramble(&mut NumpyRandom::new(seed));
         }
@@ -69,12 +74,20 @@ impl SobolPoints {
     /// # Panics
     /// When the slice has another length than the sequence has dimensions.
     pub fn write_point(&self, idx: u64, point: &mut [f64]) -> Result<(), SobolError> {
-        assert_eq!(point.len(), self.n_dimensions(), "a point needs a place for each dimension");
+        assert_eq!(
+            point.len(),
+            self.n_dimensions(),
+            "a point needs a place for each dimension"
+        );
         if idx >= Self::N_POINTS {
-            return Err(SobolError::Points { n_points: idx + 1, largest: Self::N_POINTS });
+            return Err(SobolError::Points {
+                n_points: idx + 1,
+                largest: Self::N_POINTS,
+            });
         }
         let gray = idx ^ (idx >> 1);
-        for ((value, directions), shift) in point.iter_mut().zip(&self.directions).zip(&self.shift) {
+        for ((value, directions), shift) in point.iter_mut().zip(&self.directions).zip(&self.shift)
+        {
             let (mut digits, mut bits) = (*shift, gray);
             while bits != 0 {
                 digits ^= directions[bits.trailing_zeros() as usize];
@@ -100,7 +113,9 @@ impl SobolPoints {
             });
             for direction in directions {
                 let old = *direction;
-                *direction = rows.iter().fold(0, |digits, row| (digits << 1) | ((row & old).count_ones() & 1));
+                *direction = rows.iter().fold(0, |digits, row| {
+                    (digits << 1) | ((row & old).count_ones() & 1)
+                });
             }
         }
     }
@@ -114,7 +129,11 @@ fn direction_numbers(dimension: usize) -> [u32; N_BITS] {
         v[..degree].copy_from_slice(first);
         for j in degree..N_BITS {
             v[j] = (1..=degree).fold(v[j - degree], |sum, k| {
-                if (polynomial >> (degree - k)) & 1 == 1 { sum ^ (v[j - k] << k) } else { sum }
+                if (polynomial >> (degree - k)) & 1 == 1 {
+                    sum ^ (v[j - k] << k)
+                } else {
+                    sum
+                }
             });
         }
     }
@@ -148,11 +167,15 @@ mod tests {
             let sequence = SobolPoints::new(SobolPoints::LARGEST_DIMENSION, scramble).unwrap();
             for m in [1, 4, 8] {
                 let n = 1usize << m;
-                let points: Vec<Vec<f64>> = (0..n as u64).map(|i| sequence.point(i).unwrap()).collect();
+                let points: Vec<Vec<f64>> =
+                    (0..n as u64).map(|i| sequence.point(i).unwrap()).collect();
                 for d in 0..sequence.n_dimensions() {
                     let mut taken = vec![false; n];
                     for point in &points {
-                        assert!(!std::mem::replace(&mut taken[(point[d] * n as f64) as usize], true));
+                        assert!(!std::mem::replace(
+                            &mut taken[(point[d] * n as f64) as usize],
+                            true
+                        ));
                     }
                 }
                 for split in 0..=m {
@@ -193,7 +216,10 @@ mod tests {
     fn too_much_is_refused() {
         assert!(SobolPoints::new(0, None).is_err());
         let message = SobolPoints::new(129, None).unwrap_err().to_string();
-        assert!(message.contains("129 dimensions") && message.contains("1 to 128"), "{message}");
+        assert!(
+            message.contains("129 dimensions") && message.contains("1 to 128"),
+            "{message}"
+        );
         assert!(SobolPoints::new(2, None).unwrap().point(1 << 30).is_err());
     }
 }

@@ -28,7 +28,8 @@ impl Ranked {
     /// Share of the resamples in which the parameter is among the `n` first; none without resamples.
     #[must_use]
     pub fn share_among_first(&self, n: usize) -> Option<f64> {
-        (!self.rank_shares.is_empty()).then(|| self.rank_shares.iter().take(n).sum::<f64>().min(1.0))
+        (!self.rank_shares.is_empty())
+            .then(|| self.rank_shares.iter().take(n).sum::<f64>().min(1.0))
     }
 }
 
@@ -48,8 +49,15 @@ impl Ranking {
         let sums: Vec<f64> = (0..n).map(|p| totals(p).map(|i| i.value).sum()).collect();
         let resampled: Vec<Vec<f64>> = (0..n_resamples)
             .map(|r| {
-                let total = |p: usize| analysis.outputs.iter().filter_map(move |o| o.total_resamples.get(r * n + p));
-                (0..n).map(|p| total(p).filter(|v| v.is_finite()).sum()).collect()
+                let total = |p: usize| {
+                    analysis
+                        .outputs
+                        .iter()
+                        .filter_map(move |o| o.total_resamples.get(r * n + p))
+                };
+                (0..n)
+                    .map(|p| total(p).filter(|v| v.is_finite()).sum())
+                    .collect()
             })
             .collect();
         let mut counts = vec![vec![0; if n_resamples == 0 { 0 } else { n }]; n];
@@ -58,7 +66,12 @@ impl Ranking {
                 counts[parameter][rank] += 1;
             }
         }
-        let rank_shares = |p: usize| counts[p].iter().map(|c| f64::from(*c) / n_resamples as f64).collect();
+        let rank_shares = |p: usize| {
+            counts[p]
+                .iter()
+                .map(|c| f64::from(*c) / n_resamples as f64)
+                .collect()
+        };
         let level = analysis.settings.confidence_level;
         let z = normal::quantile(0.5 + 0.5 * level);
         let half_width = |p: usize| {
@@ -82,13 +95,20 @@ impl Ranking {
     /// Positions of the `n` most influential parameters, the most influential one first.
     #[must_use]
     pub fn select(&self, n: usize) -> Vec<usize> {
-        self.parameters.iter().take(n).map(|r| r.parameter).collect()
+        self.parameters
+            .iter()
+            .take(n)
+            .map(|r| r.parameter)
+            .collect()
     }
 
     /// Rank of a parameter, from 1; none for a position that there is not.
     #[must_use]
     pub fn rank_of(&self, parameter: usize) -> Option<usize> {
-        self.parameters.iter().position(|r| r.parameter == parameter).map(|idx| idx + 1)
+        self.parameters
+            .iter()
+            .position(|r| r.parameter == parameter)
+            .map(|idx| idx + 1)
     }
 }
 
@@ -126,12 +146,27 @@ mod tests {
     fn analysis(n_resamples: usize) -> Analysis {
         let design = SaltelliDesign::new(
             &[Interval::new(0.0, 1.0); 4],
-            DesignSettings { n_blocks: 256, ..DesignSettings::default() },
+            DesignSettings {
+                n_blocks: 256,
+                ..DesignSettings::default()
+            },
         )
         .unwrap();
-        let values: Vec<f64> =
-            design.rows(0..256).iter().flat_map(|x| [3.0 * x[2] + x[0], x[2] + x[0] + 0.99 * x[1], 5.0]).collect();
-        analyse(4, 3, &values, AnalysisSettings { n_resamples, ..AnalysisSettings::default() }).unwrap()
+        let values: Vec<f64> = design
+            .rows(0..256)
+            .iter()
+            .flat_map(|x| [3.0 * x[2] + x[0], x[2] + x[0] + 0.99 * x[1], 5.0])
+            .collect();
+        analyse(
+            4,
+            3,
+            &values,
+            AnalysisSettings {
+                n_resamples,
+                ..AnalysisSettings::default()
+            },
+        )
+        .unwrap()
     }
 
     #[test]
@@ -141,20 +176,35 @@ mod tests {
         assert_eq!(ranking.select(9), [2, 0, 1, 3]);
         let expected = [0.9 + 1.0 / 2.9801, 0.1 + 1.0 / 2.9801, 0.9801 / 2.9801, 0.0];
         for (ranked, expected) in ranking.parameters.iter().zip(expected) {
-            assert!((ranked.sum_of_totals - expected).abs() < 0.02, "{ranked:?} {expected}");
+            assert!(
+                (ranked.sum_of_totals - expected).abs() < 0.02,
+                "{ranked:?} {expected}"
+            );
             assert!((ranked.sum_of_totals - expected).abs() <= 2.0 * ranked.half_width.unwrap());
             // The constant output has no indices.
             assert_eq!(ranked.n_outputs, 2);
             assert!((ranked.rank_shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         }
-        assert_eq!((ranking.rank_of(2), ranking.rank_of(3), ranking.rank_of(4)), (Some(1), Some(4), None));
+        assert_eq!(
+            (ranking.rank_of(2), ranking.rank_of(3), ranking.rank_of(4)),
+            (Some(1), Some(4), None)
+        );
     }
 
     #[test]
     fn ranks_that_are_close_are_unsure_and_others_are_not() {
         let ranking = Ranking::of(&analysis(400));
-        let of = |parameter| ranking.parameters.iter().find(|r| r.parameter == parameter).unwrap();
-        assert_eq!((of(2).rank_interval, of(2).share_among_first(1)), (Some([1, 1]), Some(1.0)));
+        let of = |parameter| {
+            ranking
+                .parameters
+                .iter()
+                .find(|r| r.parameter == parameter)
+                .unwrap()
+        };
+        assert_eq!(
+            (of(2).rank_interval, of(2).share_among_first(1)),
+            (Some([1, 1]), Some(1.0))
+        );
         assert_eq!(of(3).rank_interval, Some([4, 4]));
         // 0.435 against 0.329, each with a half-width of some 0.05: mostly second.
         assert!(of(0).share_among_first(2).unwrap() > 0.9);
@@ -166,7 +216,14 @@ mod tests {
         let ranking = Ranking::of(&analysis(0));
         assert_eq!(ranking.select(2), [2, 0]);
         let first = &ranking.parameters[0];
-        assert_eq!((first.half_width, first.rank_interval, first.share_among_first(1)), (None, None, None));
+        assert_eq!(
+            (
+                first.half_width,
+                first.rank_interval,
+                first.share_among_first(1)
+            ),
+            (None, None, None)
+        );
     }
 
     #[test]

@@ -25,7 +25,11 @@ pub struct DesignSettings {
 impl Default for DesignSettings {
     /// The paper's size with `SALib`'s plain points.
     fn default() -> Self {
-        Self { n_blocks: 1024, skip_points: 0, scramble: None }
+        Self {
+            n_blocks: 1024,
+            skip_points: 0,
+            scramble: None,
+        }
     }
 }
 
@@ -34,7 +38,11 @@ impl DesignSettings {
     /// least power of two that is at least the number of blocks, and at least 16. The paper's, as far as it is known.
     #[must_use]
     pub fn older_sampler(n_blocks: usize) -> Self {
-        Self { n_blocks, skip_points: n_blocks.next_power_of_two().max(16) as u64, scramble: None }
+        Self {
+            n_blocks,
+            skip_points: n_blocks.next_power_of_two().max(16) as u64,
+            scramble: None,
+        }
     }
 }
 
@@ -54,11 +62,20 @@ impl SaltelliDesign {
     pub fn new(intervals: &[Interval], settings: DesignSettings) -> Result<Self, SobolError> {
         Interval::validate(intervals)?;
         let points = SobolPoints::new(2 * intervals.len(), settings.scramble)?;
-        let n_points = settings.skip_points.saturating_add(settings.n_blocks as u64);
+        let n_points = settings
+            .skip_points
+            .saturating_add(settings.n_blocks as u64);
         if n_points > SobolPoints::N_POINTS {
-            return Err(SobolError::Points { n_points, largest: SobolPoints::N_POINTS });
+            return Err(SobolError::Points {
+                n_points,
+                largest: SobolPoints::N_POINTS,
+            });
         }
-        Ok(Self { intervals: intervals.to_vec(), points, settings })
+        Ok(Self {
+            intervals: intervals.to_vec(),
+            points,
+            settings,
+        })
     }
 
     /// Number of parameters, D.
@@ -114,8 +131,16 @@ impl SaltelliDesign {
             .expect("the number of points was checked when the design was made");
         // SALib scales in this order; another one moves the last digit.
         let scale = |u: f64, i: &Interval| u * (i.upper - i.lower) + i.lower;
-        let a: Vec<f64> = point[..n].iter().zip(&self.intervals).map(|(u, i)| scale(*u, i)).collect();
-        let b: Vec<f64> = point[n..].iter().zip(&self.intervals).map(|(u, i)| scale(*u, i)).collect();
+        let a: Vec<f64> = point[..n]
+            .iter()
+            .zip(&self.intervals)
+            .map(|(u, i)| scale(*u, i))
+            .collect();
+        let b: Vec<f64> = point[n..]
+            .iter()
+            .zip(&self.intervals)
+            .map(|(u, i)| scale(*u, i))
+            .collect();
         let with_one_of = |base: &[f64], other: &[f64], d: usize| {
             let mut row = base.to_vec();
             row[d] = other[d];
@@ -139,14 +164,19 @@ mod tests {
     use proptest::prelude::*;
 
     fn design(n_parameters: usize, settings: DesignSettings) -> SaltelliDesign {
-        let intervals: Vec<Interval> = (0..n_parameters).map(|d| Interval::new(-(d as f64), 2.0 + d as f64)).collect();
+        let intervals: Vec<Interval> = (0..n_parameters)
+            .map(|d| Interval::new(-(d as f64), 2.0 + d as f64))
+            .collect();
         SaltelliDesign::new(&intervals, settings).unwrap()
     }
 
     #[test]
     fn the_paper_s_design_has_45_056_rows() {
         let design = design(21, DesignSettings::default());
-        assert_eq!((design.n_rows(), design.rows_per_block(), design.n_blocks()), (45_056, 44, 1024));
+        assert_eq!(
+            (design.n_rows(), design.rows_per_block(), design.n_blocks()),
+            (45_056, 44, 1024)
+        );
         assert!(design.is_balanced());
     }
 
@@ -183,17 +213,35 @@ mod tests {
         let intervals = vec![Interval::new(0.0, 1.0); 65];
         assert!(matches!(
             SaltelliDesign::new(&intervals, DesignSettings::default()),
-            Err(SobolError::Dimensions { n_dimensions: 130, .. })
+            Err(SobolError::Dimensions {
+                n_dimensions: 130,
+                ..
+            })
         ));
-        let settings = DesignSettings { skip_points: u64::MAX, ..DesignSettings::default() };
-        assert!(matches!(SaltelliDesign::new(&intervals[..2], settings), Err(SobolError::Points { .. })));
+        let settings = DesignSettings {
+            skip_points: u64::MAX,
+            ..DesignSettings::default()
+        };
+        assert!(matches!(
+            SaltelliDesign::new(&intervals[..2], settings),
+            Err(SobolError::Points { .. })
+        ));
         assert!(SaltelliDesign::new(&[], DesignSettings::default()).is_err());
     }
 
     #[test]
     fn balance_needs_powers_of_two() {
-        let balanced =
-            |n_blocks, skip_points| design(2, DesignSettings { n_blocks, skip_points, scramble: None }).is_balanced();
+        let balanced = |n_blocks, skip_points| {
+            design(
+                2,
+                DesignSettings {
+                    n_blocks,
+                    skip_points,
+                    scramble: None,
+                },
+            )
+            .is_balanced()
+        };
         assert!(balanced(64, 0) && balanced(64, 64) && balanced(64, 128));
         assert!(!balanced(60, 0) && !balanced(64, 32) && !balanced(64, 70));
     }

@@ -48,10 +48,14 @@ impl Block<'_> {
         let (a, b, n) = (self.a(), self.b(), self.n_parameters);
         let first = move |j: usize| b * (self.ab(j) - a);
         let total = move |j: usize| 0.5 * (a - self.ab(j)).powi(2);
-        let second = move |[j, k]: [usize; 2]| (self.ba(j) * self.ab(k) - a * b) - first(j) - first(k);
+        let second =
+            move |[j, k]: [usize; 2]| (self.ba(j) * self.ab(k) - a * b) - first(j) - first(k);
         // B has no part in a total's numerator, but in the variance that it is divided by.
         let total = move |j| if b.is_finite() { total(j) } else { f64::NAN };
-        (0..n).map(first).chain((0..n).map(total)).chain(pairs(n).map(second))
+        (0..n)
+            .map(first)
+            .chain((0..n).map(total))
+            .chain(pairs(n).map(second))
     }
 }
 
@@ -61,7 +65,11 @@ impl Terms {
         let rows_per_block = rows_per_block(n_parameters);
         let n_blocks = output.len() / rows_per_block;
         let n_indices = 2 * n_parameters + n_parameters * (n_parameters - 1) / 2;
-        let blocks = || output.chunks_exact(rows_per_block).map(|rows| Block { rows, n_parameters });
+        let blocks = || {
+            output
+                .chunks_exact(rows_per_block)
+                .map(|rows| Block { rows, n_parameters })
+        };
 
         let mut numerators = DMatrix::zeros(n_blocks, n_indices);
         for (row, block) in blocks().enumerate() {
@@ -91,9 +99,18 @@ impl Terms {
             }
         }
         let finite = numerators.map(|v| if v.is_finite() { v } else { 0.0 });
-        values.columns_mut(3 * members.len(), n_indices).copy_from(&finite);
-        let n_blocks = members.iter().map(|holds| holds.iter().filter(|h| **h).count()).collect();
-        Self { values, set_of, n_blocks }
+        values
+            .columns_mut(3 * members.len(), n_indices)
+            .copy_from(&finite);
+        let n_blocks = members
+            .iter()
+            .map(|holds| holds.iter().filter(|h| **h).count())
+            .collect();
+        Self {
+            values,
+            set_of,
+            n_blocks,
+        }
     }
 
     /// Number of blocks that an index is made of.
@@ -111,7 +128,11 @@ impl Terms {
             let mean = sums[(row, set + 1)] / (2.0 * n);
             let variance = sums[(row, set + 2)] / (2.0 * n) - mean * mean;
             // As in SALib, no variance in A and B gives zero.
-            if variance <= f64::EPSILON { 0.0 } else { sums[(row, first_numerator + index)] / n / variance }
+            if variance <= f64::EPSILON {
+                0.0
+            } else {
+                sums[(row, first_numerator + index)] / n / variance
+            }
         })
     }
 }

@@ -28,7 +28,11 @@ pub(super) struct Correction {
 impl Correction {
     /// Before any run: what is expected of one, as logarithms.
     pub(super) fn expected(n_parameters: usize, expected: [f64; N]) -> Self {
-        Self { base: vec![0.0; n_parameters], at_base: expected, slopes: vec![DVector::zeros(n_parameters); N] }
+        Self {
+            base: vec![0.0; n_parameters],
+            at_base: expected,
+            slopes: vec![DVector::zeros(n_parameters); N],
+        }
     }
 
     /// From the runs' logarithms of parameters and of factors.
@@ -44,7 +48,9 @@ impl Correction {
         let (x_b, d_b) = &runs[base];
         let n = x_b.len();
         let slope = |j: usize| {
-            let Some(d_b) = d_b[j] else { return DVector::zeros(n) };
+            let Some(d_b) = d_b[j] else {
+                return DVector::zeros(n);
+            };
             let others: Vec<(DVector<f64>, f64)> = (runs.iter().enumerate())
                 .filter(|(i, _)| *i != base)
                 .filter_map(|(_, (x, d))| {
@@ -54,23 +60,43 @@ impl Correction {
                 .collect();
             // The smallest slopes that explain the differences: s = X (XᵀX + ridge)⁻¹ Δd.
             let m = others.len();
-            let gram = DMatrix::from_fn(m, m, |a, b| others[a].0.dot(&others[b].0) + if a == b { RIDGE } else { 0.0 });
+            let gram = DMatrix::from_fn(m, m, |a, b| {
+                others[a].0.dot(&others[b].0) + if a == b { RIDGE } else { 0.0 }
+            });
             let differences = DVector::from_iterator(m, others.iter().map(|(_, d)| *d));
-            let Some(cholesky) = gram.cholesky() else { return DVector::zeros(n) };
+            let Some(cholesky) = gram.cholesky() else {
+                return DVector::zeros(n);
+            };
             let weights = cholesky.solve(&differences);
-            others.iter().zip(weights.iter()).fold(DVector::zeros(n), |sum, ((step, _), weight)| sum + step * *weight)
+            others
+                .iter()
+                .zip(weights.iter())
+                .fold(DVector::zeros(n), |sum, ((step, _), weight)| {
+                    sum + step * *weight
+                })
         };
         let slopes = (0..N).map(slope).collect();
-        let at_base =
-            std::array::from_fn(|j| d_b[j].map_or(expected[j], |d| expected[j] + weights[j] * (d - expected[j])));
-        Self { base: x_b.clone(), at_base, slopes }
+        let at_base = std::array::from_fn(|j| {
+            d_b[j].map_or(expected[j], |d| {
+                expected[j] + weights[j] * (d - expected[j])
+            })
+        });
+        Self {
+            base: x_b.clone(),
+            at_base,
+            slopes,
+        }
     }
 
     /// The cheap model's biomarkers at `x`, corrected.
     pub(super) fn apply(&self, x: &[f64], cheap: &Biomarkers) -> Biomarkers {
         let mut corrected = *cheap;
         for (j, biomarker) in Biomarker::ALL.into_iter().enumerate() {
-            let slope: f64 = self.slopes[j].iter().zip(x.iter().zip(&self.base)).map(|(s, (x, b))| s * (x - b)).sum();
+            let slope: f64 = self.slopes[j]
+                .iter()
+                .zip(x.iter().zip(&self.base))
+                .map(|(s, (x, b))| s * (x - b))
+                .sum();
             let factor = (self.at_base[j] + slope).clamp(-LARGEST, LARGEST).exp();
             corrected.set(biomarker, cheap.get(biomarker).map(|value| value * factor));
         }

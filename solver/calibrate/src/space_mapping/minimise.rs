@@ -46,7 +46,11 @@ pub(super) fn minimise(
     };
     let cost = |x: &[f64]| counted(x).iter().map(|r| r * r).sum::<f64>();
     let (starts, local) = match effort {
-        Effort::Gradients { points, best, local } => {
+        Effort::Gradients {
+            points,
+            best,
+            local,
+        } => {
             let mut found: Vec<(f64, Vec<f64>)> = latin_hypercube::sample(intervals, points, seed)
                 .unwrap_or_default()
                 .into_iter()
@@ -54,9 +58,19 @@ pub(super) fn minimise(
                 .collect();
             found.sort_by(|a, b| a.0.total_cmp(&b.0));
             found.truncate(best);
-            (std::iter::once(start.to_vec()).chain(found.into_iter().map(|(_, x)| x)).collect(), local)
+            (
+                std::iter::once(start.to_vec())
+                    .chain(found.into_iter().map(|(_, x)| x))
+                    .collect(),
+                local,
+            )
         }
-        Effort::Evolution { evaluations, candidates, deviation, local } => {
+        Effort::Evolution {
+            evaluations,
+            candidates,
+            deviation,
+            local,
+        } => {
             let settings = cma_es::Settings {
                 n_candidates: Some(candidates),
                 first_deviation: deviation,
@@ -64,13 +78,21 @@ pub(super) fn minimise(
                 seed,
                 ..cma_es::Settings::default()
             };
-            (vec![evolve(&cost, start, intervals, settings).unwrap_or_else(|| start.to_vec())], local)
+            (
+                vec![evolve(&cost, start, intervals, settings).unwrap_or_else(|| start.to_vec())],
+                local,
+            )
         }
     };
     let mut best: Option<(f64, Vec<f64>)> = None;
     for start in starts {
-        let Ok(fit) = least_squares::fit(&counted, &start, intervals, local) else { continue };
-        if best.as_ref().is_none_or(|(lowest, _)| fit.sum_of_squares < *lowest) {
+        let Ok(fit) = least_squares::fit(&counted, &start, intervals, local) else {
+            continue;
+        };
+        if best
+            .as_ref()
+            .is_none_or(|(lowest, _)| fit.sum_of_squares < *lowest)
+        {
             best = Some((fit.sum_of_squares, fit.parameters));
         }
     }

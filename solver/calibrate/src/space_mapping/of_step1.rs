@@ -1,7 +1,9 @@
 //! Space mapping of step 1: its six parameters as logarithms within what hearts have.
 
 use super::{Effort, Nearness, Problem, Run, propose};
-use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Outcome, PARAMETERS, Parameter, Parameters, Settings};
+use crate::fixed_point::{
+    Biomarker, Biomarkers, Bounds, Outcome, PARAMETERS, Parameter, Parameters, Settings,
+};
 use crate::{Interval, least_squares};
 use serde::{Deserialize, Serialize};
 
@@ -12,10 +14,18 @@ pub const FIRST_RADIUS: f64 = 1.0;
 const EFFORT: Effort = Effort::Gradients {
     points: 48,
     best: 2,
-    local: least_squares::Settings { cost_tolerance: 1e-4, step_tolerance: 1e-4, max_steps: 25, difference_step: 1e-5 },
+    local: least_squares::Settings {
+        cost_tolerance: 1e-4,
+        step_tolerance: 1e-4,
+        max_steps: 25,
+        difference_step: 1e-5,
+    },
 };
 
-const NEARNESS: Nearness = Nearness { at_first: 0.05, of_best: 0.005 };
+const NEARNESS: Nearness = Nearness {
+    at_first: 0.05,
+    of_best: 0.005,
+};
 
 /// A simulation of step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -65,12 +75,22 @@ pub fn propose_step1(
     cheap: &dyn Fn(&Parameters) -> Outcome,
 ) -> Option<(Parameters, super::Proposal)> {
     // What no measured biomarker speaks of stays, as with the fixed point.
-    let moves = |p: &Parameter| !problem.settings.frozen.contains(p) && problem.measured.get(p.driver().0).is_some();
+    let moves = |p: &Parameter| {
+        !problem.settings.frozen.contains(p) && problem.measured.get(p.driver().0).is_some()
+    };
     let moving: Vec<Parameter> = PARAMETERS.into_iter().filter(moves).collect();
-    let logarithms = |p: &Parameters| -> Vec<f64> { moving.iter().map(|parameter| p.get(*parameter).ln()).collect() };
+    let logarithms = |p: &Parameters| -> Vec<f64> {
+        moving
+            .iter()
+            .map(|parameter| p.get(*parameter).ln())
+            .collect()
+    };
     let parameters = |x: &[f64]| {
         let mut parameters = *problem.initial;
-        moving.iter().zip(x).for_each(|(parameter, x)| parameters.set(*parameter, x.exp()));
+        moving
+            .iter()
+            .zip(x)
+            .for_each(|(parameter, x)| parameters.set(*parameter, x.exp()));
         parameters
     };
     let run = |run: &Step1Run| Run {
@@ -80,7 +100,10 @@ pub fn propose_step1(
         predicted_misfit: run.predicted_misfit,
     };
     let runs: Vec<Run> = problem.runs.iter().map(run).collect();
-    let intervals: Vec<Interval> = moving.iter().map(|parameter| interval(*parameter, problem.settings)).collect();
+    let intervals: Vec<Interval> = moving
+        .iter()
+        .map(|parameter| interval(*parameter, problem.settings))
+        .collect();
     let general = Problem {
         measured: problem.measured,
         weights: &problem.settings.weights,

@@ -35,7 +35,10 @@ pub struct Trial {
 
 impl From<Outcome> for Trial {
     fn from(outcome: Outcome) -> Self {
-        Self { outcome, also: Vec::new() }
+        Self {
+            outcome,
+            also: Vec::new(),
+        }
     }
 }
 
@@ -143,13 +146,25 @@ fn found(outcome: &Outcome) -> Option<&Biomarkers> {
 /// What makes the cheap model's other residuals exact at a run; nothing where the cheap model cannot end its beat.
 fn shift(run: &Run, trial: &Trial) -> Vec<f64> {
     let of_ended = found(&trial.outcome).is_some();
-    if of_ended { run.also.iter().zip(&trial.also).map(|(run, cheap)| run - cheap).collect() } else { Vec::new() }
+    if of_ended {
+        run.also
+            .iter()
+            .zip(&trial.also)
+            .map(|(run, cheap)| run - cheap)
+            .collect()
+    } else {
+        Vec::new()
+    }
 }
 
 /// Residuals and what is added to them; nothing is added beyond the end of `shift`.
 fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
     let shift = shift.iter().copied().chain(std::iter::repeat(0.0));
-    residuals.iter().zip(shift).map(|(residual, shift)| residual + shift).collect()
+    residuals
+        .iter()
+        .zip(shift)
+        .map(|(residual, shift)| residual + shift)
+        .collect()
 }
 
 fn sum_of_squares(residuals: &[f64]) -> f64 {
@@ -159,9 +174,15 @@ fn sum_of_squares(residuals: &[f64]) -> f64 {
 impl<'a> Search<'a> {
     fn new(problem: &'a Problem<'a>, cheap: &'a dyn Fn(&[f64]) -> Trial) -> Self {
         let misfit = |run: &Run| {
-            found(&run.outcome).map(|found| problem.weights.misfit(problem.measured, found) + sum_of_squares(&run.also))
+            found(&run.outcome).map(|found| {
+                problem.weights.misfit(problem.measured, found) + sum_of_squares(&run.also)
+            })
         };
-        Self { misfits: problem.runs.iter().map(misfit).collect(), problem, cheap }
+        Self {
+            misfits: problem.runs.iter().map(misfit).collect(),
+            problem,
+            cheap,
+        }
     }
 
     fn expected(&self) -> [f64; super::correction::N] {
@@ -172,8 +193,11 @@ impl<'a> Search<'a> {
     fn weights_of_base(&self, base: usize) -> [f64; super::correction::N] {
         let found = found(&self.problem.runs[base].outcome);
         std::array::from_fn(|j| {
-            let ratio = found.and_then(|found| found.ratio_to(self.problem.measured, Biomarker::ALL[j]));
-            ratio.map_or(1.0, |ratio| 1.0 / (1.0 + (ratio.ln() / self.problem.reach[j]).powi(2)))
+            let ratio =
+                found.and_then(|found| found.ratio_to(self.problem.measured, Biomarker::ALL[j]));
+            ratio.map_or(1.0, |ratio| {
+                1.0 / (1.0 + (ratio.ln() / self.problem.reach[j]).powi(2))
+            })
         })
     }
 
@@ -194,12 +218,17 @@ impl<'a> Search<'a> {
 
     /// The box, cut to a radius around a point; one outside of the box draws the step back into it.
     fn around(&self, centre: &[f64], radius: f64) -> Vec<Interval> {
-        let cut = |(whole, x): (&Interval, &f64)| Interval::new(whole.clamp(x - radius), whole.clamp(x + radius));
+        let cut = |(whole, x): (&Interval, &f64)| {
+            Interval::new(whole.clamp(x - radius), whole.clamp(x + radius))
+        };
         self.problem.intervals.iter().zip(centre).map(cut).collect()
     }
 
     fn clamped(x: &[f64], intervals: &[Interval]) -> Vec<f64> {
-        x.iter().zip(intervals).map(|(x, interval)| interval.clamp(*x)).collect()
+        x.iter()
+            .zip(intervals)
+            .map(|(x, interval)| interval.clamp(*x))
+            .collect()
     }
 
     /// The best of the corrected cheap model in a box, with what it promises.
@@ -211,16 +240,35 @@ impl<'a> Search<'a> {
         intervals: &[Interval],
         start: Vec<f64>,
     ) -> Option<Proposal> {
-        let Problem { measured, weights, prior, effort, seed, .. } = *self.problem;
+        let Problem {
+            measured,
+            weights,
+            prior,
+            effort,
+            seed,
+            ..
+        } = *self.problem;
         let residuals = |x: &[f64]| -> Vec<f64> {
             let trial = (self.cheap)(x);
             let mut all: Vec<f64> = match found(&trial.outcome) {
                 Some(found) => weights.residuals(measured, &correction.apply(x, found)),
-                None => weights.residuals(measured, &Biomarkers::default()).iter().map(|r| FAILED * r).collect(),
+                None => weights
+                    .residuals(measured, &Biomarkers::default())
+                    .iter()
+                    .map(|r| FAILED * r)
+                    .collect(),
             };
             all.extend(shifted(&trial.also, shift));
-            all.extend(x.iter().zip(near).map(|(x, near)| weight.sqrt() * (x - near)));
-            all.extend(x.iter().zip(prior).map(|(x, prior)| (x - prior.centre) / prior.width));
+            all.extend(
+                x.iter()
+                    .zip(near)
+                    .map(|(x, near)| weight.sqrt() * (x - near)),
+            );
+            all.extend(
+                x.iter()
+                    .zip(prior)
+                    .map(|(x, prior)| (x - prior.centre) / prior.width),
+            );
             all
         };
         let (x, asked) = minimise(&residuals, &start, intervals, effort, seed);
@@ -231,7 +279,8 @@ impl<'a> Search<'a> {
             x,
             biomarkers,
             cost: Cost::of(measured, &biomarkers).total,
-            misfit: weights.misfit(measured, &biomarkers) + sum_of_squares(&shifted(&trial.also, shift)),
+            misfit: weights.misfit(measured, &biomarkers)
+                + sum_of_squares(&shifted(&trial.also, shift)),
             base: None,
             radius: None,
             step: None,
@@ -241,10 +290,21 @@ impl<'a> Search<'a> {
     }
 
     fn first(&self) -> Option<Proposal> {
-        let Problem { intervals, start, nearness, .. } = *self.problem;
+        let Problem {
+            intervals,
+            start,
+            nearness,
+            ..
+        } = *self.problem;
         let start = Self::clamped(start, intervals);
         let correction = Correction::expected(start.len(), self.expected());
-        self.best(&correction, &[], (&start, nearness.at_first), intervals, start.clone())
+        self.best(
+            &correction,
+            &[],
+            (&start, nearness.at_first),
+            intervals,
+            start.clone(),
+        )
     }
 
     fn corrected(&self, base: usize) -> Option<Proposal> {
@@ -257,35 +317,69 @@ impl<'a> Search<'a> {
             .filter(|i| self.is_whole(*i) == self.is_whole(base) && self.misfits[*i].is_some())
             .collect();
         let trials: Vec<Trial> = used.iter().map(|i| (self.cheap)(&runs[*i].x)).collect();
-        let factors = |(run, trial): (&Run, &Trial)| match (found(&run.outcome), found(&trial.outcome)) {
-            (Some(expensive), Some(cheap)) => (run.x.clone(), logarithms(expensive, cheap)),
-            _ => (run.x.clone(), [None; super::correction::N]),
-        };
-        let all: Vec<_> = used.iter().map(|i| &runs[*i]).zip(&trials).map(factors).collect();
+        let factors =
+            |(run, trial): (&Run, &Trial)| match (found(&run.outcome), found(&trial.outcome)) {
+                (Some(expensive), Some(cheap)) => (run.x.clone(), logarithms(expensive, cheap)),
+                _ => (run.x.clone(), [None; super::correction::N]),
+            };
+        let all: Vec<_> = used
+            .iter()
+            .map(|i| &runs[*i])
+            .zip(&trials)
+            .map(factors)
+            .collect();
         let position = used.iter().position(|i| *i == base)?;
-        let correction = Correction::of(position, &all, self.expected(), &self.weights_of_base(base));
+        let correction =
+            Correction::of(position, &all, self.expected(), &self.weights_of_base(base));
         let intervals = self.around(centre, radius);
         let start = Self::clamped(centre, &intervals);
         let shift = shift(&runs[base], &trials[position]);
-        let mut proposal =
-            self.best(&correction, &shift, (centre, self.problem.nearness.of_best), &intervals, start)?;
-        let step = proposal.x.iter().zip(centre).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let mut proposal = self.best(
+            &correction,
+            &shift,
+            (centre, self.problem.nearness.of_best),
+            &intervals,
+            start,
+        )?;
+        let step = proposal
+            .x
+            .iter()
+            .zip(centre)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
         proposal.base = Some(base);
         proposal.radius = Some(radius);
         proposal.step = Some(step);
-        let is_measured = |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
-        proposal.correction = Biomarker::ALL.into_iter().zip(correction.factors()).filter(is_measured).collect();
+        let is_measured =
+            |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
+        proposal.correction = Biomarker::ALL
+            .into_iter()
+            .zip(correction.factors())
+            .filter(is_measured)
+            .collect();
         proposal.cheap_beats += used.len();
         Some(proposal)
     }
 
     /// No run ended: the start, then points between it and the first run.
     fn without_any(&self) -> Option<Proposal> {
-        let Problem { measured, weights, runs, start, .. } = *self.problem;
+        let Problem {
+            measured,
+            weights,
+            runs,
+            start,
+            ..
+        } = *self.problem;
         let far = &runs.first()?.x;
         let share = *[1.0, 0.5, 0.75, 0.25].get(runs.len() - 1)?;
-        let x: Vec<f64> = start.iter().zip(far).map(|(i, f)| f + share * (i - f)).collect();
-        let biomarkers = found(&(self.cheap)(&x).outcome).copied().unwrap_or_default();
+        let x: Vec<f64> = start
+            .iter()
+            .zip(far)
+            .map(|(i, f)| f + share * (i - f))
+            .collect();
+        let biomarkers = found(&(self.cheap)(&x).outcome)
+            .copied()
+            .unwrap_or_default();
         Some(Proposal {
             x,
             biomarkers,

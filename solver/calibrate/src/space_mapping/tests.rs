@@ -3,7 +3,8 @@ use super::trust::radius;
 use super::*;
 use crate::Interval;
 use crate::fixed_point::{
-    Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings, Weights,
+    Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings,
+    Weights,
 };
 use proptest::prelude::*;
 
@@ -11,7 +12,10 @@ const MEASURED: [f64; 6] = [120.0, 2.0, -1.8, 330.0, 80.0, 50.0];
 
 fn biomarkers(values: [f64; 6]) -> Biomarkers {
     let mut found = Biomarkers::default();
-    Biomarker::ALL.into_iter().zip(values).for_each(|(biomarker, value)| found.set(biomarker, Some(value)));
+    Biomarker::ALL
+        .into_iter()
+        .zip(values)
+        .for_each(|(biomarker, value)| found.set(biomarker, Some(value)));
     found
 }
 
@@ -55,11 +59,23 @@ fn run(
     let (mut runs, mut proposals) = (Vec::new(), Vec::new());
     let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
     for i in 0..n {
-        let problem =
-            Step1Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 7], seed: 1 };
-        let Some((parameters, proposal)) = propose_step1(&problem, &cheap) else { break };
+        let problem = Step1Problem {
+            measured: &measured,
+            runs: &runs,
+            initial: &initial,
+            settings,
+            expected: [1.0; 7],
+            seed: 1,
+        };
+        let Some((parameters, proposal)) = propose_step1(&problem, &cheap) else {
+            break;
+        };
         let outcome = simulate(i, &parameters);
-        runs.push(Step1Run { parameters, outcome, predicted_misfit: Some(proposal.misfit) });
+        runs.push(Step1Run {
+            parameters,
+            outcome,
+            predicted_misfit: Some(proposal.misfit),
+        });
         proposals.push(proposal);
     }
     (runs, proposals)
@@ -85,21 +101,42 @@ fn the_cheap_model_itself_is_solved_at_once() {
 fn another_model_is_solved_in_a_few_runs_and_the_correction_is_exact_at_its_base() {
     let (runs, proposals) = run(5, &Settings::default(), &|_, p| expensive(p));
     let costs: Vec<f64> = runs.iter().map(cost).collect();
-    assert!(costs[0] > 0.05 && costs[1] < 0.02 && costs[2] < costs[1] && costs[4] < 1e-3, "{costs:?}");
+    assert!(
+        costs[0] > 0.05 && costs[1] < 0.02 && costs[2] < costs[1] && costs[4] < 1e-3,
+        "{costs:?}"
+    );
     // Slopes from all runs: what was predicted comes to hold.
-    assert!((proposals[4].cost - costs[4]).abs() < 1e-3, "{costs:?} {:?}", proposals[4]);
-    let Outcome::Simulated(found) = runs[0].outcome else { panic!() };
-    let Outcome::Simulated(reduced) = cheap(&runs[0].parameters) else { panic!() };
+    assert!(
+        (proposals[4].cost - costs[4]).abs() < 1e-3,
+        "{costs:?} {:?}",
+        proposals[4]
+    );
+    let Outcome::Simulated(found) = runs[0].outcome else {
+        panic!()
+    };
+    let Outcome::Simulated(reduced) = cheap(&runs[0].parameters) else {
+        panic!()
+    };
     for (biomarker, factor) in &proposals[1].correction {
         let product = factor * reduced.get(*biomarker).unwrap();
-        assert!((product / found.get(*biomarker).unwrap() - 1.0).abs() < 1e-12, "{biomarker}");
+        assert!(
+            (product / found.get(*biomarker).unwrap() - 1.0).abs() < 1e-12,
+            "{biomarker}"
+        );
     }
 }
 
 #[test]
 fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
-    let settings = Settings { frozen: [Parameter::TCr].into(), ..Settings::default() };
-    let initial = Parameters { t_cr_ms: 480.0, r_mv_f_mmhg_s_per_ml: 0.02, ..Parameters::default() };
+    let settings = Settings {
+        frozen: [Parameter::TCr].into(),
+        ..Settings::default()
+    };
+    let initial = Parameters {
+        t_cr_ms: 480.0,
+        r_mv_f_mmhg_s_per_ml: 0.02,
+        ..Parameters::default()
+    };
     let mut measured = biomarkers(MEASURED);
     measured.set(Biomarker::TauVr, None);
     let problem = Step1Problem {
@@ -111,16 +148,29 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
         seed: 1,
     };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;
-    assert_eq!((parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml), (480.0, 0.02));
+    assert_eq!(
+        (parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml),
+        (480.0, 0.02)
+    );
     assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
 }
 
 #[test]
 fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
-    let (measured, initial, settings) = (biomarkers(MEASURED), Parameters::default(), Settings::default());
+    let (measured, initial, settings) = (
+        biomarkers(MEASURED),
+        Parameters::default(),
+        Settings::default(),
+    );
     let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6, 1.0];
-    let problem =
-        Step1Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected, seed: 1 };
+    let problem = Step1Problem {
+        measured: &measured,
+        runs: &[],
+        initial: &initial,
+        settings: &settings,
+        expected,
+        seed: 1,
+    };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;
     let mut found = heart(&parameters, SCALE, ROWS);
     for (biomarker, factor) in Biomarker::ALL.into_iter().zip(expected) {
@@ -131,10 +181,19 @@ fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
 
 #[test]
 fn a_run_that_diverges_shortens_the_step_and_is_never_the_base() {
-    let fails = |i: usize, p: &Parameters| if i == 1 { Outcome::Failed } else { expensive(p) };
+    let fails = |i: usize, p: &Parameters| {
+        if i == 1 {
+            Outcome::Failed
+        } else {
+            expensive(p)
+        }
+    };
     let (runs, proposals) = run(4, &Settings::default(), &fails);
     let (long, short) = (proposals[1].step.unwrap(), proposals[2].radius.unwrap());
-    assert!((short / (0.25 * long) - 1.0).abs() < 1e-9, "{short} after {long}");
+    assert!(
+        (short / (0.25 * long) - 1.0).abs() < 1e-9,
+        "{short} after {long}"
+    );
     assert_eq!((proposals[2].base, proposals[3].base), (Some(0), Some(2)));
     assert!(cost(&runs[3]) < cost(&runs[0]));
 }
@@ -147,25 +206,42 @@ fn if_nothing_runs_the_initial_guess_is_next_and_in_the_end_there_is_nothing_lef
     assert!(proposals.iter().all(|p| p.base.is_none()));
     for i in 0..5 {
         for j in 0..i {
-            assert!(!runs[i].parameters.close_to(&runs[j].parameters, 1e-6), "{i} repeats {j}");
+            assert!(
+                !runs[i].parameters.close_to(&runs[j].parameters, 1e-6),
+                "{i} repeats {j}"
+            );
         }
     }
 }
 
 /// The aortic valve opens once the pressure passes that of the aorta.
 fn shut_below(p: &Parameters, pressure: f64) -> Outcome {
-    let Outcome::Simulated(found) = expensive(p) else { panic!() };
+    let Outcome::Simulated(found) = expensive(p) else {
+        panic!()
+    };
     if found.p_max_mmhg.unwrap() >= pressure {
         return Outcome::Simulated(found);
     }
-    Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..found })
+    Outcome::NoWholeBeat(Biomarkers {
+        tau_vd_ms: None,
+        tau_vr_ms: None,
+        ..found
+    })
 }
 
 #[test]
 fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
     let (runs, proposals) = run(4, &Settings::default(), &|_, p| shut_below(p, 100.0));
-    assert!(matches!(runs[0].outcome, Outcome::NoWholeBeat(_)), "{:?}", runs[0]);
-    assert!(matches!(runs[1].outcome, Outcome::Simulated(_)), "{:?}", runs[1]);
+    assert!(
+        matches!(runs[0].outcome, Outcome::NoWholeBeat(_)),
+        "{:?}",
+        runs[0]
+    );
+    assert!(
+        matches!(runs[1].outcome, Outcome::Simulated(_)),
+        "{:?}",
+        runs[1]
+    );
     assert_eq!((proposals[1].base, proposals[2].base), (Some(0), Some(1)));
     assert!(cost(&runs[3]) < 0.1, "{}", cost(&runs[3]));
 }
@@ -178,11 +254,19 @@ fn other_residuals_are_exact_at_the_best_run() {
         found.set(Biomarker::ALL[0], Some(100.0 * x[0].exp()));
         Outcome::Simulated(found)
     };
-    let cheap = |x: &[f64]| Trial { outcome: simulated(x), also: vec![x[1] - 1.0] };
+    let cheap = |x: &[f64]| Trial {
+        outcome: simulated(x),
+        also: vec![x[1] - 1.0],
+    };
     let mut measured = Biomarkers::default();
     measured.set(Biomarker::ALL[0], Some(120.0));
     let start = [0.0, 0.5];
-    let run = Run { x: start.to_vec(), outcome: simulated(&start), also: vec![start[1] - 1.5], predicted_misfit: None };
+    let run = Run {
+        x: start.to_vec(),
+        outcome: simulated(&start),
+        also: vec![start[1] - 1.5],
+        predicted_misfit: None,
+    };
     let local = crate::least_squares::Settings {
         cost_tolerance: 1e-12,
         step_tolerance: 1e-9,
@@ -191,20 +275,33 @@ fn other_residuals_are_exact_at_the_best_run() {
     };
     let problem = Problem {
         measured: &measured,
-        weights: &Weights::of_uncertainty_percent(&[(Biomarker::ALL[0].key().to_owned(), 1.0)].into()),
+        weights: &Weights::of_uncertainty_percent(
+            &[(Biomarker::ALL[0].key().to_owned(), 1.0)].into(),
+        ),
         runs: &[run],
         start: &start,
         intervals: &[Interval::new(-2.0, 2.0); 2],
         prior: &[],
-        nearness: Nearness { at_first: 0.0, of_best: 0.0 },
+        nearness: Nearness {
+            at_first: 0.0,
+            of_best: 0.0,
+        },
         expected: [1.0; 7],
         reach: [f64::INFINITY; 7],
         first_radius: 3.0,
-        effort: Effort::Gradients { points: 8, best: 1, local },
+        effort: Effort::Gradients {
+            points: 8,
+            best: 1,
+            local,
+        },
         seed: 1,
     };
     let proposal = super::propose(&problem, &cheap).expect("a proposal");
-    assert!((proposal.x[0] - 1.2_f64.ln()).abs() < 1e-4, "{:?}", proposal.x);
+    assert!(
+        (proposal.x[0] - 1.2_f64.ln()).abs() < 1e-4,
+        "{:?}",
+        proposal.x
+    );
     assert!((proposal.x[1] - 1.5).abs() < 1e-4, "{:?}", proposal.x);
     assert!(proposal.misfit < 1e-6, "{}", proposal.misfit);
 }
@@ -218,7 +315,12 @@ fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expect
     };
     // Twice the cheap model's value at the start; 1.2 times is expected.
     let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
-    let run = Run { x: vec![0.0], outcome: simulated(200.0), also: Vec::new(), predicted_misfit: None };
+    let run = Run {
+        x: vec![0.0],
+        outcome: simulated(200.0),
+        also: Vec::new(),
+        predicted_misfit: None,
+    };
     let factor = |measured_value: f64, reach: f64| {
         let mut measured = Biomarkers::default();
         measured.set(Biomarker::ALL[0], Some(measured_value));
@@ -235,41 +337,80 @@ fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expect
             start: &[0.0],
             intervals: &[Interval::new(-2.0, 2.0)],
             prior: &[],
-            nearness: Nearness { at_first: 0.0, of_best: 0.0 },
+            nearness: Nearness {
+                at_first: 0.0,
+                of_best: 0.0,
+            },
             expected: [1.2; 7],
             reach: [reach; 7],
             first_radius: 3.0,
-            effort: Effort::Gradients { points: 8, best: 1, local },
+            effort: Effort::Gradients {
+                points: 8,
+                best: 1,
+                local,
+            },
             seed: 1,
         };
-        super::propose(&problem, &cheap).expect("a proposal").correction[0].1
+        super::propose(&problem, &cheap)
+            .expect("a proposal")
+            .correction[0]
+            .1
     };
-    assert!((factor(200.0, 0.1) - 2.0).abs() < 1e-12, "on the measurement the run is exact");
+    assert!(
+        (factor(200.0, 0.1) - 2.0).abs() < 1e-12,
+        "on the measurement the run is exact"
+    );
     let half = factor(200.0 * 0.1_f64.exp(), 0.1);
     assert!(
         (half - (2.0 * 1.2_f64).sqrt()).abs() < 1e-12,
         "{half}: the geometric mean where the run lies one reach off"
     );
-    assert!((factor(400.0, 0.01) / 1.2 - 1.0).abs() < 1e-3, "far off nearly as expected");
+    assert!(
+        (factor(400.0, 0.01) / 1.2 - 1.0).abs() < 1e-3,
+        "far off nearly as expected"
+    );
     assert_eq!(factor(400.0, f64::INFINITY), 2.0);
 }
 
 #[test]
 fn the_radius_follows_what_predictions_were_worth() {
-    let at = |x: f64, outcome, predicted_misfit| Run { x: vec![x], outcome, also: Vec::new(), predicted_misfit };
+    let at = |x: f64, outcome, predicted_misfit| Run {
+        x: vec![x],
+        outcome,
+        also: Vec::new(),
+        predicted_misfit,
+    };
     let whole = Outcome::Simulated(Biomarkers::default());
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
         let runs = [at(0.0, whole, None), at(0.8, outcome, predicted)];
         let costs = [Some(1.0), found];
-        radius(&runs, &costs, FIRST_RADIUS, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
+        radius(&runs, &costs, FIRST_RADIUS, &|i| {
+            matches!(runs[i].outcome, Outcome::Simulated(_))
+        })
     };
     assert_eq!(after(Some(0.2), whole, Some(0.25)), 1.6, "kept its promise");
-    assert_eq!(after(Some(0.2), whole, Some(0.6)), FIRST_RADIUS, "kept half of it");
+    assert_eq!(
+        after(Some(0.2), whole, Some(0.6)),
+        FIRST_RADIUS,
+        "kept half of it"
+    );
     assert_eq!(after(Some(0.2), whole, Some(0.9)), 0.4, "gained little");
     assert_eq!(after(Some(0.2), whole, Some(3.0)), 0.4, "lost");
     assert_eq!(after(Some(0.2), Outcome::Failed, None), 0.2);
-    assert_eq!(after(None, whole, Some(3.0)), FIRST_RADIUS, "nothing had been promised");
-    assert_eq!(after(Some(0.2), Outcome::NoWholeBeat(Biomarkers::default()), Some(0.9)), 0.2, "a whole beat was lost");
+    assert_eq!(
+        after(None, whole, Some(3.0)),
+        FIRST_RADIUS,
+        "nothing had been promised"
+    );
+    assert_eq!(
+        after(
+            Some(0.2),
+            Outcome::NoWholeBeat(Biomarkers::default()),
+            Some(0.9)
+        ),
+        0.2,
+        "a whole beat was lost"
+    );
 }
 
 proptest! {

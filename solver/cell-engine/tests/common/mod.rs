@@ -14,7 +14,12 @@ pub struct Reference {
 }
 
 pub fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect()
 }
 
 /// `tests/data/cell0d.json`.
@@ -44,13 +49,13 @@ pub fn references() -> Vec<Reference> {
 
 /// Table A5 of Jung et al. 2022.
 pub const LOW: [f64; N_PARAMETERS] = [
-    0.05, 1.0, 0.5, 0.01, 3.0, 0.3, 0.026, 0.004, 0.25, 0.1, 0.005, 0.05, 0.1, 12.5, 1.15, -3.6, 90.0, 0.075, 0.3,
-    64.5, 64.0, 1.0,
+    0.05, 1.0, 0.5, 0.01, 3.0, 0.3, 0.026, 0.004, 0.25, 0.1, 0.005, 0.05, 0.1, 12.5, 1.15, -3.6,
+    90.0, 0.075, 0.3, 64.5, 64.0, 1.0,
 ];
 /// Its upper bounds.
 pub const HIGH: [f64; N_PARAMETERS] = [
-    0.4, 5.0, 2.0, 2.0, 7.0, 0.5, 0.312, 0.048, 0.75, 0.25, 0.02, 3.0, 4.0, 37.5, 4.6, -1.2, 140.0, 0.225, 0.9, 192.5,
-    192.0, 100.0,
+    0.4, 5.0, 2.0, 2.0, 7.0, 0.5, 0.312, 0.048, 0.75, 0.25, 0.02, 3.0, 4.0, 37.5, 4.6, -1.2, 140.0,
+    0.225, 0.9, 192.5, 192.0, 100.0,
 ];
 /// Step 2's ten parameters.
 pub const STEP_2: [usize; 10] = [1, 15, 4, 2, 6, 17, 18, 19, 20, 21];
@@ -102,7 +107,12 @@ pub fn thread_seconds() -> f64 {
         .ok()
         .and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
     nanoseconds.map_or_else(
-        || START.get_or_init(std::time::Instant::now).elapsed().as_secs_f64(),
+        || {
+            START
+                .get_or_init(std::time::Instant::now)
+                .elapsed()
+                .as_secs_f64()
+        },
         |nanoseconds| nanoseconds * 1e-9,
     )
 }

@@ -1,6 +1,8 @@
 //! Cases and labels from files.
 
-use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{
+    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
+};
 use std::collections::BTreeMap;
 use std::path::Path;
 use toml::Value;
@@ -25,16 +27,19 @@ fn read(path: &Path) -> Result<String, String> {
 /// Names of the cases, sorted.
 pub fn cases(folder: &Path) -> Result<Vec<String>, String> {
     let patients = folder.join("patients");
-    let entries = std::fs::read_dir(&patients).map_err(|e| format!("cannot read {}: {e}", patients.display()))?;
-    let mut ids: Vec<String> =
-        entries.filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned())).collect();
+    let entries = std::fs::read_dir(&patients)
+        .map_err(|e| format!("cannot read {}: {e}", patients.display()))?;
+    let mut ids: Vec<String> = entries
+        .filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned()))
+        .collect();
     ids.sort();
     Ok(ids)
 }
 
 /// Numbers of those `dev-NNN` by which the search was made. All other cases were set aside.
-const DEVELOPMENT: [u16; 24] =
-    [1, 6, 7, 8, 11, 13, 15, 16, 19, 20, 21, 25, 26, 27, 29, 30, 31, 33, 34, 39, 40, 43, 45, 46];
+const DEVELOPMENT: [u16; 24] = [
+    1, 6, 7, 8, 11, 13, 15, 16, 19, 20, 21, 25, 26, 27, 29, 30, 31, 33, 34, 39, 40, 43, 45, 46,
+];
 
 /// One of the two parts of the cases.
 pub fn part(ids: &[String], part: &str) -> Result<Vec<String>, String> {
@@ -43,9 +48,16 @@ pub fn part(ids: &[String], part: &str) -> Result<Vec<String>, String> {
         "aside" => false,
         other => return Err(format!("--part is {other}, expected development or aside")),
     };
-    let used =
-        |id: &str| id.strip_prefix("dev-").and_then(|n| n.parse().ok()).is_some_and(|n: u16| DEVELOPMENT.contains(&n));
-    Ok(ids.iter().filter(|id| used(id) == wanted).cloned().collect())
+    let used = |id: &str| {
+        id.strip_prefix("dev-")
+            .and_then(|n| n.parse().ok())
+            .is_some_and(|n: u16| DEVELOPMENT.contains(&n))
+    };
+    Ok(ids
+        .iter()
+        .filter(|id| used(id) == wanted)
+        .cloned()
+        .collect())
 }
 
 fn number(table: &Value, keys: &[&str]) -> Option<f64> {
@@ -53,14 +65,22 @@ fn number(table: &Value, keys: &[&str]) -> Option<f64> {
     for key in keys {
         value = value.get(key)?;
     }
-    value.as_float().or_else(|| value.as_integer().map(|i| i as f64))
+    value
+        .as_float()
+        .or_else(|| value.as_integer().map(|i| i as f64))
 }
 
 fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
     let text = read(path)?;
     let mut columns = (Vec::new(), Vec::new());
     for (idx, line) in text.lines().enumerate().skip(1) {
-        let bad = || format!("{}:{}: expected two numbers, found {line:?}", path.display(), idx + 1);
+        let bad = || {
+            format!(
+                "{}:{}: expected two numbers, found {line:?}",
+                path.display(),
+                idx + 1
+            )
+        };
         let (t, v) = line.split_once(',').ok_or_else(bad)?;
         columns.0.push(t.trim().parse().map_err(|_| bad())?);
         columns.1.push(v.trim().parse().map_err(|_| bad())?);
@@ -71,9 +91,12 @@ fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
 /// One patient's folder. Where the file says from how many frames the volume was interpolated, as many samples are taken.
 pub fn measured(folder: &Path) -> Result<Measured, String> {
     let file = folder.join("patient.toml");
-    let patient: Value = toml::from_str(&read(&file)?).map_err(|e| format!("{}: {e}", file.display()))?;
+    let patient: Value =
+        toml::from_str(&read(&file)?).map_err(|e| format!("{}: {e}", file.display()))?;
     let get = |keys: &[&str]| number(&patient, keys);
-    let need = |keys: &[&str]| get(keys).ok_or(format!("{}: {} is missing", file.display(), keys.join(".")));
+    let need = |keys: &[&str]| {
+        get(keys).ok_or(format!("{}: {} is missing", file.display(), keys.join(".")))
+    };
     let (pressure_time_ms, pressure_mmhg) = trace(&folder.join("pressure.csv"))?;
     let (mut frame_time_ms, mut frame_volume_ml) = trace(&folder.join("volume.csv"))?;
     if let Some(frames) = get(&["measured", "noise", "volume_frames"]) {
@@ -83,14 +106,32 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
         frame_time_ms = keep.iter().map(|i| frame_time_ms[*i]).collect();
         frame_volume_ml = keep.iter().map(|i| frame_volume_ml[*i]).collect();
     }
-    let uncertain = |value: Option<f64>, sd: Option<f64>| Some(Uncertain { value: value?, sd: sd? });
-    let cuff = |key: &str| {
-        uncertain(get(&["measured", "aortic_pressure", key]), get(&["measured", "aortic_pressure", "sd_mmHg"]))
+    let uncertain = |value: Option<f64>, sd: Option<f64>| {
+        Some(Uncertain {
+            value: value?,
+            sd: sd?,
+        })
     };
-    let volume = |key: &str| uncertain(get(&["measured", key, "volume_mL"]), get(&["measured", key, "sd_mL"]));
+    let cuff = |key: &str| {
+        uncertain(
+            get(&["measured", "aortic_pressure", key]),
+            get(&["measured", "aortic_pressure", "sd_mmHg"]),
+        )
+    };
+    let volume = |key: &str| {
+        uncertain(
+            get(&["measured", key, "volume_mL"]),
+            get(&["measured", key, "sd_mL"]),
+        )
+    };
     let wall = need(&["anatomy", "wall_volume_mL"])?;
     // As uncertain as the command takes them.
-    let given = |keys: &[&str], share: f64| get(keys).map(|value| Uncertain { value, sd: share * value });
+    let given = |keys: &[&str], share: f64| {
+        get(keys).map(|value| Uncertain {
+            value,
+            sd: share * value,
+        })
+    };
     Ok(Measured {
         cycle_ms: need(&["cycle_length_ms"])?,
         pressure_time_ms,
@@ -105,17 +146,29 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
         side: SideData {
             cuff: cuff("systolic_mmHg")
                 .zip(cuff("diastolic_mmHg"))
-                .map(|(systolic, diastolic)| Cuff { systolic, diastolic }),
+                .map(|(systolic, diastolic)| Cuff {
+                    systolic,
+                    diastolic,
+                }),
             forward_stroke_volume: volume("forward_stroke_volume"),
             whole_heart: get(&["measured", "diastasis", "time_ms"])
                 .zip(volume("diastasis"))
                 .map(|(time_ms, volume)| WholeHeart { time_ms, volume }),
         },
-        wall_volume: Uncertain { value: wall, sd: 0.05 * wall },
+        wall_volume: Uncertain {
+            value: wall,
+            sd: 0.05 * wall,
+        },
         given: GivenLoads {
             left_atrial_pressure: given(&["preload", "left_atrial_pressure_mmHg"], 0.25),
-            characteristic_resistance: given(&["afterload", "characteristic_resistance_mmHg_s_per_mL"], 0.3),
-            peripheral_resistance: given(&["afterload", "peripheral_resistance_mmHg_s_per_mL"], 0.1),
+            characteristic_resistance: given(
+                &["afterload", "characteristic_resistance_mmHg_s_per_mL"],
+                0.3,
+            ),
+            peripheral_resistance: given(
+                &["afterload", "peripheral_resistance_mmHg_s_per_mL"],
+                0.1,
+            ),
             compliance: given(&["afterload", "compliance_mL_per_mmHg"], 0.15),
         },
     })
@@ -127,7 +180,8 @@ pub fn labels(folder: &Path) -> Result<BTreeMap<String, Label>, String> {
     if !path.exists() {
         return Ok(BTreeMap::new());
     }
-    let all: serde_json::Value = serde_json::from_str(&read(&path)?).map_err(|e| format!("{}: {e}", path.display()))?;
+    let all: serde_json::Value =
+        serde_json::from_str(&read(&path)?).map_err(|e| format!("{}: {e}", path.display()))?;
     let cases = all["cases"].as_object().ok_or("labels.json has no cases")?;
     let flag = |case: &serde_json::Value, key: &str| case[key].as_bool().unwrap_or(false);
     Ok(cases
@@ -135,8 +189,13 @@ pub fn labels(folder: &Path) -> Result<BTreeMap<String, Label>, String> {
         .map(|(id, case)| {
             let effects = case["effects"].as_array().into_iter().flatten();
             let label = Label {
-                effects: effects.filter_map(|e| Some(e["effect"].as_str()?.to_owned())).collect(),
-                band: case["visibility"]["band"].as_str().unwrap_or("none").to_owned(),
+                effects: effects
+                    .filter_map(|e| Some(e["effect"].as_str()?.to_owned()))
+                    .collect(),
+                band: case["visibility"]["band"]
+                    .as_str()
+                    .unwrap_or("none")
+                    .to_owned(),
                 hard: flag(case, "hard"),
                 off_catalogue: flag(case, "off_catalogue"),
             };

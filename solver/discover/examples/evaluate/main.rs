@@ -26,9 +26,18 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let folder = all.next().ok_or("usage: evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part P] [--no-side]")?;
-    let mut parsed =
-        Arguments { folder: folder.into(), jobs: 2, only: Vec::new(), part: None, side: true, seed: 1, out: None };
+    let folder = all
+        .next()
+        .ok_or("usage: evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part P] [--no-side]")?;
+    let mut parsed = Arguments {
+        folder: folder.into(),
+        jobs: 2,
+        only: Vec::new(),
+        part: None,
+        side: true,
+        seed: 1,
+        out: None,
+    };
     while let Some(flag) = all.next() {
         let mut value = || all.next().ok_or(format!("{flag} needs a value"));
         match flag.as_str() {
@@ -56,7 +65,9 @@ fn main() -> ExitCode {
 
 /// Results of a file of lines; a last line that was cut off is not counted.
 fn known(path: &Path) -> Result<Vec<(String, Discovery)>, String> {
-    let Ok(text) = std::fs::read_to_string(path) else { return Ok(Vec::new()) };
+    let Ok(text) = std::fs::read_to_string(path) else {
+        return Ok(Vec::new());
+    };
     let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
     if whole.len() < text.len() {
         std::fs::write(path, whole).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
@@ -64,21 +75,30 @@ fn known(path: &Path) -> Result<Vec<(String, Discovery)>, String> {
     let line = |(idx, line): (usize, &str)| {
         let bad = |e: &dyn std::fmt::Display| format!("{}:{}: {e}", path.display(), idx + 1);
         let value: serde_json::Value = serde_json::from_str(line).map_err(|e| bad(&e))?;
-        let id = value["case"].as_str().ok_or_else(|| bad(&"the line names no case"))?.to_owned();
+        let id = value["case"]
+            .as_str()
+            .ok_or_else(|| bad(&"the line names no case"))?
+            .to_owned();
         Ok((id, serde_json::from_value(value).map_err(|e| bad(&e))?))
     };
     whole.lines().enumerate().map(line).collect()
 }
 
 fn append(path: &Path, line: &serde_json::Value) -> Result<(), String> {
-    let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    let file = std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(path);
     file.and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()))
         .map_err(|e| format!("cannot write {}: {e}", path.display()))
 }
 
 fn run() -> Result<(), String> {
     let arguments = arguments()?;
-    rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build_global().map_err(|e| e.to_string())?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.jobs)
+        .build_global()
+        .map_err(|e| e.to_string())?;
     let mut ids = load::cases(&arguments.folder)?;
     if let Some(part) = &arguments.part {
         ids = load::part(&ids, part)?;
@@ -87,7 +107,10 @@ fn run() -> Result<(), String> {
         ids.retain(|id| arguments.only.contains(id));
     }
     let labels = load::labels(&arguments.folder)?;
-    let settings = Settings { seed: arguments.seed, ..Settings::default() };
+    let settings = Settings {
+        seed: arguments.seed,
+        ..Settings::default()
+    };
     let mut results = arguments.out.as_deref().map_or(Ok(Vec::new()), known)?;
     results.retain(|(id, _)| ids.contains(id));
     ids.retain(|id| results.iter().all(|(known, _)| known != id));
@@ -99,7 +122,8 @@ fn run() -> Result<(), String> {
             measured.side = Default::default();
         }
         let begin = Instant::now();
-        let found = discover(&measured, &Reduced::new(&measured), &settings).map_err(|e| format!("{id}: {e}"))?;
+        let found = discover(&measured, &Reduced::new(&measured), &settings)
+            .map_err(|e| format!("{id}: {e}"))?;
         let seconds = begin.elapsed().as_secs_f64();
         slowest = slowest.max(seconds);
         let mut line = serde_json::to_value(&found).map_err(|e| e.to_string())?;
@@ -112,7 +136,11 @@ fn run() -> Result<(), String> {
         eprintln!("{}", score::line(id, &found, labels.get(id), seconds));
         results.push((id.clone(), found));
     }
-    eprintln!("{} cases in {:.0} s, the slowest {slowest:.1} s", ids.len(), start.elapsed().as_secs_f64());
+    eprintln!(
+        "{} cases in {:.0} s, the slowest {slowest:.1} s",
+        ids.len(),
+        start.elapsed().as_secs_f64()
+    );
     if !labels.is_empty() {
         eprint!("{}", score::table(&results, &labels));
     }

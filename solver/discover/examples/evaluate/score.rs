@@ -13,25 +13,37 @@ const CLASSES: [&[&str]; 3] = [
 ];
 
 fn same_class(a: &str, b: &str) -> bool {
-    a == b || CLASSES.iter().any(|class| class.contains(&a) && class.contains(&b))
+    a == b
+        || CLASSES
+            .iter()
+            .any(|class| class.contains(&a) && class.contains(&b))
 }
 
 /// One case in words.
 pub fn line(id: &str, found: &Discovery, label: Option<&Label>, seconds: f64) -> String {
     let truth = label.map_or(String::new(), |l| {
-        let off = if l.off_catalogue { " off-catalogue" } else { "" };
+        let off = if l.off_catalogue {
+            " off-catalogue"
+        } else {
+            ""
+        };
         format!("[{}{off}; {}] ", l.effects.join("+"), l.band)
     });
     let ranked: Vec<String> = (found.effects.iter().take(3))
         .map(|e| {
             let mark = if e.plausible { "" } else { "!" };
-            format!("{}{mark} {:.1} ({:.2})", e.name, e.log_evidence, e.probability)
+            format!(
+                "{}{mark} {:.1} ({:.2})",
+                e.name, e.log_evidence, e.probability
+            )
         })
         .collect();
-    let lead = found
-        .unexplained
-        .as_ref()
-        .map_or(String::new(), |u| format!(" UNEXPLAINED {} {}/{}", u.kind, u.place.signal, u.place.phase));
+    let lead = found.unexplained.as_ref().map_or(String::new(), |u| {
+        format!(
+            " UNEXPLAINED {} {}/{}",
+            u.kind, u.place.signal, u.place.phase
+        )
+    });
     format!(
         "{id} {truth}-> [{}]{lead} threshold {:.1} p {:.4} nameless {:.1} gap {:.2}->{:.2} held out {:.2}->{:.2} | {} | {seconds:.1} s",
         found.accepted.join("+"),
@@ -78,7 +90,9 @@ pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) 
     let mut shares: Vec<Share> = names.iter().map(|_| Share::new()).collect();
     let mut held = Vec::new();
     for (id, found) in results {
-        let Some(label) = labels.get(id) else { continue };
+        let Some(label) = labels.get(id) else {
+            continue;
+        };
         let first = found.accepted.first();
         let right = |name: &String| label.effects.contains(name);
         match label.effects.len() {
@@ -95,7 +109,12 @@ pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) 
             }
             _ => {
                 shares[4].add(first.is_some_and(right));
-                shares[5].add(label.effects.iter().all(|e| found.accepted.iter().any(|a| same_class(a, e))));
+                shares[5].add(
+                    label
+                        .effects
+                        .iter()
+                        .all(|e| found.accepted.iter().any(|a| same_class(a, e))),
+                );
             }
         }
         if first.is_some_and(right) {
@@ -110,6 +129,11 @@ pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) 
         let _ = writeln!(out, "{name:56} {:3} of {:3}", share.hits, share.of);
     }
     let mean = held.iter().sum::<f64>() / held.len().max(1) as f64;
-    let _ = writeln!(out, "{:56} {mean:.2} over {}", "right name: mean held-out gap after", held.len());
+    let _ = writeln!(
+        out,
+        "{:56} {mean:.2} over {}",
+        "right name: mean held-out gap after",
+        held.len()
+    );
     out
 }

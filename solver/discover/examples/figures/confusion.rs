@@ -10,11 +10,21 @@ const TOP: f64 = 200.0;
 
 /// The picture.
 pub fn draw(sets: &[Set]) -> String {
-    let names: Vec<String> = NAMES.iter().map(|(name, ..)| name.replace('_', " ")).collect();
-    let rows = [names.clone(), vec!["outside the catalogue".to_owned(), "nothing".to_owned()]].concat();
+    let names: Vec<String> = NAMES
+        .iter()
+        .map(|(name, ..)| name.replace('_', " "))
+        .collect();
+    let rows = [
+        names.clone(),
+        vec!["outside the catalogue".to_owned(), "nothing".to_owned()],
+    ]
+    .concat();
     let columns = [names, vec!["unexplained".to_owned(), "none".to_owned()]].concat();
     let panel = TOP + CELL * rows.len() as f64 + 50.0;
-    let mut svg = Svg::new(LEFT + CELL * columns.len() as f64 + 60.0, panel * sets.len() as f64);
+    let mut svg = Svg::new(
+        LEFT + CELL * columns.len() as f64 + 60.0,
+        panel * sets.len() as f64,
+    );
     for (k, set) in sets.iter().enumerate() {
         let top = panel * k as f64 + TOP;
         let counted = counts(set);
@@ -26,9 +36,21 @@ pub fn draw(sets: &[Set]) -> String {
             0.0,
             &format!("{}: {n} cases with one or no effect", set.name),
         );
-        svg.text((LEFT - 8.0, top - 8.0), 12.0, Anchor::End, 0.0, "hidden ↓   named first →");
+        svg.text(
+            (LEFT - 8.0, top - 8.0),
+            12.0,
+            Anchor::End,
+            0.0,
+            "hidden ↓   named first →",
+        );
         for (j, name) in columns.iter().enumerate() {
-            svg.text((LEFT + CELL * (j as f64 + 0.65), top - 6.0), 12.0, Anchor::Start, -60.0, name);
+            svg.text(
+                (LEFT + CELL * (j as f64 + 0.65), top - 6.0),
+                12.0,
+                Anchor::Start,
+                -60.0,
+                name,
+            );
         }
         for (i, name) in rows.iter().enumerate() {
             let y = top + CELL * i as f64;
@@ -52,7 +74,11 @@ pub fn draw(sets: &[Set]) -> String {
 
 /// Blue where it is right, orange where it is not, by the share of the row.
 fn shade(share: f64, right: bool) -> String {
-    let full = if right { (90.0, 150.0, 220.0) } else { (240.0, 160.0, 80.0) };
+    let full = if right {
+        (90.0, 150.0, 220.0)
+    } else {
+        (240.0, 160.0, 80.0)
+    };
     let mix = |c: f64| (255.0 + (c - 255.0) * share).round() as u8;
     format!("#{:02x}{:02x}{:02x}", mix(full.0), mix(full.1), mix(full.2))
 }

@@ -62,8 +62,14 @@ fn main() -> ExitCode {
 fn run() -> Result<(), String> {
     let usage = "usage: figures OUT_FOLDER NAME=CASES_DIR=RESULTS_FILE ...";
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (out, sets) = arguments.split_first().filter(|(_, sets)| !sets.is_empty()).ok_or(usage)?;
-    let sets: Vec<Set> = sets.iter().map(|text| read(text)).collect::<Result<_, String>>()?;
+    let (out, sets) = arguments
+        .split_first()
+        .filter(|(_, sets)| !sets.is_empty())
+        .ok_or(usage)?;
+    let sets: Vec<Set> = sets
+        .iter()
+        .map(|text| read(text))
+        .collect::<Result<_, String>>()?;
     let files = [
         ("discover-confusion.svg", confusion::draw(&sets)),
         ("discover-power.svg", power::draw(&sets)),
@@ -108,20 +114,33 @@ fn read(text: &str) -> Result<Set, String> {
     let [name, folder, results] = parts[..] else {
         return Err(format!("{text}: expected NAME=CASES_DIR=RESULTS_FILE"));
     };
-    let open = |path: &Path| std::fs::read_to_string(path).map_err(|e| format!("cannot read {}: {e}", path.display()));
+    let open = |path: &Path| {
+        std::fs::read_to_string(path).map_err(|e| format!("cannot read {}: {e}", path.display()))
+    };
     let path = Path::new(folder).join("labels.json");
-    let labels: Value = serde_json::from_str(&open(&path)?).map_err(|e| format!("{}: {e}", path.display()))?;
+    let labels: Value =
+        serde_json::from_str(&open(&path)?).map_err(|e| format!("{}: {e}", path.display()))?;
     let mut cases = Vec::new();
     for (idx, line) in open(Path::new(results))?.lines().enumerate() {
-        let found: Value = serde_json::from_str(line).map_err(|e| format!("{results}:{}: {e}", idx + 1))?;
-        let id = found["case"].as_str().ok_or(format!("{results}:{}: the line names no case", idx + 1))?;
-        let label = labels["cases"].get(id).ok_or(format!("{}: no case {id}", path.display()))?;
+        let found: Value =
+            serde_json::from_str(line).map_err(|e| format!("{results}:{}: {e}", idx + 1))?;
+        let id = found["case"]
+            .as_str()
+            .ok_or(format!("{results}:{}: the line names no case", idx + 1))?;
+        let label = labels["cases"]
+            .get(id)
+            .ok_or(format!("{}: no case {id}", path.display()))?;
         let flag = |key: &str| label[key].as_bool().unwrap_or(false);
         let hidden = label["effects"].as_array().into_iter().flatten();
         cases.push(Case {
             id: id.to_owned(),
             hidden: hidden
-                .filter_map(|e| Some((e["effect"].as_str()?.to_owned(), e["strength"].as_f64().unwrap_or(0.0))))
+                .filter_map(|e| {
+                    Some((
+                        e["effect"].as_str()?.to_owned(),
+                        e["strength"].as_f64().unwrap_or(0.0),
+                    ))
+                })
                 .collect(),
             off_catalogue: flag("off_catalogue"),
             hard: flag("hard"),
@@ -136,5 +155,8 @@ fn read(text: &str) -> Result<Set, String> {
             unexplained: !found["unexplained"].is_null(),
         });
     }
-    Ok(Set { name: name.to_owned(), cases })
+    Ok(Set {
+        name: name.to_owned(),
+        cases,
+    })
 }

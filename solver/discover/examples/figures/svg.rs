@@ -23,7 +23,11 @@ pub enum Anchor {
 impl Svg {
     /// An empty picture \[px\].
     pub fn new(width: f64, height: f64) -> Self {
-        Self { width, height, body: String::new() }
+        Self {
+            width,
+            height,
+            body: String::new(),
+        }
     }
 
     /// A filled rectangle.
@@ -45,7 +49,10 @@ impl Svg {
 
     /// A disc.
     pub fn disc(&mut self, (x, y): (f64, f64), r: f64, fill: &str) {
-        let _ = writeln!(self.body, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r}\" fill=\"{fill}\"/>");
+        let _ = writeln!(
+            self.body,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r}\" fill=\"{fill}\"/>"
+        );
     }
 
     /// A text; `turn` in degrees around its point.
@@ -55,7 +62,11 @@ impl Svg {
             Anchor::Middle => "middle",
             Anchor::End => "end",
         };
-        let turned = if turn == 0.0 { String::new() } else { format!(" transform=\"rotate({turn} {x:.1} {y:.1})\"") };
+        let turned = if turn == 0.0 {
+            String::new()
+        } else {
+            format!(" transform=\"rotate({turn} {x:.1} {y:.1})\"")
+        };
         let text = text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             self.body,

@@ -61,8 +61,13 @@ pub struct Labels {
 impl Labels {
     /// Those of a folder, or none yet.
     pub fn open(folder: &Path, same: bool, seed: u64) -> Result<Self, String> {
-        std::fs::create_dir_all(folder).map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
-        let model = if same { "the model that is fitted" } else { "an independent closed loop" };
+        std::fs::create_dir_all(folder)
+            .map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
+        let model = if same {
+            "the model that is fitted"
+        } else {
+            "an independent closed loop"
+        };
         put(
             &folder.join("cohort.toml"),
             &format!(
@@ -79,11 +84,16 @@ impl Labels {
             "cases": {}
         });
         let all: Value = match std::fs::read_to_string(&path) {
-            Ok(text) => serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?,
+            Ok(text) => {
+                serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?
+            }
             Err(_) => fresh.clone(),
         };
         if all["description"] != fresh["description"] {
-            return Err(format!("{}: made by another model or seed; take another folder", path.display()));
+            return Err(format!(
+                "{}: made by another model or seed; take another folder",
+                path.display()
+            ));
         }
         Ok(Self { path, all })
     }
@@ -100,7 +110,11 @@ impl Labels {
 
     /// Enters a case and writes the file.
     pub fn add(&mut self, planned: &PlannedCase, case: &Case, off: bool) -> Result<(), String> {
-        let named: Vec<Value> = if off { Vec::new() } else { case.hidden.iter().map(|h| json!(h)).collect() };
+        let named: Vec<Value> = if off {
+            Vec::new()
+        } else {
+            case.hidden.iter().map(|h| json!(h)).collect()
+        };
         let mut label = json!({ "effects": named, "noise": planned.noise, "seed": planned.seed() });
         if off {
             label["off_catalogue"] = true.into();

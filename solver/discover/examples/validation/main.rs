@@ -30,18 +30,27 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let usage =
-        "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N]";
+    let usage = "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N]";
     let folder = all.next().ok_or(usage)?;
-    let mut parsed =
-        Arguments { folder: folder.into(), same: false, sets: Vec::new(), seed: 1, jobs: 2, visibility: true };
+    let mut parsed = Arguments {
+        folder: folder.into(),
+        same: false,
+        sets: Vec::new(),
+        seed: 1,
+        jobs: 2,
+        visibility: true,
+    };
     while let Some(flag) = all.next() {
         if flag == "--no-visibility" {
             parsed.visibility = false;
             continue;
         }
         let value = all.next().ok_or(format!("{flag} needs a value"))?;
-        let number = || value.parse::<usize>().map_err(|e| format!("{flag} {value}: {e}"));
+        let number = || {
+            value
+                .parse::<usize>()
+                .map_err(|e| format!("{flag} {value}: {e}"))
+        };
         match flag.as_str() {
             "--model" if value == "same" || value == "other" => parsed.same = value == "same",
             "--nulls" => parsed.sets.push((Plan::Nulls, number()?)),
@@ -71,30 +80,72 @@ fn main() -> ExitCode {
 
 fn run() -> Result<(), String> {
     let arguments = arguments()?;
-    rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build_global().map_err(|e| e.to_string())?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.jobs)
+        .build_global()
+        .map_err(|e| e.to_string())?;
     let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
-        .flat_map(|(plan, n)| plan.cases(*n, arguments.seed).into_iter().map(|c| (c, plan.is_off_catalogue())))
+        .flat_map(|(plan, n)| {
+            plan.cases(*n, arguments.seed)
+                .into_iter()
+                .map(|c| (c, plan.is_off_catalogue()))
+        })
         .collect();
-    let labels = Mutex::new(folder::Labels::open(&arguments.folder, arguments.same, arguments.seed)?);
-    let make = |planned: &PlannedCase| if arguments.same { self_consistent::make(planned) } else { planned.make() };
+    let labels = Mutex::new(folder::Labels::open(
+        &arguments.folder,
+        arguments.same,
+        arguments.seed,
+    )?);
+    let make = |planned: &PlannedCase| {
+        if arguments.same {
+            self_consistent::make(planned)
+        } else {
+            planned.make()
+        }
+    };
     let known = |id: &str| labels.lock().expect("no thread has panicked").has(id);
-    let wanted: Vec<&(PlannedCase, bool)> = planned.iter().filter(|(case, _)| !known(&case.id)).collect();
+    let wanted: Vec<&(PlannedCase, bool)> = planned
+        .iter()
+        .filter(|(case, _)| !known(&case.id))
+        .collect();
     wanted.par_iter().try_for_each(|(planned, off)| {
         let Some(case) = make(planned) else {
-            eprintln!("{}: no plausible patient has {:?}; left out", planned.id, planned.effects);
+            eprintln!(
+                "{}: no plausible patient has {:?}; left out",
+                planned.id, planned.effects
+            );
             return Ok(());
         };
         folder::write(&arguments.folder, &planned.id, &case)?;
-        labels.lock().expect("no thread has panicked").add(planned, &case, *off)
+        labels
+            .lock()
+            .expect("no thread has panicked")
+            .add(planned, &case, *off)
     })?;
-    eprintln!("{} cases made, {} there before", wanted.len(), planned.len() - wanted.len());
-    let unseen = |id: &str| labels.lock().expect("no thread has panicked").lacks_visibility(id);
-    let wanted: Vec<&(PlannedCase, bool)> =
-        planned.iter().filter(|(case, _)| arguments.visibility && unseen(&case.id)).collect();
+    eprintln!(
+        "{} cases made, {} there before",
+        wanted.len(),
+        planned.len() - wanted.len()
+    );
+    let unseen = |id: &str| {
+        labels
+            .lock()
+            .expect("no thread has panicked")
+            .lacks_visibility(id)
+    };
+    let wanted: Vec<&(PlannedCase, bool)> = planned
+        .iter()
+        .filter(|(case, _)| arguments.visibility && unseen(&case.id))
+        .collect();
     wanted.par_iter().try_for_each(|(planned, _)| {
-        let Some(case) = make(planned) else { return Ok(()) };
+        let Some(case) = make(planned) else {
+            return Ok(());
+        };
         let seen = visibility::of(&case);
         eprintln!("{} {seen:.1?}", planned.id);
-        labels.lock().expect("no thread has panicked").see(&planned.id, &seen)
+        labels
+            .lock()
+            .expect("no thread has panicked")
+            .see(&planned.id, &seen)
     })
 }

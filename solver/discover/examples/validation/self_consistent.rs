@@ -25,28 +25,56 @@ pub fn make(planned: &PlannedCase) -> Option<Case> {
         let base: Vec<f64> = (model.base().iter())
             .map(|p| p.value((SPREAD * random.normal()).clamp(p.z_bounds().0, p.z_bounds().1)))
             .collect();
-        let hidden: Vec<Hidden> =
-            planned.effects.iter().map(|(name, level)| hidden::draw(name, *level, &mut random)).collect();
-        let terms: Option<Vec<(usize, Vec<f64>)>> = hidden.iter().map(|h| term(&model, h)).collect();
+        let hidden: Vec<Hidden> = planned
+            .effects
+            .iter()
+            .map(|(name, level)| hidden::draw(name, *level, &mut random))
+            .collect();
+        let terms: Option<Vec<(usize, Vec<f64>)>> =
+            hidden.iter().map(|h| term(&model, h)).collect();
         let terms = terms?;
-        let terms: Vec<(usize, &[f64])> = terms.iter().map(|(idx, values)| (*idx, values.as_slice())).collect();
-        let predicted = model.predict(&Request { base: &base, terms: &terms, bumps: &[] }, None)?;
+        let terms: Vec<(usize, &[f64])> = terms
+            .iter()
+            .map(|(idx, values)| (*idx, values.as_slice()))
+            .collect();
+        let predicted = model.predict(
+            &Request {
+                base: &base,
+                terms: &terms,
+                bumps: &[],
+            },
+            None,
+        )?;
         let n = template.cycle_ms as usize;
         let (beat, traces) = beat(&predicted, n);
         if implausible(&beat).is_some() {
             return None;
         }
         let case = Case::observe(&beat, traces, base[5], planned.noise, &mut random);
-        Some(Case { hidden, n_refused: attempt as usize, ..case })
+        Some(Case {
+            hidden,
+            n_refused: attempt as usize,
+            ..case
+        })
     })
 }
 
 /// A candidate with the values of a hidden effect, as far as the catalogue has them; the first start's elsewhere.
 fn term(model: &Reduced, hidden: &Hidden) -> Option<(usize, Vec<f64>)> {
-    let idx = model.candidates().iter().position(|c| c.name == hidden.effect)?;
+    let idx = model
+        .candidates()
+        .iter()
+        .position(|c| c.name == hidden.effect)?;
     let candidate = &model.candidates()[idx];
     let values = (candidate.parameters.iter().zip(&candidate.starts[0]))
-        .map(|(p, start)| hidden.physical.get(p.name.as_str()).copied().unwrap_or(*start).clamp(p.lower, p.upper))
+        .map(|(p, start)| {
+            hidden
+                .physical
+                .get(p.name.as_str())
+                .copied()
+                .unwrap_or(*start)
+                .clamp(p.lower, p.upper)
+        })
         .collect();
     Some((idx, values))
 }

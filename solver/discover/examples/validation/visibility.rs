@@ -4,7 +4,9 @@ use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
 use cardiotwin_discover::least_squares::Settings;
-use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{
+    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
+};
 use cardiotwin_discover::noise::Tolerance;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
@@ -35,7 +37,10 @@ impl Visibility {
 fn side(side: &Side) -> SideData {
     let with = |value: f64, sd: f64| Uncertain { value, sd };
     SideData {
-        cuff: Some(Cuff { systolic: with(side.cuff.0, side.cuff_sd), diastolic: with(side.cuff.1, side.cuff_sd) }),
+        cuff: Some(Cuff {
+            systolic: with(side.cuff.0, side.cuff_sd),
+            diastolic: with(side.cuff.1, side.cuff_sd),
+        }),
         forward_stroke_volume: Some(with(side.forward.0, side.forward.1)),
         whole_heart: Some(WholeHeart {
             time_ms: side.whole_heart_ms,
@@ -48,7 +53,9 @@ fn side(side: &Side) -> SideData {
 pub fn noise_free(case: &Case) -> Measured {
     Measured {
         cycle_ms: case.cycle_ms,
-        pressure_time_ms: (0..case.clean_pressure_mmhg.len()).map(|i| i as f64).collect(),
+        pressure_time_ms: (0..case.clean_pressure_mmhg.len())
+            .map(|i| i as f64)
+            .collect(),
         pressure_mmhg: case.clean_pressure_mmhg.clone(),
         frame_time_ms: case.frame_ms.clone(),
         frame_volume_ml: case.clean_frame_ml.clone(),
@@ -58,7 +65,10 @@ pub fn noise_free(case: &Case) -> Measured {
             volume_rms_ml: Some(case.stated.volume_rms_ml),
         },
         side: side(&case.clean_side),
-        wall_volume: Uncertain { value: case.clean_side.wall_ml, sd: 0.05 * case.clean_side.wall_ml },
+        wall_volume: Uncertain {
+            value: case.clean_side.wall_ml,
+            sd: 0.05 * case.clean_side.wall_ml,
+        },
         given: GivenLoads::default(),
     }
 }
@@ -68,16 +78,29 @@ pub fn of(case: &Case) -> Visibility {
     let measured = noise_free(case);
     let forward = Reduced::new(&measured);
     let data = Data::new(measured, &Tolerance::default());
-    let problem = Problem { forward: &forward, data: &data };
+    let problem = Problem {
+        forward: &forward,
+        data: &data,
+    };
     let settings = Settings::default();
-    let total = |fit: &Fit| fit.misfit.pressure + fit.misfit.volume + fit.misfit.side + fit.misfit.prior;
+    let total =
+        |fit: &Fit| fit.misfit.pressure + fit.misfit.volume + fit.misfit.side + fit.misfit.prior;
     let Some(base) = fit_base(&problem, &settings) else {
-        return Visibility { delta_chi2: f64::INFINITY, left_chi2: f64::INFINITY };
+        return Visibility {
+            delta_chi2: f64::INFINITY,
+            left_chi2: f64::INFINITY,
+        };
     };
     let mut with = base.clone();
     for hidden in &case.hidden {
-        if let Some(term) = forward.candidates().iter().position(|c| c.name == hidden.effect) {
-            with = add_term(&problem, &with, term, &settings).filter(|f| total(f) < total(&with)).unwrap_or(with);
+        if let Some(term) = forward
+            .candidates()
+            .iter()
+            .position(|c| c.name == hidden.effect)
+        {
+            with = add_term(&problem, &with, term, &settings)
+                .filter(|f| total(f) < total(&with))
+                .unwrap_or(with);
         }
     }
     Visibility {

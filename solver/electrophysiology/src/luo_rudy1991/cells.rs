@@ -22,7 +22,12 @@ impl Membrane {
     #[must_use]
     pub fn new(parameters: Parameters, step_ms: f64) -> Self {
         let table = Table::new(&parameters, step_ms);
-        Self { e_na_mv: parameters.e_na_mv(), parameters, table, step_ms }
+        Self {
+            e_na_mv: parameters.e_na_mv(),
+            parameters,
+            table,
+            step_ms,
+        }
     }
 
     /// The step, ms.
@@ -41,11 +46,14 @@ impl Membrane {
     #[inline]
     fn advance(&self, v: &mut f64, gates: [&mut f64; 6], ca_mm: &mut f64) {
         let row = self.table.at(*v);
-        let old = [*gates[0], *gates[1], *gates[2], *gates[3], *gates[4], *gates[5]];
+        let old = [
+            *gates[0], *gates[1], *gates[2], *gates[3], *gates[4], *gates[5],
+        ];
         let mut new: [f64; 6] = std::array::from_fn(|k| row[k] + row[LEFT + k] * (old[k] - row[k]));
         let (mut slope, mut i_si) = self.slope(*v, &new, *ca_mm, &row);
         if slope.abs() > FAST_MV_MS {
-            let half: [f64; 6] = std::array::from_fn(|k| row[k] + row[LEFT + k].sqrt() * (old[k] - row[k]));
+            let half: [f64; 6] =
+                std::array::from_fn(|k| row[k] + row[LEFT + k].sqrt() * (old[k] - row[k]));
             let v_half = *v + 0.5 * self.step_ms * self.slope(*v, &old, *ca_mm, &row).0;
             let middle = self.table.at(v_half);
             new = std::array::from_fn(|k| middle[k] + middle[LEFT + k] * (old[k] - middle[k]));
@@ -92,8 +100,21 @@ impl Cells {
     /// `n` cells in the same state.
     #[must_use]
     pub fn new(n: usize, state: &State) -> Self {
-        let State { v_mv, m, h, j, d, f, x, ca_mm } = *state;
-        Self { v_mv: vec![v_mv; n], gates: [m, h, j, d, f, x].map(|gate| vec![gate; n]), ca_mm: vec![ca_mm; n] }
+        let State {
+            v_mv,
+            m,
+            h,
+            j,
+            d,
+            f,
+            x,
+            ca_mm,
+        } = *state;
+        Self {
+            v_mv: vec![v_mv; n],
+            gates: [m, h, j, d, f, x].map(|gate| vec![gate; n]),
+            ca_mm: vec![ca_mm; n],
+        }
     }
 
     /// How many.
@@ -112,7 +133,16 @@ impl Cells {
     #[must_use]
     pub fn state(&self, i: usize) -> State {
         let [m, h, j, d, f, x] = std::array::from_fn(|k| self.gates[k][i]);
-        State { v_mv: self.v_mv[i], m, h, j, d, f, x, ca_mm: self.ca_mm[i] }
+        State {
+            v_mv: self.v_mv[i],
+            m,
+            h,
+            j,
+            d,
+            f,
+            x,
+            ca_mm: self.ca_mm[i],
+        }
     }
 
     /// One step of all cells, in rayon's pool where there are many.
@@ -125,7 +155,9 @@ impl Cells {
             let (m, h, j) = (&mut m[..n], &mut h[..n], &mut j[..n]);
             let (d, f, x, ca) = (&mut d[..n], &mut f[..n], &mut x[..n], &mut ca[..n]);
             for i in 0..n {
-                let gates = [&mut m[i], &mut h[i], &mut j[i], &mut d[i], &mut f[i], &mut x[i]];
+                let gates = [
+                    &mut m[i], &mut h[i], &mut j[i], &mut d[i], &mut f[i], &mut x[i],
+                ];
                 membrane.advance(&mut v[i], gates, &mut ca[i]);
             }
         };
@@ -156,7 +188,16 @@ mod tests {
     #[test]
     fn a_step_follows_the_derivatives() {
         let parameters = Parameters::default();
-        let excited = State { v_mv: -31.0, m: 0.4, h: 0.5, j: 0.7, d: 0.1, f: 0.8, x: 0.1, ca_mm: 4e-4 };
+        let excited = State {
+            v_mv: -31.0,
+            m: 0.4,
+            h: 0.5,
+            j: 0.7,
+            d: 0.1,
+            f: 0.8,
+            x: 0.1,
+            ca_mm: 4e-4,
+        };
         let step = 1e-5;
         let membrane = Membrane::new(parameters.clone(), step);
         let mut cells = Cells::new(3, &excited);
@@ -164,7 +205,10 @@ mod tests {
         let slope = parameters.slope(&excited, 0.0);
         let after = cells.state(2);
         let close = |found: f64, expected: f64| {
-            assert!((found - expected).abs() < 1e-3 * expected.abs().max(1e-6), "{found} {expected}");
+            assert!(
+                (found - expected).abs() < 1e-3 * expected.abs().max(1e-6),
+                "{found} {expected}"
+            );
         };
         close((after.v_mv - excited.v_mv) / step, slope.v_mv);
         close((after.m - excited.m) / step, slope.m);
@@ -196,7 +240,13 @@ mod tests {
     /// The potential at 1.6 ms of a cell that starts depolarised at −50 mV, and at 20 ms, by steps of `step_ms`.
     fn potentials(step_ms: f64) -> [f64; 2] {
         let membrane = Membrane::new(Parameters::default(), step_ms);
-        let mut cell = Cells::new(1, &State { v_mv: -50.0, ..rest(&Parameters::default()) });
+        let mut cell = Cells::new(
+            1,
+            &State {
+                v_mv: -50.0,
+                ..rest(&Parameters::default())
+            },
+        );
         [1.6, 18.4].map(|length_ms| {
             for _ in 0..(length_ms / step_ms).round() as usize {
                 cell.step(&membrane);
@@ -210,7 +260,11 @@ mod tests {
         let fine = [1.0 / 1280.0, 1.0 / 2560.0].map(potentials);
         let errors = |at: usize| {
             // the reference by extrapolation; the switch of two gates at -40 mV keeps the upstroke from second order
-            let exact = if at == 0 { (4.0 * fine[1][0] - fine[0][0]) / 3.0 } else { 2.0 * fine[1][1] - fine[0][1] };
+            let exact = if at == 0 {
+                (4.0 * fine[1][0] - fine[0][0]) / 3.0
+            } else {
+                2.0 * fine[1][1] - fine[0][1]
+            };
             [20.0, 40.0, 80.0, 160.0].map(|n: f64| (potentials(1.0 / n)[at] - exact).abs())
         };
         for (at, least) in [(0, 1.3), (1, 0.8)] {

@@ -107,7 +107,8 @@ impl Parameters {
         let e_k1 = self.e_k1_mv();
         let above = v - e_k1;
         let alpha = 1.02 / (1.0 + (0.2385 * (above - 59.215)).exp());
-        let beta = (0.49124 * (0.08032 * (above + 5.476)).exp() + (0.06175 * (above - 594.31)).exp())
+        let beta = (0.49124 * (0.08032 * (above + 5.476)).exp()
+            + (0.06175 * (above - 594.31)).exp())
             / (1.0 + (-0.5143 * (above + 4.753)).exp());
         let i_k1 = self.g_k1 * (self.k_o_mm / 5.4).sqrt() * alpha / (alpha + beta) * above;
         let i_kp = self.g_kp / (1.0 + ((7.488 - v) / 5.98).exp()) * above;
@@ -176,29 +177,49 @@ struct Gate {
 
 impl Gate {
     fn of(alpha: f64, beta: f64) -> Self {
-        Self { steady: alpha / (alpha + beta), tau_ms: 1.0 / (alpha + beta) }
+        Self {
+            steady: alpha / (alpha + beta),
+            tau_ms: 1.0 / (alpha + beta),
+        }
     }
 }
 
 /// (eˣ − 1)/x, continued through zero.
 fn relative_growth(x: f64) -> f64 {
-    if x.abs() < 1e-8 { 1.0 + 0.5 * x } else { x.exp_m1() / x }
+    if x.abs() < 1e-8 {
+        1.0 + 0.5 * x
+    } else {
+        x.exp_m1() / x
+    }
 }
 
 /// The gates m, h, j, d, f, X. Source: Luo 1991, Table 1.
 fn gates(v: f64) -> [Gate; 6] {
-    let m = Gate::of(3.2 / relative_growth(-0.1 * (v + 47.13)), 0.08 * (-v / 11.0).exp());
+    let m = Gate::of(
+        3.2 / relative_growth(-0.1 * (v + 47.13)),
+        0.08 * (-v / 11.0).exp(),
+    );
     let (h, j) = if v >= -40.0 {
         (
             Gate::of(0.0, 1.0 / (0.13 * (1.0 + ((v + 10.66) / -11.1).exp()))),
-            Gate::of(0.0, 0.3 * (-2.535e-7 * v).exp() / (1.0 + (-0.1 * (v + 32.0)).exp())),
+            Gate::of(
+                0.0,
+                0.3 * (-2.535e-7 * v).exp() / (1.0 + (-0.1 * (v + 32.0)).exp()),
+            ),
         )
     } else {
-        let alpha_j = (-127_140.0 * (0.2444 * v).exp() - 3.474e-5 * (-0.04391 * v).exp()) * (v + 37.78)
+        let alpha_j = (-127_140.0 * (0.2444 * v).exp() - 3.474e-5 * (-0.04391 * v).exp())
+            * (v + 37.78)
             / (1.0 + (0.311 * (v + 79.23)).exp());
         (
-            Gate::of(0.135 * ((80.0 + v) / -6.8).exp(), 3.56 * (0.079 * v).exp() + 3.1e5 * (0.35 * v).exp()),
-            Gate::of(alpha_j, 0.1212 * (-0.01052 * v).exp() / (1.0 + (-0.1378 * (v + 40.14)).exp())),
+            Gate::of(
+                0.135 * ((80.0 + v) / -6.8).exp(),
+                3.56 * (0.079 * v).exp() + 3.1e5 * (0.35 * v).exp(),
+            ),
+            Gate::of(
+                alpha_j,
+                0.1212 * (-0.01052 * v).exp() / (1.0 + (-0.1378 * (v + 40.14)).exp()),
+            ),
         )
     };
     let d = Gate::of(
@@ -233,7 +254,11 @@ mod tests {
         let p = Parameters::default();
         let near = |f: &dyn Fn(f64) -> f64, v: f64| {
             let middle = 0.5 * (f(v - 1e-3) + f(v + 1e-3));
-            assert!((f(v) - middle).abs() < 1e-6 * (1.0 + middle.abs()), "{v}: {} {middle}", f(v));
+            assert!(
+                (f(v) - middle).abs() < 1e-6 * (1.0 + middle.abs()),
+                "{v}: {} {middle}",
+                f(v)
+            );
         };
         near(&|v| gates(v)[0].tau_ms, -47.13);
         near(&|v| p.open_potassium(v), -77.0);
@@ -243,7 +268,10 @@ mod tests {
     fn gates_are_fractions_that_relax() {
         for i in -1200..=800 {
             for gate in gates(f64::from(i) * 0.1) {
-                assert!((0.0..=1.0).contains(&gate.steady) && gate.tau_ms > 0.0, "{i} {gate:?}");
+                assert!(
+                    (0.0..=1.0).contains(&gate.steady) && gate.tau_ms > 0.0,
+                    "{i} {gate:?}"
+                );
             }
         }
     }

@@ -17,7 +17,11 @@ pub struct Stimulus {
 impl Default for Stimulus {
     /// 25.5 µA/cm² for 2 ms, as stored with the model in the CellML repository, at once.
     fn default() -> Self {
-        Self { current_ua_cm2: 25.5, start_ms: 0.0, length_ms: 2.0 }
+        Self {
+            current_ua_cm2: 25.5,
+            start_ms: 0.0,
+            length_ms: 2.0,
+        }
     }
 }
 
@@ -41,7 +45,16 @@ pub fn rest(parameters: &Parameters) -> State {
         for _ in 0..100 {
             ca_mm = 1e-4 - 1e-4 / 0.07 * parameters.slow_inward(v, d, f, ca_mm);
         }
-        State { v_mv: v, m, h, j, d, f, x, ca_mm }
+        State {
+            v_mv: v,
+            m,
+            h,
+            j,
+            d,
+            f,
+            x,
+            ca_mm,
+        }
     };
     // the membrane's current rises through zero between these
     let (mut low, mut high) = (-95.0, -75.0);
@@ -58,13 +71,20 @@ pub fn rest(parameters: &Parameters) -> State {
 
 /// The state of a cell just before a stimulus, after `n_beats` from `state`, each of `cycle_ms`.
 #[must_use]
-pub fn paced(membrane: &Membrane, state: &State, stimulus: &Stimulus, cycle_ms: f64, n_beats: usize) -> State {
+pub fn paced(
+    membrane: &Membrane,
+    state: &State,
+    stimulus: &Stimulus,
+    cycle_ms: f64,
+    n_beats: usize,
+) -> State {
     let step_ms = membrane.step_ms();
     let n_steps = (cycle_ms / step_ms).round() as usize;
     let mut cell = Cells::new(1, state);
     for _ in 0..n_beats {
         for step in 0..n_steps {
-            cell.v_mv[0] += stimulus.charge(step as f64 * step_ms, step_ms) / membrane.capacitance_uf_cm2();
+            cell.v_mv[0] +=
+                stimulus.charge(step as f64 * step_ms, step_ms) / membrane.capacitance_uf_cm2();
             cell.step(membrane);
         }
     }
@@ -81,10 +101,19 @@ mod tests {
         let state = rest(&p);
         let slope = p.slope(&state, 0.0);
         assert!((-85.0..-84.0).contains(&state.v_mv), "{}", state.v_mv);
-        assert!(slope.v_mv.abs() < 1e-9 && slope.ca_mm.abs() < 1e-12, "{slope:?}");
+        assert!(
+            slope.v_mv.abs() < 1e-9 && slope.ca_mm.abs() < 1e-12,
+            "{slope:?}"
+        );
         // stable, too: a disturbance goes
         let membrane = Membrane::new(p, 0.025);
-        let mut cell = Cells::new(1, &State { v_mv: state.v_mv + 5.0, ..state });
+        let mut cell = Cells::new(
+            1,
+            &State {
+                v_mv: state.v_mv + 5.0,
+                ..state
+            },
+        );
         for _ in 0..40_000 {
             cell.step(&membrane);
         }
@@ -98,7 +127,13 @@ mod tests {
         let stimulus = Stimulus::default();
         let tenth = paced(&membrane, &rest(&p), &stimulus, 800.0, 10);
         let next = paced(&membrane, &tenth, &stimulus, 800.0, 1);
-        assert!((tenth.v_mv - next.v_mv).abs() < 1e-3 && (tenth.x - next.x).abs() < 1e-5, "{tenth:?} {next:?}");
-        assert!((tenth.x - rest(&p).x).abs() > 1e-3, "a paced cell is not at rest");
+        assert!(
+            (tenth.v_mv - next.v_mv).abs() < 1e-3 && (tenth.x - next.x).abs() < 1e-5,
+            "{tenth:?} {next:?}"
+        );
+        assert!(
+            (tenth.x - rest(&p).x).abs() > 1e-3,
+            "a paced cell is not at rest"
+        );
     }
 }

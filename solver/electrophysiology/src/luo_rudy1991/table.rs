@@ -26,8 +26,14 @@ pub(super) struct Table {
 impl Table {
     pub(super) fn new(parameters: &Parameters, step_ms: f64) -> Self {
         let last = ((HIGHEST_MV - LOWEST_MV) * PER_MV).round() as usize;
-        let rows = (0..=last).map(|i| exact(parameters, step_ms, LOWEST_MV + i as f64 / PER_MV)).collect();
-        Self { rows, parameters: parameters.clone(), step_ms }
+        let rows = (0..=last)
+            .map(|i| exact(parameters, step_ms, LOWEST_MV + i as f64 / PER_MV))
+            .collect();
+        Self {
+            rows,
+            parameters: parameters.clone(),
+            step_ms,
+        }
     }
 
     /// By linear interpolation; without the table where the potential leaves it. Not-a-number stays what it is.
@@ -69,8 +75,16 @@ mod tests {
             if (v + 40.0).abs() < 0.06 || (v + 100.0).abs() < 0.06 {
                 continue; // h, j and Xi jump there
             }
-            for (k, (found, expected)) in table.at(v).iter().zip(exact(&parameters, 0.025, v)).enumerate() {
-                assert!((found - expected).abs() < 2e-5 * (1.0 + expected.abs()), "{k} at {v}: {found} {expected}");
+            for (k, (found, expected)) in table
+                .at(v)
+                .iter()
+                .zip(exact(&parameters, 0.025, v))
+                .enumerate()
+            {
+                assert!(
+                    (found - expected).abs() < 2e-5 * (1.0 + expected.abs()),
+                    "{k} at {v}: {found} {expected}"
+                );
             }
         }
     }

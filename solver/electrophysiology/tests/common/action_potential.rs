@@ -3,11 +3,18 @@
 use cardiotwin_electrophysiology::luo_rudy1991::paced::{Stimulus, paced, rest};
 use cardiotwin_electrophysiology::{Cells, Membrane, Parameters};
 
-const STIMULUS: Stimulus = Stimulus { current_ua_cm2: 25.5, start_ms: 10.0, length_ms: 2.0 };
+const STIMULUS: Stimulus = Stimulus {
+    current_ua_cm2: 25.5,
+    start_ms: 10.0,
+    length_ms: 2.0,
+};
 
 /// Columns t (ms), V (mV), Ca (mM).
 pub fn reference(name: &str) -> Vec<[f64; 3]> {
-    let file = format!("{}/tests/data/luo-rudy-1991-{name}.csv", env!("CARGO_MANIFEST_DIR"));
+    let file = format!(
+        "{}/tests/data/luo-rudy-1991-{name}.csv",
+        env!("CARGO_MANIFEST_DIR")
+    );
     let text = std::fs::read_to_string(&file).unwrap();
     let rows = text.lines().filter(|line| !line.starts_with('#')).skip(1);
     rows.map(|line| {
@@ -21,7 +28,13 @@ pub fn reference(name: &str) -> Vec<[f64; 3]> {
 pub fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
     let parameters = Parameters::default();
     let membrane = Membrane::new(parameters.clone(), step_ms);
-    let begin = paced(&membrane, &rest(&parameters), &STIMULUS, cycle_ms, n_beats - 1);
+    let begin = paced(
+        &membrane,
+        &rest(&parameters),
+        &STIMULUS,
+        cycle_ms,
+        n_beats - 1,
+    );
     let mut cell = Cells::new(1, &begin);
     let mut rows = vec![[0.0, cell.v_mv[0], cell.ca_mm[0]]];
     for step in 0..(cycle_ms / step_ms).round() as usize {
@@ -34,7 +47,9 @@ pub fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
 }
 
 pub fn at(rows: &[[f64; 3]], t: f64, column: usize) -> f64 {
-    let i = rows.partition_point(|row| row[0] < t - 1e-9).min(rows.len() - 1);
+    let i = rows
+        .partition_point(|row| row[0] < t - 1e-9)
+        .min(rows.len() - 1);
     if (rows[i][0] - t).abs() < 1e-9 || i == 0 {
         return rows[i][column];
     }
@@ -44,13 +59,19 @@ pub fn at(rows: &[[f64; 3]], t: f64, column: usize) -> f64 {
 
 /// When the potential first rises through a level, and when it last falls through one.
 fn rises(rows: &[[f64; 3]], level: f64) -> f64 {
-    let i = rows.windows(2).position(|w| w[0][1] < level && w[1][1] >= level).unwrap();
+    let i = rows
+        .windows(2)
+        .position(|w| w[0][1] < level && w[1][1] >= level)
+        .unwrap();
     let (a, b) = (&rows[i], &rows[i + 1]);
     a[0] + (level - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
 }
 
 fn falls(rows: &[[f64; 3]], level: f64) -> f64 {
-    let i = rows.windows(2).rposition(|w| w[0][1] > level && w[1][1] <= level).unwrap();
+    let i = rows
+        .windows(2)
+        .rposition(|w| w[0][1] > level && w[1][1] <= level)
+        .unwrap();
     let (a, b) = (&rows[i], &rows[i + 1]);
     a[0] + (level - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
 }
@@ -88,7 +109,8 @@ pub fn compare(name: &str, cycle_ms: f64, n_beats: usize, step_ms: f64) -> Diffe
     let upstroke = rises(&expected, -40.0);
     let largest = |column: usize, within: &dyn Fn(f64) -> bool| {
         let rows = expected.iter().filter(|row| within(row[0] - upstroke));
-        rows.map(|row| (at(&found, row[0], column) - row[column]).abs()).fold(0.0, f64::max)
+        rows.map(|row| (at(&found, row[0], column) - row[column]).abs())
+            .fold(0.0, f64::max)
     };
     Difference {
         away_mv: largest(1, &|t| !(-1.0..2.0).contains(&t)),

@@ -12,7 +12,9 @@ pub fn block(n: [usize; 3], lengths_mm: [f64; 3], fibre: Vec3) -> TetMesh {
         for y in 0..=n[1] {
             for x in 0..=n[0] {
                 let at = [x, y, z];
-                mesh.nodes_mm.push(std::array::from_fn(|k| lengths_mm[k] * at[k] as f64 / n[k] as f64));
+                mesh.nodes_mm.push(std::array::from_fn(|k| {
+                    lengths_mm[k] * at[k] as f64 / n[k] as f64
+                }));
             }
         }
     }
@@ -45,6 +47,13 @@ pub fn block(n: [usize; 3], lengths_mm: [f64; 3], fibre: Vec3) -> TetMesh {
     }
     let fibre = unit(fibre).expect("a direction");
     let sheet = any_perpendicular(fibre);
-    mesh.frames = vec![Frame { fibre, sheet, normal: cross(fibre, sheet) }; mesh.n_tets()];
+    mesh.frames = vec![
+        Frame {
+            fibre,
+            sheet,
+            normal: cross(fibre, sheet)
+        };
+        mesh.n_tets()
+    ];
     mesh
 }

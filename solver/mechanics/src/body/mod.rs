@@ -105,7 +105,10 @@ pub struct Body {
 
 impl std::fmt::Debug for Body {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Body").field("n_nodes", &self.n_nodes()).field("volume", &self.volume).finish_non_exhaustive()
+        f.debug_struct("Body")
+            .field("n_nodes", &self.n_nodes())
+            .field("volume", &self.volume)
+            .finish_non_exhaustive()
     }
 }
 
@@ -122,7 +125,10 @@ impl Body {
     ///
     /// # Errors
     /// [`BodyError`] for a bad tissue, element or list length.
-    pub fn quadratic(input: &BodyInput<'_, 10>, comm: &dyn Communicator) -> Result<Self, BodyError> {
+    pub fn quadratic(
+        input: &BodyInput<'_, 10>,
+        comm: &dyn Communicator,
+    ) -> Result<Self, BodyError> {
         Self::new::<10, 4>(input, comm)
     }
 
@@ -130,18 +136,37 @@ impl Body {
         input: &BodyInput<'_, N>,
         comm: &dyn Communicator,
     ) -> Result<Self, BodyError> {
-        let size = |what, found, expected| Err(BodyError::Size { what, found, expected });
+        let size = |what, found, expected| {
+            Err(BodyError::Size {
+                what,
+                found,
+                expected,
+            })
+        };
         for (tissue, t) in input.tissues.iter().enumerate() {
-            t.check().map_err(|source| BodyError::Material { tissue, source })?;
+            t.check()
+                .map_err(|source| BodyError::Material { tissue, source })?;
         }
         if input.tissue_of.len() != input.tets.len() {
-            return size("tissues of elements", input.tissue_of.len(), input.tets.len());
+            return size(
+                "tissues of elements",
+                input.tissue_of.len(),
+                input.tets.len(),
+            );
         }
         if let Some(&tissue) = input.tissue_of.iter().find(|t| **t >= input.tissues.len()) {
-            return size("highest tissue that an element names", tissue, input.tissues.len().saturating_sub(1));
+            return size(
+                "highest tissue that an element names",
+                tissue,
+                input.tissues.len().saturating_sub(1),
+            );
         }
         if input.layout.n_local != input.nodes.len() {
-            return size("nodes of the layout", input.layout.n_local, input.nodes.len());
+            return size(
+                "nodes of the layout",
+                input.layout.n_local,
+                input.nodes.len(),
+            );
         }
         // Midside nodes are not among the vertices, whose averages ranks exchange.
         if N != 4 && !input.layout.neighbours.is_empty() {
@@ -154,10 +179,16 @@ impl Body {
             Disagreement::Elsewhere(reason) => BodyError::Elsewhere { reason },
         })?;
         let n_rows = input.layout.n_owned;
-        let pattern = Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..]))));
+        let pattern = Arc::new(Pattern::of_elements(
+            n_rows,
+            input.tets.iter().map(|t| (&t[..], &t[..])),
+        ));
         let coupling_pattern = (input.volume != VolumeChange::Pointwise).then(|| match N {
             4 => pattern.clone(),
-            _ => Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..4])))),
+            _ => Arc::new(Pattern::of_elements(
+                n_rows,
+                input.tets.iter().map(|t| (&t[..], &t[..4])),
+            )),
         });
         let field = Field::new(batches, &pattern, coupling_pattern.as_deref());
         let mut body = Self {
@@ -194,7 +225,8 @@ impl Body {
                 for lane in 0..n_lanes {
                     let e = elements[lane] as usize;
                     for v in 0..4 {
-                        volume[input.tissue_of[e]][input.tets[e][v] as usize] += l[v] * weight[lane];
+                        volume[input.tissue_of[e]][input.tets[e][v] as usize] +=
+                            l[v] * weight[lane];
                     }
                 }
             }
@@ -202,14 +234,21 @@ impl Body {
         let mut numbers = Vec::with_capacity(3 * n);
         for v in 0..n {
             let total: f64 = volume.iter().map(|of| of[v]).sum();
-            let kappa = volume.iter().zip(&self.tissues).map(|(of, t)| of[v] * t.volumetric.kappa_kpa).sum::<f64>();
-            let most = (0..self.tissues.len()).fold(0, |m, t| if volume[t][v] > volume[m][v] { t } else { m });
+            let kappa = volume
+                .iter()
+                .zip(&self.tissues)
+                .map(|(of, t)| of[v] * t.volumetric.kappa_kpa)
+                .sum::<f64>();
+            let most = (0..self.tissues.len())
+                .fold(0, |m, t| if volume[t][v] > volume[m][v] { t } else { m });
             numbers.extend([total, kappa / total.max(f64::MIN_POSITIVE), most as f64]);
         }
         if !self.layout.neighbours.is_empty() {
             comm.update_ghosts(&self.layout, 3, &mut numbers);
         }
-        let vertex = |[total, kappa, most]: &[f64; 3]| (*total, *kappa, self.tissues[*most as usize].volumetric.law);
+        let vertex = |[total, kappa, most]: &[f64; 3]| {
+            (*total, *kappa, self.tissues[*most as usize].volumetric.law)
+        };
         numbers.as_chunks::<3>().0.iter().map(vertex).collect()
     }
 
@@ -252,7 +291,10 @@ impl Body {
     /// Reference volume \[mm³\] that each lane of entry `idx` stands for.
     #[must_use]
     pub fn point_volume(&self, idx: usize) -> &Eight {
-        self.elements.point_weight(idx / self.elements.n_points(), idx % self.elements.n_points())
+        self.elements.point_weight(
+            idx / self.elements.n_points(),
+            idx % self.elements.n_points(),
+        )
     }
 
     /// Values of the vertices' linear shape functions at the integration point of entry `idx`.
@@ -274,11 +316,18 @@ impl Body {
     /// Zeros in single precision; `None` for quadratic elements.
     #[must_use]
     pub fn new_packed_tangent(&self) -> Option<PackedTangent> {
-        let every_node_is_a_vertex = self.vertices.is_empty() || self.vertices.len() == self.n_nodes();
-        (every_node_is_a_vertex && self.elements.n_points() == 1).then(|| PackedTangent::zeros(self.pattern.clone()))
+        let every_node_is_a_vertex =
+            self.vertices.is_empty() || self.vertices.len() == self.n_nodes();
+        (every_node_is_a_vertex && self.elements.n_points() == 1)
+            .then(|| PackedTangent::zeros(self.pattern.clone()))
     }
 
-    fn pass<'a>(&'a self, displacement: &'a [f64], active: &'a [ActivePoint], deformation: &'a [f64]) -> Pass<'a> {
+    fn pass<'a>(
+        &'a self,
+        displacement: &'a [f64],
+        active: &'a [ActivePoint],
+        deformation: &'a [f64],
+    ) -> Pass<'a> {
         Pass {
             arch: self.arch,
             tissues: &self.tissues,
@@ -294,10 +343,13 @@ impl Body {
     /// Volume ratios, stretches and nodal pressures at `displacement` \[mm\], three numbers a node, ghosts up to date.
     /// Collective.
     pub fn deform(&self, displacement: &[f64], comm: &dyn Communicator, out: &mut Deformation) {
-        out.volume_ratio.resize(self.n_point_batches(), [1.0; BATCH]);
-        out.squared_stretch.resize(self.n_point_batches(), [1.0; BATCH]);
+        out.volume_ratio
+            .resize(self.n_point_batches(), [1.0; BATCH]);
+        out.squared_stretch
+            .resize(self.n_point_batches(), [1.0; BATCH]);
         let mut volume = vec![0.0; self.vertices.len()];
-        self.elements.volumes(&self.pass(displacement, &[], &[]), out, &mut volume);
+        self.elements
+            .volumes(&self.pass(displacement, &[], &[]), out, &mut volume);
         if !self.layout.neighbours.is_empty() && !volume.is_empty() {
             comm.update_ghosts(&self.layout, 1, &mut volume);
         }
@@ -307,17 +359,29 @@ impl Body {
         for ((reference, kappa, law), volume) in self.vertices.iter().zip(volume) {
             let (p, slope) = law.slopes(volume / reference);
             out.nodal_pressure.push(nodal_share * kappa * p);
-            out.nodal_slope.push(nodal_share * kappa * slope / reference);
+            out.nodal_slope
+                .push(nodal_share * kappa * slope / reference);
         }
     }
 
     /// Squared fibre stretch `C₁₁` alone, at another `displacement` than the one that internal forces are taken at.
     pub fn stretch(&self, displacement: &[f64], out: &mut Vec<Eight>) {
         // Volumes come with it, of which nothing is passed on.
-        let mut points = Deformation { squared_stretch: std::mem::take(out), ..Deformation::default() };
-        points.volume_ratio.resize(self.n_point_batches(), [1.0; BATCH]);
-        points.squared_stretch.resize(self.n_point_batches(), [1.0; BATCH]);
-        self.elements.volumes(&self.pass(displacement, &[], &[]), &mut points, &mut vec![0.0; self.vertices.len()]);
+        let mut points = Deformation {
+            squared_stretch: std::mem::take(out),
+            ..Deformation::default()
+        };
+        points
+            .volume_ratio
+            .resize(self.n_point_batches(), [1.0; BATCH]);
+        points
+            .squared_stretch
+            .resize(self.n_point_batches(), [1.0; BATCH]);
+        self.elements.volumes(
+            &self.pass(displacement, &[], &[]),
+            &mut points,
+            &mut vec![0.0; self.vertices.len()],
+        );
         *out = points.squared_stretch;
     }
 
@@ -335,11 +399,14 @@ impl Body {
     pub fn strain_energy(&self, displacement: &[f64]) -> f64 {
         let pass = self.pass(displacement, &[], &[]);
         let mut volume = vec![0.0; self.vertices.len()];
-        self.elements.volumes(&pass, &mut self.points(), &mut volume);
+        self.elements
+            .volumes(&pass, &mut self.points(), &mut volume);
         let nodal_share = 1.0 - self.volume.pointwise();
         let n_owned = self.layout.n_owned;
         let nodal: f64 = (self.vertices.iter().zip(volume).take(n_owned))
-            .map(|((reference, kappa, law), volume)| nodal_share * kappa * reference * law.energy(volume / reference))
+            .map(|((reference, kappa, law), volume)| {
+                nodal_share * kappa * reference * law.energy(volume / reference)
+            })
             .sum();
         self.elements.energy(&pass, n_owned) + nodal
     }
@@ -360,12 +427,23 @@ impl Body {
     pub fn set_viscosity(&mut self, of_tissue_kpa_ms: Vec<f64>) -> Result<(), BodyError> {
         if !of_tissue_kpa_ms.is_empty() && of_tissue_kpa_ms.len() != self.tissues.len() {
             let (found, expected) = (of_tissue_kpa_ms.len(), self.tissues.len());
-            return Err(BodyError::Size { what: "viscosities of tissues", found, expected });
+            return Err(BodyError::Size {
+                what: "viscosities of tissues",
+                found,
+                expected,
+            });
         }
         for (tissue, value) in of_tissue_kpa_ms.iter().enumerate() {
             if !(*value >= 0.0 && value.is_finite()) {
                 let (name, expected) = ("viscosity_kPa_ms", "zero or more, and finite");
-                return Err(BodyError::Material { tissue, source: MaterialError { name, value: *value, expected } });
+                return Err(BodyError::Material {
+                    tissue,
+                    source: MaterialError {
+                        name,
+                        value: *value,
+                        expected,
+                    },
+                });
             }
         }
         self.viscosity_kpa_ms = of_tissue_kpa_ms;
@@ -401,7 +479,11 @@ impl Body {
         force: &mut [f64],
     ) {
         let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
-        pass.motion = Moving { velocity, viscosity_kpa_ms: &self.viscosity_kpa_ms, velocity_rate_per_ms: 0.0 };
+        pass.motion = Moving {
+            velocity,
+            viscosity_kpa_ms: &self.viscosity_kpa_ms,
+            velocity_rate_per_ms: 0.0,
+        };
         self.elements.forces(&pass, force);
     }
 
@@ -414,7 +496,14 @@ impl Body {
         force: &mut [f64],
         tangent: &mut dyn Assembled,
     ) {
-        self.tangent_in_motion(displacement, (&[], 0.0), active, deformation, force, tangent);
+        self.tangent_in_motion(
+            displacement,
+            (&[], 0.0),
+            active,
+            deformation,
+            force,
+            tangent,
+        );
     }
 
     /// As [`Self::tangent`], with viscous stress; the velocity comes with its own derivative `∂v/∂u` \[1/ms\]. What viscous
@@ -430,7 +519,11 @@ impl Body {
     ) {
         tangent.clear(&deformation.nodal_slope);
         let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
-        pass.motion = Moving { velocity, viscosity_kpa_ms: &self.viscosity_kpa_ms, velocity_rate_per_ms };
+        pass.motion = Moving {
+            velocity,
+            viscosity_kpa_ms: &self.viscosity_kpa_ms,
+            velocity_rate_per_ms,
+        };
         self.elements.tangent(&pass, force, tangent.sink());
     }
 }

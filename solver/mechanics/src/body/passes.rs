@@ -39,9 +39,10 @@ pub struct Moving<'a> {
 impl Moving<'_> {
     fn of_tissue(&self, tissue: usize) -> Viscous {
         match self.viscosity_kpa_ms.get(tissue) {
-            Some(&viscosity_kpa_ms) if !self.velocity.is_empty() => {
-                Viscous { viscosity_kpa_ms, velocity_rate_per_ms: self.velocity_rate_per_ms }
-            }
+            Some(&viscosity_kpa_ms) if !self.velocity.is_empty() => Viscous {
+                viscosity_kpa_ms,
+                velocity_rate_per_ms: self.velocity_rate_per_ms,
+            },
             _ => Viscous::NONE,
         }
     }
@@ -74,13 +75,19 @@ pub(super) struct Field<const N: usize, const Q: usize> {
 }
 
 impl<const N: usize, const Q: usize> Field<N, Q> {
-    pub(super) fn new(batches: Vec<Batch<N, Q>>, pattern: &Pattern, coupling: Option<&Pattern>) -> Self {
+    pub(super) fn new(
+        batches: Vec<Batch<N, Q>>,
+        pattern: &Pattern,
+        coupling: Option<&Pattern>,
+    ) -> Self {
         let mut slots = Vec::with_capacity(batches.len() * N);
         let mut coupling_slots = Vec::new();
         for batch in &batches {
             for a in 0..N {
                 slots.push(std::array::from_fn(|b| {
-                    std::array::from_fn(|lane| pattern.slot(batch.nodes[a][lane], batch.nodes[b][lane]))
+                    std::array::from_fn(|lane| {
+                        pattern.slot(batch.nodes[a][lane], batch.nodes[b][lane])
+                    })
                 }));
             }
             if let Some(coupling) = coupling.filter(|_| N > 4) {
@@ -93,7 +100,13 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                 }
             }
         }
-        Self { batches, shape: vertex_values::<Q>(), slots, nodal: coupling.is_some(), coupling_slots }
+        Self {
+            batches,
+            shape: vertex_values::<Q>(),
+            slots,
+            nodal: coupling.is_some(),
+            coupling_slots,
+        }
     }
 
     #[inline(always)]
@@ -128,7 +141,12 @@ fn lumped_shares<const N: usize>() -> [f64; N] {
     })
 }
 
-struct Volumes<'a, const N: usize, const Q: usize>(&'a Field<N, Q>, &'a Pass<'a>, &'a mut Deformation, &'a mut [f64]);
+struct Volumes<'a, const N: usize, const Q: usize>(
+    &'a Field<N, Q>,
+    &'a Pass<'a>,
+    &'a mut Deformation,
+    &'a mut [f64],
+);
 
 impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
     type Output = ();
@@ -151,7 +169,8 @@ impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
                     if !vertex_volume.is_empty() {
                         let volume = batch.points[q].weight[lane] * j[lane];
                         for v in 0..4 {
-                            vertex_volume[batch.nodes[v][lane] as usize] += field.shape[q][v] * volume;
+                            vertex_volume[batch.nodes[v][lane] as usize] +=
+                                field.shape[q][v] * volume;
                         }
                     }
                 }
@@ -183,8 +202,14 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
                 scratch.force.as_flattened_mut().fill([0.0; BATCH]);
             }
             if TANGENT && Q > 1 {
-                scratch.stiffness[..N * (N + 1) / 2].as_flattened_mut().fill([0.0; BATCH]);
-                scratch.coupling.as_flattened_mut().as_flattened_mut().fill([0.0; BATCH]);
+                scratch.stiffness[..N * (N + 1) / 2]
+                    .as_flattened_mut()
+                    .fill([0.0; BATCH]);
+                scratch
+                    .coupling
+                    .as_flattened_mut()
+                    .as_flattened_mut()
+                    .fill([0.0; BATCH]);
             }
             let tissue = &pass.tissues[batch.tissue];
             let viscous = pass.motion.of_tissue(batch.tissue);
@@ -199,7 +224,11 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
                     }
                 }
             }
-            let active = if pass.active.is_empty() { &none[..] } else { &pass.active[idx * Q..(idx + 1) * Q] };
+            let active = if pass.active.is_empty() {
+                &none[..]
+            } else {
+                &pass.active[idx * Q..(idx + 1) * Q]
+            };
             element::<S, N, Q, TANGENT>(
                 simd,
                 tissue,
@@ -221,7 +250,9 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
             }
             match &mut tangent {
                 Some(Sink::Full(tangent)) => field.scatter(idx, batch.n, &scratch, tangent),
-                Some(Sink::Packed(tangent)) => field.scatter_packed(idx, batch.n, &scratch, shuffle, tangent),
+                Some(Sink::Packed(tangent)) => {
+                    field.scatter_packed(idx, batch.n, &scratch, shuffle, tangent)
+                }
                 None => {}
             }
         }
@@ -260,8 +291,11 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
             for lane in 0..n_lanes {
                 for a in 0..N {
                     for v in 0..4 {
-                        let slot =
-                            if N == 4 { slots[a][v][lane] } else { self.coupling_slots[(idx * N + a) * 4 + v][lane] };
+                        let slot = if N == 4 {
+                            slots[a][v][lane]
+                        } else {
+                            self.coupling_slots[(idx * N + a) * 4 + v][lane]
+                        };
                         if slot != NO_SLOT {
                             let to = &mut coupling.blocks[slot as usize];
                             for i in 0..3 {
@@ -308,7 +342,8 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
         }
         let (blocks, volumes) = tangent.entries_mut();
         for a in 0..N {
-            let of_volume = shuffle.transposed([&volume[a][0], &volume[a][1], &volume[a][2], &[0.0; BATCH]]);
+            let of_volume =
+                shuffle.transposed([&volume[a][0], &volume[a][1], &volume[a][2], &[0.0; BATCH]]);
             for b in 0..N {
                 let from = &single[pair(N, a.min(b), a.max(b))];
                 let (along, across) = if a <= b { (3, 1) } else { (1, 3) };
@@ -355,10 +390,12 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
         pass.arch.dispatch(Volumes(self, pass, out, vertex_volume));
     }
     fn forces(&self, pass: &Pass<'_>, force: &mut [f64]) {
-        pass.arch.dispatch(Assembly::<N, Q, false>(self, pass, force, None));
+        pass.arch
+            .dispatch(Assembly::<N, Q, false>(self, pass, force, None));
     }
     fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: Sink<'_>) {
-        pass.arch.dispatch(Assembly::<N, Q, true>(self, pass, force, Some(tangent)));
+        pass.arch
+            .dispatch(Assembly::<N, Q, true>(self, pass, force, Some(tangent)));
     }
     fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]) {
         (self.batches[batch].n, &self.batches[batch].elements)
@@ -375,7 +412,8 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
             for lane in 0..batch.n {
                 let volume: f64 = batch.points.iter().map(|p| p.weight[lane]).sum();
                 for a in 0..N {
-                    mass[batch.nodes[a][lane] as usize] += tissues[batch.tissue].density * volume * share[a];
+                    mass[batch.nodes[a][lane] as usize] +=
+                        tissues[batch.tissue].density * volume * share[a];
                 }
             }
         }
@@ -396,11 +434,21 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
                             }
                         }
                     }
-                    let product = |m: usize, n: usize| (0..3).map(|i| f[i][m] * f[i][n]).sum::<f64>();
-                    let c = [product(0, 0), product(1, 1), product(2, 2), product(0, 1), product(0, 2), product(1, 2)];
+                    let product =
+                        |m: usize, n: usize| (0..3).map(|i| f[i][m] * f[i][n]).sum::<f64>();
+                    let c = [
+                        product(0, 0),
+                        product(1, 1),
+                        product(2, 2),
+                        product(0, 1),
+                        product(0, 2),
+                        product(1, 2),
+                    ];
                     let j = determinant(&c).sqrt();
                     let kappa = pass.volume.pointwise() * tissue.volumetric.kappa_kpa;
-                    let owned = (0..N).filter(|a| (batch.nodes[*a][lane] as usize) < n_owned).count();
+                    let owned = (0..N)
+                        .filter(|a| (batch.nodes[*a][lane] as usize) < n_owned)
+                        .count();
                     let share = owned as f64 / N as f64;
                     energy += share
                         * point.weight[lane]

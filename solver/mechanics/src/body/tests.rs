@@ -15,7 +15,13 @@ fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
         for j in 0..=n {
             for k in 0..=n {
                 let inner = [i, j, k].iter().all(|x| (1..n).contains(x));
-                let shift = |s: f64| if inner { 0.15 / n as f64 * (s * (1 + nodes.len()) as f64).sin() } else { 0.0 };
+                let shift = |s: f64| {
+                    if inner {
+                        0.15 / n as f64 * (s * (1 + nodes.len()) as f64).sin()
+                    } else {
+                        0.0
+                    }
+                };
                 nodes.push([
                     i as f64 / n as f64 + shift(1.7),
                     j as f64 / n as f64 + shift(2.9),
@@ -28,7 +34,14 @@ fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
     for i in 0..n {
         for j in 0..n {
             for k in 0..n {
-                for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+                for order in [
+                    [0, 1, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [1, 0, 2],
+                    [0, 2, 1],
+                    [2, 1, 0],
+                ] {
                     let mut p = [i, j, k];
                     let mut tet = [at(p[0], p[1], p[2]) as u32; 4];
                     for (m, axis) in order.into_iter().enumerate() {
@@ -36,7 +49,11 @@ fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
                         tet[m + 1] = at(p[0], p[1], p[2]) as u32;
                     }
                     let even = matches!(order, [0, 1, 2] | [1, 2, 0] | [2, 0, 1]);
-                    tets.push(if even { tet } else { [tet[0], tet[2], tet[1], tet[3]] });
+                    tets.push(if even {
+                        tet
+                    } else {
+                        [tet[0], tet[2], tet[1], tet[3]]
+                    });
                 }
             }
         }
@@ -47,7 +64,10 @@ fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
 fn tissue() -> Tissue {
     Tissue {
         law: Law::Guccione(Guccione::guccione1995(2.0)),
-        volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: 100.0 },
+        volumetric: Volumetric {
+            law: VolumetricLaw::LnSquared,
+            kappa_kpa: 100.0,
+        },
         active: Some(ActiveLaw::PAPER),
         density: 1.06,
     }
@@ -64,9 +84,15 @@ fn bodies(n: usize) -> Vec<(&'static str, Body)> {
     let quadratic = QuadraticMesh::new(&nodes, &tets, |_, _| None);
     let tissue_of = vec![0; tets.len()];
     let mut out = vec![];
-    for (name, volume) in
-        [("pointwise", VolumeChange::Pointwise), ("nodal", VolumeChange::Nodal { pointwise_share: 0.05 })]
-    {
+    for (name, volume) in [
+        ("pointwise", VolumeChange::Pointwise),
+        (
+            "nodal",
+            VolumeChange::Nodal {
+                pointwise_share: 0.05,
+            },
+        ),
+    ] {
         let linear = Body::linear(
             &BodyInput {
                 nodes: &nodes,
@@ -106,7 +132,10 @@ fn active(body: &Body, deformation: &Deformation) -> Vec<ActivePoint> {
     (0..body.n_point_batches())
         .map(|k| {
             let lambda = deformation.squared_stretch[k].map(f64::sqrt);
-            ActivePoint { sa_kpa: lambda.map(|l| 30.0 * l), slope_kpa: [30.0; BATCH] }
+            ActivePoint {
+                sa_kpa: lambda.map(|l| 30.0 * l),
+                slope_kpa: [30.0; BATCH],
+            }
         })
         .collect()
 }
@@ -120,7 +149,11 @@ fn forces(body: &Body, u: &[f64]) -> Vec<f64> {
 }
 
 fn wavy(body: &Body, size: f64) -> Vec<f64> {
-    body.reference().iter().enumerate().map(|(k, x)| size * (3.0 * x + k as f64).sin()).collect()
+    body.reference()
+        .iter()
+        .enumerate()
+        .map(|(k, x)| size * (3.0 * x + k as f64).sin())
+        .collect()
 }
 
 #[test]
@@ -131,23 +164,51 @@ fn tangent_is_the_slope_of_the_forces() {
         body.deform(&u, &SingleProcess, &mut deformation);
         let mut tangent = body.new_tangent();
         let mut f = vec![0.0; u.len()];
-        body.tangent(&u, &active(&body, &deformation), &deformation, &mut f, &mut tangent);
+        body.tangent(
+            &u,
+            &active(&body, &deformation),
+            &deformation,
+            &mut f,
+            &mut tangent,
+        );
         let same = forces(&body, &u);
         let scale = same.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        assert!(f.iter().zip(&same).all(|(a, b)| (a - b).abs() < 1e-12 * scale), "{name}: both passes give one force");
+        assert!(
+            f.iter()
+                .zip(&same)
+                .all(|(a, b)| (a - b).abs() < 1e-12 * scale),
+            "{name}: both passes give one force"
+        );
         let mut direction: Vec<f64> = (0..u.len()).map(|k| (k as f64 * 1.3).cos()).collect();
         let mut product = vec![0.0; u.len()];
-        let space = crate::parallel::Space { comm: &SingleProcess, layout: body.layout() };
+        let space = crate::parallel::Space {
+            comm: &SingleProcess,
+            layout: body.layout(),
+        };
         tangent.multiply(space, &mut direction, &mut product);
         if let Some(mut packed) = body.new_packed_tangent() {
             let mut f = vec![0.0; u.len()];
-            body.tangent(&u, &active(&body, &deformation), &deformation, &mut f, &mut packed);
-            assert_eq!(f, forces(&body, &u), "{name}: a restarted beat may take either pass");
+            body.tangent(
+                &u,
+                &active(&body, &deformation),
+                &deformation,
+                &mut f,
+                &mut packed,
+            );
+            assert_eq!(
+                f,
+                forces(&body, &u),
+                "{name}: a restarted beat may take either pass"
+            );
             // Held components, weights and surfaces as a time step adds them.
             let mut fixed = vec![[false; 3]; body.n_nodes()];
             fixed[1] = [true, false, true];
-            let (mut whole, mut products) = (tangent.clone(), [vec![0.0; u.len()], vec![0.0; u.len()]]);
-            for (matrix, product) in [&mut whole as &mut dyn Assembled, &mut packed].into_iter().zip(&mut products) {
+            let (mut whole, mut products) =
+                (tangent.clone(), [vec![0.0; u.len()], vec![0.0; u.len()]]);
+            for (matrix, product) in [&mut whole as &mut dyn Assembled, &mut packed]
+                .into_iter()
+                .zip(&mut products)
+            {
                 matrix.scale(1.2);
                 matrix.add_block(3, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]);
                 matrix.add_to_diagonal(2, 30.0);
@@ -156,16 +217,29 @@ fn tangent_is_the_slope_of_the_forces() {
             }
             let [want, got] = products;
             let scale = want.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            let off = want.iter().zip(&got).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+            let off = want
+                .iter()
+                .zip(&got)
+                .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
             assert!(off < 1e-6 * scale && off > 0.0, "{name}: {off} of {scale}");
             for row in 0..body.n_nodes() {
                 let (want, got) = (whole.diagonal(row), packed.diagonal(row));
                 let size = want[0].abs() + want[4].abs() + want[8].abs();
-                assert!(want.iter().zip(got).all(|(a, b)| (a - b).abs() < 1e-6 * size), "{name}, row {row}");
+                assert!(
+                    want.iter()
+                        .zip(got)
+                        .all(|(a, b)| (a - b).abs() < 1e-6 * size),
+                    "{name}, row {row}"
+                );
             }
         }
         let h = 1e-6;
-        let moved = |s: f64| -> Vec<f64> { u.iter().zip(&direction).map(|(u, d)| u + s * h * d).collect() };
+        let moved = |s: f64| -> Vec<f64> {
+            u.iter()
+                .zip(&direction)
+                .map(|(u, d)| u + s * h * d)
+                .collect()
+        };
         let (plus, minus) = (forces(&body, &moved(1.0)), forces(&body, &moved(-1.0)));
         let scale = product.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         for (k, p) in product.iter().enumerate() {
@@ -185,20 +259,32 @@ fn forces_turn_with_the_body_and_vanish_in_sum() {
         let u = wavy(&body, 0.03);
         let f = forces(&body, &u);
         let turn = nalgebra::Rotation3::from_euler_angles(0.4, -1.1, 2.2);
-        let x: Vec<f64> = body.reference().iter().zip(&u).map(|(x, u)| x + u).collect();
+        let x: Vec<f64> = body
+            .reference()
+            .iter()
+            .zip(&u)
+            .map(|(x, u)| x + u)
+            .collect();
         let mut turned = vec![];
         for (x, reference) in x.chunks(3).zip(body.reference().chunks(3)) {
-            let y = turn * nalgebra::Vector3::from_column_slice(x) + nalgebra::Vector3::new(3.0, -2.0, 1.0);
+            let y = turn * nalgebra::Vector3::from_column_slice(x)
+                + nalgebra::Vector3::new(3.0, -2.0, 1.0);
             turned.extend((0..3).map(|i| y[i] - reference[i]));
         }
         let g = forces(&body, &turned);
         let scale = f.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         for (f, g) in f.chunks(3).zip(g.chunks(3)) {
             let want = turn * nalgebra::Vector3::from_column_slice(f);
-            assert!((0..3).all(|i| (want[i] - g[i]).abs() < 1e-10 * scale), "{name}");
+            assert!(
+                (0..3).all(|i| (want[i] - g[i]).abs() < 1e-10 * scale),
+                "{name}"
+            );
         }
         for i in 0..3 {
-            assert!(f.iter().skip(i).step_by(3).sum::<f64>().abs() < 1e-11 * scale, "{name}: no net force");
+            assert!(
+                f.iter().skip(i).step_by(3).sum::<f64>().abs() < 1e-11 * scale,
+                "{name}: no net force"
+            );
         }
     }
 }
@@ -207,11 +293,19 @@ fn forces_turn_with_the_body_and_vanish_in_sum() {
 fn a_homogeneous_deformation_leaves_inner_nodes_in_balance() {
     for (name, body) in bodies(3) {
         // Passive and with one frame for all: the stress is the same everywhere.
-        let h = [[0.08, 0.05, -0.02], [0.01, -0.04, 0.06], [0.03, -0.07, 0.05]];
+        let h = [
+            [0.08, 0.05, -0.02],
+            [0.01, -0.04, 0.06],
+            [0.03, -0.07, 0.05],
+        ];
         let u: Vec<f64> = body
             .reference()
             .chunks(3)
-            .flat_map(|x| (0..3).map(|i| (0..3).map(|k| h[i][k] * x[k]).sum::<f64>()).collect::<Vec<_>>())
+            .flat_map(|x| {
+                (0..3)
+                    .map(|i| (0..3).map(|k| h[i][k] * x[k]).sum::<f64>())
+                    .collect::<Vec<_>>()
+            })
             .collect();
         let (nodes, tets) = cube(3);
         let axes = frame(0, [0.3, 0.2, 0.1]);
@@ -289,10 +383,15 @@ fn forces_are_the_slope_of_the_strain_energy() {
         body.deform(&u, &SingleProcess, &mut deformation);
         let mut f = vec![0.0; u.len()];
         body.add_forces(&u, &[], &deformation, &mut f);
-        let at = |s: f64| body.strain_energy(&u.iter().zip(&d).map(|(u, d)| u + s * d).collect::<Vec<_>>());
+        let at = |s: f64| {
+            body.strain_energy(&u.iter().zip(&d).map(|(u, d)| u + s * d).collect::<Vec<_>>())
+        };
         let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
         let power: f64 = f.iter().zip(&d).map(|(f, d)| f * d).sum();
-        assert!((slope - power).abs() < 1e-6 * power.abs().max(1.0), "{name}: {slope} {power}");
+        assert!(
+            (slope - power).abs() < 1e-6 * power.abs().max(1.0),
+            "{name}: {slope} {power}"
+        );
     }
 }
 

@@ -27,10 +27,30 @@ impl Shuffle {
             use std::arch::x86_64::__m128;
             for half in [0, 4] {
                 let (r0, r1, r2, r3): (__m128, __m128, __m128, __m128) = (
-                    cast([rows[0][half], rows[0][half + 1], rows[0][half + 2], rows[0][half + 3]]),
-                    cast([rows[1][half], rows[1][half + 1], rows[1][half + 2], rows[1][half + 3]]),
-                    cast([rows[2][half], rows[2][half + 1], rows[2][half + 2], rows[2][half + 3]]),
-                    cast([rows[3][half], rows[3][half + 1], rows[3][half + 2], rows[3][half + 3]]),
+                    cast([
+                        rows[0][half],
+                        rows[0][half + 1],
+                        rows[0][half + 2],
+                        rows[0][half + 3],
+                    ]),
+                    cast([
+                        rows[1][half],
+                        rows[1][half + 1],
+                        rows[1][half + 2],
+                        rows[1][half + 3],
+                    ]),
+                    cast([
+                        rows[2][half],
+                        rows[2][half + 1],
+                        rows[2][half + 2],
+                        rows[2][half + 3],
+                    ]),
+                    cast([
+                        rows[3][half],
+                        rows[3][half + 1],
+                        rows[3][half + 2],
+                        rows[3][half + 3],
+                    ]),
                 );
                 let (low01, low23) = (sse._mm_unpacklo_ps(r0, r1), sse._mm_unpacklo_ps(r2, r3));
                 let (high01, high23) = (sse._mm_unpackhi_ps(r0, r1), sse._mm_unpackhi_ps(r2, r3));
@@ -56,7 +76,8 @@ mod tests {
 
     #[test]
     fn lanes_become_rows() {
-        let rows: [[f32; BATCH]; 4] = std::array::from_fn(|i| std::array::from_fn(|lane| (10 * lane + i) as f32));
+        let rows: [[f32; BATCH]; 4] =
+            std::array::from_fn(|i| std::array::from_fn(|lane| (10 * lane + i) as f32));
         let got = Shuffle::new().transposed([&rows[0], &rows[1], &rows[2], &rows[3]]);
         for (lane, four) in got.iter().enumerate() {
             assert_eq!(*four, std::array::from_fn(|i| (10 * lane + i) as f32));

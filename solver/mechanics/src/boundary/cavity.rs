@@ -64,14 +64,33 @@ impl Cavity {
             }
         }
         comm.sum(&mut area);
-        let rim = shares.into_iter().map(|(node, share)| (node, share / area[0])).collect();
+        let rim = shares
+            .into_iter()
+            .map(|(node, share)| (node, share / area[0]))
+            .collect();
         let hangs = area[0] > 0.0;
-        Ok(Self { wall: PressureSurface::new(endocardium, pattern)?, openings, rim, hangs })
+        Ok(Self {
+            wall: PressureSurface::new(endocardium, pattern)?,
+            openings,
+            rim,
+            hangs,
+        })
     }
 
     /// Positions of the openings' nodes, on all ranks. Collective.
-    fn loops(&self, comm: &dyn Communicator, reference: &[f64], displacement: &[f64]) -> Vec<Vec<[f64; 3]>> {
-        let at = |node: &u32| if *node == NOT_HERE { [0.0; 3] } else { position(reference, displacement, *node) };
+    fn loops(
+        &self,
+        comm: &dyn Communicator,
+        reference: &[f64],
+        displacement: &[f64],
+    ) -> Vec<Vec<[f64; 3]>> {
+        let at = |node: &u32| {
+            if *node == NOT_HERE {
+                [0.0; 3]
+            } else {
+                position(reference, displacement, *node)
+            }
+        };
         let mut all: Vec<[f64; 3]> = self.openings.iter().flatten().map(at).collect();
         comm.sum(all.as_flattened_mut());
         let mut rest = &all[..];
@@ -127,12 +146,18 @@ impl Cavity {
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let n = cross(&e1, &e2);
-                let r: [f64; 3] =
-                    std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum::<f64>() - origin[i]);
+                let r: [f64; 3] = std::array::from_fn(|i| {
+                    shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum::<f64>() - origin[i]
+                });
                 let (g1, g2) = (cross(&e2, &r), cross(&r, &e1));
                 let k = -weight / 6.0;
                 for (&node, (value, slope)) in nodes.iter().zip(shape) {
-                    add(node, std::array::from_fn(|i| k * (value * n[i] + slope[0] * g1[i] + slope[1] * g2[i])));
+                    add(
+                        node,
+                        std::array::from_fn(|i| {
+                            k * (value * n[i] + slope[0] * g1[i] + slope[1] * g2[i])
+                        }),
+                    );
                 }
                 (0..3).for_each(|i| of_origin[i] -= share * (k * n[i]));
             }
@@ -142,7 +167,11 @@ impl Cavity {
             let centre = mean(nodes);
             let mut of_centre = [0.0; 3];
             for ((a, b), (at_a, at_b)) in edges(places).zip(edges(nodes)) {
-                let (p, q, r) = (minus(*at_b, origin), minus(*at_a, origin), minus(centre, origin));
+                let (p, q, r) = (
+                    minus(*at_b, origin),
+                    minus(*at_a, origin),
+                    minus(centre, origin),
+                );
                 let g = [cross(&q, &r), cross(&r, &p), cross(&p, &q)].map(|g| g.map(|g| -g / 6.0));
                 add(*b, g[0]);
                 add(*a, g[1]);
@@ -172,7 +201,8 @@ impl Cavity {
         displacement: &[f64],
         force: &mut [f64],
     ) {
-        self.wall.add_forces(pressure, reference, displacement, force);
+        self.wall
+            .add_forces(pressure, reference, displacement, force);
         if !self.hangs {
             return;
         }
@@ -187,8 +217,15 @@ impl Cavity {
 
     /// Adds the derivative of [`Self::add_forces`] \[mN/mm\]: its symmetric part on the wall. What is left out, the change of
     /// the caps' area and an unsymmetric part at the edge of the opening, is of the order of the load on the rim alone.
-    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut dyn Assembled) {
-        self.wall.add_symmetric_tangent(pressure, reference, displacement, tangent);
+    pub fn add_tangent(
+        &self,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        tangent: &mut dyn Assembled,
+    ) {
+        self.wall
+            .add_symmetric_tangent(pressure, reference, displacement, tangent);
     }
 }
 

@@ -7,13 +7,17 @@ use crate::linear::{Assembled, NO_SLOT, Pattern};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
     /// Triangles have three or six nodes.
-    #[error("a triangle of the surface has {found} nodes, expected 3 (linear) or 6 (quadratic), the same for all")]
+    #[error(
+        "a triangle of the surface has {found} nodes, expected 3 (linear) or 6 (quadratic), the same for all"
+    )]
     Nodes {
         /// Nodes found.
         found: usize,
     },
     /// A triangle is not a face of the body's elements.
-    #[error("triangle {triangle} of the surface joins nodes {a} and {b}, which no element of the body shares")]
+    #[error(
+        "triangle {triangle} of the surface joins nodes {a} and {b}, which no element of the body shares"
+    )]
     NotOfBody {
         /// Triangle.
         triangle: usize,
@@ -47,7 +51,10 @@ impl Faces {
     ///
     /// # Errors
     /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
-    pub fn new<const N: usize>(triangles: &[[u32; N]], pattern: &Pattern) -> Result<Self, SurfaceError> {
+    pub fn new<const N: usize>(
+        triangles: &[[u32; N]],
+        pattern: &Pattern,
+    ) -> Result<Self, SurfaceError> {
         if N != 3 && N != 6 {
             return Err(SurfaceError::Nodes { found: N });
         }
@@ -57,23 +64,44 @@ impl Faces {
                 for &b in t {
                     let slot = pattern.slot(a, b);
                     if slot == NO_SLOT && (a as usize) < pattern.n_rows() {
-                        return Err(SurfaceError::NotOfBody { triangle: idx, a, b });
+                        return Err(SurfaceError::NotOfBody {
+                            triangle: idx,
+                            a,
+                            b,
+                        });
                     }
                     slots.push(slot);
                 }
             }
         }
-        let points = triangle_rule(if N == 3 { 3 } else { 6 }).iter().map(|(l, w)| (*w, triangle(N, l))).collect();
-        Ok(Self { n_nodes: N, nodes: triangles.as_flattened().to_vec(), slots, points, n_owned: pattern.n_rows() })
+        let points = triangle_rule(if N == 3 { 3 } else { 6 })
+            .iter()
+            .map(|(l, w)| (*w, triangle(N, l)))
+            .collect();
+        Ok(Self {
+            n_nodes: N,
+            nodes: triangles.as_flattened().to_vec(),
+            slots,
+            points,
+            n_owned: pattern.n_rows(),
+        })
     }
 
     /// This rank's share of a triangle in sums over ranks: that of the nodes that it owns.
     pub(crate) fn share(&self, nodes: &[u32]) -> f64 {
-        nodes.iter().filter(|n| (**n as usize) < self.n_owned).count() as f64 / nodes.len() as f64
+        nodes
+            .iter()
+            .filter(|n| (**n as usize) < self.n_owned)
+            .count() as f64
+            / nodes.len() as f64
     }
 
     /// Positions of a triangle's nodes; of six, or of three and three zeros.
-    pub(crate) fn positions(nodes: &[u32], reference: &[f64], displacement: &[f64]) -> [[f64; 3]; 6] {
+    pub(crate) fn positions(
+        nodes: &[u32],
+        reference: &[f64],
+        displacement: &[f64],
+    ) -> [[f64; 3]; 6] {
         let mut out = [[0.0; 3]; 6];
         for (x, &n) in out.iter_mut().zip(nodes) {
             let k = 3 * n as usize;
@@ -99,7 +127,11 @@ impl Faces {
 }
 
 pub(crate) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 /// A surface under pressure.
@@ -113,12 +145,23 @@ impl PressureSurface {
     ///
     /// # Errors
     /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
-    pub fn new<const N: usize>(triangles: &[[u32; N]], pattern: &Pattern) -> Result<Self, SurfaceError> {
-        Ok(Self { faces: Faces::new(triangles, pattern)? })
+    pub fn new<const N: usize>(
+        triangles: &[[u32; N]],
+        pattern: &Pattern,
+    ) -> Result<Self, SurfaceError> {
+        Ok(Self {
+            faces: Faces::new(triangles, pattern)?,
+        })
     }
 
     /// Adds `p ∫ Nₐ n da` \[mN\] for `pressure` \[kPa\] on the deformed surface: minus the force of the pressure.
-    pub fn add_forces(&self, pressure: f64, reference: &[f64], displacement: &[f64], force: &mut [f64]) {
+    pub fn add_forces(
+        &self,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        force: &mut [f64],
+    ) {
         for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
             let x = Faces::positions(nodes, reference, displacement);
             for (weight, shape) in &self.faces.points {
@@ -156,7 +199,13 @@ impl PressureSurface {
     }
 
     /// Adds the derivative of [`Self::add_forces`] with respect to displacement \[mN/mm\].
-    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut dyn Assembled) {
+    pub fn add_tangent(
+        &self,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        tangent: &mut dyn Assembled,
+    ) {
         self.add_tangent_part(pressure, reference, displacement, tangent, false);
     }
 
@@ -180,7 +229,12 @@ impl PressureSurface {
         symmetric: bool,
     ) {
         let n = self.faces.n_nodes;
-        for (nodes, slots) in self.faces.nodes.chunks(n).zip(self.faces.slots.chunks(n * n)) {
+        for (nodes, slots) in self
+            .faces
+            .nodes
+            .chunks(n)
+            .zip(self.faces.slots.chunks(n * n))
+        {
             let x = Faces::positions(nodes, reference, displacement);
             let mut blocks = [[0.0; 9]; 36];
             for (weight, shape) in &self.faces.points {
@@ -189,7 +243,8 @@ impl PressureSurface {
                     let k = 0.5 * weight * pressure * value;
                     for (b, (_, slope)) in shape.iter().enumerate() {
                         // d(e1 × e2) = Σ_b (N_b,ξ δ_b × e2 − N_b,η δ_b × e1): δ × w as a matrix on δ.
-                        let w: [f64; 3] = std::array::from_fn(|i| k * (slope[0] * e2[i] - slope[1] * e1[i]));
+                        let w: [f64; 3] =
+                            std::array::from_fn(|i| k * (slope[0] * e2[i] - slope[1] * e1[i]));
                         let block = &mut blocks[a * n + b];
                         let skew = [0.0, w[2], -w[1], -w[2], 0.0, w[0], w[1], -w[0], 0.0];
                         for (to, from) in block.iter_mut().zip(skew) {
@@ -203,7 +258,8 @@ impl PressureSurface {
                 for a in 0..n {
                     for b in 0..n {
                         let (own, other) = (&whole[a * n + b], &whole[b * n + a]);
-                        blocks[a * n + b] = std::array::from_fn(|k| 0.5 * (own[k] + other[3 * (k % 3) + k / 3]));
+                        blocks[a * n + b] =
+                            std::array::from_fn(|k| 0.5 * (own[k] + other[3 * (k % 3) + k / 3]));
                     }
                 }
             }

@@ -63,7 +63,8 @@ impl Robin {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let normal = cross(&e1, &e2);
                 let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
-                let at = std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum());
+                let at =
+                    std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum());
                 let share = share(at);
                 for a in 0..N {
                     for b in 0..N {
@@ -71,7 +72,9 @@ impl Robin {
                         for i in 0..3 {
                             for j in 0..3 {
                                 blocks[a * N + b][3 * i + j] += k * match direction {
-                                    RobinDirection::Normal => normal[i] * normal[j] / (length * length),
+                                    RobinDirection::Normal => {
+                                        normal[i] * normal[j] / (length * length)
+                                    }
                                     RobinDirection::All => f64::from(u8::from(i == j)),
                                 };
                             }
@@ -82,7 +85,12 @@ impl Robin {
             for a in 0..N {
                 for b in 0..N {
                     let slot = slots[a * N + b];
-                    entries.push(Entry { row: nodes[a], column: nodes[b], slot, block: blocks[a * N + b] });
+                    entries.push(Entry {
+                        row: nodes[a],
+                        column: nodes[b],
+                        slot,
+                        block: blocks[a * N + b],
+                    });
                 }
             }
         }
@@ -90,7 +98,10 @@ impl Robin {
         entries.dedup_by(|next, kept| {
             let same = (next.row, next.column) == (kept.row, kept.column);
             if same {
-                kept.block.iter_mut().zip(next.block).for_each(|(k, n)| *k += n);
+                kept.block
+                    .iter_mut()
+                    .zip(next.block)
+                    .for_each(|(k, n)| *k += n);
             }
             same
         });

@@ -62,7 +62,9 @@ impl ElementError {
     #[must_use]
     pub fn renumbered(mut self, numbers: &[u32]) -> Self {
         let (Self::NotPositive { element, .. } | Self::NodeOutOfRange { element, .. }) = &mut self;
-        *element = numbers.get(*element).map_or(*element, |number| *number as usize);
+        *element = numbers
+            .get(*element)
+            .map_or(*element, |number| *number as usize);
         self
     }
 }
@@ -96,7 +98,10 @@ pub fn batches<const N: usize, const Q: usize>(
                 n: lanes.len(),
                 elements: [0; BATCH],
                 nodes: [[0; BATCH]; N],
-                points: std::array::from_fn(|_| Point { grad: [[[0.0; BATCH]; 3]; N], weight: [0.0; BATCH] }),
+                points: std::array::from_fn(|_| Point {
+                    grad: [[[0.0; BATCH]; 3]; N],
+                    weight: [0.0; BATCH],
+                }),
             };
             for lane in 0..BATCH {
                 let e = lanes[lane.min(lanes.len() - 1)];
@@ -115,12 +120,20 @@ pub fn batches<const N: usize, const Q: usize>(
                 for (point, (l, share)) in batch.points.iter_mut().zip(tetrahedron_rule(Q)) {
                     let (grad, jacobian) = gradients(&x, &l);
                     if !(jacobian > 0.0) {
-                        return Err(ElementError::NotPositive { element: e, jacobian_mm3: jacobian });
+                        return Err(ElementError::NotPositive {
+                            element: e,
+                            jacobian_mm3: jacobian,
+                        });
                     }
                     let shape = values::<N>(&l);
-                    let at: [f64; 3] = std::array::from_fn(|i| (0..N).map(|a| shape[a] * x[a][i]).sum());
+                    let at: [f64; 3] =
+                        std::array::from_fn(|i| (0..N).map(|a| shape[a] * x[a][i]).sum());
                     let axes = frame(e, at);
-                    point.weight[lane] = if lane < lanes.len() { share * jacobian / 6.0 } else { 0.0 };
+                    point.weight[lane] = if lane < lanes.len() {
+                        share * jacobian / 6.0
+                    } else {
+                        0.0
+                    };
                     for a in 0..N {
                         for k in 0..3 {
                             point.grad[a][k][lane] = (0..3).map(|i| axes[i][k] * grad[a][i]).sum();
@@ -138,7 +151,8 @@ pub fn batches<const N: usize, const Q: usize>(
 fn gradients<const N: usize>(x: &[[f64; 3]; N], l: &[f64; 4]) -> ([[f64; 3]; N], f64) {
     let slope = slopes::<N>(l);
     // ξ_k = l_{k+1}; l₀ = 1 − Σ ξ.
-    let local: [[f64; 3]; N] = std::array::from_fn(|a| std::array::from_fn(|k| slope[a][k + 1] - slope[a][0]));
+    let local: [[f64; 3]; N] =
+        std::array::from_fn(|a| std::array::from_fn(|k| slope[a][k + 1] - slope[a][0]));
     let mut jac = [[0.0; 3]; 3];
     for i in 0..3 {
         for k in 0..3 {
@@ -150,8 +164,9 @@ fn gradients<const N: usize>(x: &[[f64; 3]; N], l: &[f64; 4]) -> ([[f64; 3]; N],
         jac[r1][c1] * jac[r2][c2] - jac[r1][c2] * jac[r2][c1]
     };
     let det: f64 = (0..3).map(|c| jac[0][c] * cof(0, c)).sum();
-    let grad =
-        std::array::from_fn(|a| std::array::from_fn(|i| (0..3).map(|k| local[a][k] * cof(i, k)).sum::<f64>() / det));
+    let grad = std::array::from_fn(|a| {
+        std::array::from_fn(|i| (0..3).map(|k| local[a][k] * cof(i, k)).sum::<f64>() / det)
+    });
     (grad, det)
 }
 
@@ -164,10 +179,13 @@ mod tests {
 
     #[test]
     fn gradients_reproduce_a_linear_field_and_weights_the_volume() {
-        let batch = &batches::<4, 1>(&NODES, &[[0, 1, 2, 3]], &[0], &|_, _| AXES).expect("a proper element")[0];
+        let batch = &batches::<4, 1>(&NODES, &[[0, 1, 2, 3]], &[0], &|_, _| AXES)
+            .expect("a proper element")[0];
         for i in 0..3 {
             for k in 0..3 {
-                let got: f64 = (0..4).map(|a| NODES[a][i] * batch.points[0].grad[a][k][0]).sum();
+                let got: f64 = (0..4)
+                    .map(|a| NODES[a][i] * batch.points[0].grad[a][k][0])
+                    .sum();
                 assert!((got - f64::from(u8::from(i == k))).abs() < 1e-14);
             }
         }
@@ -178,10 +196,18 @@ mod tests {
 
     #[test]
     fn an_inverted_element_is_named() {
+        let error = batches::<4, 1>(&NODES, &[[0, 1, 2, 3], [0, 2, 1, 3]], &[0, 0], &|_, _| AXES)
+            .expect_err("inverted");
+        assert!(matches!(
+            error,
+            ElementError::NotPositive { element: 1, .. }
+        ));
         let error =
-            batches::<4, 1>(&NODES, &[[0, 1, 2, 3], [0, 2, 1, 3]], &[0, 0], &|_, _| AXES).expect_err("inverted");
-        assert!(matches!(error, ElementError::NotPositive { element: 1, .. }));
-        let error = batches::<4, 1>(&NODES, &[[0, 1, 2, 4]], &[0], &|_, _| AXES).expect_err("no such node");
-        assert!(error.to_string().contains("names node 4, but the mesh has 4 nodes"));
+            batches::<4, 1>(&NODES, &[[0, 1, 2, 4]], &[0], &|_, _| AXES).expect_err("no such node");
+        assert!(
+            error
+                .to_string()
+                .contains("names node 4, but the mesh has 4 nodes")
+        );
     }
 }

@@ -26,7 +26,10 @@ pub struct ActivePoint {
 
 impl ActivePoint {
     /// No active stress.
-    pub const NONE: Self = Self { sa_kpa: [0.0; BATCH], slope_kpa: [0.0; BATCH] };
+    pub const NONE: Self = Self {
+        sa_kpa: [0.0; BATCH],
+        slope_kpa: [0.0; BATCH],
+    };
 }
 
 /// What the kernel reads of a batch's nodes.
@@ -44,7 +47,11 @@ impl<const N: usize> Gathered<N> {
     /// Zeros.
     #[must_use]
     pub fn zeros() -> Self {
-        Self { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4], velocity: [[[0.0; BATCH]; 3]; N] }
+        Self {
+            x: [[[0.0; BATCH]; 3]; N],
+            pressure: [[0.0; BATCH]; 4],
+            velocity: [[[0.0; BATCH]; 3]; N],
+        }
     }
 }
 
@@ -59,7 +66,10 @@ pub struct Viscous {
 
 impl Viscous {
     /// No viscosity.
-    pub const NONE: Self = Self { viscosity_kpa_ms: 0.0, velocity_rate_per_ms: 0.0 };
+    pub const NONE: Self = Self {
+        viscosity_kpa_ms: 0.0,
+        velocity_rate_per_ms: 0.0,
+    };
 }
 
 /// What the kernel writes; summed over integration points.
@@ -185,7 +195,10 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
 /// The tangent of viscous stress holds `∂Ė/∂v ∂v/∂u`, not the change of `Ė` with `F` at a given velocity: that part is not
 /// symmetric and smaller by the strain of a time step.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "what an element needs, each of its own kind")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "what an element needs, each of its own kind"
+)]
 pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     simd: S,
     tissue: &Tissue,
@@ -199,7 +212,9 @@ pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
 ) {
     for lane in (0..BATCH).step_by(S::F64_LANES) {
         for q in 0..Q {
-            point::<S, N, Q, TANGENT>(simd, tissue, viscous, volume, &shape[q], batch, input, &active[q], out, lane, q);
+            point::<S, N, Q, TANGENT>(
+                simd, tissue, viscous, volume, &shape[q], batch, input, &active[q], out, lane, q,
+            );
         }
     }
 }
@@ -226,7 +241,10 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     let cof = cofactor(&f);
     let j = f[0][0].mul_add(cof[0][0], f[0][1].mul_add(cof[0][1], f[0][2] * cof[0][2]));
     let mut c: Sym<Lanes<S>> = [zero; 6];
-    for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+    for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+        .into_iter()
+        .enumerate()
+    {
         c[k] = f[0][m].mul_add(f[0][n], f[1][m].mul_add(f[1][n], f[2][m] * f[2][n]));
     }
     let (slope, curvature) = tissue.volumetric.law.slopes(j);
@@ -234,7 +252,8 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     let mut pressure = slope.times(kappa);
     if let VolumeChange::Nodal { .. } = volume {
         for v in 0..4 {
-            pressure = Lanes::load(simd, &input.pressure[v][lane..]).mul_add(zero.like(shape[v]), pressure);
+            pressure = Lanes::load(simd, &input.pressure[v][lane..])
+                .mul_add(zero.like(shape[v]), pressure);
         }
     }
     let load = Load {
@@ -247,7 +266,10 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     let (mut s, mut d) = (response.s, response.d);
     if viscous.viscosity_kpa_ms > 0.0 {
         let rate = deformation(simd, &input.velocity, grad, lane);
-        for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+        for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+            .into_iter()
+            .enumerate()
+        {
             let mut twice = zero;
             for i in 0..3 {
                 twice = f[i][m].mul_add(rate[i][n], f[i][n].mul_add(rate[i][m], twice));
@@ -273,7 +295,8 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
             g[a][k] = Lanes::load(simd, &grad[a][k][lane..]);
         }
         for k in 0..3 {
-            sg[a][k] = full[k][0].mul_add(g[a][0], full[k][1].mul_add(g[a][1], full[k][2] * g[a][2]));
+            sg[a][k] =
+                full[k][0].mul_add(g[a][0], full[k][1].mul_add(g[a][1], full[k][2] * g[a][2]));
         }
     }
     let mut rest = [zero; 3];
@@ -298,7 +321,8 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
         let mut rest = [zero; 3];
         for a in first..N {
             for i in 0..3 {
-                let h = cof[i][0].mul_add(g[a][0], cof[i][1].mul_add(g[a][1], cof[i][2] * g[a][2])) * weight;
+                let h = cof[i][0].mul_add(g[a][0], cof[i][1].mul_add(g[a][1], cof[i][2] * g[a][2]))
+                    * weight;
                 rest[i] = rest[i] - h;
                 for v in 0..n_vertices {
                     put::<S, Q>(simd, &mut out.coupling[a][v][i], lane, h.times(shape[v]));
@@ -307,7 +331,12 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
         }
         if N == LINEAR {
             for i in 0..3 {
-                put::<S, Q>(simd, &mut out.coupling[0][0][i], lane, rest[i].times(shape[0]));
+                put::<S, Q>(
+                    simd,
+                    &mut out.coupling[0][0][i],
+                    lane,
+                    rest[i].times(shape[0]),
+                );
             }
         }
     }
@@ -336,7 +365,8 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
             }
         }
         for a in first..=b {
-            let geometric = g[a][0].mul_add(sg[b][0], g[a][1].mul_add(sg[b][1], g[a][2] * sg[b][2]));
+            let geometric =
+                g[a][0].mul_add(sg[b][0], g[a][1].mul_add(sg[b][1], g[a][2] * sg[b][2]));
             let block = &mut out.stiffness[pair(N, a, b)];
             for i in 0..3 {
                 for k in 0..3 {
@@ -368,14 +398,20 @@ fn put<S: Simd, const Q: usize>(simd: S, to: &mut Eight, lane: usize, x: Lanes<S
 #[inline(always)]
 fn complete_stiffness<S: Simd>(simd: S, stiffness: &mut [[Eight; 9]; MAX_PAIRS], lane: usize) {
     let get = |stiffness: &[[Eight; 9]; MAX_PAIRS], a: usize, b: usize, i: usize, k: usize| {
-        let (pair, at) = if a <= b { (pair(LINEAR, a, b), 3 * i + k) } else { (pair(LINEAR, b, a), 3 * k + i) };
+        let (pair, at) = if a <= b {
+            (pair(LINEAR, a, b), 3 * i + k)
+        } else {
+            (pair(LINEAR, b, a), 3 * k + i)
+        };
         Lanes::load(simd, &stiffness[pair][at][lane..])
     };
     for i in 0..3 {
         for k in 0..3 {
             let mut of_first = Lanes::splat(simd, 0.0);
             for b in 1..LINEAR {
-                let sum = get(stiffness, 1, b, i, k) + get(stiffness, 2, b, i, k) + get(stiffness, 3, b, i, k);
+                let sum = get(stiffness, 1, b, i, k)
+                    + get(stiffness, 2, b, i, k)
+                    + get(stiffness, 3, b, i, k);
                 (-sum).store(&mut stiffness[pair(LINEAR, 0, b)][3 * i + k][lane..]);
                 of_first = of_first + sum;
             }

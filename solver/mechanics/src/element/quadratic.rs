@@ -20,7 +20,11 @@ pub struct QuadraticMesh {
 impl QuadraticMesh {
     /// Adds mid-edge nodes. `place` gives the coordinates of the node between two vertices (their numbers); the straight
     /// edge's middle where it returns `None`.
-    pub fn new(vertices: &[[f64; 3]], tets: &[[u32; 4]], mut place: impl FnMut(u32, u32) -> Option<[f64; 3]>) -> Self {
+    pub fn new(
+        vertices: &[[f64; 3]],
+        tets: &[[u32; 4]],
+        mut place: impl FnMut(u32, u32) -> Option<[f64; 3]>,
+    ) -> Self {
         let mut edges: BTreeMap<(u32, u32), u32> = BTreeMap::new();
         for tet in tets {
             for (i, j) in EDGES {
@@ -36,9 +40,22 @@ impl QuadraticMesh {
         let between = |a: u32, b: u32| edges[&(a.min(b), a.max(b))];
         let tets = tets
             .iter()
-            .map(|t| std::array::from_fn(|k| if k < 4 { t[k] } else { between(t[EDGES[k - 4].0], t[EDGES[k - 4].1]) }))
+            .map(|t| {
+                std::array::from_fn(|k| {
+                    if k < 4 {
+                        t[k]
+                    } else {
+                        between(t[EDGES[k - 4].0], t[EDGES[k - 4].1])
+                    }
+                })
+            })
             .collect();
-        Self { nodes, tets, n_vertices: vertices.len(), edges }
+        Self {
+            nodes,
+            tets,
+            n_vertices: vertices.len(),
+            edges,
+        }
     }
 
     /// The node between two vertices, `None` where they share no edge.
@@ -61,10 +78,19 @@ mod tests {
 
     #[test]
     fn two_tetrahedra_share_the_nodes_of_their_face() {
-        let vertices = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]];
+        let vertices = [
+            [0.0; 3],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 1.0, 1.0],
+        ];
         let mesh = QuadraticMesh::new(&vertices, &[[0, 1, 2, 3], [1, 2, 3, 4]], |_, _| None);
         assert_eq!((mesh.nodes.len(), mesh.n_vertices), (5 + 9, 5));
-        let shared = mesh.tets[0].iter().filter(|n| mesh.tets[1].contains(n)).count();
+        let shared = mesh.tets[0]
+            .iter()
+            .filter(|n| mesh.tets[1].contains(n))
+            .count();
         assert_eq!(shared, 6);
         let face = mesh.triangle([3, 1, 2]).expect("a face of the mesh");
         assert_eq!(mesh.nodes[face[4] as usize], [0.5, 0.5, 0.0]);

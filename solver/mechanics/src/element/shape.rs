@@ -17,7 +17,9 @@ pub fn tetrahedron_rule(n_points: usize) -> Vec<([f64; 4], f64)> {
         4 => {
             // Exact to degree 2: a = (5 + 3√5)/20, b = (5 − √5)/20.
             let (a, b) = (0.585_410_196_624_968_5, 0.138_196_601_125_010_5);
-            (0..4).map(|i| (std::array::from_fn(|k| if k == i { a } else { b }), 0.25)).collect()
+            (0..4)
+                .map(|i| (std::array::from_fn(|k| if k == i { a } else { b }), 0.25))
+                .collect()
         }
         _ => panic!("the rules of a tetrahedron here have 1 or 4 points, not {n_points}"),
     }
@@ -60,16 +62,33 @@ pub fn slopes<const N: usize>(l: &[f64; 4]) -> [[f64; 4]; N] {
 pub fn triangle_rule(n_points: usize) -> Vec<([f64; 3], f64)> {
     match n_points {
         1 => vec![([1.0 / 3.0; 3], 1.0)],
-        3 => (0..3).map(|i| (std::array::from_fn(|k| if k == i { 2.0 / 3.0 } else { 1.0 / 6.0 }), 1.0 / 3.0)).collect(),
+        3 => (0..3)
+            .map(|i| {
+                (
+                    std::array::from_fn(|k| if k == i { 2.0 / 3.0 } else { 1.0 / 6.0 }),
+                    1.0 / 3.0,
+                )
+            })
+            .collect(),
         6 => {
             // Dunavant 1985, degree 4.
             let orbits = [
-                (0.108_103_018_168_070, 0.445_948_490_915_965, 0.223_381_589_678_011),
-                (0.816_847_572_980_459, 0.091_576_213_509_771, 0.109_951_743_655_322),
+                (
+                    0.108_103_018_168_070,
+                    0.445_948_490_915_965,
+                    0.223_381_589_678_011,
+                ),
+                (
+                    0.816_847_572_980_459,
+                    0.091_576_213_509_771,
+                    0.109_951_743_655_322,
+                ),
             ];
             orbits
                 .iter()
-                .flat_map(|&(a, b, w)| (0..3).map(move |i| (std::array::from_fn(|k| if k == i { a } else { b }), w)))
+                .flat_map(|&(a, b, w)| {
+                    (0..3).map(move |i| (std::array::from_fn(|k| if k == i { a } else { b }), w))
+                })
                 .collect()
         }
         _ => panic!("the rules of a triangle here have 1, 3 or 6 points, not {n_points}"),
@@ -118,20 +137,36 @@ mod tests {
                 if powers.iter().sum::<u32>() <= degree {
                     let got: f64 = tetrahedron_rule(n)
                         .iter()
-                        .map(|(l, w)| w * (0..3).map(|k| l[k].powi(powers[k] as i32)).product::<f64>())
+                        .map(|(l, w)| {
+                            w * (0..3).map(|k| l[k].powi(powers[k] as i32)).product::<f64>()
+                        })
                         .sum();
                     assert!((got - exact(powers, 3)).abs() < 1e-14);
                 }
             }
         }
         for (n, degree) in [(1, 1), (3, 2), (6, 4)] {
-            for powers in [[0, 0, 0], [1, 0, 0], [1, 1, 0], [2, 0, 0], [2, 1, 1], [2, 2, 0], [4, 0, 0], [3, 1, 0]] {
+            for powers in [
+                [0, 0, 0],
+                [1, 0, 0],
+                [1, 1, 0],
+                [2, 0, 0],
+                [2, 1, 1],
+                [2, 2, 0],
+                [4, 0, 0],
+                [3, 1, 0],
+            ] {
                 if powers.iter().sum::<u32>() <= degree {
                     let got: f64 = triangle_rule(n)
                         .iter()
-                        .map(|(l, w)| w * (0..3).map(|k| l[k].powi(powers[k] as i32)).product::<f64>())
+                        .map(|(l, w)| {
+                            w * (0..3).map(|k| l[k].powi(powers[k] as i32)).product::<f64>()
+                        })
                         .sum();
-                    assert!((got - exact(powers, 2)).abs() < 1e-14, "{n} points, {powers:?}: {got}");
+                    assert!(
+                        (got - exact(powers, 2)).abs() < 1e-14,
+                        "{n} points, {powers:?}: {got}"
+                    );
                 }
             }
         }
@@ -144,7 +179,9 @@ mod tests {
             nodes.push(std::array::from_fn(|k| if k == i { 1.0 } else { 0.0 }));
         }
         for (i, j) in EDGES {
-            nodes.push(std::array::from_fn(|k| if k == i || k == j { 0.5 } else { 0.0 }));
+            nodes.push(std::array::from_fn(|k| {
+                if k == i || k == j { 0.5 } else { 0.0 }
+            }));
         }
         for (n, l) in nodes.iter().enumerate() {
             for (a, v) in values::<QUADRATIC>(l).into_iter().enumerate() {
@@ -153,8 +190,12 @@ mod tests {
         }
         let l = [0.1, 0.2, 0.3, 0.4];
         assert!((values::<QUADRATIC>(&l).iter().sum::<f64>() - 1.0).abs() < 1e-15);
-        let total: [f64; 4] = std::array::from_fn(|k| slopes::<QUADRATIC>(&l).iter().map(|s| s[k]).sum());
-        assert!(total.iter().all(|t| (t - total[0]).abs() < 1e-14), "a constant has no gradient along the simplex");
+        let total: [f64; 4] =
+            std::array::from_fn(|k| slopes::<QUADRATIC>(&l).iter().map(|s| s[k]).sum());
+        assert!(
+            total.iter().all(|t| (t - total[0]).abs() < 1e-14),
+            "a constant has no gradient along the simplex"
+        );
         let six = triangle(6, &[0.2, 0.3, 0.5]);
         assert!((six.iter().map(|s| s.0).sum::<f64>() - 1.0).abs() < 1e-15);
         assert!(six.iter().map(|s| s.1[0]).sum::<f64>().abs() < 1e-14);

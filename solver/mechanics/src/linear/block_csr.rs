@@ -16,7 +16,10 @@ impl Pattern {
     /// Pattern of `n_rows` nodes with an entry wherever an element holds both the row's node and the column's.
     ///
     /// - `elements`: for each element its nodes as rows and its nodes as columns
-    pub fn of_elements<'a>(n_rows: usize, elements: impl Iterator<Item = (&'a [u32], &'a [u32])> + Clone) -> Self {
+    pub fn of_elements<'a>(
+        n_rows: usize,
+        elements: impl Iterator<Item = (&'a [u32], &'a [u32])> + Clone,
+    ) -> Self {
         let mut start = vec![0_u32; n_rows + 1];
         for (rows, columns) in elements.clone() {
             for r in rows.iter().filter(|r| (**r as usize) < n_rows) {
@@ -174,7 +177,10 @@ mod tests {
     #[test]
     fn products_agree_with_dense_ones() {
         let elements = [[0_u32, 1, 2, 3], [1, 2, 3, 4]];
-        let pattern = std::sync::Arc::new(Pattern::of_elements(5, elements.iter().map(|e| (&e[..], &e[..]))));
+        let pattern = std::sync::Arc::new(Pattern::of_elements(
+            5,
+            elements.iter().map(|e| (&e[..], &e[..])),
+        ));
         assert_eq!(pattern.column.len(), 4 + 5 * 3 + 4);
         assert_eq!((pattern.slot(0, 4), pattern.slot(7, 0)), (NO_SLOT, NO_SLOT));
         let mut a = BlockCsr::zeros(pattern.clone());

@@ -7,7 +7,8 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
@@ -54,7 +55,10 @@ pub struct Direct {
 
 impl std::fmt::Debug for Direct {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Direct").field("n", &self.n).field("factor", &self.factor.len()).finish_non_exhaustive()
+        f.debug_struct("Direct")
+            .field("n", &self.n)
+            .field("factor", &self.factor.len())
+            .finish_non_exhaustive()
     }
 }
 
@@ -78,7 +82,11 @@ impl Direct {
                     row.extend((0..3).map(|j| 3 * other + j).filter(|r| *r >= 3 * node + i));
                 }
                 if let Some(coupling) = &coupling {
-                    row.extend(coupling.row(node).map(|k| 3 * n_rows + coupling.column[k] as usize));
+                    row.extend(
+                        coupling
+                            .row(node)
+                            .map(|k| 3 * n_rows + coupling.column[k] as usize),
+                    );
                 }
                 column_start.push(row.len());
             }
@@ -107,7 +115,17 @@ impl Direct {
         )
         .map_err(|e| error(format!("{e:?}")))?;
         let (value, factor) = (vec![0.0; row.len()], vec![0.0; symbolic.len_val()]);
-        Ok(Self { pattern, coupling, column_start, row, value, symbolic, factor, n_rows, n })
+        Ok(Self {
+            pattern,
+            coupling,
+            column_start,
+            row,
+            value,
+            symbolic,
+            factor,
+            n_rows,
+            n,
+        })
     }
 
     /// Numbers in the factor.
@@ -131,7 +149,8 @@ impl Direct {
                     let back = self.pattern.slot(other, node as u32) as usize;
                     for j in 0..3 {
                         if 3 * other as usize + j >= 3 * node + i {
-                            self.value[at] = (0.5 * (blocks[k][3 * i + j] + blocks[back][3 * j + i])) as f32;
+                            self.value[at] =
+                                (0.5 * (blocks[k][3 * i + j] + blocks[back][3 * j + i])) as f32;
                             at += 1;
                         }
                     }
@@ -153,7 +172,9 @@ impl Direct {
             SymbolicSparseColMatRef::new_checked(n, n, &self.column_start, None, &self.row),
             &self.value,
         );
-        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f32>(par, faer::Spec::default());
+        let scratch = self
+            .symbolic
+            .factorize_numeric_ldlt_scratch::<f32>(par, faer::Spec::default());
         let mut memory = MemBuffer::new(scratch);
         self.symbolic
             .factorize_numeric_ldlt(
@@ -165,7 +186,10 @@ impl Direct {
                 MemStack::new(&mut memory),
                 faer::Spec::default(),
             )
-            .map_err(|e| DirectError::Numeric { n, reason: format!("{e:?}") })?;
+            .map_err(|e| DirectError::Numeric {
+                n,
+                reason: format!("{e:?}"),
+            })?;
         Ok(())
     }
 }
@@ -174,9 +198,13 @@ impl Preconditioner for Direct {
     fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
         let mut full = vec![0.0_f32; self.n];
         // Scaled to one, so that nothing is too small for single precision.
-        let largest = r[..3 * self.n_rows].iter().fold(0.0_f64, |m, r| m.max(r.abs()));
+        let largest = r[..3 * self.n_rows]
+            .iter()
+            .fold(0.0_f64, |m, r| m.max(r.abs()));
         let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
-        full.iter_mut().zip(&r[..3 * self.n_rows]).for_each(|(to, r)| *to = (scale * r) as f32);
+        full.iter_mut()
+            .zip(&r[..3 * self.n_rows])
+            .for_each(|(to, r)| *to = (scale * r) as f32);
         let par = Par::Seq;
         let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f32>(1, par));
         LdltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
@@ -185,6 +213,8 @@ impl Preconditioner for Direct {
             par,
             MemStack::new(&mut memory),
         );
-        z.iter_mut().zip(&full[..3 * self.n_rows]).for_each(|(z, f)| *z = f64::from(*f) / scale);
+        z.iter_mut()
+            .zip(&full[..3 * self.n_rows])
+            .for_each(|(z, f)| *z = f64::from(*f) / scale);
     }
 }

@@ -12,11 +12,23 @@ const SMALLEST_PART: usize = 24;
 pub fn nested_dissection(pattern: &Pattern, points: &[f64]) -> Vec<u32> {
     let mut order = Vec::with_capacity(pattern.n_rows());
     let mut side = vec![0_u8; pattern.n_rows()];
-    dissect(pattern, points, (0..pattern.n_rows() as u32).collect(), &mut side, &mut order);
+    dissect(
+        pattern,
+        points,
+        (0..pattern.n_rows() as u32).collect(),
+        &mut side,
+        &mut order,
+    );
     order
 }
 
-fn dissect(pattern: &Pattern, points: &[f64], mut part: Vec<u32>, side: &mut [u8], order: &mut Vec<u32>) {
+fn dissect(
+    pattern: &Pattern,
+    points: &[f64],
+    mut part: Vec<u32>,
+    side: &mut [u8],
+    order: &mut Vec<u32>,
+) {
     if part.len() <= SMALLEST_PART {
         order.extend(part);
         return;
@@ -25,7 +37,9 @@ fn dissect(pattern: &Pattern, points: &[f64], mut part: Vec<u32>, side: &mut [u8
     let extent = |axis: usize| {
         let (low, high) = part
             .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), n| (l.min(at(*n, axis)), h.max(at(*n, axis))));
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), n| {
+                (l.min(at(*n, axis)), h.max(at(*n, axis)))
+            });
         high - low
     };
     let extents = [extent(0), extent(1), extent(2)];
@@ -39,8 +53,12 @@ fn dissect(pattern: &Pattern, points: &[f64], mut part: Vec<u32>, side: &mut [u8
         side[*n as usize] = 2;
     }
     // The separator is the boundary of the upper half towards the lower one.
-    let touches =
-        |n: u32| pattern.row(n as usize).any(|k| side.get(pattern.column[k] as usize).is_some_and(|s| *s == 1));
+    let touches = |n: u32| {
+        pattern.row(n as usize).any(|k| {
+            side.get(pattern.column[k] as usize)
+                .is_some_and(|s| *s == 1)
+        })
+    };
     let (separator, inner): (Vec<u32>, Vec<u32>) = upper.iter().partition(|n| touches(**n));
     for n in part.iter().chain(&upper) {
         side[*n as usize] = 0;

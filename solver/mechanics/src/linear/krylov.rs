@@ -16,7 +16,11 @@ pub struct KrylovSettings {
 
 impl Default for KrylovSettings {
     fn default() -> Self {
-        Self { relative_tolerance: 1e-8, max_iterations: 2000, restart: 60 }
+        Self {
+            relative_tolerance: 1e-8,
+            max_iterations: 2000,
+            restart: 60,
+        }
     }
 }
 
@@ -56,11 +60,25 @@ fn residual(space: Space<'_>, a: &dyn Operator, x: &mut [f64], b: &[f64], r: &mu
     space.norm(r)
 }
 
-fn report(iterations: usize, r: f64, b: f64, settings: &KrylovSettings, otherwise: KrylovEnding) -> KrylovReport {
+fn report(
+    iterations: usize,
+    r: f64,
+    b: f64,
+    settings: &KrylovSettings,
+    otherwise: KrylovEnding,
+) -> KrylovReport {
     // The recurrences drift from the true residual by a little: what counts is the true one.
     let relative_residual = r / b;
     let met = relative_residual <= 1.5 * settings.relative_tolerance;
-    KrylovReport { iterations, relative_residual, ending: if met { KrylovEnding::Converged } else { otherwise } }
+    KrylovReport {
+        iterations,
+        relative_residual,
+        ending: if met {
+            KrylovEnding::Converged
+        } else {
+            otherwise
+        },
+    }
 }
 
 /// Conjugate gradients for a symmetric positive definite `a`, from `x`. Collective.
@@ -85,7 +103,8 @@ pub fn conjugate_gradients(
         // One reduction for both: a preconditioner applied once too often costs less than another wait for all ranks.
         let [rr, rz_new] = space.dots([(&r, &r), (&r, &z)]);
         r_norm = rr.sqrt();
-        if !(r_norm > settings.relative_tolerance * b_norm) || iterations >= settings.max_iterations {
+        if !(r_norm > settings.relative_tolerance * b_norm) || iterations >= settings.max_iterations
+        {
             break;
         }
         let beta = if iterations == 0 { 0.0 } else { rz_new / rz };
@@ -107,7 +126,11 @@ pub fn conjugate_gradients(
         iterations += 1;
     }
     // The recurrence drifts from the true residual by rounding alone, which counts where the tolerance is tight.
-    let r_norm = if settings.relative_tolerance < 1e-6 { residual(space, a, x, b, &mut r) } else { r_norm };
+    let r_norm = if settings.relative_tolerance < 1e-6 {
+        residual(space, a, x, b, &mut r)
+    } else {
+        r_norm
+    };
     report(iterations, r_norm, b_norm, settings, ending)
 }
 
@@ -142,7 +165,8 @@ pub fn minres(
     let mut goal = settings.relative_tolerance * eta * b_norm / start_norm.max(f64::MIN_POSITIVE);
     let mut r = vec![0.0; n];
     let mut ending = KrylovEnding::Exhausted;
-    while iterations < settings.max_iterations && start_norm > settings.relative_tolerance * b_norm {
+    while iterations < settings.max_iterations && start_norm > settings.relative_tolerance * b_norm
+    {
         z.iter_mut().for_each(|z| *z /= gamma);
         a.multiply(space, &mut z, &mut az);
         let delta = space.dot(&az, &z);
@@ -230,7 +254,11 @@ pub fn gmres(
                 (h[j], h[j + 1]) = (c * h[j] + s * h[j + 1], -s * h[j] + c * h[j + 1]);
             }
             let radius = h[k].hypot(next);
-            let (c, s) = if radius == 0.0 { (1.0, 0.0) } else { (h[k] / radius, next / radius) };
+            let (c, s) = if radius == 0.0 {
+                (1.0, 0.0)
+            } else {
+                (h[k] / radius, next / radius)
+            };
             h[k] = radius;
             rotations.push((c, s));
             columns.push(h);

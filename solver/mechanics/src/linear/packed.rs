@@ -42,16 +42,28 @@ impl PackedTangent {
     pub fn zeros(pattern: Arc<Pattern>) -> Self {
         let blocks = vec![PackedBlock([[0.0; 4]; 3]); pattern.column.len()];
         let volumes = vec![PackedVolume([0.0; 4]); pattern.column.len()];
-        Self { pattern, blocks, volumes, bulk: vec![], arch: Arch::new() }
+        Self {
+            pattern,
+            blocks,
+            volumes,
+            bulk: vec![],
+            arch: Arch::new(),
+        }
     }
 
     /// Bytes that a product reads and writes, for `n_local` nodes.
     #[must_use]
     pub fn bytes_of_product(&self, n_local: usize) -> usize {
-        let (first, second) =
-            (size_of::<PackedBlock>() + size_of::<u32>(), size_of::<PackedVolume>() + size_of::<u32>());
+        let (first, second) = (
+            size_of::<PackedBlock>() + size_of::<u32>(),
+            size_of::<PackedVolume>() + size_of::<u32>(),
+        );
         let vectors = n_local * 3 * 8 + self.pattern.n_rows() * 4 * 8;
-        let second = if self.bulk.is_empty() { 0 } else { second * self.blocks.len() + self.pattern.n_rows() * 7 * 8 };
+        let second = if self.bulk.is_empty() {
+            0
+        } else {
+            second * self.blocks.len() + self.pattern.n_rows() * 7 * 8
+        };
         self.blocks.len() * first + vectors + second
     }
 
@@ -62,7 +74,12 @@ impl PackedTangent {
 }
 
 /// `y = K x`, `p = Gᵀ x`.
-struct Rows<'a>(&'a PackedTangent, &'a [[f64; 3]], &'a mut [[f64; 3]], &'a mut [f64]);
+struct Rows<'a>(
+    &'a PackedTangent,
+    &'a [[f64; 3]],
+    &'a mut [[f64; 3]],
+    &'a mut [f64],
+);
 
 impl WithSimd for Rows<'_> {
     type Output = ();
@@ -74,11 +91,15 @@ impl WithSimd for Rows<'_> {
             let range = starts[row] as usize..starts[row + 1] as usize;
             prefetch(&matrix.blocks, &range);
             let mut sum = [0.0_f64; 4];
-            for (PackedBlock(block), column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+            for (PackedBlock(block), column) in matrix.blocks[range.clone()]
+                .iter()
+                .zip(&matrix.pattern.column[range])
+            {
                 let v = &x[*column as usize];
                 for i in 0..4 {
-                    sum[i] +=
-                        f64::from(block[0][i]) * v[0] + f64::from(block[1][i]) * v[1] + f64::from(block[2][i]) * v[2];
+                    sum[i] += f64::from(block[0][i]) * v[0]
+                        + f64::from(block[1][i]) * v[1]
+                        + f64::from(block[2][i]) * v[2];
                 }
             }
             *y = [sum[0], sum[1], sum[2]];
@@ -100,7 +121,10 @@ impl WithSimd for Pressures<'_> {
             let range = starts[row] as usize..starts[row + 1] as usize;
             prefetch(&matrix.volumes, &range);
             let mut sum = [0.0_f64; 4];
-            for (PackedVolume(g), column) in matrix.volumes[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+            for (PackedVolume(g), column) in matrix.volumes[range.clone()]
+                .iter()
+                .zip(&matrix.pattern.column[range])
+            {
                 let p = p[*column as usize];
                 for i in 0..4 {
                     sum[i] += f64::from(g[i]) * p;
@@ -168,7 +192,8 @@ impl Assembled for PackedTangent {
         space.update(x);
         let n = self.pattern.n_rows();
         let (mut p, mut y) = (vec![0.0; n.max(self.bulk.len())], vec![[0.0; 3]; n]);
-        self.arch.dispatch(Rows(self, x.as_chunks::<3>().0, &mut y, &mut p[..n]));
+        self.arch
+            .dispatch(Rows(self, x.as_chunks::<3>().0, &mut y, &mut p[..n]));
         space.comm.update_ghosts(space.layout, 1, &mut p);
         p
     }
@@ -216,11 +241,16 @@ impl Assembled for PackedTangent {
                 if !fr.contains(&true) && !fc.contains(&true) {
                     continue;
                 }
-                let (PackedBlock(block), PackedVolume(g)) = (&mut self.blocks[k], &mut self.volumes[k]);
+                let (PackedBlock(block), PackedVolume(g)) =
+                    (&mut self.blocks[k], &mut self.volumes[k]);
                 for j in 0..3 {
                     for i in 0..3 {
                         if fr[i] || fc[j] {
-                            block[j][i] = if row == column && i == j { scale as f32 } else { 0.0 };
+                            block[j][i] = if row == column && i == j {
+                                scale as f32
+                            } else {
+                                0.0
+                            };
                         }
                     }
                     if fc[j] {
@@ -241,7 +271,9 @@ impl Assembled for PackedTangent {
             let slot = self.pattern.slot(row as u32, row as u32);
             if slot != NO_SLOT {
                 let PackedBlock(block) = &self.blocks[slot as usize];
-                sums[0] += (0..3).map(|i| f64::from(block[i][i].abs()) / 3.0).sum::<f64>();
+                sums[0] += (0..3)
+                    .map(|i| f64::from(block[i][i].abs()) / 3.0)
+                    .sum::<f64>();
             }
         }
         space.comm.sum(&mut sums);

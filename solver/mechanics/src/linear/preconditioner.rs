@@ -39,7 +39,11 @@ impl BlockJacobi {
     /// Inverts the diagonal blocks of `tangent`, nodal volume change included.
     #[must_use]
     pub fn new(tangent: &dyn Assembled) -> Self {
-        Self { inverses: (0..tangent.pattern().n_rows()).map(|r| inverse(&tangent.diagonal(r))).collect() }
+        Self {
+            inverses: (0..tangent.pattern().n_rows())
+                .map(|r| inverse(&tangent.diagonal(r)))
+                .collect(),
+        }
     }
 }
 
@@ -66,9 +70,15 @@ impl<'a> SymmetricSweep<'a> {
     /// Prepares the sweeps of `tangent`.
     #[must_use]
     pub fn new(tangent: &'a Tangent) -> Self {
-        let diagonal: Vec<[f64; 9]> = (0..tangent.stiffness.pattern.n_rows()).map(|r| tangent.diagonal(r)).collect();
+        let diagonal: Vec<[f64; 9]> = (0..tangent.stiffness.pattern.n_rows())
+            .map(|r| tangent.diagonal(r))
+            .collect();
         let inverses = diagonal.iter().map(inverse).collect();
-        Self { tangent, diagonal, inverses }
+        Self {
+            tangent,
+            diagonal,
+            inverses,
+        }
     }
 }
 
@@ -80,7 +90,10 @@ impl Preconditioner for SymmetricSweep<'_> {
         let (z, _) = z.as_chunks_mut::<3>();
         for row in 0..pattern.n_rows() {
             let mut sum = r[row];
-            for k in pattern.row(row).take_while(|k| (pattern.column[*k] as usize) < row) {
+            for k in pattern
+                .row(row)
+                .take_while(|k| (pattern.column[*k] as usize) < row)
+            {
                 let t = times(&blocks[k], &z[pattern.column[k] as usize]);
                 (0..3).for_each(|i| sum[i] -= t[i]);
             }
@@ -88,7 +101,11 @@ impl Preconditioner for SymmetricSweep<'_> {
         }
         for row in (0..pattern.n_rows()).rev() {
             let mut sum = times(&self.diagonal[row], &z[row]);
-            for k in pattern.row(row).rev().take_while(|k| pattern.column[*k] as usize > row) {
+            for k in pattern
+                .row(row)
+                .rev()
+                .take_while(|k| pattern.column[*k] as usize > row)
+            {
                 if (pattern.column[k] as usize) < pattern.n_rows() {
                     let t = times(&blocks[k], &z[pattern.column[k] as usize]);
                     (0..3).for_each(|i| sum[i] -= t[i]);

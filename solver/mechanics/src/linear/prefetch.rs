@@ -17,9 +17,18 @@ pub fn prefetch<T>(list: &[T], range: &Range<usize>) {
     #[cfg(target_arch = "x86_64")]
     {
         let ahead = const { AHEAD / size_of::<T>() };
-        let stride = const { if size_of::<T>() < LINE { LINE / size_of::<T>() } else { 1 } };
+        let stride = const {
+            if size_of::<T>() < LINE {
+                LINE / size_of::<T>()
+            } else {
+                1
+            }
+        };
         let end = (range.end + ahead).min(list.len());
-        for item in list[(range.start + ahead).min(end)..end].iter().step_by(stride) {
+        for item in list[(range.start + ahead).min(end)..end]
+            .iter()
+            .step_by(stride)
+        {
             safe_arch::prefetch_t0(item);
         }
     }

@@ -21,7 +21,10 @@ impl Operator for Tangent {
     /// With nodal volume changes on several ranks: a rank holds `G` by rows, and lacks of `Gᵀ x` what ghosts add to it.
     /// [`super::PackedTangent`] holds both.
     fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
-        assert!(self.coupling.is_none() || space.layout.neighbours.is_empty(), "nodal volume changes on several ranks");
+        assert!(
+            self.coupling.is_none() || space.layout.neighbours.is_empty(),
+            "nodal volume changes on several ranks"
+        );
         space.update(x);
         self.stiffness.multiply(x, y);
         if let Some(coupling) = &self.coupling {
@@ -38,7 +41,10 @@ impl Operator for Tangent {
         let mut block = self.stiffness.diagonal(row);
         if let Some(coupling) = &self.coupling {
             for k in coupling.pattern.row(row) {
-                let (g, d) = (&coupling.blocks[k], self.bulk[coupling.pattern.column[k] as usize]);
+                let (g, d) = (
+                    &coupling.blocks[k],
+                    self.bulk[coupling.pattern.column[k] as usize],
+                );
                 for i in 0..3 {
                     for j in 0..3 {
                         block[3 * i + j] += d * g[i] * g[j];
@@ -86,7 +92,11 @@ impl Assembled for Tangent {
 
     fn scale(&mut self, k: f64) {
         if k != 1.0 {
-            self.stiffness.blocks.as_flattened_mut().iter_mut().for_each(|b| *b *= k);
+            self.stiffness
+                .blocks
+                .as_flattened_mut()
+                .iter_mut()
+                .for_each(|b| *b *= k);
             self.bulk.iter_mut().for_each(|d| *d *= k);
         }
     }

@@ -28,18 +28,40 @@ pub struct ActiveLaw {
 
 impl ActiveLaw {
     /// The paper's: `S = Ta/λ² f⊗f`, nothing across.
-    pub const PAPER: Self =
-        Self { convention: ActiveConvention::PerSquaredStretch, cross_fibre: 0.0, sheet_normal: 0.0 };
+    pub const PAPER: Self = Self {
+        convention: ActiveConvention::PerSquaredStretch,
+        cross_fibre: 0.0,
+        sheet_normal: 0.0,
+    };
     /// The benchmarks': `S = Ta f⊗f`, nothing across.
-    pub const BENCHMARK: Self = Self { convention: ActiveConvention::SecondPiola, cross_fibre: 0.0, sheet_normal: 0.0 };
+    pub const BENCHMARK: Self = Self {
+        convention: ActiveConvention::SecondPiola,
+        cross_fibre: 0.0,
+        sheet_normal: 0.0,
+    };
 
     pub(super) fn check(&self) -> Result<(), MaterialError> {
-        MaterialError::unless((0.0..=1.0).contains(&self.cross_fibre), "cross_fibre", self.cross_fibre, "0 to 1")?;
-        MaterialError::unless((0.0..=1.0).contains(&self.sheet_normal), "sheet_normal", self.sheet_normal, "0 to 1")
+        MaterialError::unless(
+            (0.0..=1.0).contains(&self.cross_fibre),
+            "cross_fibre",
+            self.cross_fibre,
+            "0 to 1",
+        )?;
+        MaterialError::unless(
+            (0.0..=1.0).contains(&self.sheet_normal),
+            "sheet_normal",
+            self.sheet_normal,
+            "0 to 1",
+        )
     }
 
     #[inline(always)]
-    pub(super) fn add<R: Real, const TANGENT: bool>(&self, c: &Sym<R>, load: &Load<R>, out: &mut Response<R>) {
+    pub(super) fn add<R: Real, const TANGENT: bool>(
+        &self,
+        c: &Sym<R>,
+        load: &Load<R>,
+        out: &mut Response<R>,
+    ) {
         let (ta, slope) = (load.active, load.active_slope);
         let lambda = c[0].sqrt();
         // dλ/dE₁₁ = 1/λ: `slope` reaches every component that carries active stress through the fibre's own stretch.

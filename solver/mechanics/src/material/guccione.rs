@@ -23,12 +23,27 @@ impl Guccione {
     /// The exponents of 1995 with stiffness `c_kpa`.
     #[must_use]
     pub fn guccione1995(c_kpa: f64) -> Self {
-        Self { c_kpa, b_f: 18.48, b_t: 3.58, b_fs: 1.627 }
+        Self {
+            c_kpa,
+            b_f: 18.48,
+            b_t: 3.58,
+            b_fs: 1.627,
+        }
     }
 
     pub(super) fn check(&self) -> Result<(), MaterialError> {
-        for (name, value) in [("C_kPa", self.c_kpa), ("b_f", self.b_f), ("b_t", self.b_t), ("b_fs", self.b_fs)] {
-            MaterialError::unless(value > 0.0 && value.is_finite(), name, value, "positive and finite")?;
+        for (name, value) in [
+            ("C_kPa", self.c_kpa),
+            ("b_f", self.b_f),
+            ("b_t", self.b_t),
+            ("b_fs", self.b_fs),
+        ] {
+            MaterialError::unless(
+                value > 0.0 && value.is_finite(),
+                name,
+                value,
+                "positive and finite",
+            )?;
         }
         Ok(())
     }
@@ -40,7 +55,11 @@ impl Guccione {
         let b = [self.b_f, self.b_t, self.b_t, self.b_fs, self.b_fs, self.b_t];
         let (mut e, mut be) = ([one; 6], [one; 6]);
         for i in 0..6 {
-            e[i] = if i < 3 { (cbar[i] - one).times(0.5) } else { cbar[i].times(0.5) };
+            e[i] = if i < 3 {
+                (cbar[i] - one).times(0.5)
+            } else {
+                cbar[i].times(0.5)
+            };
             be[i] = e[i].times(b[i]);
         }
         (be, super::tensor::contract(&be, &e))
@@ -52,14 +71,25 @@ impl Guccione {
     }
 
     #[inline(always)]
-    pub(super) fn add_isochoric<R: Real, const TANGENT: bool>(&self, cbar: &Sym<R>, out: &mut Response<R>) {
+    pub(super) fn add_isochoric<R: Real, const TANGENT: bool>(
+        &self,
+        cbar: &Sym<R>,
+        out: &mut Response<R>,
+    ) {
         let (be, q) = self.strain(cbar);
         let k = q.exp().times(self.c_kpa);
         for i in 0..6 {
             out.s[i] = k * be[i];
         }
         if TANGENT {
-            let diagonal = [self.b_f, self.b_t, self.b_t, 0.5 * self.b_fs, 0.5 * self.b_fs, 0.5 * self.b_t];
+            let diagonal = [
+                self.b_f,
+                self.b_t,
+                self.b_t,
+                0.5 * self.b_fs,
+                0.5 * self.b_fs,
+                0.5 * self.b_t,
+            ];
             for i in 0..6 {
                 out.d[at(i, i)] = k.times(diagonal[i]);
             }

@@ -57,10 +57,24 @@ impl HolzapfelOgden {
             ("switch", self.switch),
         ];
         for (name, value) in values {
-            MaterialError::unless(value > 0.0 && value.is_finite(), name, value, "positive and finite")?;
+            MaterialError::unless(
+                value > 0.0 && value.is_finite(),
+                name,
+                value,
+                "positive and finite",
+            )?;
         }
-        for (name, value) in [("a_f_kPa", self.a_f_kpa), ("a_s_kPa", self.a_s_kpa), ("a_fs_kPa", self.a_fs_kpa)] {
-            MaterialError::unless(value >= 0.0 && value.is_finite(), name, value, "zero or more, and finite")?;
+        for (name, value) in [
+            ("a_f_kPa", self.a_f_kpa),
+            ("a_s_kPa", self.a_s_kpa),
+            ("a_fs_kPa", self.a_fs_kpa),
+        ] {
+            MaterialError::unless(
+                value >= 0.0 && value.is_finite(),
+                name,
+                value,
+                "zero or more, and finite",
+            )?;
         }
         Ok(())
     }
@@ -83,7 +97,11 @@ impl HolzapfelOgden {
     }
 
     #[inline(always)]
-    pub(super) fn add_isochoric<R: Real, const TANGENT: bool>(&self, cbar: &Sym<R>, out: &mut Response<R>) {
+    pub(super) fn add_isochoric<R: Real, const TANGENT: bool>(
+        &self,
+        cbar: &Sym<R>,
+        out: &mut Response<R>,
+    ) {
         let i1 = cbar[0] + cbar[1] + cbar[2] - cbar[0].like(3.0);
         let k = i1.times(self.b).exp().times(self.a_kpa);
         for i in 0..3 {
@@ -91,12 +109,20 @@ impl HolzapfelOgden {
         }
         if TANGENT {
             let (zero, one) = (k.like(0.0), k.like(1.0));
-            add_square(&mut out.d, k.times(2.0 * self.b), &[one, one, one, zero, zero, zero]);
+            add_square(
+                &mut out.d,
+                k.times(2.0 * self.b),
+                &[one, one, one, zero, zero, zero],
+            );
         }
     }
 
     #[inline(always)]
-    pub(super) fn add_fibres<R: Real, const TANGENT: bool>(&self, c: &Sym<R>, out: &mut Response<R>) {
+    pub(super) fn add_fibres<R: Real, const TANGENT: bool>(
+        &self,
+        c: &Sym<R>,
+        out: &mut Response<R>,
+    ) {
         let one = c[0].like(1.0);
         for (i, a, b) in [(0, self.a_f_kpa, self.b_f), (1, self.a_s_kpa, self.b_s)] {
             // W(x) = H(x) g(x); S_ii = 2 W', D_iiii = 4 W''.
@@ -110,7 +136,8 @@ impl HolzapfelOgden {
             out.s[i] = out.s[i] + (h * g1 + h1 * g).times(2.0);
             if TANGENT {
                 let g2 = (e + (y * y * e).times(2.0 * b)).times(a);
-                out.d[at(i, i)] = out.d[at(i, i)] + (h * g2 + (h1 * g1).times(2.0) + h2 * g).times(4.0);
+                out.d[at(i, i)] =
+                    out.d[at(i, i)] + (h * g2 + (h1 * g1).times(2.0) + h2 * g).times(4.0);
             }
         }
         // I₈ = C₁₂: S₁₂ = ∂W/∂E₁₂ over both off-diagonal entries = dW/dI₈, D₁₂₁₂ = d²W/dI₈².

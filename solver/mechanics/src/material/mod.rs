@@ -59,8 +59,21 @@ pub struct MaterialError {
 }
 
 impl MaterialError {
-    fn unless(ok: bool, name: &'static str, value: f64, expected: &'static str) -> Result<(), Self> {
-        if ok { Ok(()) } else { Err(Self { name, value, expected }) }
+    fn unless(
+        ok: bool,
+        name: &'static str,
+        value: f64,
+        expected: &'static str,
+    ) -> Result<(), Self> {
+        if ok {
+            Ok(())
+        } else {
+            Err(Self {
+                name,
+                value,
+                expected,
+            })
+        }
     }
 }
 
@@ -134,12 +147,20 @@ fn scaled<R: Real>(c: &Sym<R>, k: R) -> Sym<R> {
 ///
 /// Source of the projection: Holzapfel, Nonlinear Solid Mechanics (2000), eqs. 6.88–6.91 and 6.164–6.170.
 #[inline(always)]
-pub fn respond<R: Real, const TANGENT: bool>(tissue: &Tissue, c: &Sym<R>, j: R, load: &Load<R>) -> Response<R> {
+pub fn respond<R: Real, const TANGENT: bool>(
+    tissue: &Tissue,
+    c: &Sym<R>,
+    j: R,
+    load: &Load<R>,
+) -> Response<R> {
     let zero = j.like(0.0);
     let a = (j.ln().times(-2.0 / 3.0)).exp();
     let cbar = scaled(c, a);
     // Fictitious stress S̄ = ∂W/∂Ē and its tangent.
-    let mut bar = Response { s: [zero; 6], d: [zero; 21] };
+    let mut bar = Response {
+        s: [zero; 6],
+        d: [zero; 21],
+    };
     match &tissue.law {
         Law::Guccione(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
         Law::HolzapfelOgden(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
@@ -150,7 +171,10 @@ pub fn respond<R: Real, const TANGENT: bool>(tissue: &Tissue, c: &Sym<R>, j: R, 
     let third_t = t.times(1.0 / 3.0);
     let p_j = load.pressure * j;
     let mut s_iso = [zero; 6];
-    let mut out = Response { s: [zero; 6], d: [zero; 21] };
+    let mut out = Response {
+        s: [zero; 6],
+        d: [zero; 21],
+    };
     for i in 0..6 {
         s_iso[i] = a * (bar.s[i] - third_t * c_inv[i]);
         out.s[i] = p_j.mul_add(c_inv[i], s_iso[i]);

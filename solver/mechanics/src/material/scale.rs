@@ -29,8 +29,15 @@ impl Law {
             Self::Guccione(law) => Self::Guccione(Guccione { c_kpa: kpa, ..law }),
             Self::HolzapfelOgden(law) => {
                 let factor = kpa / law.a_kpa;
-                let [a_f_kpa, a_s_kpa, a_fs_kpa] = [law.a_f_kpa, law.a_s_kpa, law.a_fs_kpa].map(|a| factor * a);
-                Self::HolzapfelOgden(HolzapfelOgden { a_kpa: kpa, a_f_kpa, a_s_kpa, a_fs_kpa, ..law })
+                let [a_f_kpa, a_s_kpa, a_fs_kpa] =
+                    [law.a_f_kpa, law.a_s_kpa, law.a_fs_kpa].map(|a| factor * a);
+                Self::HolzapfelOgden(HolzapfelOgden {
+                    a_kpa: kpa,
+                    a_f_kpa,
+                    a_s_kpa,
+                    a_fs_kpa,
+                    ..law
+                })
             }
             Self::NeoHookean(_) => Self::NeoHookean(NeoHookean { mu_kpa: kpa }),
         }
@@ -42,11 +49,23 @@ impl Law {
         match self.with_stiffness(self.stiffness_kpa() * stiffness) {
             Self::Guccione(law) => {
                 let [b_f, b_t, b_fs] = [law.b_f, law.b_t, law.b_fs].map(|b| b * exponents);
-                Self::Guccione(Guccione { b_f, b_t, b_fs, ..law })
+                Self::Guccione(Guccione {
+                    b_f,
+                    b_t,
+                    b_fs,
+                    ..law
+                })
             }
             Self::HolzapfelOgden(law) => {
-                let [b, b_f, b_s, b_fs] = [law.b, law.b_f, law.b_s, law.b_fs].map(|b| b * exponents);
-                Self::HolzapfelOgden(HolzapfelOgden { b, b_f, b_s, b_fs, ..law })
+                let [b, b_f, b_s, b_fs] =
+                    [law.b, law.b_f, law.b_s, law.b_fs].map(|b| b * exponents);
+                Self::HolzapfelOgden(HolzapfelOgden {
+                    b,
+                    b_f,
+                    b_s,
+                    b_fs,
+                    ..law
+                })
             }
             Self::NeoHookean(law) => Self::NeoHookean(law),
         }
@@ -95,7 +114,11 @@ mod tests {
     fn energy_is_proportional_to_stiffness() {
         for law in laws() {
             let twice = law.scaled(2.5, 1.0);
-            assert!((energy(twice) / energy(law) - 2.5).abs() < 1e-12, "{}", law.name());
+            assert!(
+                (energy(twice) / energy(law) - 2.5).abs() < 1e-12,
+                "{}",
+                law.name()
+            );
             assert_eq!(twice, law.with_stiffness(2.5 * law.stiffness_kpa()));
             assert_eq!(twice.exponent(), law.exponent());
         }
@@ -106,12 +129,16 @@ mod tests {
         // At small strain the energy of an exponential law per exponent is that of its quadratic form: Guccione's grows with
         // the exponents, Holzapfel and Ogden's, divided by them, does not.
         let small = [1.002, 0.999, 1.0, 1e-4, 0.0, 0.0];
-        let at = |law: Law, c: &[f64; 6]| law.energy(c, super::super::tensor::determinant(c).sqrt());
+        let at =
+            |law: Law, c: &[f64; 6]| law.energy(c, super::super::tensor::determinant(c).sqrt());
         let [guccione, ogden, neo] = laws();
         assert!((at(guccione.scaled(1.0, 1.5), &small) / at(guccione, &small) - 1.5).abs() < 1e-3);
         assert!((at(ogden.scaled(1.0, 1.5), &small) / at(ogden, &small) - 1.0).abs() < 1e-3);
         assert!(energy(ogden.scaled(1.0, 1.5)) > 1.05 * energy(ogden));
         assert_eq!(neo.scaled(1.0, 1.5), neo);
-        assert_eq!(ogden.scaled(1.0, 1.5).exponent(), ogden.exponent().map(|b| b * 1.5));
+        assert_eq!(
+            ogden.scaled(1.0, 1.5).exponent(),
+            ogden.exponent().map(|b| b * 1.5)
+        );
     }
 }

@@ -29,7 +29,8 @@ pub fn contract<R: Real>(a: &Sym<R>, b: &Sym<R>) -> R {
 /// Determinant.
 #[inline(always)]
 pub fn determinant<R: Real>(a: &Sym<R>) -> R {
-    a[0] * (a[1] * a[2] - a[5] * a[5]) - a[3] * (a[3] * a[2] - a[5] * a[4]) + a[4] * (a[3] * a[5] - a[1] * a[4])
+    a[0] * (a[1] * a[2] - a[5] * a[5]) - a[3] * (a[3] * a[2] - a[5] * a[4])
+        + a[4] * (a[3] * a[5] - a[1] * a[4])
 }
 
 /// Inverse, from the determinant.
@@ -118,7 +119,9 @@ mod tests {
     #[test]
     fn inverse_times_tensor_is_identity() {
         let inv = inverse(&A, determinant(&A));
-        let full = |s: &Sym<f64>| nalgebra::Matrix3::new(s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2]);
+        let full = |s: &Sym<f64>| {
+            nalgebra::Matrix3::new(s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2])
+        };
         assert!((full(&A) * full(&inv) - nalgebra::Matrix3::identity()).norm() < 1e-14);
     }
 

@@ -9,7 +9,15 @@ use crate::number::Dual;
 const KAPPA: f64 = 350.0;
 
 fn tissue(law: Law, form: VolumetricLaw, active: Option<ActiveLaw>) -> Tissue {
-    Tissue { law, volumetric: Volumetric { law: form, kappa_kpa: KAPPA }, active, density: 1.06 }
+    Tissue {
+        law,
+        volumetric: Volumetric {
+            law: form,
+            kappa_kpa: KAPPA,
+        },
+        active,
+        density: 1.06,
+    }
 }
 
 fn laws() -> [Law; 3] {
@@ -22,14 +30,22 @@ fn laws() -> [Law; 3] {
 
 /// Active tension that grows with stretch, as a cell's would.
 fn tension<R: Real>(lambda: R) -> (R, R) {
-    (lambda.times(40.0) - lambda.like(10.0) + lambda * lambda, lambda.like(40.0) + lambda.times(2.0))
+    (
+        lambda.times(40.0) - lambda.like(10.0) + lambda * lambda,
+        lambda.like(40.0) + lambda.times(2.0),
+    )
 }
 
 fn stress<R: Real, const T: bool>(tissue: &Tissue, c: &Sym<R>) -> Response<R> {
     let j = determinant(c).sqrt();
     let (p, q) = tissue.volumetric.law.slopes(j);
     let (active, active_slope) = tension(c[0].sqrt());
-    let load = Load { pressure: p.times(KAPPA), bulk: q.times(KAPPA), active, active_slope };
+    let load = Load {
+        pressure: p.times(KAPPA),
+        bulk: q.times(KAPPA),
+        active,
+        active_slope,
+    };
     respond::<R, T>(tissue, c, j, &load)
 }
 
@@ -40,15 +56,40 @@ fn energy(tissue: &Tissue, c: &Sym<Dual>) -> Dual {
 
 /// `C + ε·direction`, the direction in engineering strain of component `k`: δE_k = 1 or 2 δE₁₂ = 1.
 fn along(c: &Sym<f64>, k: usize) -> Sym<Dual> {
-    std::array::from_fn(|i| Dual { value: c[i], slope: if i == k { if k < 3 { 2.0 } else { 1.0 } } else { 0.0 } })
+    std::array::from_fn(|i| Dual {
+        value: c[i],
+        slope: if i == k {
+            if k < 3 { 2.0 } else { 1.0 }
+        } else {
+            0.0
+        },
+    })
 }
 
 fn strain() -> impl Strategy<Value = Sym<f64>> {
     let entry = || -0.25..0.25;
-    [entry(), entry(), entry(), entry(), entry(), entry(), entry(), entry(), entry()].prop_map(|h| {
+    [
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+        entry(),
+    ]
+    .prop_map(|h| {
         let f = nalgebra::Matrix3::identity() + nalgebra::Matrix3::from_row_slice(&h);
         let c: nalgebra::Matrix3<f64> = f.transpose() * f;
-        [c[(0, 0)], c[(1, 1)], c[(2, 2)], c[(0, 1)], c[(0, 2)], c[(1, 2)]]
+        [
+            c[(0, 0)],
+            c[(1, 1)],
+            c[(2, 2)],
+            c[(0, 1)],
+            c[(0, 2)],
+            c[(1, 2)],
+        ]
     })
 }
 
@@ -105,7 +146,11 @@ fn cross_fibre_share_leaves_its_coupling_out_of_the_tangent() {
         tissue(
             law,
             VolumetricLaw::LnSquared,
-            Some(ActiveLaw { convention: ActiveConvention::FirstPiola, cross_fibre, sheet_normal: 0.0 }),
+            Some(ActiveLaw {
+                convention: ActiveConvention::FirstPiola,
+                cross_fibre,
+                sheet_normal: 0.0,
+            }),
         )
     };
     let with = make(0.4);
@@ -126,24 +171,60 @@ fn every_parameter_of_every_law_moves_the_stress() {
     let g = Guccione::guccione1995(1.0);
     let h = HolzapfelOgden::arostica2025();
     let changed = [
-        (Law::Guccione(g), Law::Guccione(Guccione { c_kpa: 1.1, ..g })),
+        (
+            Law::Guccione(g),
+            Law::Guccione(Guccione { c_kpa: 1.1, ..g }),
+        ),
         (Law::Guccione(g), Law::Guccione(Guccione { b_f: 19.0, ..g })),
         (Law::Guccione(g), Law::Guccione(Guccione { b_t: 4.0, ..g })),
         (Law::Guccione(g), Law::Guccione(Guccione { b_fs: 2.0, ..g })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { a_kpa: 0.07, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { b: 9.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { a_f_kpa: 20.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { b_f: 17.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { a_s_kpa: 3.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { b_s: 12.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { a_fs_kpa: 0.3, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { b_fs: 20.0, ..h })),
-        (Law::HolzapfelOgden(h), Law::HolzapfelOgden(HolzapfelOgden { switch: 20.0, ..h })),
-        (Law::NeoHookean(NeoHookean { mu_kpa: 1.0 }), Law::NeoHookean(NeoHookean { mu_kpa: 1.1 })),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { a_kpa: 0.07, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { b: 9.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { a_f_kpa: 20.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { b_f: 17.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { a_s_kpa: 3.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { b_s: 12.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { a_fs_kpa: 0.3, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { b_fs: 20.0, ..h }),
+        ),
+        (
+            Law::HolzapfelOgden(h),
+            Law::HolzapfelOgden(HolzapfelOgden { switch: 20.0, ..h }),
+        ),
+        (
+            Law::NeoHookean(NeoHookean { mu_kpa: 1.0 }),
+            Law::NeoHookean(NeoHookean { mu_kpa: 1.1 }),
+        ),
     ];
     for (before, after) in changed {
         let (a, b) = (s(before), s(after));
-        assert!(a.iter().zip(b).any(|(x, y)| (x - y).abs() > 1e-6), "{before:?} {after:?}");
+        assert!(
+            a.iter().zip(b).any(|(x, y)| (x - y).abs() > 1e-6),
+            "{before:?} {after:?}"
+        );
     }
 }
 
@@ -154,7 +235,11 @@ fn rest_is_free_of_stress_and_linearises_to_the_shear_modulus() {
         let s = stress::<f64, false>(&tissue(law, VolumetricLaw::QuadraticLn, None), &rest).s;
         assert!(s.iter().all(|x| x.abs() < 1e-14), "{law:?}: {s:?}");
     }
-    let neo = tissue(Law::NeoHookean(NeoHookean { mu_kpa: 3.0 }), VolumetricLaw::Quadratic, None);
+    let neo = tissue(
+        Law::NeoHookean(NeoHookean { mu_kpa: 3.0 }),
+        VolumetricLaw::Quadratic,
+        None,
+    );
     let d = stress::<f64, true>(&neo, &rest).d;
     assert!(near(d[at(3, 3)], 3.0, 1.0));
     assert!(near(d[at(0, 0)], KAPPA + 4.0 / 3.0 * 3.0, 1.0));
@@ -163,7 +248,11 @@ fn rest_is_free_of_stress_and_linearises_to_the_shear_modulus() {
 
 #[test]
 fn a_parameter_out_of_range_is_named() {
-    let bad = tissue(Law::Guccione(Guccione::guccione1995(-1.0)), VolumetricLaw::Quadratic, None);
+    let bad = tissue(
+        Law::Guccione(Guccione::guccione1995(-1.0)),
+        VolumetricLaw::Quadratic,
+        None,
+    );
     assert_eq!(
         bad.check().expect_err("negative stiffness").to_string(),
         "material parameter C_kPa = -1 must be positive and finite"

@@ -27,11 +27,24 @@ pub struct ElementKind {
 impl ElementKind {
     /// Linear tetrahedra with nodal volume change, a hundredth of it pointwise: at 1,000 kPa a modulus of 10 kPa, which is that of
     /// the tissue across its fibres and does not lock.
-    pub const LINEAR_NODAL: Self = Self { quadratic: false, volume: VolumeChange::Nodal { pointwise_share: 0.01 } };
+    pub const LINEAR_NODAL: Self = Self {
+        quadratic: false,
+        volume: VolumeChange::Nodal {
+            pointwise_share: 0.01,
+        },
+    };
     /// Linear tetrahedra with a plain penalty: the paper's P1/P0, which locks.
-    pub const LINEAR_POINTWISE: Self = Self { quadratic: false, volume: VolumeChange::Pointwise };
+    pub const LINEAR_POINTWISE: Self = Self {
+        quadratic: false,
+        volume: VolumeChange::Pointwise,
+    };
     /// Quadratic tetrahedra with nodal volume change: Taylor–Hood with a lumped pressure.
-    pub const QUADRATIC_NODAL: Self = Self { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
+    pub const QUADRATIC_NODAL: Self = Self {
+        quadratic: true,
+        volume: VolumeChange::Nodal {
+            pointwise_share: 0.0,
+        },
+    };
 }
 
 /// A cohort's elements, where it asks for no others.
@@ -43,11 +56,19 @@ impl Default for ElementKind {
 
 impl std::fmt::Display for ElementKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(if self.quadratic { "quadratic" } else { "linear" })?;
+        f.write_str(if self.quadratic {
+            "quadratic"
+        } else {
+            "linear"
+        })?;
         match self.volume {
             VolumeChange::Pointwise => f.write_str(" pointwise"),
-            VolumeChange::Nodal { pointwise_share: 0.0 } => f.write_str(" nodal"),
-            VolumeChange::Nodal { pointwise_share } => write!(f, " nodal ({pointwise_share} pointwise)"),
+            VolumeChange::Nodal {
+                pointwise_share: 0.0,
+            } => f.write_str(" nodal"),
+            VolumeChange::Nodal { pointwise_share } => {
+                write!(f, " nodal ({pointwise_share} pointwise)")
+            }
         }
     }
 }
@@ -115,14 +136,24 @@ impl LongAxis {
     fn of(mesh: &TetMesh) -> Self {
         let at = |name: &str| {
             let nodes = mesh.surface(name).map(Surface::nodes).unwrap_or_default();
-            nodes.into_iter().map(|node| mesh.nodes_mm[node as usize]).collect::<Vec<_>>()
+            nodes
+                .into_iter()
+                .map(|node| mesh.nodes_mm[node as usize])
+                .collect::<Vec<_>>()
         };
         let rim = at(surface_names::RIM);
         let n = rim.len().max(1) as f64;
-        let base_mm = rim.iter().fold([0.0; 3], |sum: [f64; 3], x| std::array::from_fn(|i| sum[i] + x[i] / n));
+        let base_mm = rim.iter().fold([0.0; 3], |sum: [f64; 3], x| {
+            std::array::from_fn(|i| sum[i] + x[i] / n)
+        });
         let far = |x: &[f64; 3]| dot(minus(*x, base_mm), minus(*x, base_mm));
-        let apex_mm = at(surface_names::EPICARDIUM).into_iter().max_by(|a, b| far(a).total_cmp(&far(b)));
-        Self { apex_mm: apex_mm.unwrap_or(base_mm), base_mm }
+        let apex_mm = at(surface_names::EPICARDIUM)
+            .into_iter()
+            .max_by(|a, b| far(a).total_cmp(&far(b)));
+        Self {
+            apex_mm: apex_mm.unwrap_or(base_mm),
+            base_mm,
+        }
     }
 
     /// Height of a point \[mm\] along the axis: 0 at the apex, 1 at the base and above.
@@ -179,49 +210,89 @@ impl Anatomy {
     ///
     /// # Errors
     /// [`AnatomyError`] where surfaces, openings or fibres are missing.
-    pub fn of(mesh: &TetMesh, contracting: &[i32], kind: ElementKind) -> Result<Self, AnatomyError> {
-        let contracts: Vec<bool> = mesh.tags.iter().map(|tag| contracting.contains(tag)).collect();
+    pub fn of(
+        mesh: &TetMesh,
+        contracting: &[i32],
+        kind: ElementKind,
+    ) -> Result<Self, AnatomyError> {
+        let contracts: Vec<bool> = mesh
+            .tags
+            .iter()
+            .map(|tag| contracting.contains(tag))
+            .collect();
         if !contracts.contains(&true) {
-            return Err(AnatomyError::NoMuscle { tags: contracting.to_vec() });
+            return Err(AnatomyError::NoMuscle {
+                tags: contracting.to_vec(),
+            });
         }
         let mut frames = vec![[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]; mesh.n_tets()];
         for e in (0..mesh.n_tets()).filter(|e| contracts[*e]) {
-            let frame = mesh.frames.get(e).and_then(|f| orthonormal(f.fibre, f.sheet));
+            let frame = mesh
+                .frames
+                .get(e)
+                .and_then(|f| orthonormal(f.fibre, f.sheet));
             frames[e] = frame.ok_or(AnatomyError::NoFibre { element: e })?;
         }
         let triangles = |name: &'static str| {
-            mesh.surface(name).map(|s| s.triangles.clone()).ok_or(AnatomyError::NoSurface { name })
+            mesh.surface(name)
+                .map(|s| s.triangles.clone())
+                .ok_or(AnatomyError::NoSurface { name })
         };
         let endocardium = triangles(surface_names::ENDOCARDIUM)?;
         let openings = openings(&endocardium)?;
         if openings.is_empty() {
             return Err(AnatomyError::Closed);
         }
-        let quadratic = kind.quadratic.then(|| QuadraticMesh::new(&mesh.nodes_mm, &mesh.tets, |_, _| None));
+        let quadratic = kind
+            .quadratic
+            .then(|| QuadraticMesh::new(&mesh.nodes_mm, &mesh.tets, |_, _| None));
         let surface = |triangles: Vec<[u32; 3]>| match &quadratic {
             None => Triangles::Linear(triangles),
             // Triangles of the mesh: their edges have middles.
-            Some(q) => Triangles::Quadratic(triangles.into_iter().filter_map(|t| q.triangle(t)).collect()),
+            Some(q) => Triangles::Quadratic(
+                triangles
+                    .into_iter()
+                    .filter_map(|t| q.triangle(t))
+                    .collect(),
+            ),
         };
         let middled = |mut openings: Vec<Vec<u32>>| {
             for nodes in openings.iter_mut().filter(|_| quadratic.is_some()) {
                 let middle = |a: u32, b: u32| quadratic.as_ref().and_then(|q| q.middle(a, b));
                 let next = nodes.iter().skip(1).chain(nodes.first()).copied();
-                *nodes = nodes.iter().zip(next).flat_map(|(a, b)| [Some(*a), middle(*a, b)]).flatten().collect();
+                *nodes = nodes
+                    .iter()
+                    .zip(next)
+                    .flat_map(|(a, b)| [Some(*a), middle(*a, b)])
+                    .flatten()
+                    .collect();
             }
             openings
         };
         let openings = middled(openings);
-        let septum = mesh.surface(surface_names::SEPTUM).map(|s| surface(s.triangles.clone()));
-        let (epicardium, rim) =
-            (surface(triangles(surface_names::EPICARDIUM)?), surface(triangles(surface_names::RIM)?));
+        let septum = mesh
+            .surface(surface_names::SEPTUM)
+            .map(|s| surface(s.triangles.clone()));
+        let (epicardium, rim) = (
+            surface(triangles(surface_names::EPICARDIUM)?),
+            surface(triangles(surface_names::RIM)?),
+        );
         let right = match rims(mesh)? {
             None => None,
             Some(rims) => {
                 let endocardium = triangles(surface_names::RIGHT_VENTRICLE)?;
                 let openings = middled(cardiotwin_mesh::surface::openings(&endocardium)?);
-                let (endocardium, ring, left_ring) = (surface(endocardium), surface(rims.right), surface(rims.left));
-                Some(RightVentricle { endocardium, openings, ring, left_ring })
+                let (endocardium, ring, left_ring) = (
+                    surface(endocardium),
+                    surface(rims.right),
+                    surface(rims.left),
+                );
+                Some(RightVentricle {
+                    endocardium,
+                    openings,
+                    ring,
+                    left_ring,
+                })
             }
         };
         let further = (mesh.surfaces.iter())
@@ -238,7 +309,10 @@ impl Anatomy {
             NodeFibres::Rule { walls, .. } => walls.iter().map(|wall| wall.depth).collect(),
             _ => {
                 let found = cardiotwin_mesh::fibres::depth(mesh, contracting)?;
-                found.into_iter().map(|depth| if depth.is_finite() { depth } else { 0.0 }).collect()
+                found
+                    .into_iter()
+                    .map(|depth| if depth.is_finite() { depth } else { 0.0 })
+                    .collect()
             }
         };
         let (n_vertices, corners, volume) = (mesh.n_nodes(), mesh.tets.clone(), kind.volume);
@@ -275,7 +349,9 @@ impl Anatomy {
         let elements = || part.elements.iter().map(|e| *e as usize);
         let surface = |triangles: &Triangles| match triangles {
             Triangles::Linear(t) => {
-                let touched = t.iter().filter(|t| t.iter().any(|node| part.owned(*node).is_some()));
+                let touched = t
+                    .iter()
+                    .filter(|t| t.iter().any(|node| part.owned(*node).is_some()));
                 Triangles::Linear(touched.map(|t| t.map(of)).collect())
             }
             Triangles::Quadratic(_) => triangles.clone(),
@@ -296,10 +372,21 @@ impl Anatomy {
             epicardium: surface(&self.epicardium),
             septum: self.septum.as_ref().map(surface),
             rim: surface(&self.rim),
-            right: self.right.as_ref().map(|right| right.mapped(surface, owned)),
-            further: self.further.iter().map(|(name, triangles)| (name.clone(), surface(triangles))).collect(),
+            right: self
+                .right
+                .as_ref()
+                .map(|right| right.mapped(surface, owned)),
+            further: self
+                .further
+                .iter()
+                .map(|(name, triangles)| (name.clone(), surface(triangles)))
+                .collect(),
             axis: self.axis,
-            openings: self.openings.iter().map(|nodes| nodes.iter().map(owned).collect()).collect(),
+            openings: self
+                .openings
+                .iter()
+                .map(|nodes| nodes.iter().map(owned).collect())
+                .collect(),
         })
     }
 
@@ -312,7 +399,11 @@ impl Anatomy {
             surface_names::RIM => Some(&self.rim),
             surface_names::SEPTUM => self.septum.as_ref(),
             surface_names::RIGHT_VENTRICLE => self.right.as_ref().map(|right| &right.endocardium),
-            _ => self.further.iter().find(|(own, _)| own == name).map(|(_, triangles)| triangles),
+            _ => self
+                .further
+                .iter()
+                .find(|(own, _)| own == name)
+                .map(|(_, triangles)| triangles),
         }
     }
 
@@ -343,14 +434,20 @@ impl Anatomy {
             return self.frames[e];
         }
         let found = self.fibres.frame(&self.corners[e], &l());
-        found.and_then(|f| orthonormal(f.fibre, f.sheet)).unwrap_or(self.frames[e])
+        found
+            .and_then(|f| orthonormal(f.fibre, f.sheet))
+            .unwrap_or(self.frames[e])
     }
 }
 
 /// Components of `d` along three edges.
 fn components(d: [f64; 3], edges: &[[f64; 3]; 3]) -> [f64; 3] {
     let det = triple(edges[0], edges[1], edges[2]);
-    [triple(d, edges[1], edges[2]) / det, triple(edges[0], d, edges[2]) / det, triple(edges[0], edges[1], d) / det]
+    [
+        triple(d, edges[1], edges[2]) / det,
+        triple(edges[0], d, edges[2]) / det,
+        triple(edges[0], edges[1], d) / det,
+    ]
 }
 
 fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -358,7 +455,11 @@ fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

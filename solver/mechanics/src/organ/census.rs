@@ -28,30 +28,77 @@ impl Census {
     /// Asks all ranks; empty on all but rank 0. Collective.
     pub fn take(rank: &OrganRank) -> Self {
         let comm = rank.comm();
-        let owned: Vec<f64> = rank.part.owned_nodes().iter().map(|n| f64::from(*n)).collect();
+        let owned: Vec<f64> = rank
+            .part
+            .owned_nodes()
+            .iter()
+            .map(|n| f64::from(*n))
+            .collect();
         let elements: Vec<f64> = rank.points().map(|(e, _)| f64::from(e)).collect();
-        let speaks: Vec<f64> = rank.points().map(|(_, speaks)| f64::from(u8::from(speaks))).collect();
-        let muscle: Vec<f64> = rank.average.nodes.iter().map(|n| f64::from(rank.part.nodes[*n as usize])).collect();
-        let lists = [&owned, &elements, &speaks, &muscle, &rank.average.weights].map(|list| comm.gather(list));
-        let [Some(owned), Some(elements), Some(speaks), Some(muscle), Some(weights)] = lists else {
+        let speaks: Vec<f64> = rank
+            .points()
+            .map(|(_, speaks)| f64::from(u8::from(speaks)))
+            .collect();
+        let muscle: Vec<f64> = rank
+            .average
+            .nodes
+            .iter()
+            .map(|n| f64::from(rank.part.nodes[*n as usize]))
+            .collect();
+        let lists = [&owned, &elements, &speaks, &muscle, &rank.average.weights]
+            .map(|list| comm.gather(list));
+        let [
+            Some(owned),
+            Some(elements),
+            Some(speaks),
+            Some(muscle),
+            Some(weights),
+        ] = lists
+        else {
             return Self::default();
         };
-        let whole = |numbers: Vec<f64>| -> Vec<u32> { numbers.into_iter().map(|n| n as u32).collect() };
+        let whole =
+            |numbers: Vec<f64>| -> Vec<u32> { numbers.into_iter().map(|n| n as u32).collect() };
         let of_ranks: Vec<Vec<u32>> = owned.into_iter().map(whole).collect();
-        let nodes = Lists { n_all: of_ranks.iter().map(Vec::len).sum(), of_ranks };
+        let nodes = Lists {
+            n_all: of_ranks.iter().map(Vec::len).sum(),
+            of_ranks,
+        };
         let held_points = match <[Vec<f64>; 1]>::try_from(elements) {
             // One rank has all points in its order, which need not be that of elements.
-            Ok([all]) => Lists { n_all: all.len(), of_ranks: vec![(0..all.len() as u32).collect()] },
+            Ok([all]) => Lists {
+                n_all: all.len(),
+                of_ranks: vec![(0..all.len() as u32).collect()],
+            },
             Err(several) => Lists::ascending(several.into_iter().map(whole).collect()).0,
         };
         let spoken = |(held, speaks): (&Vec<u32>, &Vec<f64>)| {
-            held.iter().zip(speaks).filter(|(_, speaks)| **speaks > 0.0).map(|(point, _)| *point).collect()
+            held.iter()
+                .zip(speaks)
+                .filter(|(_, speaks)| **speaks > 0.0)
+                .map(|(point, _)| *point)
+                .collect()
         };
-        let of_ranks = held_points.of_ranks.iter().zip(&speaks).map(spoken).collect();
-        let spoken_points = Lists { n_all: held_points.n_all, of_ranks };
+        let of_ranks = held_points
+            .of_ranks
+            .iter()
+            .zip(&speaks)
+            .map(spoken)
+            .collect();
+        let spoken_points = Lists {
+            n_all: held_points.n_all,
+            of_ranks,
+        };
         let (muscle, muscle_nodes) = Lists::ascending(muscle.into_iter().map(whole).collect());
         let weights = muscle.merged(1, &weights);
-        Self { nodes, spoken_points, held_points, muscle, muscle_nodes, weights }
+        Self {
+            nodes,
+            spoken_points,
+            held_points,
+            muscle,
+            muscle_nodes,
+            weights,
+        }
     }
 
     /// How many values of this kind the whole ventricle has, `width` a place.
@@ -76,10 +123,18 @@ impl Census {
 
     /// What each rank takes of the whole ventricle's values: owned nodes, all points held.
     pub fn split(&self, places: Places, all: &[f64]) -> Vec<Vec<f64>> {
-        let lists = if places == Places::Points { &self.held_points } else { self.spoken(places) };
+        let lists = if places == Places::Points {
+            &self.held_points
+        } else {
+            self.spoken(places)
+        };
         let width = all.len() / lists.n_all.max(1);
         let of = |place: &u32| &all[*place as usize * width..(*place as usize + 1) * width];
-        lists.of_ranks.iter().map(|list| list.iter().flat_map(of).copied().collect()).collect()
+        lists
+            .of_ranks
+            .iter()
+            .map(|list| list.iter().flat_map(of).copied().collect())
+            .collect()
     }
 }
 
@@ -90,8 +145,17 @@ impl Lists {
         all.sort_unstable();
         all.dedup();
         let place = |n: &u32| all.binary_search(n).unwrap_or_default() as u32;
-        let of_ranks = numbers.iter().map(|numbers| numbers.iter().map(place).collect()).collect();
-        (Self { n_all: all.len(), of_ranks }, all)
+        let of_ranks = numbers
+            .iter()
+            .map(|numbers| numbers.iter().map(place).collect())
+            .collect();
+        (
+            Self {
+                n_all: all.len(),
+                of_ranks,
+            },
+            all,
+        )
     }
 
     fn merged(&self, width: usize, of_ranks: &[Vec<f64>]) -> Vec<f64> {

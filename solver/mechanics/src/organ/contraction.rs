@@ -47,7 +47,12 @@ pub(super) struct SharedModel {
 impl SharedModel {
     pub fn new(contraction: GroupContraction) -> Self {
         let (model, calcium, start, stretch) = contraction.into_parts();
-        Self { model: Arc::from(model), calcium, start, stretch }
+        Self {
+            model: Arc::from(model),
+            calcium,
+            start,
+            stretch,
+        }
     }
 }
 
@@ -102,7 +107,12 @@ impl PointContraction {
         activation_ms: &[f64],
         end_diastole: &Deformation,
     ) -> Self {
-        let SharedModel { model, calcium, start, stretch } = contraction.clone();
+        let SharedModel {
+            model,
+            calcium,
+            start,
+            stretch,
+        } = contraction.clone();
         let (mut places, mut times, mut duration, mut lambda_ed) = (vec![], vec![], vec![], vec![]);
         let longer = 2.0 * (wall.epicardial_duration - 1.0) / (wall.epicardial_duration + 1.0);
         let n_batches = body.n_point_batches();
@@ -114,8 +124,14 @@ impl PointContraction {
                 if anatomy.contracts[e] {
                     places.push((idx as u32, lane as u8));
                     let corners = anatomy.corners[e];
-                    times.push((0..4).map(|k| shape[k] * activation_ms[corners[k] as usize]).sum());
-                    let depth: f64 = (0..4).map(|k| shape[k] * anatomy.depth[corners[k] as usize]).sum();
+                    times.push(
+                        (0..4)
+                            .map(|k| shape[k] * activation_ms[corners[k] as usize])
+                            .sum(),
+                    );
+                    let depth: f64 = (0..4)
+                        .map(|k| shape[k] * anatomy.depth[corners[k] as usize])
+                        .sum();
                     duration.push(1.0 + longer * (depth - 0.5));
                     lambda_ed.push(end_diastole.squared_stretch[idx][lane].sqrt());
                 }
@@ -124,7 +140,10 @@ impl PointContraction {
         let n = places.len();
         let now = Points {
             cells: start.repeat(n),
-            lambda: lambda_ed.iter().map(|ed| stretch.at_end_diastole(*ed)).collect(),
+            lambda: lambda_ed
+                .iter()
+                .map(|ed| stretch.at_end_diastole(*ed))
+                .collect(),
             sa_kpa: vec![0.0; n],
             ca_um: vec![0.0; if calcium.is_some() { n } else { 0 }],
         };
@@ -150,7 +169,9 @@ impl PointContraction {
 
     /// The earliest activation of these points, zero if none is before the beat.
     pub(super) fn earliest_activation_ms(&self) -> f64 {
-        self.activation_ms.iter().fold(0.0, |earliest, t| earliest.min(*t))
+        self.activation_ms
+            .iter()
+            .fold(0.0, |earliest, t| earliest.min(*t))
     }
 
     /// Sets the time at which the first step begins.
@@ -169,16 +190,35 @@ impl PointContraction {
     /// Sets the time at the end of the step to be tried.
     pub fn begin_step(&mut self, end_ms: f64) {
         let length = self.cycle_length_ms;
-        for ((since, t_a), duration) in self.since_ms.iter_mut().zip(&self.activation_ms).zip(&self.duration) {
+        for ((since, t_a), duration) in self
+            .since_ms
+            .iter_mut()
+            .zip(&self.activation_ms)
+            .zip(&self.duration)
+        {
             let time = end_ms - t_a;
-            let time = if time >= length { time - (time / length).floor() * length } else { time };
+            let time = if time >= length {
+                time - (time / length).floor() * length
+            } else {
+                time
+            };
             // The model's own time runs slower where its contraction lasts longer.
             *since = if time > 0.0 { time / duration } else { time };
         }
         if let Some(calcium) = &self.calcium {
             // Before its first activation a point sees the tail of the previous transient.
-            for ((ca, since), duration) in self.trial.ca_um.iter_mut().zip(&self.since_ms).zip(&self.duration) {
-                *ca = calcium.concentration_um(if *since < 0.0 { (since + length) / duration } else { *since });
+            for ((ca, since), duration) in self
+                .trial
+                .ca_um
+                .iter_mut()
+                .zip(&self.since_ms)
+                .zip(&self.duration)
+            {
+                *ca = calcium.concentration_um(if *since < 0.0 {
+                    (since + length) / duration
+                } else {
+                    *since
+                });
             }
         }
     }
@@ -204,22 +244,44 @@ impl PointContraction {
 
     /// Element of each point, and which of the element's points it is.
     pub(super) fn elements<'a>(&'a self, body: &'a Body) -> impl Iterator<Item = u32> + 'a {
-        self.places.iter().map(|(idx, lane)| body.point_lanes(*idx as usize).1[*lane as usize])
+        self.places
+            .iter()
+            .map(|(idx, lane)| body.point_lanes(*idx as usize).1[*lane as usize])
     }
 
     /// All committed numbers, with how many of them a point has.
     pub(super) fn states(&self) -> [(usize, &Vec<f64>); 4] {
-        let Points { cells, lambda, sa_kpa, ca_um } = &self.now;
-        [(self.model.n_states(), cells), (1, lambda), (1, sa_kpa), (usize::from(!ca_um.is_empty()), ca_um)]
+        let Points {
+            cells,
+            lambda,
+            sa_kpa,
+            ca_um,
+        } = &self.now;
+        [
+            (self.model.n_states(), cells),
+            (1, lambda),
+            (1, sa_kpa),
+            (usize::from(!ca_um.is_empty()), ca_um),
+        ]
     }
 
     /// The same, to be replaced by as many.
     pub(super) fn states_mut(&mut self) -> [&mut Vec<f64>; 4] {
-        [&mut self.now.cells, &mut self.now.lambda, &mut self.now.sa_kpa, &mut self.now.ca_um]
+        [
+            &mut self.now.cells,
+            &mut self.now.lambda,
+            &mut self.now.sa_kpa,
+            &mut self.now.ca_um,
+        ]
     }
 
     /// Nodal averages over these points. Collective.
-    pub(super) fn node_average(&self, anatomy: &Anatomy, body: &Body, comm: &dyn Communicator) -> NodeAverage {
+    pub(super) fn node_average(
+        &self,
+        anatomy: &Anatomy,
+        body: &Body,
+        comm: &dyn Communicator,
+    ) -> NodeAverage {
         // Every element around an owned node is here.
         let n_owned = body.layout().n_owned.min(anatomy.n_vertices);
         let mut volume = vec![0.0; n_owned];
@@ -228,7 +290,8 @@ impl PointContraction {
             let (idx, lane) = (idx as usize, lane as usize);
             let e = body.point_lanes(idx).1[lane] as usize;
             let (shape, weight) = (body.vertex_shape(idx), body.point_volume(idx)[lane]);
-            let part: [(u32, f64); 4] = std::array::from_fn(|k| (anatomy.corners[e][k], shape[k] * weight));
+            let part: [(u32, f64); 4] =
+                std::array::from_fn(|k| (anatomy.corners[e][k], shape[k] * weight));
             for (node, share) in part {
                 if let Some(volume) = volume.get_mut(node as usize) {
                     *volume += share;
@@ -236,7 +299,9 @@ impl PointContraction {
             }
             parts.push(part);
         }
-        let nodes: Vec<u32> = (0..n_owned as u32).filter(|n| volume[*n as usize] > 0.0).collect();
+        let nodes: Vec<u32> = (0..n_owned as u32)
+            .filter(|n| volume[*n as usize] > 0.0)
+            .collect();
         let mut total = [volume.iter().sum::<f64>()];
         comm.sum(&mut total);
         let mut place = vec![GHOST; anatomy.n_vertices];
@@ -248,8 +313,15 @@ impl PointContraction {
             None => (GHOST, 0.0),
         };
         let shares = parts.into_iter().map(|part| part.map(share)).collect();
-        let weights = nodes.iter().map(|n| volume[*n as usize] / total[0]).collect();
-        NodeAverage { nodes, weights, shares }
+        let weights = nodes
+            .iter()
+            .map(|n| volume[*n as usize] / total[0])
+            .collect();
+        NodeAverage {
+            nodes,
+            weights,
+            shares,
+        }
     }
 }
 
@@ -273,7 +345,13 @@ impl PointStress for PointContraction {
         out: &mut Vec<ActivePoint>,
     ) -> Result<(), ContractionError> {
         out.clear();
-        out.resize(self.n_batches, ActivePoint { sa_kpa: [0.0; BATCH] as Eight, slope_kpa: [0.0; BATCH] });
+        out.resize(
+            self.n_batches,
+            ActivePoint {
+                sa_kpa: [0.0; BATCH] as Eight,
+                slope_kpa: [0.0; BATCH],
+            },
+        );
         let n_states = self.model.n_states();
         for (k, &(idx, lane)) in self.places.iter().enumerate() {
             let (idx, lane) = (idx as usize, lane as usize);
@@ -290,7 +368,11 @@ impl PointStress for PointContraction {
                 lambda,
             };
             let states = k * n_states..(k + 1) * n_states;
-            let stress = self.model.try_step(&step, &self.now.cells[states.clone()], &mut self.trial.cells[states])?;
+            let stress = self.model.try_step(
+                &step,
+                &self.now.cells[states.clone()],
+                &mut self.trial.cells[states],
+            )?;
             self.trial.lambda[k] = lambda;
             self.trial.sa_kpa[k] = stress.sa_kpa;
             let configuration = self.stretch.stress_configuration(ed);
@@ -301,7 +383,11 @@ impl PointStress for PointContraction {
             };
             let (viscous, slope) = self.viscosity.map_or((0.0, 0.0), |viscosity| {
                 let change = (lambda - self.now.lambda[k]) / (per_stretch * ed);
-                let eta = if change < 0.0 { viscosity.shortening_kpa_ms } else { viscosity.lengthening_kpa_ms };
+                let eta = if change < 0.0 {
+                    viscosity.shortening_kpa_ms
+                } else {
+                    viscosity.lengthening_kpa_ms
+                };
                 (eta * change / dt_ms, eta / dt_ms / ed)
             });
             out[idx].sa_kpa[lane] = factor * (stress.sa_kpa + viscous);

@@ -19,7 +19,12 @@ pub struct EndDiastole {
 impl From<PassiveState> for EndDiastole {
     fn from(state: PassiveState) -> Self {
         let (unloaded, anchor) = (state.unloaded().to_vec(), state.anchor().to_vec());
-        Self { unloaded, anchor, u: state.u, pressure_kpa: state.pressure_kpa }
+        Self {
+            unloaded,
+            anchor,
+            u: state.u,
+            pressure_kpa: state.pressure_kpa,
+        }
     }
 }
 

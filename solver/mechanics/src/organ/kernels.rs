@@ -61,8 +61,19 @@ impl OrganRank {
     pub fn run(&mut self, kernel: Kernel) -> Option<()> {
         let mut bench = self.bench.take().map_or_else(|| self.new_bench(), Some)?;
         let (body, comm) = (&self.dynamics.body, self.dynamics.comm.as_ref());
-        let Bench { candidate, force, residual, tangent, linearised } = &mut bench;
-        let Candidate { shifted, active, deformation, .. } = candidate;
+        let Bench {
+            candidate,
+            force,
+            residual,
+            tangent,
+            linearised,
+        } = &mut bench;
+        let Candidate {
+            shifted,
+            active,
+            deformation,
+            ..
+        } = candidate;
         match kernel {
             Kernel::Deform => body.deform(shifted, comm, deformation),
             Kernel::Forces => body.add_forces(shifted, active, deformation, force),
@@ -72,14 +83,25 @@ impl OrganRank {
             }
             Kernel::Krylov(n) => {
                 if !*linearised {
-                    self.dynamics.linearise(STEP_MS, &self.now, candidate, force, residual, tangent);
+                    self.dynamics
+                        .linearise(STEP_MS, &self.now, candidate, force, residual, tangent);
                     *linearised = true;
                 }
                 let mut x = vec![0.0; force.len()];
                 let jacobi = BlockJacobi::new(tangent);
-                let settings =
-                    KrylovSettings { relative_tolerance: 0.0, max_iterations: n as usize, ..KrylovSettings::default() };
-                conjugate_gradients(self.dynamics.space(), tangent, &jacobi, &candidate.load, &mut x, &settings);
+                let settings = KrylovSettings {
+                    relative_tolerance: 0.0,
+                    max_iterations: n as usize,
+                    ..KrylovSettings::default()
+                };
+                conjugate_gradients(
+                    self.dynamics.space(),
+                    tangent,
+                    &jacobi,
+                    &candidate.load,
+                    &mut x,
+                    &settings,
+                );
             }
         }
         comm.sum(&mut [0.0]);
@@ -91,10 +113,16 @@ impl OrganRank {
         let u = self.now.motion.u.clone();
         let n = u.len();
         let mut candidate = Candidate {
-            motion: Motion { u, ..Motion::default() },
+            motion: Motion {
+                u,
+                ..Motion::default()
+            },
             pressure_kpa: self.now.pressure_kpa,
             active: vec![
-                ActivePoint { sa_kpa: [40.0; BATCH], slope_kpa: [20.0; BATCH] };
+                ActivePoint {
+                    sa_kpa: [40.0; BATCH],
+                    slope_kpa: [20.0; BATCH]
+                };
                 self.dynamics.body.n_point_batches()
             ],
             deformation: Deformation::default(),
@@ -102,14 +130,21 @@ impl OrganRank {
         };
         let tangent = self.dynamics.body.new_packed_tangent()?;
         self.dynamics.complete(STEP_MS, &self.now, &mut candidate);
-        Some(Bench { candidate, force: vec![0.0; n], residual: vec![0.0; n], tangent, linearised: false })
+        Some(Bench {
+            candidate,
+            force: vec![0.0; n],
+            residual: vec![0.0; n],
+            tangent,
+            linearised: false,
+        })
     }
 
     /// Bytes that an iteration of conjugate gradients moves through memory, of all ranks, where caches keep nothing from one
     /// pass to the next. Collective.
     pub fn krylov_bytes(&self) -> f64 {
-        let per_product =
-            self.bench.as_ref().map_or(0, |bench| bench.tangent.bytes_of_product(self.part.layout.n_local));
+        let per_product = self.bench.as_ref().map_or(0, |bench| {
+            bench.tangent.bytes_of_product(self.part.layout.n_local)
+        });
         // Directions, solution, residual and its preconditioned: read and written as the loops do, with the blocks' inverses.
         let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
         let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];

@@ -31,7 +31,9 @@ pub enum LandmarkError {
         name: &'static str,
     },
     /// No node of a surface lies near a level.
-    #[error("no node of the {name} lies near height {level} between apex, 0, and rim, 1: its motion is not measured")]
+    #[error(
+        "no node of the {name} lies near height {level} between apex, 0, and rim, 1: its motion is not measured"
+    )]
     NoNode {
         /// Which surface.
         name: &'static str,
@@ -54,23 +56,36 @@ impl Patch {
     }
 
     fn mean(&self, x: &[Vec3]) -> Vec3 {
-        self.0.iter().fold([0.0; 3], |sum, (node, w)| axpy(sum, *w, x[*node as usize]))
+        self.0
+            .iter()
+            .fold([0.0; 3], |sum, (node, w)| axpy(sum, *w, x[*node as usize]))
     }
 
     /// Mean distance from the patch's own middle across the axis.
     fn radius(&self, x: &[Vec3], axis: Vec3) -> f64 {
         let middle = self.mean(x);
-        self.0.iter().map(|(node, w)| w * norm(reject(sub(x[*node as usize], middle), axis))).sum()
+        self.0
+            .iter()
+            .map(|(node, w)| w * norm(reject(sub(x[*node as usize], middle), axis)))
+            .sum()
     }
 
     /// Mean rotation around the axis since `begin` about the patch's own middle, weighted by the square of the radius,
     /// degrees. The axis is tilted back before angles are taken.
-    fn rotation_deg(&self, (begin, axis_begin): (&[Vec3], Vec3), (x, axis): (&[Vec3], Vec3)) -> f64 {
+    fn rotation_deg(
+        &self,
+        (begin, axis_begin): (&[Vec3], Vec3),
+        (x, axis): (&[Vec3], Vec3),
+    ) -> f64 {
         let (middle_begin, middle) = (self.mean(begin), self.mean(x));
         let (mut sine, mut cosine) = (0.0, 0.0);
         for (node, w) in &self.0 {
             let from = reject(sub(begin[*node as usize], middle_begin), axis_begin);
-            let to = tilted(reject(sub(x[*node as usize], middle), axis), axis, axis_begin);
+            let to = tilted(
+                reject(sub(x[*node as usize], middle), axis),
+                axis,
+                axis_begin,
+            );
             sine += w * dot(axis_begin, cross(from, to));
             cosine += w * dot(from, to);
         }
@@ -132,15 +147,38 @@ impl Shape {
     /// As numbers.
     #[must_use]
     pub fn numbers(&self) -> [f64; Self::N] {
-        let ([a, b], [c, d], [e, f]) = (self.radius_mm, self.endo_rotation_deg, self.epi_rotation_deg);
-        [self.base_mm, self.apex_mm, self.cavity_length_mm, a, b, c, d, e, f]
+        let ([a, b], [c, d], [e, f]) = (
+            self.radius_mm,
+            self.endo_rotation_deg,
+            self.epi_rotation_deg,
+        );
+        [
+            self.base_mm,
+            self.apex_mm,
+            self.cavity_length_mm,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+        ]
     }
 
     /// From [`Self::numbers`].
     #[must_use]
-    pub fn of_numbers([base_mm, apex_mm, cavity_length_mm, a, b, c, d, e, f]: [f64; Self::N]) -> Self {
+    pub fn of_numbers(
+        [base_mm, apex_mm, cavity_length_mm, a, b, c, d, e, f]: [f64; Self::N],
+    ) -> Self {
         let (radius_mm, endo_rotation_deg, epi_rotation_deg) = ([a, b], [c, d], [e, f]);
-        Self { base_mm, apex_mm, cavity_length_mm, radius_mm, endo_rotation_deg, epi_rotation_deg }
+        Self {
+            base_mm,
+            apex_mm,
+            cavity_length_mm,
+            radius_mm,
+            endo_rotation_deg,
+            epi_rotation_deg,
+        }
     }
 }
 
@@ -154,7 +192,11 @@ impl Landmarks {
         let names = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM];
         let areas = |name: &'static str| {
             let areas = node_areas(mesh, name);
-            if areas.is_empty() { Err(LandmarkError::NoSurface { name }) } else { Ok(areas) }
+            if areas.is_empty() {
+                Err(LandmarkError::NoSurface { name })
+            } else {
+                Ok(areas)
+            }
         };
         let rim_areas = areas(surface_names::RIM)?;
         let surfaces = [areas(names[0])?, areas(names[1])?];
@@ -163,20 +205,40 @@ impl Landmarks {
         let base = rim.mean(x);
         let apex_of = |k: usize| {
             let far = |node: &u32| distance(x[*node as usize], base);
-            let farthest = surfaces[k].iter().map(|(node, _)| far(node)).fold(0.0, f64::max);
-            let at_apex = surfaces[k].iter().filter(|(node, _)| far(node) >= APEX * farthest).copied();
+            let farthest = surfaces[k]
+                .iter()
+                .map(|(node, _)| far(node))
+                .fold(0.0, f64::max);
+            let at_apex = surfaces[k]
+                .iter()
+                .filter(|(node, _)| far(node) >= APEX * farthest)
+                .copied();
             Patch::of(at_apex).ok_or(empty(names[k]))
         };
         let apex = [apex_of(0)?, apex_of(1)?];
         let long = sub(base, apex[0].mean(x));
-        let height = |node: u32| dot(sub(x[node as usize], apex[0].mean(x)), long) / dot(long, long);
+        let height =
+            |node: u32| dot(sub(x[node as usize], apex[0].mean(x)), long) / dot(long, long);
         let level = |k: usize, level: f64| {
-            let weight = |area: f64, node: u32| area * (1.0 - (height(node) - level).abs() / HALF_WIDTH).max(0.0);
-            let patch = Patch::of(surfaces[k].iter().map(|(node, area)| (*node, weight(*area, *node))));
-            patch.ok_or(LandmarkError::NoNode { name: names[k], level })
+            let weight = |area: f64, node: u32| {
+                area * (1.0 - (height(node) - level).abs() / HALF_WIDTH).max(0.0)
+            };
+            let patch = Patch::of(
+                surfaces[k]
+                    .iter()
+                    .map(|(node, area)| (*node, weight(*area, *node))),
+            );
+            patch.ok_or(LandmarkError::NoNode {
+                name: names[k],
+                level,
+            })
         };
         let levels = |k| -> Result<[Patch; 3], LandmarkError> {
-            Ok([level(k, LEVELS[0])?, level(k, LEVELS[1])?, level(k, LEVELS[2])?])
+            Ok([
+                level(k, LEVELS[0])?,
+                level(k, LEVELS[1])?,
+                level(k, LEVELS[2])?,
+            ])
         };
         let levels = [levels(0)?, levels(1)?];
         Ok(Self { rim, apex, levels })
@@ -194,8 +256,11 @@ impl Landmarks {
     pub fn shape(&self, begin: &[Vec3], x: &[Vec3]) -> Shape {
         let (axis_begin, _) = self.axis(begin);
         let (axis, cavity_length_mm) = self.axis(x);
-        let rotation =
-            |k: usize| [0, 2].map(|level: usize| self.levels[k][level].rotation_deg((begin, axis_begin), (x, axis)));
+        let rotation = |k: usize| {
+            [0, 2].map(|level: usize| {
+                self.levels[k][level].rotation_deg((begin, axis_begin), (x, axis))
+            })
+        };
         Shape {
             base_mm: dot(self.rim.mean(x), axis_begin),
             apex_mm: dot(self.apex[1].mean(x), axis_begin),
@@ -210,10 +275,16 @@ impl Landmarks {
 /// Area that belongs to each node of a surface, in the order of the nodes; empty where there is no such surface.
 fn node_areas(mesh: &TetMesh, name: &str) -> Vec<(u32, f64)> {
     let mut areas = std::collections::BTreeMap::new();
-    for triangle in mesh.surface(name).iter().flat_map(|surface| &surface.triangles) {
+    for triangle in mesh
+        .surface(name)
+        .iter()
+        .flat_map(|surface| &surface.triangles)
+    {
         let [a, b, c] = triangle.map(|node| mesh.nodes_mm[node as usize]);
         let third = norm(cross(sub(b, a), sub(c, a))) / 6.0;
-        triangle.iter().for_each(|node| *areas.entry(*node).or_insert(0.0) += third);
+        triangle
+            .iter()
+            .for_each(|node| *areas.entry(*node).or_insert(0.0) += third);
     }
     areas.into_iter().collect()
 }
@@ -221,11 +292,14 @@ fn node_areas(mesh: &TetMesh, name: &str) -> Vec<(u32, f64)> {
 /// Smallest and largest volume of an element over its unloaded one, each element singly, from the elements' corners.
 #[must_use]
 pub fn volume_ratios(tets: &[[u32; 4]], unloaded: &[Vec3], x: &[Vec3]) -> [f64; 2] {
-    let volume = |tet: &[u32; 4], x: &[Vec3]| cardiotwin_mesh::tet_mesh::volume_mm3(tet.map(|node| x[node as usize]));
-    tets.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], tet| {
-        let ratio = volume(tet, x) / volume(tet, unloaded);
-        [least.min(ratio), most.max(ratio)]
-    })
+    let volume = |tet: &[u32; 4], x: &[Vec3]| {
+        cardiotwin_mesh::tet_mesh::volume_mm3(tet.map(|node| x[node as usize]))
+    };
+    tets.iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], tet| {
+            let ratio = volume(tet, x) / volume(tet, unloaded);
+            [least.min(ratio), most.max(ratio)]
+        })
 }
 
 #[cfg(test)]

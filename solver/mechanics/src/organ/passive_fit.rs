@@ -64,22 +64,42 @@ pub fn fit(
     let mut state = PassiveState::unloaded_image(piece, wall)?;
     let tolerance = search.settings.volume_tolerance;
     match *target {
-        PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa } => {
+        PassiveFit::ImageUnloaded {
+            end_diastolic_pressure_kpa,
+        } => {
             state.inflate(end_diastolic_pressure_kpa, search)?;
-            Ok(Fitted { state, wall: wall.clone(), slope: None })
+            Ok(Fitted {
+                state,
+                wall: wall.clone(),
+                slope: None,
+            })
         }
-        PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
+        PassiveFit::Given {
+            image_pressure_kpa,
+            end_diastolic_pressure_kpa,
+        } => {
             state.unload(piece, wall, image_pressure_kpa, search)?;
             state.inflate(end_diastolic_pressure_kpa, search)?;
-            Ok(Fitted { state, wall: wall.clone(), slope: None })
+            Ok(Fitted {
+                state,
+                wall: wall.clone(),
+                slope: None,
+            })
         }
-        PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
+        PassiveFit::Unloaded {
+            end_diastolic_pressure_kpa,
+            unloaded_volume_mm3,
+        } => {
             let wall = fit_stiffness(wall, unloaded_volume_mm3, true, tolerance, |wall| {
                 search.trials += 1;
                 state.unload(piece, wall, end_diastolic_pressure_kpa, search)?;
                 Ok(state.unloaded_volume_mm3())
             })?;
-            Ok(Fitted { state, wall, slope: None })
+            Ok(Fitted {
+                state,
+                wall,
+                slope: None,
+            })
         }
         PassiveFit::ThreePoints {
             image_pressure_kpa,
@@ -88,7 +108,9 @@ pub fn fit(
             unloaded_volume_mm3,
         } => {
             if wall.muscle.exponent().is_none() {
-                return Err(PassiveStateError::NoExponents { law: wall.muscle.name() });
+                return Err(PassiveStateError::NoExponents {
+                    law: wall.muscle.name(),
+                });
             }
             let wanted = [end_diastolic_volume_mm3, unloaded_volume_mm3];
             let mut expected: Option<Vec<f64>> = None;
@@ -96,7 +118,8 @@ pub fn fit(
                 search.trials += 1;
                 // From the last geometry that was found, which a law that finds none leaves alone.
                 let mut next =
-                    PassiveState::at(piece, wall, state.unloaded(), state.anchor().to_vec())?.after(&mut state);
+                    PassiveState::at(piece, wall, state.unloaded(), state.anchor().to_vec())?
+                        .after(&mut state);
                 next.unload(piece, wall, image_pressure_kpa, search)?;
                 next.inflate_towards(end_diastolic_pressure_kpa, expected.as_deref(), search)?;
                 expected = Some(next.positions());
@@ -119,27 +142,47 @@ pub fn stiffened(
     factor: f64,
     search: &mut Search<'_>,
 ) -> Result<Fitted, PassiveStateError> {
-    let Fitted { state: before, wall, .. } = before;
+    let Fitted {
+        state: before,
+        wall,
+        ..
+    } = before;
     let (wanted, pressure_kpa) = (before.volume_mm3(), before.pressure_kpa);
     if wall.muscle.exponent().is_none() {
-        return Err(PassiveStateError::NoExponents { law: wall.muscle.name() });
+        return Err(PassiveStateError::NoExponents {
+            law: wall.muscle.name(),
+        });
     }
     let mut start = wall.clone();
     // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
-    start.muscle = wall.muscle.with_stiffness(wall.muscle.stiffness_kpa() / (factor * factor)).scaled(1.0, factor);
-    let from_unloaded =
-        |wall: &WallParameters| PassiveState::at(piece, wall, before.unloaded(), before.anchor().to_vec());
+    start.muscle = wall
+        .muscle
+        .with_stiffness(wall.muscle.stiffness_kpa() / (factor * factor))
+        .scaled(1.0, factor);
+    let from_unloaded = |wall: &WallParameters| {
+        PassiveState::at(piece, wall, before.unloaded(), before.anchor().to_vec())
+    };
     let mut state = from_unloaded(&start)?;
     (state.newton_iterations, state.passes) = (before.newton_iterations, before.passes);
     let expected = before.positions();
-    let wall = fit_stiffness(&start, wanted, false, search.settings.volume_tolerance, |wall| {
-        search.trials += 1;
-        let mut next = from_unloaded(wall)?.after(&mut state);
-        next.inflate_towards(pressure_kpa, Some(&expected), search)?;
-        state = next;
-        Ok(state.volume_mm3())
-    })?;
-    Ok(Fitted { state, wall, slope: None })
+    let wall = fit_stiffness(
+        &start,
+        wanted,
+        false,
+        search.settings.volume_tolerance,
+        |wall| {
+            search.trials += 1;
+            let mut next = from_unloaded(wall)?.after(&mut state);
+            next.inflate_towards(pressure_kpa, Some(&expected), search)?;
+            state = next;
+            Ok(state.volume_mm3())
+        },
+    )?;
+    Ok(Fitted {
+        state,
+        wall,
+        slope: None,
+    })
 }
 
 /// Stiffness and factor of the exponents for which end-diastolic and unloaded volume are `wanted`: Broyden's method in the
@@ -156,7 +199,10 @@ fn fit_law(
     const LONGEST: f64 = 0.7;
     let law = |x: [f64; 2]| {
         let muscle = start.muscle.scaled(x[0].exp(), x[1].exp());
-        WallParameters { muscle, ..start.clone() }
+        WallParameters {
+            muscle,
+            ..start.clone()
+        }
     };
     let mut misses = |x: [f64; 2]| -> Result<[f64; 2], PassiveStateError> {
         let found = volumes_mm3(&law(x))?;
@@ -207,7 +253,10 @@ fn fit_law(
             }
         };
         let det = j[0][0] * j[1][1] - j[0][1] * j[1][0];
-        let mut step = [(-f[0] * j[1][1] + f[1] * j[0][1]) / det, (-f[1] * j[0][0] + f[0] * j[1][0]) / det];
+        let mut step = [
+            (-f[0] * j[1][1] + f[1] * j[0][1]) / det,
+            (-f[1] * j[0][0] + f[0] * j[1][0]) / det,
+        ];
         let longest = step[0].abs().max(step[1].abs());
         if !longest.is_finite() || longest < 1e-9 {
             break;
@@ -292,7 +341,9 @@ fn fit_stiffness(
         let too_stiff = (miss > 0.0) == grows;
         ends[usize::from(too_stiff)] = Some((ln_c, miss));
         let next = match ends {
-            [Some((a, f)), Some((b, g))] => (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a)),
+            [Some((a, f)), Some((b, g))] => {
+                (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a))
+            }
             [None, _] => (ln_c - 0.5).max(lowest),
             [_, None] => (ln_c + 0.5).min(highest),
         };
@@ -301,7 +352,8 @@ fn fit_stiffness(
         }
         ln_c = next;
     }
-    let ml = |end: Option<(f64, f64)>| end.map_or(f64::NAN, |(_, miss)| 1e-3 * wanted * (1.0 + miss));
+    let ml =
+        |end: Option<(f64, f64)>| end.map_or(f64::NAN, |(_, miss)| 1e-3 * wanted * (1.0 + miss));
     Err(PassiveStateError::NoStiffness {
         low_kpa: ends[0].map_or(ln_c, |(x, _)| x).exp(),
         high_kpa: ends[1].map_or(ln_c, |(x, _)| x).exp(),

@@ -48,7 +48,11 @@ impl PassiveJob {
     ///
     /// # Errors
     /// [`PassiveStateError`], on all ranks.
-    pub fn run(&self, piece: &Piece<'_>, search: &mut Search<'_>) -> Result<FoundState, PassiveStateError> {
+    pub fn run(
+        &self,
+        piece: &Piece<'_>,
+        search: &mut Search<'_>,
+    ) -> Result<FoundState, PassiveStateError> {
         let mut found = fit(piece, &self.wall, &self.target, self.slope, search)?;
         let slope = found.slope;
         if let Some(factor) = self.steepened_by {
@@ -57,7 +61,10 @@ impl PassiveJob {
         let state = &found.state;
         let whole = |values: &[f64]| piece.gathered(3, values).unwrap_or_else(|| values.to_vec());
         let end_diastole = EndDiastole {
-            unloaded: whole(state.unloaded().as_flattened()).as_chunks().0.to_vec(),
+            unloaded: whole(state.unloaded().as_flattened())
+                .as_chunks()
+                .0
+                .to_vec(),
             anchor: whole(state.anchor()),
             u: whole(&state.u),
             pressure_kpa: state.pressure_kpa,
@@ -65,7 +72,15 @@ impl PassiveJob {
         let (volume_mm3, unloaded_volume_mm3) = (state.volume_mm3(), state.unloaded_volume_mm3());
         let (newton_iterations, passes) = (state.newton_iterations, state.passes);
         let wall = found.wall;
-        Ok(FoundState { end_diastole, wall, slope, volume_mm3, unloaded_volume_mm3, newton_iterations, passes })
+        Ok(FoundState {
+            end_diastole,
+            wall,
+            slope,
+            volume_mm3,
+            unloaded_volume_mm3,
+            newton_iterations,
+            passes,
+        })
     }
 
     /// The same on several threads, each with a part of the mesh; on the calling one where the search's solver is one rank's
@@ -84,20 +99,33 @@ impl PassiveJob {
             return self.run(&Piece::whole(anatomy), search);
         }
         let mut parts = parts_of(anatomy, n_threads)?.into_iter();
-        let Some(first) = parts.next() else { unreachable!("there is a rank 0") };
+        let Some(first) = parts.next() else {
+            unreachable!("there is a rank 0")
+        };
         // Copies of their parts: threads outlive what is borrowed.
-        let mut others = parts.map(|part| (anatomy.part(&part).into_owned(), part)).collect::<Vec<_>>().into_iter();
+        let mut others = parts
+            .map(|part| (anatomy.part(&part).into_owned(), part))
+            .collect::<Vec<_>>()
+            .into_iter();
         let settings = search.settings;
         let (comm, crew): (ThreadRank, Crew) = crew(n_threads, threads, |_| {
             let (job, own) = (self.clone(), others.next());
             move |comm: ThreadRank| {
                 let Some((anatomy, part)) = own else { return };
-                let piece = Piece { anatomy: std::borrow::Cow::Owned(anatomy), part, comm: Arc::new(comm) };
+                let piece = Piece {
+                    anatomy: std::borrow::Cow::Owned(anatomy),
+                    part,
+                    comm: Arc::new(comm),
+                };
                 // Rank 0 says what went wrong, on all ranks.
                 let _ = job.run(&piece, &mut Search::new(settings));
             }
         })
-        .map_err(|error| RankFailure { rank: 0, n_ranks: n_threads, reason: error.to_string() })?;
+        .map_err(|error| RankFailure {
+            rank: 0,
+            n_ranks: n_threads,
+            reason: error.to_string(),
+        })?;
         let piece = Piece::of(anatomy, first, Arc::new(comm));
         // A thread that fails unwinds this one with its reason.
         let found = self.run(&piece, search);

@@ -131,7 +131,10 @@ impl PassiveState {
     ///
     /// # Errors
     /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
-    pub fn unloaded_image(piece: &Piece<'_>, wall: &WallParameters) -> Result<Self, PassiveStateError> {
+    pub fn unloaded_image(
+        piece: &Piece<'_>,
+        wall: &WallParameters,
+    ) -> Result<Self, PassiveStateError> {
         let nodes = &piece.anatomy.nodes;
         Self::at(piece, wall, nodes, vec![0.0; 3 * nodes.len()])
     }
@@ -143,12 +146,26 @@ impl PassiveState {
         anchor: Vec<f64>,
     ) -> Result<Self, PassiveStateError> {
         let comm = Box::new(piece.comm.clone());
-        let dynamics = wall.assemble_static(&piece.anatomy, unloaded, &anchor, &piece.part, comm)?;
+        let dynamics =
+            wall.assemble_static(&piece.anatomy, unloaded, &anchor, &piece.part, comm)?;
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
         let stiffness_kpa = wall.muscle.stiffness_kpa();
-        let right_per_left = wall.right_pressure.as_ref().map_or(0.0, |right| right.per_left);
+        let right_per_left = wall
+            .right_pressure
+            .as_ref()
+            .map_or(0.0, |right| right.per_left);
         let (pressure_kpa, newton_iterations, passes) = (0.0, 0, 0);
-        Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa, newton_iterations, passes, anchor, right_per_left, solver })
+        Ok(Self {
+            dynamics,
+            stiffness_kpa,
+            u,
+            pressure_kpa,
+            newton_iterations,
+            passes,
+            anchor,
+            right_per_left,
+            solver,
+        })
     }
 
     /// How far from the image the supports are at rest \[mm\], three numbers a node.
@@ -160,7 +177,11 @@ impl PassiveState {
     /// As it is, with the work of another state that it goes on from, and its factorisation.
     pub(super) fn after(mut self, before: &mut Self) -> Self {
         self.solver.take_over(&mut before.solver);
-        Self { newton_iterations: before.newton_iterations, passes: before.passes, ..self }
+        Self {
+            newton_iterations: before.newton_iterations,
+            passes: before.passes,
+            ..self
+        }
     }
 
     /// Cavity volume \[mm³\].
@@ -182,7 +203,12 @@ impl PassiveState {
     }
 
     /// Equilibrium at `pressure_kpa` from `guess`, at once.
-    fn settle(&mut self, guess: Vec<f64>, pressure_kpa: f64, newton: &StepSettings) -> Result<(), StepError> {
+    fn settle(
+        &mut self,
+        guess: Vec<f64>,
+        pressure_kpa: f64,
+        newton: &StepSettings,
+    ) -> Result<(), StepError> {
         self.settle_within(FOREVER_MS, guess, pressure_kpa, newton)
     }
 
@@ -195,16 +221,36 @@ impl PassiveState {
         newton: &StepSettings,
     ) -> Result<(), StepError> {
         let n = guess.len();
-        let now = State { motion: Motion::at_rest(guess.clone()), force: vec![0.0; n], pressure_kpa };
-        let mut candidate = Candidate { motion: Motion { u: guess, ..Motion::default() }, ..Candidate::default() };
-        let newton =
-            StepSettings { least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3), ..*newton };
+        let now = State {
+            motion: Motion::at_rest(guess.clone()),
+            force: vec![0.0; n],
+            pressure_kpa,
+        };
+        let mut candidate = Candidate {
+            motion: Motion {
+                u: guess,
+                ..Motion::default()
+            },
+            ..Candidate::default()
+        };
+        let newton = StepSettings {
+            least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3),
+            ..*newton
+        };
         for given in &mut self.dynamics.given_cavities {
             given.pressure_kpa = self.right_per_left * pressure_kpa;
         }
         let mut closure = Closure::Pressure(pressure_kpa);
-        let (_, report) =
-            step(&self.dynamics, &now, dt_ms, &mut candidate, &mut Passive, &mut closure, &mut self.solver, &newton)?;
+        let (_, report) = step(
+            &self.dynamics,
+            &now,
+            dt_ms,
+            &mut candidate,
+            &mut Passive,
+            &mut closure,
+            &mut self.solver,
+            &newton,
+        )?;
         self.newton_iterations += report.iterations;
         self.u = candidate.motion.u;
         self.pressure_kpa = pressure_kpa;
@@ -213,7 +259,11 @@ impl PassiveState {
 
     /// Equilibrium at `pressure_kpa` from where the wall is, by steps of a heart with mass that is stopped after each: the last
     /// resort where Newton's method alone does not find it. A step goes down in energy, however far the equilibrium is.
-    fn relax(&mut self, pressure_kpa: f64, search: &mut Search<'_>) -> Result<(), PassiveStateError> {
+    fn relax(
+        &mut self,
+        pressure_kpa: f64,
+        search: &mut Search<'_>,
+    ) -> Result<(), PassiveStateError> {
         let newton = search.settings.newton;
         let mut dt_ms = 2.0;
         let mut last = None;
@@ -230,26 +280,47 @@ impl PassiveState {
                 }
             }
         }
-        let source = last.unwrap_or(StepError::NotFinite { what: "the relaxation" });
-        Err(PassiveStateError::Inflation { reached_kpa: self.pressure_kpa, wanted_kpa: pressure_kpa, source })
+        let source = last.unwrap_or(StepError::NotFinite {
+            what: "the relaxation",
+        });
+        Err(PassiveStateError::Inflation {
+            reached_kpa: self.pressure_kpa,
+            wanted_kpa: pressure_kpa,
+            source,
+        })
     }
 
     /// Inflates (or lets air out) to `pressure_kpa` in steps that are halved on failure and grow after success.
     ///
     /// # Errors
     /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
-    pub fn inflate(&mut self, pressure_kpa: f64, search: &mut Search<'_>) -> Result<(), PassiveStateError> {
+    pub fn inflate(
+        &mut self,
+        pressure_kpa: f64,
+        search: &mut Search<'_>,
+    ) -> Result<(), PassiveStateError> {
         let settings = search.settings;
         let (start, wanted) = (self.pressure_kpa, pressure_kpa);
         let mut reached = 0.0;
         let mut load = settings.first_load;
         let mut before: Option<(f64, Vec<f64>)> = None;
         while reached < 1.0 {
-            let target = if reached + load > 1.0 - 1e-9 { 1.0 } else { reached + load };
+            let target = if reached + load > 1.0 - 1e-9 {
+                1.0
+            } else {
+                reached + load
+            };
             let p = start + target * (wanted - start);
-            let ahead = before.as_ref().map(|(l, u)| ((target - reached) / (reached - l), u));
+            let ahead = before
+                .as_ref()
+                .map(|(l, u)| ((target - reached) / (reached - l), u));
             let guess = match ahead {
-                Some((ratio, last)) => self.u.iter().zip(last).map(|(u, b)| u + ratio * (u - b)).collect(),
+                Some((ratio, last)) => self
+                    .u
+                    .iter()
+                    .zip(last)
+                    .map(|(u, b)| u + ratio * (u - b))
+                    .collect(),
                 None => self.u.clone(),
             };
             search.go_on(self, p)?;
@@ -266,7 +337,11 @@ impl PassiveState {
                     if load < settings.smallest_load {
                         if self.relax(p, search).is_err() {
                             let reached_kpa = self.pressure_kpa;
-                            return Err(PassiveStateError::Inflation { reached_kpa, wanted_kpa: wanted, source });
+                            return Err(PassiveStateError::Inflation {
+                                reached_kpa,
+                                wanted_kpa: wanted,
+                                source,
+                            });
                         }
                         (reached, load) = (target, settings.first_load);
                     }
@@ -290,8 +365,15 @@ impl PassiveState {
     ) -> Result<(), PassiveStateError> {
         if let Some(expected) = expected {
             search.go_on(self, pressure_kpa)?;
-            let guess = expected.iter().zip(self.dynamics.body.reference()).map(|(x, r)| x - r).collect();
-            if self.settle(guess, pressure_kpa, &search.settings.newton).is_ok() {
+            let guess = expected
+                .iter()
+                .zip(self.dynamics.body.reference())
+                .map(|(x, r)| x - r)
+                .collect();
+            if self
+                .settle(guess, pressure_kpa, &search.settings.newton)
+                .is_ok()
+            {
                 return Ok(());
             }
         }
@@ -300,7 +382,13 @@ impl PassiveState {
 
     /// Where nodes are now \[mm\], three numbers each.
     pub(super) fn positions(&self) -> Vec<f64> {
-        self.dynamics.body.reference().iter().zip(&self.u).map(|(x, u)| x + u).collect()
+        self.dynamics
+            .body
+            .reference()
+            .iter()
+            .zip(&self.u)
+            .map(|(x, u)| x + u)
+            .collect()
     }
 
     /// Finds the unloaded geometry that `pressure_kpa` inflates to the image, and ends in equilibrium there: from a geometry
@@ -316,7 +404,8 @@ impl PassiveState {
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         if self.passes > 0 {
-            let mut again = Self::at(piece, wall, self.unloaded(), self.anchor.clone())?.after(self);
+            let mut again =
+                Self::at(piece, wall, self.unloaded(), self.anchor.clone())?.after(self);
             match again.meet_image(piece, wall, pressure_kpa, [true, false], search) {
                 Ok(()) => {
                     *self = again;
@@ -330,7 +419,11 @@ impl PassiveState {
         let (mut reached, mut load) = (0.0, search.settings.first_load);
         let mut before: Option<(f64, Vec<[f64; 3]>)> = None;
         while reached < 1.0 {
-            let target = if reached + load > 1.0 - 1e-9 { 1.0 } else { reached + load };
+            let target = if reached + load > 1.0 - 1e-9 {
+                1.0
+            } else {
+                reached + load
+            };
             let mut start = self.unloaded().to_vec();
             if let Some((load, nodes)) = &before {
                 let ratio = (target - reached) / (reached - load);
@@ -341,7 +434,13 @@ impl PassiveState {
             let patient = load < search.settings.first_load;
             let attempt = Self::at(piece, wall, &start, self.anchor.clone()).and_then(|next| {
                 let mut next = next.after(self);
-                next.meet_image(piece, wall, target * pressure_kpa, [target == 1.0, patient], search)?;
+                next.meet_image(
+                    piece,
+                    wall,
+                    target * pressure_kpa,
+                    [target == 1.0, patient],
+                    search,
+                )?;
                 Ok(next)
             });
             match attempt {
@@ -377,7 +476,9 @@ impl PassiveState {
     ) -> Result<(), PassiveStateError> {
         let settings = search.settings;
         let flat_image = piece.anatomy.nodes.as_flattened();
-        let image_volume = self.dynamics.cavity_volume(&displacement(&piece.anatomy.nodes, self.unloaded()));
+        let image_volume = self
+            .dynamics
+            .cavity_volume(&displacement(&piece.anatomy.nodes, self.unloaded()));
         let mut last_mm = f64::INFINITY;
         let mut mixing = Mixing::default();
         for pass in 1.. {
@@ -391,36 +492,78 @@ impl PassiveState {
                 }
                 Err(source) => {
                     let wanted_kpa = pressure_kpa;
-                    return Err(PassiveStateError::Inflation { reached_kpa: 0.0, wanted_kpa, source });
+                    return Err(PassiveStateError::Inflation {
+                        reached_kpa: 0.0,
+                        wanted_kpa,
+                        source,
+                    });
                 }
             }
             self.passes += 1;
-            let miss: Vec<f64> = (self.dynamics.body.reference().iter().zip(&self.u).zip(flat_image))
-                .map(|((x, u), image)| x + u - image)
-                .collect();
+            let miss: Vec<f64> = (self
+                .dynamics
+                .body
+                .reference()
+                .iter()
+                .zip(&self.u)
+                .zip(flat_image))
+            .map(|((x, u), image)| x + u - image)
+            .collect();
             let volume_error = (self.volume_mm3() - image_volume).abs() / image_volume;
-            let lengths = miss.as_chunks::<3>().0.iter().map(|m| m.iter().map(|x| x * x).sum::<f64>().sqrt());
+            let lengths = miss
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .map(|m| m.iter().map(|x| x * x).sum::<f64>().sqrt());
             let mut farthest = [lengths.fold(0.0, f64::max)];
             self.dynamics.comm.max(&mut farthest);
             let [distance_mm] = farthest;
-            if tight && volume_error <= settings.volume_tolerance && distance_mm <= settings.distance_tolerance_mm {
+            if tight
+                && volume_error <= settings.volume_tolerance
+                && distance_mm <= settings.distance_tolerance_mm
+            {
                 return Ok(());
             }
-            let not_unloaded = PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm };
+            let not_unloaded = PassiveStateError::NotUnloaded {
+                passes: pass,
+                volume_error,
+                distance_mm,
+            };
             if pass as f64 >= settings.max_passes as f64 / mixing.share {
                 return Err(not_unloaded);
             }
             if distance_mm > 1.5 * last_mm {
-                let Some(unloaded) = mixing.nearer() else { return Err(not_unloaded) };
-                *self = Self::at(piece, wall, unloaded.as_chunks::<3>().0, self.anchor.clone())?.after(self);
+                let Some(unloaded) = mixing.nearer() else {
+                    return Err(not_unloaded);
+                };
+                *self = Self::at(
+                    piece,
+                    wall,
+                    unloaded.as_chunks::<3>().0,
+                    self.anchor.clone(),
+                )?
+                .after(self);
                 continue;
             }
             last_mm = distance_mm;
             // A load with a resultant moves the heart on its supports: they follow, the unloaded geometry need not.
             let rigid = rigid_motion(self.dynamics.space(), &piece.anatomy.nodes, &miss);
-            let strain: Vec<f64> = miss.iter().zip(&rigid).map(|(miss, rigid)| miss - rigid).collect();
-            let moved = mixing.next(self.dynamics.space(), self.dynamics.body.reference(), strain);
-            let anchor = self.anchor.iter().zip(&rigid).map(|(anchor, rigid)| anchor - rigid).collect();
+            let strain: Vec<f64> = miss
+                .iter()
+                .zip(&rigid)
+                .map(|(miss, rigid)| miss - rigid)
+                .collect();
+            let moved = mixing.next(
+                self.dynamics.space(),
+                self.dynamics.body.reference(),
+                strain,
+            );
+            let anchor = self
+                .anchor
+                .iter()
+                .zip(&rigid)
+                .map(|(anchor, rigid)| anchor - rigid)
+                .collect();
             *self = Self::at(piece, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight && (!patient || distance_mm <= NEAR_MM) {
                 return Ok(());
@@ -444,7 +587,11 @@ struct Mixing {
 
 impl Default for Mixing {
     fn default() -> Self {
-        Self { last: None, nearest: None, share: 1.0 }
+        Self {
+            last: None,
+            nearest: None,
+            share: 1.0,
+        }
     }
 }
 
@@ -461,7 +608,11 @@ impl Mixing {
             space.comm.sum(&mut sums);
             let [along, square] = sums;
             // Between none and twice the last change: beyond, it is no contraction that could be extrapolated.
-            let mixed = if square > 0.0 { (along / square).clamp(-2.0, 1.0) } else { 0.0 };
+            let mixed = if square > 0.0 {
+                (along / square).clamp(-2.0, 1.0)
+            } else {
+                0.0
+            };
             for ((c, moved), (m, b)) in change.iter_mut().zip(moved).zip(miss.iter().zip(before)) {
                 *c -= mixed * (moved - (m - b));
             }
@@ -481,6 +632,12 @@ impl Mixing {
         self.share *= 0.5;
         self.last = None;
         let (unloaded, miss) = self.nearest.as_ref()?;
-        Some(unloaded.iter().zip(miss).map(|(x, m)| x - self.share * m).collect())
+        Some(
+            unloaded
+                .iter()
+                .zip(miss)
+                .map(|(x, m)| x - self.share * m)
+                .collect(),
+        )
     }
 }

@@ -25,13 +25,21 @@ impl<'a> Piece<'a> {
     #[must_use]
     pub fn whole(anatomy: &'a Anatomy) -> Self {
         let part = Part::whole(anatomy.nodes.len(), anatomy.corners.len());
-        Self { anatomy: Cow::Borrowed(anatomy), part, comm: Arc::new(SingleProcess) }
+        Self {
+            anatomy: Cow::Borrowed(anatomy),
+            part,
+            comm: Arc::new(SingleProcess),
+        }
     }
 
     /// A part of it.
     #[must_use]
     pub fn of(anatomy: &'a Anatomy, part: Part, comm: Arc<dyn Communicator>) -> Self {
-        Self { anatomy: anatomy.part(&part), part, comm }
+        Self {
+            anatomy: anatomy.part(&part),
+            part,
+            comm,
+        }
     }
 
     /// Rank 0's, which sends the other ranks their `parts` ([`Self::received`]): none of them ever holds the mesh. Collective.
@@ -43,8 +51,16 @@ impl<'a> Piece<'a> {
             pack(&anatomy.part(part), &mut parcel);
             parcel.numbers
         };
-        comm.scatter(parts.iter().enumerate().map(|(k, part)| if k == 0 { vec![] } else { parcel(part) }).collect());
-        let Some(own) = parts.into_iter().next() else { unreachable!("there is a rank 0") };
+        comm.scatter(
+            parts
+                .iter()
+                .enumerate()
+                .map(|(k, part)| if k == 0 { vec![] } else { parcel(part) })
+                .collect(),
+        );
+        let Some(own) = parts.into_iter().next() else {
+            unreachable!("there is a rank 0")
+        };
         Self::of(anatomy, own, comm)
     }
 
@@ -54,17 +70,33 @@ impl<'a> Piece<'a> {
         let numbers = comm.scatter(vec![]);
         let mut from = Opened::of(&numbers);
         let part = Part::unpack(&mut from);
-        Piece { anatomy: Cow::Owned(unpack(&mut from)), part, comm }
+        Piece {
+            anatomy: Cow::Owned(unpack(&mut from)),
+            part,
+            comm,
+        }
     }
 
     /// Values of the whole mesh from those of each rank's nodes, `width` a node, on rank 0; `None` elsewhere. Collective.
     #[must_use]
     pub fn gathered(&self, width: usize, values: &[f64]) -> Option<Vec<f64>> {
-        let owned: Vec<f64> = self.part.owned_nodes().iter().map(|node| f64::from(*node)).collect();
-        let (numbers, of_ranks) = (self.comm.gather(&owned), self.comm.gather(&values[..width * owned.len()]));
+        let owned: Vec<f64> = self
+            .part
+            .owned_nodes()
+            .iter()
+            .map(|node| f64::from(*node))
+            .collect();
+        let (numbers, of_ranks) = (
+            self.comm.gather(&owned),
+            self.comm.gather(&values[..width * owned.len()]),
+        );
         let (numbers, of_ranks) = (numbers?, of_ranks?);
         let mut all = vec![0.0; of_ranks.iter().map(Vec::len).sum()];
-        for (node, values) in numbers.iter().zip(&of_ranks).flat_map(|(n, v)| n.iter().zip(v.chunks_exact(width))) {
+        for (node, values) in numbers
+            .iter()
+            .zip(&of_ranks)
+            .flat_map(|(n, v)| n.iter().zip(v.chunks_exact(width)))
+        {
             all[*node as usize * width..][..width].copy_from_slice(values);
         }
         Some(all)
@@ -77,10 +109,15 @@ impl<'a> Piece<'a> {
 /// [`PartitionError`] where it cannot be cut.
 pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, PartitionError> {
     if n_ranks <= 1 {
-        return Ok(vec![Part::whole(anatomy.nodes.len(), anatomy.corners.len())]);
+        return Ok(vec![Part::whole(
+            anatomy.nodes.len(),
+            anatomy.corners.len(),
+        )]);
     }
     let owners = owners(anatomy.n_vertices, &anatomy.corners, n_ranks)?;
-    Ok((0..n_ranks).map(|rank| Part::of(rank, &owners, &anatomy.corners)).collect())
+    Ok((0..n_ranks)
+        .map(|rank| Part::of(rank, &owners, &anatomy.corners))
+        .collect())
 }
 
 /// Writes a part of an anatomy of linear elements.
@@ -92,36 +129,56 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         Triangles::Linear(triangles) => triangles.clone(),
         Triangles::Quadratic(_) => unreachable!("quadratic elements stay on one rank"),
     };
-    to.numbers(anatomy.nodes.as_flattened()).indices(anatomy.corners.as_flattened());
+    to.numbers(anatomy.nodes.as_flattened())
+        .indices(anatomy.corners.as_flattened());
     to.numbers(&match anatomy.volume {
         VolumeChange::Pointwise => vec![],
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
     // As bits: a parcel's indices have no sign.
-    to.indices(&anatomy.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<u32>>());
-    to.flags(&anatomy.contracts).numbers(anatomy.frames.as_flattened().as_flattened());
+    to.indices(
+        &anatomy
+            .tags
+            .iter()
+            .map(|tag| tag.cast_unsigned())
+            .collect::<Vec<u32>>(),
+    );
+    to.flags(&anatomy.contracts)
+        .numbers(anatomy.frames.as_flattened().as_flattened());
     fibre_parcel::pack(&anatomy.fibres, to);
     to.numbers(&anatomy.depth);
-    for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim].into_iter().chain(&anatomy.septum) {
+    for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim]
+        .into_iter()
+        .chain(&anatomy.septum)
+    {
         to.indices(triangles(surface).as_flattened());
     }
     if anatomy.septum.is_none() {
         to.indices(&[]);
     }
-    to.numbers(&anatomy.axis.apex_mm).numbers(&anatomy.axis.base_mm);
-    to.flags(&[anatomy.septum.is_some()]).indices(&[anatomy.openings.len() as u32]);
-    anatomy.openings.iter().for_each(|nodes| _ = to.indices(nodes));
+    to.numbers(&anatomy.axis.apex_mm)
+        .numbers(&anatomy.axis.base_mm);
+    to.flags(&[anatomy.septum.is_some()])
+        .indices(&[anatomy.openings.len() as u32]);
+    anatomy
+        .openings
+        .iter()
+        .for_each(|nodes| _ = to.indices(nodes));
     to.flags(&[anatomy.right.is_some()]);
     if let Some(right) = &anatomy.right {
         for surface in [&right.endocardium, &right.ring, &right.left_ring] {
             to.indices(triangles(surface).as_flattened());
         }
         to.indices(&[right.openings.len() as u32]);
-        right.openings.iter().for_each(|nodes| _ = to.indices(nodes));
+        right
+            .openings
+            .iter()
+            .for_each(|nodes| _ = to.indices(nodes));
     }
     to.indices(&[anatomy.further.len() as u32]);
     for (name, surface) in &anatomy.further {
-        to.indices(&name.bytes().map(u32::from).collect::<Vec<u32>>()).indices(triangles(surface).as_flattened());
+        to.indices(&name.bytes().map(u32::from).collect::<Vec<u32>>())
+            .indices(triangles(surface).as_flattened());
     }
 }
 
@@ -130,25 +187,44 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
     let nodes = from.numbers().as_chunks().0.to_vec();
     let tets: Vec<[u32; 4]> = from.indices().as_chunks().0.to_vec();
     let volume = match from.numbers() {
-        [pointwise_share] => VolumeChange::Nodal { pointwise_share: *pointwise_share },
+        [pointwise_share] => VolumeChange::Nodal {
+            pointwise_share: *pointwise_share,
+        },
         _ => VolumeChange::Pointwise,
     };
     let tags = from.indices().into_iter().map(u32::cast_signed).collect();
-    let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
+    let (contracts, frames) = (
+        from.flags(),
+        from.numbers()
+            .as_chunks::<3>()
+            .0
+            .as_chunks::<3>()
+            .0
+            .to_vec(),
+    );
     let (fibres, depth) = (fibre_parcel::unpack(from), from.numbers().to_vec());
-    let triangles = |from: &mut Opened<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
+    let triangles =
+        |from: &mut Opened<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let [endocardium, epicardium, rim, septum] = std::array::from_fn(|_| triangles(from));
     let mut point = || {
         let x = from.numbers();
         [x[0], x[1], x[2]]
     };
-    let axis = LongAxis { apex_mm: point(), base_mm: point() };
+    let axis = LongAxis {
+        apex_mm: point(),
+        base_mm: point(),
+    };
     let septum = from.flags()[0].then_some(septum);
     let openings = |from: &mut Opened<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
     let own_openings = openings(from);
     let right = from.flags()[0].then(|| {
         let [endocardium, ring, left_ring] = std::array::from_fn(|_| triangles(from));
-        RightVentricle { endocardium, openings: openings(from), ring, left_ring }
+        RightVentricle {
+            endocardium,
+            openings: openings(from),
+            ring,
+            left_ring,
+        }
     });
     let further = (0..from.indices()[0])
         .map(|_| {
@@ -191,7 +267,9 @@ mod tests {
 
     #[test]
     fn a_piece_arrives_as_it_was_cut_and_pieces_make_up_the_whole() {
-        let mut mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 600)).expect("a mesh").mesh;
+        let mut mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 600))
+            .expect("a mesh")
+            .mesh;
         make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fields");
         for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
             let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).expect("an anatomy");
@@ -207,7 +285,10 @@ mod tests {
                 piece.gathered(3, piece.anatomy.nodes.as_flattened())
             })
             .expect("no rank fails");
-            assert_eq!(whole, [Some(anatomy.nodes.as_flattened().to_vec()), None, None]);
+            assert_eq!(
+                whole,
+                [Some(anatomy.nodes.as_flattened().to_vec()), None, None]
+            );
         }
     }
 }

@@ -68,12 +68,21 @@ impl Values {
 
     /// Position among the states of the points.
     pub fn of_points(self) -> Option<usize> {
-        [Self::Cells, Self::PointStretch, Self::PointStress, Self::PointCalcium].iter().position(|v| *v == self)
+        [
+            Self::Cells,
+            Self::PointStretch,
+            Self::PointStress,
+            Self::PointCalcium,
+        ]
+        .iter()
+        .position(|v| *v == self)
     }
 
     /// Position among the means of the nodes of the muscle.
     fn of_muscle(self) -> Option<usize> {
-        [Self::Stretch, Self::Stress, Self::Calcium].iter().position(|v| *v == self)
+        [Self::Stretch, Self::Stress, Self::Calcium]
+            .iter()
+            .position(|v| *v == self)
     }
 
     pub fn places(self) -> Places {
@@ -99,7 +108,11 @@ pub(super) enum Command {
     /// Leave.
     Stop,
     /// Try a step to `end_ms`.
-    Try { end_ms: f64, dt_ms: f64, pressure_kpa: f64 },
+    Try {
+        end_ms: f64,
+        dt_ms: f64,
+        pressure_kpa: f64,
+    },
     /// Accept the step that was tried.
     Commit,
     /// Drop it.
@@ -124,10 +137,19 @@ pub(super) enum Command {
 
 impl Command {
     fn encoded(self) -> [f64; 4] {
-        let number = |values: Values| Values::ALL.iter().position(|v| *v == values).unwrap_or_default() as f64;
+        let number = |values: Values| {
+            Values::ALL
+                .iter()
+                .position(|v| *v == values)
+                .unwrap_or_default() as f64
+        };
         match self {
             Self::Stop => [0.0; 4],
-            Self::Try { end_ms, dt_ms, pressure_kpa } => [1.0, end_ms, dt_ms, pressure_kpa],
+            Self::Try {
+                end_ms,
+                dt_ms,
+                pressure_kpa,
+            } => [1.0, end_ms, dt_ms, pressure_kpa],
             Self::Commit => [2.0, 0.0, 0.0, 0.0],
             Self::RollBack => [3.0, 0.0, 0.0, 0.0],
             Self::Resume { pressure_kpa } => [4.0, pressure_kpa, 0.0, 0.0],
@@ -146,7 +168,11 @@ impl Command {
 
     fn decoded([code, a, b, c]: [f64; 4]) -> Self {
         match code as u32 {
-            1 => Self::Try { end_ms: a, dt_ms: b, pressure_kpa: c },
+            1 => Self::Try {
+                end_ms: a,
+                dt_ms: b,
+                pressure_kpa: c,
+            },
             2 => Self::Commit,
             3 => Self::RollBack,
             4 => Self::Resume { pressure_kpa: a },
@@ -218,24 +244,57 @@ impl OrganRank {
     ///
     /// # Errors
     /// [`VentricleError`] where the wall cannot be supported, the contraction model fails or several ranks lack a solver.
-    pub fn new(setup: &Setup, share: Share<'_>, comm: Box<dyn Communicator>) -> Result<Self, VentricleError> {
-        let failed =
-            |error: &dyn std::error::Error| VentricleError::NoMotion { t_ms: 0.0, dt_ms: 0.0, reason: chain(error) };
-        let Share { part, anatomy, end_diastole, activation_ms } = share;
+    pub fn new(
+        setup: &Setup,
+        share: Share<'_>,
+        comm: Box<dyn Communicator>,
+    ) -> Result<Self, VentricleError> {
+        let failed = |error: &dyn std::error::Error| VentricleError::NoMotion {
+            t_ms: 0.0,
+            dt_ms: 0.0,
+            reason: chain(error),
+        };
+        let Share {
+            part,
+            anatomy,
+            end_diastole,
+            activation_ms,
+        } = share;
         if comm.n_ranks() > 1 && setup.settings.linear != LinearSolver::BlockJacobi {
-            let (name, value, expected) = ("ranks", comm.n_ranks() as f64, "1 with this linear solver");
-            return Err(VentricleError::Parameter { name, value, expected });
+            let (name, value, expected) =
+                ("ranks", comm.n_ranks() as f64, "1 with this linear solver");
+            return Err(VentricleError::Parameter {
+                name,
+                value,
+                expected,
+            });
         }
         let traffic = Arc::new(Traffic::default());
         let comm = Box::new(Counted::new(comm, Arc::clone(&traffic)));
-        let EndDiastole { unloaded, anchor, u, pressure_kpa } = end_diastole;
-        let made = setup.wall.assemble_static(&anatomy, &unloaded, &anchor, &part, comm);
+        let EndDiastole {
+            unloaded,
+            anchor,
+            u,
+            pressure_kpa,
+        } = end_diastole;
+        let made = setup
+            .wall
+            .assemble_static(&anatomy, &unloaded, &anchor, &part, comm);
         let mut dynamics = made.map_err(|e: WallError| failed(&e))?;
-        setup.wall.support(&anatomy, &mut dynamics, &u).map_err(|e: WallError| failed(&e))?;
-        let right = setup.wall.right_pressure.as_ref().map(|right| right.course.clone());
+        setup
+            .wall
+            .support(&anatomy, &mut dynamics, &u)
+            .map_err(|e: WallError| failed(&e))?;
+        let right = setup
+            .wall
+            .right_pressure
+            .as_ref()
+            .map(|right| right.course.clone());
         load_right(&mut dynamics, right.as_ref(), 0.0);
         let mut deformation = Deformation::default();
-        dynamics.body.deform(&u, dynamics.comm.as_ref(), &mut deformation);
+        dynamics
+            .body
+            .deform(&u, dynamics.comm.as_ref(), &mut deformation);
         let mut points = PointContraction::new(
             &setup.contraction,
             setup.cycle_length_ms,
@@ -255,7 +314,10 @@ impl OrganRank {
         let mut step = |end_ms, dt_ms| {
             points.begin_step(end_ms);
             let evaluated = points.evaluate(dt_ms, &deformation, &mut active);
-            evaluated.map_err(|source| VentricleError::Contraction { t_ms: end_ms, source })?;
+            evaluated.map_err(|source| VentricleError::Contraction {
+                t_ms: end_ms,
+                source,
+            })?;
             points.commit();
             Ok::<(), VentricleError>(())
         };
@@ -263,11 +325,16 @@ impl OrganRank {
         steps_before_the_beat(earliest_ms).try_for_each(|(end_ms, dt_ms)| step(end_ms, dt_ms))?;
         // The stress at time zero: a step of vanishing length at constant stretch.
         step(0.0, 1e-6)?;
-        let mut now = dynamics.start(u, active, pressure_kpa).map_err(|s| failed(&inverted(s)))?;
+        let mut now = dynamics
+            .start(u, active, pressure_kpa)
+            .map_err(|s| failed(&inverted(s)))?;
         // What the solver of step 0 left is no load: the beat begins at rest.
         now.motion.a.fill(0.0);
         let average = points.node_average(&anatomy, &dynamics.body, dynamics.comm.as_ref());
-        let speaks_for = points.elements(&dynamics.body).map(|e| part.speaks_for[e as usize]).collect();
+        let speaks_for = points
+            .elements(&dynamics.body)
+            .map(|e| part.speaks_for[e as usize])
+            .collect();
         Ok(Self {
             part,
             average,
@@ -302,9 +369,14 @@ impl OrganRank {
             self.comm().command(&mut word);
             match Command::decoded(word) {
                 Command::Stop => return,
-                Command::Try { end_ms, dt_ms, pressure_kpa } => {
+                Command::Try {
+                    end_ms,
+                    dt_ms,
+                    pressure_kpa,
+                } => {
                     // Rank 0 knows what went wrong.
-                    let _ = self.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::BalanceOfRank0);
+                    let _ =
+                        self.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::BalanceOfRank0);
                 }
                 Command::Commit => self.commit(),
                 Command::RollBack => self.roll_back(),
@@ -333,9 +405,14 @@ impl OrganRank {
         self.trial = None;
         self.contraction.begin_step(end_ms);
         load_right(&mut self.dynamics, self.right.as_ref(), end_ms);
-        let mut candidate = Candidate { pressure_kpa, ..Candidate::default() };
+        let mut candidate = Candidate {
+            pressure_kpa,
+            ..Candidate::default()
+        };
         if self.settings.extrapolate {
-            self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
+            self.dynamics
+                .scheme
+                .predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
         } else {
             candidate.motion.u.clone_from(&self.now.motion.u);
         }
@@ -351,7 +428,11 @@ impl OrganRank {
         )?;
         let volume_mm3 = self.dynamics.cavity_volume(&candidate.motion.u);
         let pressure_kpa = candidate.pressure_kpa;
-        self.trial = Some(State { motion: candidate.motion, force, pressure_kpa });
+        self.trial = Some(State {
+            motion: candidate.motion,
+            force,
+            pressure_kpa,
+        });
         Ok((report, volume_mm3, pressure_kpa))
     }
 
@@ -383,7 +464,10 @@ impl OrganRank {
 
     /// Number in the whole mesh of the element of each point, and whether this rank speaks for it.
     pub fn points(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
-        let elements = self.contraction.elements(&self.dynamics.body).map(|e| self.part.elements[e as usize]);
+        let elements = self
+            .contraction
+            .elements(&self.dynamics.body)
+            .map(|e| self.part.elements[e as usize]);
         elements.zip(self.speaks_for.iter().copied())
     }
 
@@ -401,12 +485,23 @@ impl OrganRank {
             _ => match (values.of_points(), values.of_muscle()) {
                 (Some(k), _) => {
                     let (width, all) = self.contraction.states()[k];
-                    let spoken = all.chunks_exact(width.max(1)).zip(&self.speaks_for).filter(|(_, speaks)| **speaks);
-                    self.comm().gather(&spoken.flat_map(|(values, _)| values).copied().collect::<Vec<f64>>())
+                    let spoken = all
+                        .chunks_exact(width.max(1))
+                        .zip(&self.speaks_for)
+                        .filter(|(_, speaks)| **speaks);
+                    self.comm().gather(
+                        &spoken
+                            .flat_map(|(values, _)| values)
+                            .copied()
+                            .collect::<Vec<f64>>(),
+                    )
                 }
                 (None, k) => {
                     let mut out = vec![0.0; self.average.nodes.len()];
-                    self.average.apply(self.contraction.committed()[k.unwrap_or_default()], &mut out);
+                    self.average.apply(
+                        self.contraction.committed()[k.unwrap_or_default()],
+                        &mut out,
+                    );
                     self.comm().gather(&out)
                 }
             },
@@ -422,7 +517,11 @@ impl OrganRank {
         }
         let mut all = own;
         all.resize(3 * self.part.layout.n_local, 0.0);
-        Space { comm: self.dynamics.comm.as_ref(), layout: &self.part.layout }.update(&mut all);
+        Space {
+            comm: self.dynamics.comm.as_ref(),
+            layout: &self.part.layout,
+        }
+        .update(&mut all);
         let State { motion, force, .. } = &mut self.now;
         match values {
             Values::Displacement => motion.u = all,
@@ -436,7 +535,12 @@ impl OrganRank {
     /// What each rank holds and sent so far, on rank 0.
     pub fn figures(&self) -> Vec<RankFigures> {
         let layout = &self.part.layout;
-        let own = [layout.n_owned, layout.n_local - layout.n_owned, self.part.elements.len(), layout.neighbours.len()];
+        let own = [
+            layout.n_owned,
+            layout.n_local - layout.n_owned,
+            self.part.elements.len(),
+            layout.neighbours.len(),
+        ];
         let counts = self.traffic.counts();
         let own: Vec<f64> = own.into_iter().map(|n| n as f64).chain(counts).collect();
         let all = self.comm().gather(&own).unwrap_or_default();
@@ -466,7 +570,10 @@ fn load_right(dynamics: &mut Dynamics, course: Option<&PressureCourse>, time_ms:
 }
 
 fn inverted(s: Smallest) -> StepError {
-    StepError::Inverted { element: s.element, volume_ratio: s.volume_ratio }
+    StepError::Inverted {
+        element: s.element,
+        volume_ratio: s.volume_ratio,
+    }
 }
 
 pub(super) fn chain(error: &dyn std::error::Error) -> String {

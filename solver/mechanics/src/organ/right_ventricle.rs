@@ -21,10 +21,18 @@ pub struct RightVentricle {
 
 impl RightVentricle {
     /// The same with its triangles and loops in other numbers.
-    pub(super) fn mapped(&self, surface: impl Fn(&Triangles) -> Triangles, node: impl Fn(&u32) -> u32) -> Self {
+    pub(super) fn mapped(
+        &self,
+        surface: impl Fn(&Triangles) -> Triangles,
+        node: impl Fn(&u32) -> u32,
+    ) -> Self {
         Self {
             endocardium: surface(&self.endocardium),
-            openings: self.openings.iter().map(|nodes| nodes.iter().map(&node).collect()).collect(),
+            openings: self
+                .openings
+                .iter()
+                .map(|nodes| nodes.iter().map(&node).collect())
+                .collect(),
             ring: surface(&self.ring),
             left_ring: surface(&self.left_ring),
         }
@@ -55,7 +63,11 @@ impl PressureCourse {
     /// The same pressure at all times.
     #[must_use]
     pub fn constant(kpa: f64) -> Self {
-        Self { time_ms: vec![0.0], kpa: vec![kpa], cycle_ms: 1.0 }
+        Self {
+            time_ms: vec![0.0],
+            kpa: vec![kpa],
+            cycle_ms: 1.0,
+        }
     }
 
     /// Pressure at a time of any beat \[kPa\].
@@ -65,13 +77,24 @@ impl PressureCourse {
     #[must_use]
     pub fn at(&self, time_ms: f64) -> f64 {
         let t = time_ms.rem_euclid(self.cycle_ms);
-        let before = self.time_ms.partition_point(|sample| *sample <= t).saturating_sub(1);
+        let before = self
+            .time_ms
+            .partition_point(|sample| *sample <= t)
+            .saturating_sub(1);
         let (t0, p0) = (self.time_ms[before], self.kpa[before]);
         // The first sample follows the last.
         let next = before + 1;
-        let t1 = self.time_ms.get(next).copied().unwrap_or(self.cycle_ms + self.time_ms[0]);
+        let t1 = self
+            .time_ms
+            .get(next)
+            .copied()
+            .unwrap_or(self.cycle_ms + self.time_ms[0]);
         let p1 = self.kpa.get(next).copied().unwrap_or(self.kpa[0]);
-        if t1 > t0 { p0 + (p1 - p0) * (t - t0) / (t1 - t0) } else { p0 }
+        if t1 > t0 {
+            p0 + (p1 - p0) * (t - t0) / (t1 - t0)
+        } else {
+            p0
+        }
     }
 }
 
@@ -86,12 +109,22 @@ pub(super) fn chamber(
     let openings = openings.to_vec();
     let hangs = valve_plane == ValvePlane::HangsOnRim;
     match (endocardium, ring) {
-        (Triangles::Linear(wall), Triangles::Linear(ring)) => {
-            Cavity::new(wall, openings, if hangs { ring } else { &[] }, reference, pattern, comm)
-        }
-        (Triangles::Quadratic(wall), Triangles::Quadratic(ring)) => {
-            Cavity::new(wall, openings, if hangs { ring } else { &[] }, reference, pattern, comm)
-        }
+        (Triangles::Linear(wall), Triangles::Linear(ring)) => Cavity::new(
+            wall,
+            openings,
+            if hangs { ring } else { &[] },
+            reference,
+            pattern,
+            comm,
+        ),
+        (Triangles::Quadratic(wall), Triangles::Quadratic(ring)) => Cavity::new(
+            wall,
+            openings,
+            if hangs { ring } else { &[] },
+            reference,
+            pattern,
+            comm,
+        ),
         _ => Err(SurfaceError::Nodes { found: 0 }),
     }
     .map_err(|source| WallError::Surface { name, source })
@@ -103,9 +136,25 @@ mod tests {
 
     #[test]
     fn a_course_is_straight_between_samples_and_comes_again() {
-        let course = PressureCourse { time_ms: vec![0.0, 100.0, 400.0], kpa: vec![1.0, 3.0, 0.0], cycle_ms: 500.0 };
-        for (t, p) in [(0.0, 1.0), (50.0, 2.0), (100.0, 3.0), (400.0, 0.0), (450.0, 0.5), (500.0, 1.0), (1050.0, 2.0)] {
-            assert!((course.at(t) - p).abs() < 1e-12, "{p} at {t}: {}", course.at(t));
+        let course = PressureCourse {
+            time_ms: vec![0.0, 100.0, 400.0],
+            kpa: vec![1.0, 3.0, 0.0],
+            cycle_ms: 500.0,
+        };
+        for (t, p) in [
+            (0.0, 1.0),
+            (50.0, 2.0),
+            (100.0, 3.0),
+            (400.0, 0.0),
+            (450.0, 0.5),
+            (500.0, 1.0),
+            (1050.0, 2.0),
+        ] {
+            assert!(
+                (course.at(t) - p).abs() < 1e-12,
+                "{p} at {t}: {}",
+                course.at(t)
+            );
         }
         assert!((course.at(-50.0) - 0.5).abs() < 1e-12);
         assert_eq!(PressureCourse::constant(0.7).at(123.4), 0.7);

@@ -64,7 +64,11 @@ impl UnloadingSettings {
     pub fn for_anatomy(anatomy: &Anatomy) -> Self {
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
         let most = FACTORISED_UP_TO[usize::from(anatomy.volume == VolumeChange::Pointwise)];
-        if linear && anatomy.nodes.len() > most { Self::on_ranks() } else { Self::default() }
+        if linear && anatomy.nodes.len() > most {
+            Self::on_ranks()
+        } else {
+            Self::default()
+        }
     }
 
     /// The linear solver that several ranks have, multigrid.
@@ -81,7 +85,11 @@ impl UnloadingSettings {
     #[must_use]
     pub fn are_for_ranks(&self, anatomy: &Anatomy) -> bool {
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
-        linear && matches!(self.newton.linear, LinearSolver::Multigrid | LinearSolver::BlockJacobi)
+        linear
+            && matches!(
+                self.newton.linear,
+                LinearSolver::Multigrid | LinearSolver::BlockJacobi
+            )
     }
 }
 
@@ -111,7 +119,9 @@ pub struct Search<'a> {
 
 impl std::fmt::Debug for Search<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Search").field("settings", &self.settings).finish_non_exhaustive()
+        f.debug_struct("Search")
+            .field("settings", &self.settings)
+            .finish_non_exhaustive()
     }
 }
 
@@ -119,24 +129,52 @@ impl<'a> Search<'a> {
     /// One that nobody watches.
     #[must_use]
     pub fn new(settings: UnloadingSettings) -> Self {
-        Self { settings, watch: None, trials: 0 }
+        Self {
+            settings,
+            watch: None,
+            trials: 0,
+        }
     }
 
     /// One whose watcher is asked before each equilibrium.
     #[must_use]
     pub fn watched(settings: UnloadingSettings, watch: &'a mut Watch<'a>) -> Self {
-        Self { settings, watch: Some(watch), trials: 0 }
+        Self {
+            settings,
+            watch: Some(watch),
+            trials: 0,
+        }
     }
 
     /// Whether to go on towards an equilibrium at `pressure_kpa`. Collective.
-    pub(super) fn go_on(&mut self, state: &PassiveState, pressure_kpa: f64) -> Result<(), PassiveStateError> {
-        let PassiveState { passes, newton_iterations, .. } = *state;
-        let progress = SearchProgress { trials: self.trials, passes, newton_iterations, pressure_kpa };
-        let stop = self.watch.as_mut().is_some_and(|watch| watch(&progress).is_break());
+    pub(super) fn go_on(
+        &mut self,
+        state: &PassiveState,
+        pressure_kpa: f64,
+    ) -> Result<(), PassiveStateError> {
+        let PassiveState {
+            passes,
+            newton_iterations,
+            ..
+        } = *state;
+        let progress = SearchProgress {
+            trials: self.trials,
+            passes,
+            newton_iterations,
+            pressure_kpa,
+        };
+        let stop = self
+            .watch
+            .as_mut()
+            .is_some_and(|watch| watch(&progress).is_break());
         // Rank 0 is watched, and speaks for all.
         let mut word = [f64::from(u8::from(stop))];
         state.dynamics.comm.broadcast(&mut word);
-        if word[0] == 0.0 { Ok(()) } else { Err(PassiveStateError::Stopped) }
+        if word[0] == 0.0 {
+            Ok(())
+        } else {
+            Err(PassiveStateError::Stopped)
+        }
     }
 }
 

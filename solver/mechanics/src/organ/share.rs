@@ -17,15 +17,32 @@ pub(super) struct Share<'a> {
 }
 
 impl<'a> Share<'a> {
-    pub fn of(part: Part, anatomy: &'a Anatomy, end_diastole: &EndDiastole, activation_ms: &[f64]) -> Self {
+    pub fn of(
+        part: Part,
+        anatomy: &'a Anatomy,
+        end_diastole: &EndDiastole,
+        activation_ms: &[f64],
+    ) -> Self {
         let whole = part.layout.neighbours.is_empty();
         let (anatomy, end_diastole) = (anatomy.part(&part), end_diastole.part(&part));
-        let activation_ms = if whole { activation_ms.to_vec() } else { part.take(1, activation_ms) };
-        Self { part, anatomy, end_diastole, activation_ms }
+        let activation_ms = if whole {
+            activation_ms.to_vec()
+        } else {
+            part.take(1, activation_ms)
+        };
+        Self {
+            part,
+            anatomy,
+            end_diastole,
+            activation_ms,
+        }
     }
 
     pub fn into_owned(self) -> Share<'static> {
-        Share { anatomy: Cow::Owned(self.anatomy.into_owned()), ..self }
+        Share {
+            anatomy: Cow::Owned(self.anatomy.into_owned()),
+            ..self
+        }
     }
 
     /// As a message.
@@ -33,8 +50,16 @@ impl<'a> Share<'a> {
         let mut to = Parcel::default();
         self.part.pack(&mut to);
         pack(&self.anatomy, &mut to);
-        let EndDiastole { unloaded, anchor, u, pressure_kpa } = &self.end_diastole;
-        to.numbers(unloaded.as_flattened()).numbers(anchor).numbers(u).numbers(&[*pressure_kpa]);
+        let EndDiastole {
+            unloaded,
+            anchor,
+            u,
+            pressure_kpa,
+        } = &self.end_diastole;
+        to.numbers(unloaded.as_flattened())
+            .numbers(anchor)
+            .numbers(u)
+            .numbers(&[*pressure_kpa]);
         to.numbers(&self.activation_ms);
         to.numbers
     }
@@ -50,6 +75,11 @@ impl<'a> Share<'a> {
             u: from.numbers().to_vec(),
             pressure_kpa: from.numbers()[0],
         };
-        Share { part, anatomy, end_diastole, activation_ms: from.numbers().to_vec() }
+        Share {
+            part,
+            anatomy,
+            end_diastole,
+            activation_ms: from.numbers().to_vec(),
+        }
     }
 }

@@ -121,21 +121,52 @@ struct Trial {
 
 /// What is checked before ranks are made.
 fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
-    let VentricleParts { anatomy, activation_ms, cycle_length, .. } = parts;
-    let parameter = |name, value, expected| Err(VentricleError::Parameter { name, value, expected });
+    let VentricleParts {
+        anatomy,
+        activation_ms,
+        cycle_length,
+        ..
+    } = parts;
+    let parameter = |name, value, expected| {
+        Err(VentricleError::Parameter {
+            name,
+            value,
+            expected,
+        })
+    };
     if activation_ms.len() != anatomy.n_vertices {
-        return parameter("activation times", activation_ms.len() as f64, "as many as the mesh has nodes");
+        return parameter(
+            "activation times",
+            activation_ms.len() as f64,
+            "as many as the mesh has nodes",
+        );
     }
     let mut of_muscle = vec![false; anatomy.n_vertices];
-    for (corners, _) in anatomy.corners.iter().zip(&anatomy.contracts).filter(|(_, c)| **c) {
+    for (corners, _) in anatomy
+        .corners
+        .iter()
+        .zip(&anatomy.contracts)
+        .filter(|(_, c)| **c)
+    {
         corners.iter().for_each(|n| of_muscle[*n as usize] = true);
     }
-    let latest = (0..anatomy.n_vertices).filter(|n| of_muscle[*n]).map(|n| activation_ms[n]).fold(0.0, f64::max);
+    let latest = (0..anatomy.n_vertices)
+        .filter(|n| of_muscle[*n])
+        .map(|n| activation_ms[n])
+        .fold(0.0, f64::max);
     if !latest.is_finite() {
-        return parameter("latest activation time", latest, "finite in all contracting tissue");
+        return parameter(
+            "latest activation time",
+            latest,
+            "finite in all contracting tissue",
+        );
     }
     if !(cycle_length.0 > latest && cycle_length.0.is_finite()) {
-        return parameter("cycle length", cycle_length.0, "longer than the latest activation time");
+        return parameter(
+            "cycle length",
+            cycle_length.0,
+            "longer than the latest activation time",
+        );
     }
     Ok(())
 }
@@ -144,7 +175,11 @@ fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
 fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, VentricleError> {
     if n_ranks > 1 && anatomy.nodes.len() != anatomy.n_vertices {
         let (name, value, expected) = ("ranks", n_ranks as f64, "1 with quadratic elements");
-        return Err(VentricleError::Parameter { name, value, expected });
+        return Err(VentricleError::Parameter {
+            name,
+            value,
+            expected,
+        });
     }
     piece::parts_of(anatomy, n_ranks).map_err(|error| VentricleError::NoMotion {
         t_ms: 0.0,
@@ -179,16 +214,25 @@ impl FiniteElementVentricle {
         checked(&parts)?;
         let (setup, rest) = taken(parts);
         let mut of_ranks = parts_of(rest.anatomy, n_ranks)?.into_iter();
-        let mut share = |part| Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
+        let mut share =
+            |part| Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
         let first = of_ranks.next().map(&mut share);
-        let failed =
-            |error: &dyn std::error::Error| VentricleError::NoMotion { t_ms: 0.0, dt_ms: 0.0, reason: chain(error) };
-        let Some(first) = first else { unreachable!("there is a rank 0") };
+        let failed = |error: &dyn std::error::Error| VentricleError::NoMotion {
+            t_ms: 0.0,
+            dt_ms: 0.0,
+            reason: chain(error),
+        };
+        let Some(first) = first else {
+            unreachable!("there is a rank 0")
+        };
         if n_ranks <= 1 {
             let rank = OrganRank::new(&setup, first, Box::new(SingleProcess))?;
             return Ok(Self::led_by(rank, rest, None));
         }
-        let mut others = of_ranks.map(|part| share(part).into_owned()).collect::<Vec<_>>().into_iter();
+        let mut others = of_ranks
+            .map(|part| share(part).into_owned())
+            .collect::<Vec<_>>()
+            .into_iter();
         let (comm, crew) = crew(n_ranks, settings, |_| {
             let (setup, share) = (setup.clone(), others.next());
             move |comm: ThreadRank| {
@@ -203,7 +247,9 @@ impl FiniteElementVentricle {
             }
         })
         .map_err(|error| failed(&error))?;
-        let made = catch_unwind(AssertUnwindSafe(|| OrganRank::new(&setup, first, Box::new(comm))));
+        let made = catch_unwind(AssertUnwindSafe(|| {
+            OrganRank::new(&setup, first, Box::new(comm))
+        }));
         match made {
             Ok(rank) => Ok(Self::led_by(rank?, rest, Some(crew))),
             Err(payload) => match crew.failure() {
@@ -228,14 +274,23 @@ impl FiniteElementVentricle {
     ///
     /// # Errors
     /// As for [`Self::on_threads`], then on all ranks or on this one alone: whoever launched the ranks has to end the others.
-    pub fn lead(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<Self, VentricleError> {
+    pub fn lead(
+        parts: VentricleParts<'_>,
+        comm: Box<dyn Communicator>,
+    ) -> Result<Self, VentricleError> {
         checked(&parts)?;
         let (setup, rest) = taken(parts);
         let mut of_ranks = parts_of(rest.anatomy, comm.n_ranks())?.into_iter();
         let share = |part| Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
         let own = of_ranks.next().map(share);
-        let Some(own) = own else { unreachable!("there is a rank 0") };
-        comm.scatter(std::iter::once(vec![]).chain(of_ranks.map(|part| share(part).parcel())).collect());
+        let Some(own) = own else {
+            unreachable!("there is a rank 0")
+        };
+        comm.scatter(
+            std::iter::once(vec![])
+                .chain(of_ranks.map(|part| share(part).parcel()))
+                .collect(),
+        );
         Ok(Self::led_by(OrganRank::new(&setup, own, comm)?, rest, None))
     }
 
@@ -254,7 +309,11 @@ impl FiniteElementVentricle {
 
     fn led_by(rank: OrganRank, rest: Rest<'_>, crew: Option<Crew>) -> Self {
         let census = Census::take(&rank);
-        let node_activation_ms = census.muscle_nodes.iter().map(|n| rest.activation_ms[*n as usize]).collect();
+        let node_activation_ms = census
+            .muscle_nodes
+            .iter()
+            .map(|n| rest.activation_ms[*n as usize])
+            .collect();
         let unloaded = rest.end_diastole.unloaded.as_flattened().to_vec();
         let terms = rest.pressure_terms;
         let mut ventricle = Self {
@@ -274,8 +333,11 @@ impl FiniteElementVentricle {
         };
         ventricle.volume_mm3 = ventricle.do_with(Command::Volume, |rank| rank.volume_mm3());
         let volume_ml = 1e-3 * ventricle.volume_mm3;
-        ventricle.cavity_kpa +=
-            ventricle.pressure_terms.iter().map(|t| t.pressure(volume_ml, 0.0).0 / MMHG_PER_KPA).sum::<f64>();
+        ventricle.cavity_kpa += ventricle
+            .pressure_terms
+            .iter()
+            .map(|t| t.pressure(volume_ml, 0.0).0 / MMHG_PER_KPA)
+            .sum::<f64>();
         ventricle
     }
 
@@ -335,7 +397,8 @@ impl FiniteElementVentricle {
 
     /// Does a part of a step's work on all ranks, for measurements; `false` for elements that have no such part.
     pub fn run(&mut self, kernel: Kernel) -> bool {
-        self.do_with(Command::Run(kernel), |rank| rank.run(kernel)).is_some()
+        self.do_with(Command::Run(kernel), |rank| rank.run(kernel))
+            .is_some()
     }
 
     /// Bytes that an iteration of [`Kernel::Krylov`], which has run before, moves through memory.
@@ -379,10 +442,38 @@ struct Rest<'a> {
 }
 
 fn taken(parts: VentricleParts<'_>) -> (Setup, Rest<'_>) {
-    let VentricleParts { anatomy, wall, end_diastole, contraction, activation_ms, cycle_length, .. } = parts;
-    let VentricleParts { pressure_terms, viscosity, settings, .. } = parts;
-    let setup = RankParts { wall, contraction, cycle_length, viscosity, settings }.into();
-    (setup, Rest { anatomy, end_diastole, activation_ms, pressure_terms })
+    let VentricleParts {
+        anatomy,
+        wall,
+        end_diastole,
+        contraction,
+        activation_ms,
+        cycle_length,
+        ..
+    } = parts;
+    let VentricleParts {
+        pressure_terms,
+        viscosity,
+        settings,
+        ..
+    } = parts;
+    let setup = RankParts {
+        wall,
+        contraction,
+        cycle_length,
+        viscosity,
+        settings,
+    }
+    .into();
+    (
+        setup,
+        Rest {
+            anatomy,
+            end_diastole,
+            activation_ms,
+            pressure_terms,
+        },
+    )
 }
 
 impl From<RankParts<'_>> for Setup {
@@ -444,40 +535,82 @@ impl Ventricle for FiniteElementVentricle {
         Mmhg(self.cavity_kpa * MMHG_PER_KPA)
     }
 
-    fn try_step(&mut self, circulation: &mut Circulation, dt: Ms) -> Result<TriedStep, VentricleError> {
+    fn try_step(
+        &mut self,
+        circulation: &mut Circulation,
+        dt: Ms,
+    ) -> Result<TriedStep, VentricleError> {
         self.trial = None;
         if !(dt.0 > 0.0 && dt.0.is_finite()) {
-            return Err(VentricleError::Parameter { name: "time step", value: dt.0, expected: "positive" });
+            return Err(VentricleError::Parameter {
+                name: "time step",
+                value: dt.0,
+                expected: "positive",
+            });
         }
         let dt_ms = dt.0;
         let end_ms = self.time_ms + dt_ms;
-        let rate_kpa_per_ms = if self.rank.settings.extrapolate { self.rate_kpa_per_ms } else { 0.0 };
+        let rate_kpa_per_ms = if self.rank.settings.extrapolate {
+            self.rate_kpa_per_ms
+        } else {
+            0.0
+        };
         let pressure_kpa = self.rank.now.pressure_kpa + dt_ms * rate_kpa_per_ms;
         let mut cavity_kpa = self.cavity_kpa;
         self.work.steps += 1;
         self.busy.store(true, Ordering::Relaxed);
-        self.rank.tell(Command::Try { end_ms, dt_ms, pressure_kpa });
+        self.rank.tell(Command::Try {
+            end_ms,
+            dt_ms,
+            pressure_kpa,
+        });
         let (start, terms) = (self.volume_mm3, &self.pressure_terms);
         let mut volume_for = |wall_kpa: f64| {
             let (cavity, volume, slope) = balance(circulation, terms, start, dt_ms, wall_kpa)?;
             cavity_kpa = cavity;
             Ok((volume, slope))
         };
-        let result = self.rank.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::Balance(&mut volume_for));
+        let result = self.rank.try_step(
+            [end_ms, dt_ms, pressure_kpa],
+            &mut Closure::Balance(&mut volume_for),
+        );
         self.busy.store(false, Ordering::Relaxed);
         let (report, volume_mm3, wall_kpa) = result.map_err(|error| match error {
-            StepError::Contraction(source) => VentricleError::Contraction { t_ms: end_ms, source },
+            StepError::Contraction(source) => VentricleError::Contraction {
+                t_ms: end_ms,
+                source,
+            },
             StepError::Circulation(source) => VentricleError::Circulation(source),
-            other => VentricleError::NoMotion { t_ms: end_ms, dt_ms, reason: chain(&other) },
+            other => VentricleError::NoMotion {
+                t_ms: end_ms,
+                dt_ms,
+                reason: chain(&other),
+            },
         })?;
-        let StepReport { iterations, krylov_iterations, factorisations, volume_residual_mm3, .. } = report;
+        let StepReport {
+            iterations,
+            krylov_iterations,
+            factorisations,
+            volume_residual_mm3,
+            ..
+        } = report;
         self.work.newton_iterations += iterations;
         self.work.krylov_iterations += krylov_iterations;
         self.work.factorisations += factorisations;
         // What passes the valves is what the volume changes by: the residual is not carried on.
         let volume_mm3 = volume_mm3 - volume_residual_mm3;
-        self.trial = Some(Trial { time_ms: end_ms, dt_ms, wall_kpa, volume_mm3, cavity_kpa });
-        Ok(TriedStep { pressure: Mmhg(cavity_kpa * MMHG_PER_KPA), volume: Ml(volume_mm3 * 1e-3), iterations })
+        self.trial = Some(Trial {
+            time_ms: end_ms,
+            dt_ms,
+            wall_kpa,
+            volume_mm3,
+            cavity_kpa,
+        });
+        Ok(TriedStep {
+            pressure: Mmhg(cavity_kpa * MMHG_PER_KPA),
+            volume: Ml(volume_mm3 * 1e-3),
+            iterations,
+        })
     }
 
     fn commit(&mut self) {
@@ -517,17 +650,32 @@ impl Ventricle for FiniteElementVentricle {
 
     fn snapshot(&self) -> VentricleSnapshot {
         let pressure_kpa = self.rank.now.pressure_kpa;
-        let mut values = vec![self.time_ms, self.volume_mm3, self.cavity_kpa, self.rate_kpa_per_ms, pressure_kpa];
+        let mut values = vec![
+            self.time_ms,
+            self.volume_mm3,
+            self.cavity_kpa,
+            self.rate_kpa_per_ms,
+            pressure_kpa,
+        ];
         for part in IN_SNAPSHOTS.into_iter().chain([Values::Response]) {
             values.extend(self.collected(part));
         }
-        VentricleSnapshot { kind: KIND.to_owned(), values }
+        VentricleSnapshot {
+            kind: KIND.to_owned(),
+            values,
+        }
     }
 
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
         let widths = self.rank.widths();
         let parts: Vec<(Values, usize)> = (IN_SNAPSHOTS.into_iter())
-            .map(|part| (part, self.census.n_values(part.places(), part.of_points().map_or(3, |k| widths[k]))))
+            .map(|part| {
+                (
+                    part,
+                    self.census
+                        .n_values(part.places(), part.of_points().map_or(3, |k| widths[k])),
+                )
+            })
             .collect();
         let expected_values = 5 + parts.iter().map(|(_, n)| n).sum::<usize>();
         // A solver that has not solved yet has no start for its next solve.
@@ -547,7 +695,9 @@ impl Ventricle for FiniteElementVentricle {
         self.rate_kpa_per_ms = scalars[3];
         self.trial = None;
         let pressure_kpa = scalars[4];
-        self.do_with(Command::Resume { pressure_kpa }, |rank| rank.resume(pressure_kpa));
+        self.do_with(Command::Resume { pressure_kpa }, |rank| {
+            rank.resume(pressure_kpa)
+        });
         for (part, n) in parts {
             let (own, others) = rest.split_at(n);
             rest = others;

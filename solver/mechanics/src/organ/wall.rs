@@ -78,17 +78,29 @@ impl Default for WallParameters {
         Self {
             muscle: Law::Guccione(Guccione::guccione1995(1.0)),
             muscle_kappa_kpa: 1000.0,
-            active: ActiveLaw { sheet_normal: 0.2, ..ActiveLaw::PAPER },
+            active: ActiveLaw {
+                sheet_normal: 0.2,
+                ..ActiveLaw::PAPER
+            },
             epicardial_duration: 0.9,
             passive_mu_kpa: 26.66,
             passive_kappa_kpa: 1000.0,
             passive_of_tags: vec![],
             density: 1.06,
-            pericardium: Spring { stiffness: 0.2, damping: 5.0 },
+            pericardium: Spring {
+                stiffness: 0.2,
+                damping: 5.0,
+            },
             pericardial_base_share: 0.2,
-            rim: Spring { stiffness: 0.05, damping: 0.0 },
+            rim: Spring {
+                stiffness: 0.05,
+                damping: 0.0,
+            },
             static_spring: 0.3,
-            damping: Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 },
+            damping: Rayleigh {
+                mass_per_ms: 0.1,
+                stiffness_ms: 0.1,
+            },
             spectral_radius: 0.0,
             valve_plane: ValvePlane::HangsOnRim,
             right_pressure: None,
@@ -151,25 +163,91 @@ pub enum WallError {
 impl WallParameters {
     fn check(&self) -> Result<(), WallError> {
         let rules = [
-            ("pericardial spring", self.pericardium.stiffness, self.pericardium.stiffness >= 0.0, "zero or more"),
-            ("pericardial dashpot", self.pericardium.damping, self.pericardium.damping >= 0.0, "zero or more"),
-            ("base share", self.pericardial_base_share, self.pericardial_base_share >= 0.0, "zero or more"),
-            ("rim spring", self.rim.stiffness, self.rim.stiffness > 0.0, "positive"),
-            ("rim dashpot", self.rim.damping, self.rim.damping >= 0.0, "zero or more"),
-            ("epicardial duration", self.epicardial_duration, self.epicardial_duration > 0.1, "above 0.1"),
-            ("static spring", self.static_spring, self.static_spring > 0.0, "positive"),
-            ("mass damping", self.damping.mass_per_ms, self.damping.mass_per_ms >= 0.0, "zero or more"),
-            ("stiffness damping", self.damping.stiffness_ms, self.damping.stiffness_ms >= 0.0, "zero or more"),
+            (
+                "pericardial spring",
+                self.pericardium.stiffness,
+                self.pericardium.stiffness >= 0.0,
+                "zero or more",
+            ),
+            (
+                "pericardial dashpot",
+                self.pericardium.damping,
+                self.pericardium.damping >= 0.0,
+                "zero or more",
+            ),
+            (
+                "base share",
+                self.pericardial_base_share,
+                self.pericardial_base_share >= 0.0,
+                "zero or more",
+            ),
+            (
+                "rim spring",
+                self.rim.stiffness,
+                self.rim.stiffness > 0.0,
+                "positive",
+            ),
+            (
+                "rim dashpot",
+                self.rim.damping,
+                self.rim.damping >= 0.0,
+                "zero or more",
+            ),
+            (
+                "epicardial duration",
+                self.epicardial_duration,
+                self.epicardial_duration > 0.1,
+                "above 0.1",
+            ),
+            (
+                "static spring",
+                self.static_spring,
+                self.static_spring > 0.0,
+                "positive",
+            ),
+            (
+                "mass damping",
+                self.damping.mass_per_ms,
+                self.damping.mass_per_ms >= 0.0,
+                "zero or more",
+            ),
+            (
+                "stiffness damping",
+                self.damping.stiffness_ms,
+                self.damping.stiffness_ms >= 0.0,
+                "zero or more",
+            ),
         ];
-        let of_surfaces = self.surfaces.iter().flat_map(|SprungSurface { spring, .. }| {
-            let Spring { stiffness, damping } = *spring;
-            [
-                ("spring of a surface", stiffness, stiffness >= 0.0, "zero or more"),
-                ("dashpot of a surface", damping, damping >= 0.0, "zero or more"),
-            ]
-        });
-        match rules.into_iter().chain(of_surfaces).find(|(_, value, ok, _)| !(*ok && value.is_finite())) {
-            Some((name, value, _, expected)) => Err(WallError::Parameter { name, value, expected }),
+        let of_surfaces = self
+            .surfaces
+            .iter()
+            .flat_map(|SprungSurface { spring, .. }| {
+                let Spring { stiffness, damping } = *spring;
+                [
+                    (
+                        "spring of a surface",
+                        stiffness,
+                        stiffness >= 0.0,
+                        "zero or more",
+                    ),
+                    (
+                        "dashpot of a surface",
+                        damping,
+                        damping >= 0.0,
+                        "zero or more",
+                    ),
+                ]
+            });
+        match rules
+            .into_iter()
+            .chain(of_surfaces)
+            .find(|(_, value, ok, _)| !(*ok && value.is_finite()))
+        {
+            Some((name, value, _, expected)) => Err(WallError::Parameter {
+                name,
+                value,
+                expected,
+            }),
             None => Ok(()),
         }
     }
@@ -199,21 +277,40 @@ impl WallParameters {
         self.check()?;
         let tissue = |law, kappa_kpa, volumetric, active| Tissue {
             law,
-            volumetric: Volumetric { law: volumetric, kappa_kpa },
+            volumetric: Volumetric {
+                law: volumetric,
+                kappa_kpa,
+            },
             active,
             density: self.density,
         };
         let passive = |mu_kpa, kappa_kpa| {
-            tissue(Law::NeoHookean(NeoHookean { mu_kpa }), kappa_kpa, VolumetricLaw::Quadratic, None)
+            tissue(
+                Law::NeoHookean(NeoHookean { mu_kpa }),
+                kappa_kpa,
+                VolumetricLaw::Quadratic,
+                None,
+            )
         };
-        let muscle = tissue(self.muscle, self.muscle_kappa_kpa, VolumetricLaw::LnSquared, Some(self.active));
+        let muscle = tissue(
+            self.muscle,
+            self.muscle_kappa_kpa,
+            VolumetricLaw::LnSquared,
+            Some(self.active),
+        );
         let mut tissues = vec![muscle, passive(self.passive_mu_kpa, self.passive_kappa_kpa)];
-        tissues.extend(self.passive_of_tags.iter().map(|of| passive(of.mu_kpa, of.kappa_kpa)));
+        tissues.extend(
+            self.passive_of_tags
+                .iter()
+                .map(|of| passive(of.mu_kpa, of.kappa_kpa)),
+        );
         let tissue_of: Vec<usize> = (anatomy.contracts.iter().zip(&anatomy.tags))
-            .map(|(contracts, tag)| match self.passive_of_tags.iter().position(|of| of.tag == *tag) {
-                _ if *contracts => 0,
-                Some(own) => 2 + own,
-                None => 1,
+            .map(|(contracts, tag)| {
+                match self.passive_of_tags.iter().position(|of| of.tag == *tag) {
+                    _ if *contracts => 0,
+                    Some(own) => 2 + own,
+                    None => 1,
+                }
             })
             .collect();
         let frame = |e: usize, x: [f64; 3]| anatomy.frame_at(unloaded, e, x);
@@ -238,30 +335,67 @@ impl WallParameters {
             Tets::Quadratic(tets) => Body::quadratic(&input!(tets), comm.as_ref())?,
         };
         let of_body = (body.reference(), body.pattern().as_ref());
-        let ring = anatomy.right.as_ref().map_or(&anatomy.rim, |right| &right.left_ring);
+        let ring = anatomy
+            .right
+            .as_ref()
+            .map_or(&anatomy.rim, |right| &right.left_ring);
         let left = (&anatomy.endocardium, &anatomy.openings[..], ring);
-        let cavity = chamber("endocardium", left, self.valve_plane, of_body, comm.as_ref())?;
+        let cavity = chamber(
+            "endocardium",
+            left,
+            self.valve_plane,
+            of_body,
+            comm.as_ref(),
+        )?;
         let right = match (&self.right_pressure, &anatomy.right) {
             (None, _) => None,
             (Some(_), Some(right)) => {
                 let surfaces = (&right.endocardium, &right.openings[..], &right.ring);
-                Some(chamber("right ventricle", surfaces, self.valve_plane, of_body, comm.as_ref())?)
+                Some(chamber(
+                    "right ventricle",
+                    surfaces,
+                    self.valve_plane,
+                    of_body,
+                    comm.as_ref(),
+                )?)
             }
             (Some(_), None) => {
-                let (name, purpose) = (surface_names::RIGHT_VENTRICLE.to_owned(), "the right ventricle's pressure");
+                let (name, purpose) = (
+                    surface_names::RIGHT_VENTRICLE.to_owned(),
+                    "the right ventricle's pressure",
+                );
                 return Err(WallError::NoSurface { name, purpose });
             }
         };
         let mut dynamics = Dynamics::new(body, comm, self.scheme());
         dynamics.cavity = Some(cavity);
-        dynamics.given_cavities.extend(right.map(|cavity| GivenCavity { cavity, pressure_kpa: 0.0 }));
+        dynamics
+            .given_cavities
+            .extend(right.map(|cavity| GivenCavity {
+                cavity,
+                pressure_kpa: 0.0,
+            }));
         dynamics.elements.clone_from(&part.elements);
         let mut rest = displacement(&anatomy.nodes, unloaded);
-        rest.iter_mut().zip(anchor).for_each(|(rest, anchor)| *rest += anchor);
-        let none = Spring { stiffness: 0.0, damping: 0.0 };
-        let hold = Spring { stiffness: self.static_spring, damping: 0.0 };
-        let held = Self { pericardium: none, rim: hold, surfaces: vec![], ..self.clone() };
-        dynamics.supports = held.supports(anatomy, &anatomy.nodes, &rest, dynamics.body.pattern())?;
+        rest.iter_mut()
+            .zip(anchor)
+            .for_each(|(rest, anchor)| *rest += anchor);
+        let none = Spring {
+            stiffness: 0.0,
+            damping: 0.0,
+        };
+        let hold = Spring {
+            stiffness: self.static_spring,
+            damping: 0.0,
+        };
+        let held = Self {
+            pericardium: none,
+            rim: hold,
+            surfaces: vec![],
+            ..self.clone()
+        };
+        dynamics.supports =
+            held.supports(anatomy, &anatomy.nodes, &rest, dynamics.body.pattern())?;
         Ok(dynamics)
     }
 
@@ -270,12 +404,29 @@ impl WallParameters {
     ///
     /// # Errors
     /// [`WallError`] for a bad or missing surface.
-    pub fn support(&self, anatomy: &Anatomy, dynamics: &mut Dynamics, u: &[f64]) -> Result<(), WallError> {
+    pub fn support(
+        &self,
+        anatomy: &Anatomy,
+        dynamics: &mut Dynamics,
+        u: &[f64],
+    ) -> Result<(), WallError> {
         let reference = dynamics.body.reference().iter().zip(u);
-        let loaded: Vec<[f64; 3]> = reference.map(|(x, u)| x + u).collect::<Vec<_>>().as_chunks().0.to_vec();
+        let loaded: Vec<[f64; 3]> = reference
+            .map(|(x, u)| x + u)
+            .collect::<Vec<_>>()
+            .as_chunks()
+            .0
+            .to_vec();
         let mut supports = self.supports(anatomy, &loaded, u, dynamics.body.pattern())?;
-        let (held, share) = (&dynamics.supports[0].rest, self.static_spring / self.rim.stiffness);
-        supports[0].rest = u.iter().zip(held).map(|(u, held)| u - share * (u - held)).collect();
+        let (held, share) = (
+            &dynamics.supports[0].rest,
+            self.static_spring / self.rim.stiffness,
+        );
+        supports[0].rest = u
+            .iter()
+            .zip(held)
+            .map(|(u, held)| u - share * (u - held))
+            .collect();
         dynamics.supports = supports;
         dynamics.damping = self.damping;
         Ok(())
@@ -289,29 +440,80 @@ impl WallParameters {
         rest: &[f64],
         pattern: &Pattern,
     ) -> Result<Vec<Support>, WallError> {
-        let scaled = |x: [f64; 3]| 1.0 + (self.pericardial_base_share - 1.0) * anatomy.axis.height(x);
+        let scaled =
+            |x: [f64; 3]| 1.0 + (self.pericardial_base_share - 1.0) * anatomy.axis.height(x);
         let even = |_: [f64; 3]| 1.0;
         let surfaces: [Supported<'_>; 3] = [
-            ("rim", Some(&anatomy.rim), RobinDirection::All, self.rim, &even),
-            ("epicardium", Some(&anatomy.epicardium), RobinDirection::Normal, self.pericardium, &scaled),
-            ("septum", anatomy.septum.as_ref(), RobinDirection::Normal, self.pericardium, &scaled),
+            (
+                "rim",
+                Some(&anatomy.rim),
+                RobinDirection::All,
+                self.rim,
+                &even,
+            ),
+            (
+                "epicardium",
+                Some(&anatomy.epicardium),
+                RobinDirection::Normal,
+                self.pericardium,
+                &scaled,
+            ),
+            (
+                "septum",
+                anatomy.septum.as_ref(),
+                RobinDirection::Normal,
+                self.pericardium,
+                &scaled,
+            ),
         ];
         let mut supports = vec![];
         for (name, triangles, direction, Spring { stiffness, damping }, share) in surfaces {
             if let (Some(triangles), true) = (triangles, stiffness > 0.0 || damping > 0.0) {
-                let robin = robin(triangles, direction, positions.as_flattened(), pattern, share)
-                    .map_err(|source| WallError::Surface { name, source })?;
-                supports.push(Support { robin, spring: stiffness, dashpot: damping, rest: rest.to_vec() });
+                let robin = robin(
+                    triangles,
+                    direction,
+                    positions.as_flattened(),
+                    pattern,
+                    share,
+                )
+                .map_err(|source| WallError::Surface { name, source })?;
+                supports.push(Support {
+                    robin,
+                    spring: stiffness,
+                    dashpot: damping,
+                    rest: rest.to_vec(),
+                });
             }
         }
         let acts = |of: &&SprungSurface| of.spring.stiffness > 0.0 || of.spring.damping > 0.0;
-        for SprungSurface { name, spring: Spring { stiffness, damping } } in self.surfaces.iter().filter(acts) {
+        for SprungSurface {
+            name,
+            spring: Spring { stiffness, damping },
+        } in self.surfaces.iter().filter(acts)
+        {
             let Some(triangles) = anatomy.surface(name) else {
-                return Err(WallError::NoSurface { name: name.clone(), purpose: "its springs" });
+                return Err(WallError::NoSurface {
+                    name: name.clone(),
+                    purpose: "its springs",
+                });
             };
-            let robin = robin(triangles, RobinDirection::Normal, positions.as_flattened(), pattern, &even)
-                .map_err(|source| WallError::Sprung { name: name.clone(), source })?;
-            supports.push(Support { robin, spring: *stiffness, dashpot: *damping, rest: rest.to_vec() });
+            let robin = robin(
+                triangles,
+                RobinDirection::Normal,
+                positions.as_flattened(),
+                pattern,
+                &even,
+            )
+            .map_err(|source| WallError::Sprung {
+                name: name.clone(),
+                source,
+            })?;
+            supports.push(Support {
+                robin,
+                spring: *stiffness,
+                dashpot: *damping,
+                rest: rest.to_vec(),
+            });
         }
         Ok(supports)
     }
@@ -319,11 +521,21 @@ impl WallParameters {
 
 /// Displacement from `from` to `to`, three numbers a node.
 pub(super) fn displacement(to: &[[f64; 3]], from: &[[f64; 3]]) -> Vec<f64> {
-    to.as_flattened().iter().zip(from.as_flattened()).map(|(a, b)| a - b).collect()
+    to.as_flattened()
+        .iter()
+        .zip(from.as_flattened())
+        .map(|(a, b)| a - b)
+        .collect()
 }
 
 /// A surface with its support: name, triangles, direction, spring, share of it at a point.
-type Supported<'a> = (&'static str, Option<&'a Triangles>, RobinDirection, Spring, &'a dyn Fn([f64; 3]) -> f64);
+type Supported<'a> = (
+    &'static str,
+    Option<&'a Triangles>,
+    RobinDirection,
+    Spring,
+    &'a dyn Fn([f64; 3]) -> f64,
+);
 
 fn robin(
     triangles: &Triangles,

@@ -15,19 +15,28 @@ pub enum Disagreement<E> {
 ///
 /// # Errors
 /// [`Disagreement`] on all ranks where one has an error.
-pub fn agree<T, E: std::error::Error>(comm: &dyn Communicator, result: Result<T, E>) -> Result<T, Disagreement<E>> {
+pub fn agree<T, E: std::error::Error>(
+    comm: &dyn Communicator,
+    result: Result<T, E>,
+) -> Result<T, Disagreement<E>> {
     if comm.n_ranks() == 1 {
         return result.map_err(Disagreement::Here);
     }
     let from_end = |rank: usize| (comm.n_ranks() - rank) as f64;
-    let mut first = [if result.is_err() { from_end(comm.rank()) } else { 0.0 }];
+    let mut first = [if result.is_err() {
+        from_end(comm.rank())
+    } else {
+        0.0
+    }];
     comm.max(&mut first);
     if first[0] == 0.0 {
         return result.map_err(Disagreement::Here);
     }
     let rank = comm.n_ranks() - first[0] as usize;
     let own = result.err().filter(|_| rank == comm.rank());
-    let words = own.as_ref().map_or_else(Vec::new, |error| chain(error).into_bytes());
+    let words = own
+        .as_ref()
+        .map_or_else(Vec::new, |error| chain(error).into_bytes());
     let mut length = [words.len() as f64];
     comm.sum(&mut length);
     // Of all ranks one has words.
@@ -38,7 +47,10 @@ pub fn agree<T, E: std::error::Error>(comm: &dyn Communicator, result: Result<T,
         Some(error) => Err(Disagreement::Here(error)),
         None => {
             let bytes: Vec<u8> = bytes.into_iter().map(|b| b as u8).collect();
-            Err(Disagreement::Elsewhere(format!("rank {rank}: {}", String::from_utf8_lossy(&bytes))))
+            Err(Disagreement::Elsewhere(format!(
+                "rank {rank}: {}",
+                String::from_utf8_lossy(&bytes)
+            )))
         }
     }
 }
@@ -65,8 +77,10 @@ mod tests {
         let got = on_threads(4, ThreadSettings::default(), |comm| {
             let parsed = |text: &str| text.parse::<i32>();
             let good = agree(&comm, parsed("7"));
-            let bad: Result<i32, Disagreement<ParseIntError>> =
-                agree(&comm, parsed(if comm.rank() % 2 == 1 { "seven" } else { "7" }));
+            let bad: Result<i32, Disagreement<ParseIntError>> = agree(
+                &comm,
+                parsed(if comm.rank() % 2 == 1 { "seven" } else { "7" }),
+            );
             (good == Ok(7), bad)
         })
         .expect("no rank panics");

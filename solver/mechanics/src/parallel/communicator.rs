@@ -105,7 +105,10 @@ impl Communicator for SingleProcess {
     fn broadcast(&self, _values: &mut [f64]) {}
 
     fn update_ghosts(&self, layout: &Layout, _width: usize, _values: &mut [f64]) {
-        debug_assert!(layout.neighbours.is_empty(), "a single process has no neighbours");
+        debug_assert!(
+            layout.neighbours.is_empty(),
+            "a single process has no neighbours"
+        );
     }
 
     fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {

@@ -29,7 +29,11 @@ impl Layout {
     /// All nodes on one rank.
     #[must_use]
     pub fn whole(n_nodes: usize) -> Self {
-        Self { n_owned: n_nodes, n_local: n_nodes, neighbours: vec![] }
+        Self {
+            n_owned: n_nodes,
+            n_local: n_nodes,
+            neighbours: vec![],
+        }
     }
 }
 
@@ -112,11 +116,21 @@ mod tests {
 
     #[test]
     fn products_run_over_owned_nodes_only() {
-        let layout = Layout { n_owned: 3, n_local: 4, neighbours: vec![] };
-        let space = Space { comm: &SingleProcess, layout: &layout };
+        let layout = Layout {
+            n_owned: 3,
+            n_local: 4,
+            neighbours: vec![],
+        };
+        let space = Space {
+            comm: &SingleProcess,
+            layout: &layout,
+        };
         let a: Vec<f64> = (0..12).map(f64::from).collect();
         let want: f64 = (0..9).map(|k| f64::from(k * k)).sum();
         assert_eq!(space.dot(&a, &a), want);
-        assert_eq!((space.len(), space.n_owned(), space.is_empty()), (12, 9, false));
+        assert_eq!(
+            (space.len(), space.n_owned(), space.is_empty()),
+            (12, 9, false)
+        );
     }
 }

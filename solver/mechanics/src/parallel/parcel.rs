@@ -25,7 +25,8 @@ impl Parcel {
     /// Adds flags.
     pub fn flags(&mut self, values: &[bool]) -> &mut Self {
         self.numbers.push(values.len() as f64);
-        self.numbers.extend(values.iter().map(|flag| f64::from(u8::from(*flag))));
+        self.numbers
+            .extend(values.iter().map(|flag| f64::from(u8::from(*flag))));
         self
     }
 }

@@ -40,7 +40,11 @@ impl Part {
         let (mut elements, mut speaks_for, mut ghosts) = (vec![], vec![], vec![]);
         // Owned nodes that other ranks hold: those that share an element with one of theirs.
         let mut sent: Vec<(u32, u32)> = vec![];
-        for (e, tet) in tets.iter().enumerate().filter(|(_, tet)| tet.iter().any(|n| own(*n))) {
+        for (e, tet) in tets
+            .iter()
+            .enumerate()
+            .filter(|(_, tet)| tet.iter().any(|n| own(*n)))
+        {
             elements.push(e as u32);
             speaks_for.push(tet.iter().min().is_some_and(|lowest| own(*lowest)));
             for &other in tet.iter().filter(|n| !own(**n)) {
@@ -70,28 +74,47 @@ impl Part {
                 receive: ghosts.iter().map(here).collect(),
             })
             .collect();
-        let layout = Layout { n_owned, n_local: nodes.len(), neighbours };
+        let layout = Layout {
+            n_owned,
+            n_local: nodes.len(),
+            neighbours,
+        };
         Self::with(nodes, elements, speaks_for, layout)
     }
 
     fn with(nodes: Vec<u32>, elements: Vec<u32>, speaks_for: Vec<bool>, layout: Layout) -> Self {
-        let mut ghosts: Vec<(u32, u32)> =
-            (layout.n_owned..nodes.len()).map(|place| (nodes[place], place as u32)).collect();
+        let mut ghosts: Vec<(u32, u32)> = (layout.n_owned..nodes.len())
+            .map(|place| (nodes[place], place as u32))
+            .collect();
         ghosts.sort_unstable();
-        Self { nodes, elements, speaks_for, layout, ghosts }
+        Self {
+            nodes,
+            elements,
+            speaks_for,
+            layout,
+            ghosts,
+        }
     }
 
     /// Where this rank holds a node of the whole mesh.
     #[must_use]
     pub fn local(&self, node: u32) -> Option<u32> {
         let ghost = |at: usize| self.ghosts[at].1;
-        self.owned(node).or_else(|| self.ghosts.binary_search_by_key(&node, |(number, _)| *number).ok().map(ghost))
+        self.owned(node).or_else(|| {
+            self.ghosts
+                .binary_search_by_key(&node, |(number, _)| *number)
+                .ok()
+                .map(ghost)
+        })
     }
 
     /// Where this rank holds a node of the whole mesh that it owns.
     #[must_use]
     pub fn owned(&self, node: u32) -> Option<u32> {
-        self.owned_nodes().binary_search(&node).ok().map(|place| place as u32)
+        self.owned_nodes()
+            .binary_search(&node)
+            .ok()
+            .map(|place| place as u32)
     }
 
     /// Numbers in the whole mesh of the owned nodes.
@@ -102,7 +125,9 @@ impl Part {
 
     /// Writes the part for a rank that has no mesh; [`Self::unpack`] reads it.
     pub fn pack(&self, to: &mut Parcel) {
-        to.indices(&self.nodes).indices(&self.elements).flags(&self.speaks_for);
+        to.indices(&self.nodes)
+            .indices(&self.elements)
+            .flags(&self.speaks_for);
         let neighbours = &self.layout.neighbours;
         to.indices(&[self.layout.n_owned as u32])
             .indices(&neighbours.iter().map(|n| n.rank as u32).collect::<Vec<_>>());
@@ -119,17 +144,28 @@ impl Part {
     pub fn unpack(from: &mut Opened<'_>) -> Self {
         let (nodes, elements, speaks_for) = (from.indices(), from.indices(), from.flags());
         let (n_owned, ranks) = (from.indices()[0] as usize, from.indices());
-        let mut neighbour =
-            |rank: u32| Neighbour { rank: rank as usize, send: from.indices(), receive: from.indices() };
+        let mut neighbour = |rank: u32| Neighbour {
+            rank: rank as usize,
+            send: from.indices(),
+            receive: from.indices(),
+        };
         let neighbours = ranks.into_iter().map(&mut neighbour).collect();
-        let layout = Layout { n_owned, n_local: nodes.len(), neighbours };
+        let layout = Layout {
+            n_owned,
+            n_local: nodes.len(),
+            neighbours,
+        };
         Self::with(nodes, elements, speaks_for, layout)
     }
 
     /// Values of the nodes held, from those of the whole mesh, `width` a node.
     #[must_use]
     pub fn take<T: Copy>(&self, width: usize, values: &[T]) -> Vec<T> {
-        self.nodes.iter().flat_map(|n| &values[*n as usize * width..(*n as usize + 1) * width]).copied().collect()
+        self.nodes
+            .iter()
+            .flat_map(|n| &values[*n as usize * width..(*n as usize + 1) * width])
+            .copied()
+            .collect()
     }
 }
 
@@ -143,24 +179,44 @@ mod tests {
 
     #[test]
     fn parts_make_up_the_mesh_and_know_each_other() {
-        let mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 700)).expect("a mesh").mesh;
+        let mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 700))
+            .expect("a mesh")
+            .mesh;
         let n = mesh.n_nodes();
         for n_ranks in [1, 2, 5] {
             let owners = owners(n, &mesh.tets, n_ranks).expect("a cut");
-            let parts: Vec<Part> = (0..n_ranks).map(|rank| Part::of(rank, &owners, &mesh.tets)).collect();
+            let parts: Vec<Part> = (0..n_ranks)
+                .map(|rank| Part::of(rank, &owners, &mesh.tets))
+                .collect();
             let mut seen = vec![0; n];
-            parts.iter().flat_map(Part::owned_nodes).for_each(|node| seen[*node as usize] += 1);
+            parts
+                .iter()
+                .flat_map(Part::owned_nodes)
+                .for_each(|node| seen[*node as usize] += 1);
             assert_eq!(seen, vec![1; n]);
             let mut spoken = vec![0; mesh.n_tets()];
             for part in &parts {
-                let own = part.elements.iter().zip(&part.speaks_for).filter(|(_, speaks)| **speaks);
+                let own = part
+                    .elements
+                    .iter()
+                    .zip(&part.speaks_for)
+                    .filter(|(_, speaks)| **speaks);
                 own.for_each(|(e, _)| spoken[*e as usize] += 1);
                 assert!(part.elements.is_sorted() && part.owned_nodes().is_sorted());
                 let mut parcel = Parcel::default();
                 part.pack(&mut parcel);
                 assert_eq!(&Part::unpack(&mut Opened::of(&parcel.numbers)), part);
-                let held = |node: u32| part.nodes.iter().position(|own| *own == node).map(|at| at as u32);
-                assert!((0..n as u32).step_by(7).all(|node| part.local(node) == held(node)));
+                let held = |node: u32| {
+                    part.nodes
+                        .iter()
+                        .position(|own| *own == node)
+                        .map(|at| at as u32)
+                };
+                assert!(
+                    (0..n as u32)
+                        .step_by(7)
+                        .all(|node| part.local(node) == held(node))
+                );
                 // Every row of an owned node is complete.
                 for (e, tet) in mesh.tets.iter().enumerate() {
                     let touches = tet.iter().any(|node| part.owned(*node).is_some());
@@ -175,11 +231,17 @@ mod tests {
                 let mut values = part.take(1, &(0..n).map(|k| k as f64).collect::<Vec<_>>());
                 values[part.layout.n_owned..].fill(-1.0);
                 comm.update_ghosts(&part.layout, 1, &mut values);
-                values.iter().zip(&part.nodes).all(|(value, node)| *value == f64::from(*node))
+                values
+                    .iter()
+                    .zip(&part.nodes)
+                    .all(|(value, node)| *value == f64::from(*node))
             });
             assert_eq!(arrived, Ok(vec![true; n_ranks]));
         }
         let owners = vec![0; n];
-        assert_eq!(Part::of(0, &owners, &mesh.tets), Part::whole(n, mesh.n_tets()));
+        assert_eq!(
+            Part::of(0, &owners, &mesh.tets),
+            Part::whole(n, mesh.n_tets())
+        );
     }
 }

@@ -35,7 +35,9 @@ pub struct ThreadSettings {
 
 impl Default for ThreadSettings {
     fn default() -> Self {
-        Self { patience: Duration::from_secs(600) }
+        Self {
+            patience: Duration::from_secs(600),
+        }
     }
 }
 
@@ -95,7 +97,9 @@ impl Group {
     fn new(n_ranks: usize, settings: ThreadSettings) -> Self {
         Self {
             desks: (0..n_ranks).map(|_| Desk::default()).collect(),
-            letterboxes: (0..n_ranks * n_ranks).map(|_| Letterbox::default()).collect(),
+            letterboxes: (0..n_ranks * n_ranks)
+                .map(|_| Letterbox::default())
+                .collect(),
             ended: AtomicBool::new(false),
             failure: Mutex::new(None),
             sleepers: AtomicUsize::new(0),
@@ -123,7 +127,11 @@ impl Group {
     fn fail(&self, rank: usize, reason: String) {
         let n_ranks = self.desks.len();
         if !self.ended.load(Ordering::SeqCst) {
-            locked(&self.failure).get_or_insert(RankFailure { rank, n_ranks, reason });
+            locked(&self.failure).get_or_insert(RankFailure {
+                rank,
+                n_ranks,
+                reason,
+            });
         }
         self.end();
     }
@@ -152,7 +160,8 @@ impl Group {
 
 fn text(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().map(|t| (*t).to_owned());
-    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panicked without a word".to_owned())
+    text.or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "panicked without a word".to_owned())
 }
 
 /// A rank of a group of threads.
@@ -189,14 +198,22 @@ impl ThreadRank {
                 break Some(None);
             }
             if left {
-                break Some(Some(format!("rank {other} has left, and will not do its part")));
+                break Some(Some(format!(
+                    "rank {other} has left, and will not do its part"
+                )));
             }
             bed = match patience {
                 None => group.bell.wait(bed).unwrap_or_else(PoisonError::into_inner),
                 Some(patience) => {
-                    let (bed, waited) = group.bell.wait_timeout(bed, patience).unwrap_or_else(PoisonError::into_inner);
+                    let (bed, waited) = group
+                        .bell
+                        .wait_timeout(bed, patience)
+                        .unwrap_or_else(PoisonError::into_inner);
                     if waited.timed_out() && !done() {
-                        break Some(Some(format!("no progress: waited {} s for rank {other}", patience.as_secs_f64())));
+                        break Some(Some(format!(
+                            "no progress: waited {} s for rank {other}",
+                            patience.as_secs_f64()
+                        )));
                     }
                     bed
                 }
@@ -227,7 +244,9 @@ impl ThreadRank {
         let number = desk.posts.load(Ordering::Relaxed) + 1;
         // Who has posted the one before has read the one before that, whose place this takes.
         for (rank, other) in group.desks.iter().enumerate() {
-            self.wait(rank, Some(group.patience), || other.posts.load(Ordering::SeqCst) + 1 >= number);
+            self.wait(rank, Some(group.patience), || {
+                other.posts.load(Ordering::SeqCst) + 1 >= number
+            });
         }
         for (place, value) in desk.values[(number & 1) as usize].iter().zip(values) {
             place.store(value.to_bits(), Ordering::Relaxed);
@@ -240,7 +259,9 @@ impl ThreadRank {
     /// The post of another rank, once it is there.
     fn read(&self, other: usize, number: u64, patience: Option<Duration>) -> &[AtomicU64; POST] {
         let desk = &self.group.desks[other];
-        self.wait(other, patience, || desk.posts.load(Ordering::SeqCst) >= number);
+        self.wait(other, patience, || {
+            desk.posts.load(Ordering::SeqCst) >= number
+        });
         &desk.values[(number & 1) as usize]
     }
 
@@ -251,7 +272,11 @@ impl ThreadRank {
                 let posted = self.read(rank, number, Some(self.group.patience));
                 for (value, posted) in values.iter_mut().zip(posted) {
                     let posted = f64::from_bits(posted.load(Ordering::Relaxed));
-                    *value = if rank == 0 { posted } else { add(*value, posted) };
+                    *value = if rank == 0 {
+                        posted
+                    } else {
+                        add(*value, posted)
+                    };
                 }
             }
         }
@@ -271,7 +296,9 @@ impl ThreadRank {
     fn send(&self, to: usize, write: impl FnOnce(&mut Vec<f64>)) {
         let letterbox = &self.group.letterboxes[self.rank * self.n_ranks() + to];
         let number = letterbox.sent.load(Ordering::Relaxed) + 1;
-        self.wait(to, Some(self.group.patience), || letterbox.taken.load(Ordering::SeqCst) + 2 >= number);
+        self.wait(to, Some(self.group.patience), || {
+            letterbox.taken.load(Ordering::SeqCst) + 2 >= number
+        });
         let mut letter = locked(&letterbox.letters[(number & 1) as usize]);
         letter.clear();
         write(&mut letter);
@@ -283,7 +310,9 @@ impl ThreadRank {
     fn receive<T>(&self, from: usize, read: impl FnOnce(&[f64]) -> T) -> T {
         let letterbox = &self.group.letterboxes[from * self.n_ranks() + self.rank];
         let number = letterbox.taken.load(Ordering::Relaxed) + 1;
-        self.wait(from, Some(self.group.patience), || letterbox.sent.load(Ordering::SeqCst) >= number);
+        self.wait(from, Some(self.group.patience), || {
+            letterbox.sent.load(Ordering::SeqCst) >= number
+        });
         let out = read(&locked(&letterbox.letters[(number & 1) as usize]));
         letterbox.taken.store(number, Ordering::SeqCst);
         self.group.ring();
@@ -305,7 +334,13 @@ impl Communicator for ThreadRank {
     }
 
     fn max(&self, values: &mut [f64]) {
-        self.reduce(values, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
+        self.reduce(values, |a, b| {
+            if a.is_nan() || b.is_nan() {
+                f64::NAN
+            } else {
+                a.max(b)
+            }
+        });
     }
 
     fn broadcast(&self, values: &mut [f64]) {
@@ -320,7 +355,10 @@ impl Communicator for ThreadRank {
         let of = |node: u32| node as usize * width..(node as usize + 1) * width;
         for neighbour in &layout.neighbours {
             self.send(neighbour.rank, |letter| {
-                neighbour.send.iter().for_each(|node| letter.extend_from_slice(&values[of(*node)]));
+                neighbour
+                    .send
+                    .iter()
+                    .for_each(|node| letter.extend_from_slice(&values[of(*node)]));
             });
         }
         for neighbour in &layout.neighbours {
@@ -370,10 +408,22 @@ pub fn crew<W: FnOnce(ThreadRank) + Send + 'static>(
     mut work: impl FnMut(usize) -> W,
 ) -> std::io::Result<(ThreadRank, Crew)> {
     let group = Arc::new(Group::new(n_ranks.max(1), settings));
-    let first = ThreadRank { rank: 0, group: group.clone() };
-    let mut crew = Crew { group: group.clone(), threads: vec![] };
+    let first = ThreadRank {
+        rank: 0,
+        group: group.clone(),
+    };
+    let mut crew = Crew {
+        group: group.clone(),
+        threads: vec![],
+    };
     for rank in 1..n_ranks {
-        let (work, comm) = (work(rank), ThreadRank { rank, group: group.clone() });
+        let (work, comm) = (
+            work(rank),
+            ThreadRank {
+                rank,
+                group: group.clone(),
+            },
+        );
         let thread = std::thread::Builder::new().name(format!("rank {rank}"));
         crew.threads.push(thread.spawn(move || {
             let group = comm.group.clone();
@@ -397,8 +447,17 @@ impl Drop for Crew {
         group.end();
         let mut bed = locked(&group.bed);
         group.sleepers.fetch_add(1, Ordering::SeqCst);
-        while !group.desks.iter().skip(1).take(self.threads.len()).all(|desk| desk.left.load(Ordering::SeqCst)) {
-            let (next, waited) = group.bell.wait_timeout(bed, group.patience).unwrap_or_else(PoisonError::into_inner);
+        while !group
+            .desks
+            .iter()
+            .skip(1)
+            .take(self.threads.len())
+            .all(|desk| desk.left.load(Ordering::SeqCst))
+        {
+            let (next, waited) = group
+                .bell
+                .wait_timeout(bed, group.patience)
+                .unwrap_or_else(PoisonError::into_inner);
             bed = next;
             if waited.timed_out() {
                 // A rank that computes for ever: better a thread too many than a program that hangs.
@@ -424,11 +483,22 @@ pub fn on_threads<T: Send>(
     work: impl Fn(ThreadRank) -> T + Sync,
 ) -> Result<Vec<T>, RankFailure> {
     let group = Arc::new(Group::new(n_ranks.max(1), settings));
-    let on_rank = |rank: usize| group.guard(rank, || work(ThreadRank { rank, group: group.clone() }));
+    let on_rank = |rank: usize| {
+        group.guard(rank, || {
+            work(ThreadRank {
+                rank,
+                group: group.clone(),
+            })
+        })
+    };
     let done: Vec<Option<T>> = std::thread::scope(|scope| {
-        let others: Vec<_> = (1..n_ranks).map(|rank| scope.spawn(move || on_rank(rank))).collect();
+        let others: Vec<_> = (1..n_ranks)
+            .map(|rank| scope.spawn(move || on_rank(rank)))
+            .collect();
         let first = on_rank(0);
-        std::iter::once(first).chain(others.into_iter().map(|other| other.join().unwrap_or(None))).collect()
+        std::iter::once(first)
+            .chain(others.into_iter().map(|other| other.join().unwrap_or(None)))
+            .collect()
     });
     match locked(&group.failure).take() {
         Some(failure) => Err(failure),

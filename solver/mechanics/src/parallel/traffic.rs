@@ -17,7 +17,8 @@ impl Traffic {
     /// Messages with halos, bytes in them, and reductions and broadcasts that the rank took part in.
     #[must_use]
     pub fn counts(&self) -> [f64; 3] {
-        [&self.halo_messages, &self.halo_bytes, &self.reductions].map(|n| n.load(Ordering::Relaxed) as f64)
+        [&self.halo_messages, &self.halo_bytes, &self.reductions]
+            .map(|n| n.load(Ordering::Relaxed) as f64)
     }
 
     fn reduction(&self) {
@@ -74,9 +75,17 @@ impl<C: Communicator + ?Sized> Communicator for Counted<C> {
     }
 
     fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
-        let sent: usize = layout.neighbours.iter().map(|neighbour| neighbour.send.len()).sum();
-        self.traffic.halo_messages.fetch_add(layout.neighbours.len() as u64, Ordering::Relaxed);
-        self.traffic.halo_bytes.fetch_add((8 * width * sent) as u64, Ordering::Relaxed);
+        let sent: usize = layout
+            .neighbours
+            .iter()
+            .map(|neighbour| neighbour.send.len())
+            .sum();
+        self.traffic
+            .halo_messages
+            .fetch_add(layout.neighbours.len() as u64, Ordering::Relaxed);
+        self.traffic
+            .halo_bytes
+            .fetch_add((8 * width * sent) as u64, Ordering::Relaxed);
         self.inner.update_ghosts(layout, width, values);
     }
 
@@ -98,9 +107,20 @@ mod tests {
     fn halos_and_reductions_are_counted_where_they_are_sent() {
         let counts = on_threads(2, ThreadSettings::default(), |comm| {
             let traffic = Arc::new(Traffic::default());
-            let (rank, comm) = (comm.rank(), Counted::new(Box::new(comm), Arc::clone(&traffic)));
-            let neighbours = vec![Neighbour { rank: 1 - rank, send: vec![0, 1], receive: vec![2, 3] }];
-            let layout = Layout { n_owned: 2, n_local: 4, neighbours };
+            let (rank, comm) = (
+                comm.rank(),
+                Counted::new(Box::new(comm), Arc::clone(&traffic)),
+            );
+            let neighbours = vec![Neighbour {
+                rank: 1 - rank,
+                send: vec![0, 1],
+                receive: vec![2, 3],
+            }];
+            let layout = Layout {
+                n_owned: 2,
+                n_local: 4,
+                neighbours,
+            };
             let mut values = vec![rank as f64; 12];
             comm.update_ghosts(&layout, 3, &mut values);
             comm.update_ghosts(&layout, 1, &mut values[..4]);

@@ -38,7 +38,11 @@ impl EllipsoidFibres {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
-            if outside(middle) { low = middle } else { high = middle }
+            if outside(middle) {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         0.5 * (low + high)
     }
@@ -51,7 +55,11 @@ impl EllipsoidFibres {
         let [along, b, c] = [0, 1, 2].map(|k| x[(self.axis + k) % 3]);
         let [short, long] = self.half_axes(t);
         let r = b.hypot(c);
-        let (cos_v, sin_v) = if r > 1e-12 { (b / r, c / r) } else { (1.0, 0.0) };
+        let (cos_v, sin_v) = if r > 1e-12 {
+            (b / r, c / r)
+        } else {
+            (1.0, 0.0)
+        };
         let u = (r / short).atan2(along / long);
         let (sin_u, cos_u) = u.sin_cos();
         let e_u = unit([-long * sin_u, short * cos_u * cos_v, short * cos_u * sin_v]);
@@ -72,7 +80,11 @@ impl EllipsoidFibres {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 fn unit(a: [f64; 3]) -> [f64; 3] {
@@ -87,7 +99,12 @@ mod tests {
     #[test]
     fn fibres_lie_in_the_wall_and_turn_with_depth() {
         for axis in 0..3 {
-            let rule = EllipsoidFibres { axis, short_mm: [7.0, 10.0], long_mm: [17.0, 20.0], alpha_deg: [-60.0, 60.0] };
+            let rule = EllipsoidFibres {
+                axis,
+                short_mm: [7.0, 10.0],
+                long_mm: [17.0, 20.0],
+                alpha_deg: [-60.0, 60.0],
+            };
             let place = |first: f64, second: f64, third: f64| {
                 let mut x = [0.0; 3];
                 (x[axis], x[(axis + 1) % 3], x[(axis + 2) % 3]) = (first, second, third);
@@ -98,12 +115,20 @@ mod tests {
             assert!((rule.depth(x) - 0.5).abs() < 1e-9);
             let frame = rule.frame(x, 0.5);
             assert!((frame[(axis + 2) % 3][0] - 1.0).abs() < 1e-12, "{frame:?}");
-            assert!(frame[(axis + 1) % 3][2].abs() > 1.0 - 1e-12, "the third axis points through the wall");
+            assert!(
+                frame[(axis + 1) % 3][2].abs() > 1.0 - 1e-12,
+                "the third axis points through the wall"
+            );
             // At the epicardium's equator it is turned by 60° towards growing u: away from the base.
             let frame = rule.frame(place(0.0, 10.0, 0.0), 1.0);
             assert!((frame[axis][0] + 60.0_f64.to_radians().sin()).abs() < 1e-12);
-            let product = |a: usize, b: usize| (0..3).map(|i| frame[i][a] * frame[i][b]).sum::<f64>();
-            assert!(product(0, 1).abs() < 1e-12 && product(0, 2).abs() < 1e-12 && (product(2, 2) - 1.0).abs() < 1e-12);
+            let product =
+                |a: usize, b: usize| (0..3).map(|i| frame[i][a] * frame[i][b]).sum::<f64>();
+            assert!(
+                product(0, 1).abs() < 1e-12
+                    && product(0, 2).abs() < 1e-12
+                    && (product(2, 2) - 1.0).abs() < 1e-12
+            );
         }
     }
 }

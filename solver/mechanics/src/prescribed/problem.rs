@@ -62,7 +62,10 @@ pub struct Problem<'a> {
 
 impl std::fmt::Debug for Problem<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Problem").field("kind", &self.kind).field("tissues", &self.tissues).finish_non_exhaustive()
+        f.debug_struct("Problem")
+            .field("kind", &self.kind)
+            .field("tissues", &self.tissues)
+            .finish_non_exhaustive()
     }
 }
 
@@ -132,18 +135,27 @@ impl Problem<'_> {
     /// # Errors
     /// [`ProblemError`] for a tissue, element, surface or probe that cannot be.
     pub fn set_up(&self) -> Result<Setup, ProblemError> {
-        let quadratic =
-            self.kind.quadratic.then(|| QuadraticMesh::new(&self.mesh.nodes_mm, &self.mesh.tets, self.middle));
+        let quadratic = self
+            .kind
+            .quadratic
+            .then(|| QuadraticMesh::new(&self.mesh.nodes_mm, &self.mesh.tets, self.middle));
         let mut body = match &quadratic {
             Some(q) => Body::quadratic(&self.input(&q.nodes, &q.tets), &SingleProcess)?,
-            None => Body::linear(&self.input(&self.mesh.nodes_mm, &self.mesh.tets), &SingleProcess)?,
+            None => Body::linear(
+                &self.input(&self.mesh.nodes_mm, &self.mesh.tets),
+                &SingleProcess,
+            )?,
         };
         body.set_viscosity(self.viscosity_kpa_ms.clone())?;
         let faces = |triangles: &[[u32; 3]]| match &quadratic {
             None => Ok(Faces::Linear(triangles.to_vec())),
             Some(q) => (triangles.iter().enumerate())
                 .map(|(triangle, t)| {
-                    let missing = SurfaceError::NotOfBody { triangle, a: t[0], b: t[1] };
+                    let missing = SurfaceError::NotOfBody {
+                        triangle,
+                        a: t[0],
+                        b: t[1],
+                    };
                     q.triangle(*t).ok_or(missing)
                 })
                 .collect::<Result<_, _>>()
@@ -159,7 +171,11 @@ impl Problem<'_> {
             };
             supports.push((robin, s.spring, s.dashpot));
         }
-        let mut fixed = if self.fixed.is_empty() { vec![] } else { vec![[false; 3]; body.n_nodes()] };
+        let mut fixed = if self.fixed.is_empty() {
+            vec![]
+        } else {
+            vec![[false; 3]; body.n_nodes()]
+        };
         for (triangles, components) in &self.fixed {
             let nodes = match faces(triangles)? {
                 Faces::Linear(t) => t.as_flattened().to_vec(),
@@ -179,20 +195,40 @@ impl Problem<'_> {
         }
         let mut cavities = vec![];
         for (cavity, triangles) in self.cavities.iter().enumerate() {
-            let mut loops = openings(triangles).map_err(|source| ProblemError::Cavity { cavity, source })?;
+            let mut loops =
+                openings(triangles).map_err(|source| ProblemError::Cavity { cavity, source })?;
             if let Some(q) = &quadratic {
                 for nodes in &mut loops {
                     let next = nodes.iter().skip(1).chain(nodes.first()).copied();
-                    *nodes = nodes.iter().zip(next).flat_map(|(a, b)| [Some(*a), q.middle(*a, b)]).flatten().collect();
+                    *nodes = nodes
+                        .iter()
+                        .zip(next)
+                        .flat_map(|(a, b)| [Some(*a), q.middle(*a, b)])
+                        .flatten()
+                        .collect();
                 }
             }
             cavities.push(enclosed(&faces(triangles)?, loops, &reference, &pattern)?);
         }
-        let probes = (0..self.probes.len()).map(|p| self.probe(p, quadratic.as_ref())).collect::<Result<_, _>>()?;
-        Ok(Setup { body, supports, fixed, pressures, active: self.active.clone(), cavities, probes })
+        let probes = (0..self.probes.len())
+            .map(|p| self.probe(p, quadratic.as_ref()))
+            .collect::<Result<_, _>>()?;
+        Ok(Setup {
+            body,
+            supports,
+            fixed,
+            pressures,
+            active: self.active.clone(),
+            cavities,
+            probes,
+        })
     }
 
-    fn input<'a, const N: usize>(&'a self, nodes: &'a [[f64; 3]], tets: &'a [[u32; N]]) -> BodyInput<'a, N> {
+    fn input<'a, const N: usize>(
+        &'a self,
+        nodes: &'a [[f64; 3]],
+        tets: &'a [[u32; N]],
+    ) -> BodyInput<'a, N> {
         BodyInput {
             nodes,
             n_vertices: self.mesh.n_nodes(),
@@ -207,7 +243,11 @@ impl Problem<'_> {
     }
 
     /// Nodes and weights of the element that holds a probe, or that it is least far outside of.
-    fn probe(&self, probe: usize, quadratic: Option<&QuadraticMesh>) -> Result<Vec<(u32, f64)>, ProblemError> {
+    fn probe(
+        &self,
+        probe: usize,
+        quadratic: Option<&QuadraticMesh>,
+    ) -> Result<Vec<(u32, f64)>, ProblemError> {
         let at = self.probes[probe];
         let mut best = (f64::NEG_INFINITY, 0, [0.0; 4]);
         for e in 0..self.mesh.n_tets() {
@@ -228,7 +268,12 @@ impl Problem<'_> {
     }
 }
 
-fn enclosed(faces: &Faces, loops: Vec<Vec<u32>>, reference: &[f64], pattern: &Pattern) -> Result<Cavity, SurfaceError> {
+fn enclosed(
+    faces: &Faces,
+    loops: Vec<Vec<u32>>,
+    reference: &[f64],
+    pattern: &Pattern,
+) -> Result<Cavity, SurfaceError> {
     match faces {
         Faces::Linear(t) => Cavity::new::<3>(t, loops, &[], reference, pattern, &SingleProcess),
         Faces::Quadratic(t) => Cavity::new::<6>(t, loops, &[], reference, pattern, &SingleProcess),
@@ -240,6 +285,8 @@ fn barycentric(corners: [[f64; 3]; 4], at: [f64; 3]) -> [f64; 4] {
     let (gradients, _) = shape_gradients(corners);
     std::array::from_fn(|k| {
         // The shape function is one at its own corner.
-        1.0 + (0..3).map(|i| gradients[k][i] * (at[i] - corners[k][i])).sum::<f64>()
+        1.0 + (0..3)
+            .map(|i| gradients[k][i] * (at[i] - corners[k][i]))
+            .sum::<f64>()
     })
 }

@@ -57,7 +57,9 @@ pub struct RunCost {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RunError {
     /// The body is inverted before it moves.
-    #[error("element {element} of the reference configuration is inverted (volume ratio {volume_ratio:.3})")]
+    #[error(
+        "element {element} of the reference configuration is inverted (volume ratio {volume_ratio:.3})"
+    )]
     Start {
         /// Element.
         element: usize,
@@ -83,10 +85,21 @@ struct Uniform {
 }
 
 impl PointStress for Uniform {
-    fn evaluate(&mut self, _: f64, _: &Deformation, out: &mut Vec<ActivePoint>) -> Result<(), ContractionError> {
+    fn evaluate(
+        &mut self,
+        _: f64,
+        _: &Deformation,
+        out: &mut Vec<ActivePoint>,
+    ) -> Result<(), ContractionError> {
         out.clear();
         if self.sa_kpa != 0.0 {
-            out.resize(self.n, ActivePoint { sa_kpa: [self.sa_kpa; BATCH], slope_kpa: [0.0; BATCH] });
+            out.resize(
+                self.n,
+                ActivePoint {
+                    sa_kpa: [self.sa_kpa; BATCH],
+                    slope_kpa: [0.0; BATCH],
+                },
+            );
         }
         Ok(())
     }
@@ -95,10 +108,20 @@ impl PointStress for Uniform {
 /// Values at a displacement.
 fn sample(setup: &SetupView<'_>, t_ms: f64, u: &[f64]) -> Sample {
     let probes_mm = (setup.probes.iter())
-        .map(|nodes| std::array::from_fn(|i| nodes.iter().map(|(n, w)| w * u[3 * *n as usize + i]).sum()))
+        .map(|nodes| {
+            std::array::from_fn(|i| nodes.iter().map(|(n, w)| w * u[3 * *n as usize + i]).sum())
+        })
         .collect();
-    let cavities_mm3 = setup.cavities.iter().map(|c| c.volume(&SingleProcess, setup.reference, u)).collect();
-    Sample { t_ms, probes_mm, cavities_mm3 }
+    let cavities_mm3 = setup
+        .cavities
+        .iter()
+        .map(|c| c.volume(&SingleProcess, setup.reference, u))
+        .collect();
+    Sample {
+        t_ms,
+        probes_mm,
+        cavities_mm3,
+    }
 }
 
 struct SetupView<'a> {
@@ -120,31 +143,69 @@ pub fn run(
     settings: &StepSettings,
     each: &mut dyn FnMut(&Sample, &RunCost) -> ControlFlow<()>,
 ) -> Result<RunCost, RunError> {
-    let Setup { body, supports, fixed, pressures, active, cavities, probes } = setup;
+    let Setup {
+        body,
+        supports,
+        fixed,
+        pressures,
+        active,
+        cavities,
+        probes,
+    } = setup;
     let n_points = body.n_point_batches();
     let (surfaces, courses): (Vec<_>, Vec<_>) = pressures.into_iter().unzip();
     let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), scheme);
     dynamics.damping = damping;
     dynamics.fixed = fixed;
-    dynamics.supports =
-        supports.into_iter().map(|(robin, spring, dashpot)| Support { robin, spring, dashpot, rest: vec![] }).collect();
+    dynamics.supports = supports
+        .into_iter()
+        .map(|(robin, spring, dashpot)| Support {
+            robin,
+            spring,
+            dashpot,
+            rest: vec![],
+        })
+        .collect();
     dynamics.loads = surfaces
         .into_iter()
         .zip(&courses)
-        .map(|(surface, course)| SurfaceLoad { surface, pressure_kpa: course.at(0.0) })
+        .map(|(surface, course)| SurfaceLoad {
+            surface,
+            pressure_kpa: course.at(0.0),
+        })
         .collect();
-    let mut stress = Uniform { sa_kpa: active.at(0.0), n: n_points };
+    let mut stress = Uniform {
+        sa_kpa: active.at(0.0),
+        n: n_points,
+    };
     let mut points = vec![];
     if stress.sa_kpa != 0.0 {
-        points.resize(n_points, ActivePoint { sa_kpa: [stress.sa_kpa; BATCH], slope_kpa: [0.0; BATCH] });
+        points.resize(
+            n_points,
+            ActivePoint {
+                sa_kpa: [stress.sa_kpa; BATCH],
+                slope_kpa: [0.0; BATCH],
+            },
+        );
     }
     let mut now = dynamics
         .start(vec![0.0; dynamics.body.reference().len()], points, 0.0)
-        .map_err(|s| RunError::Start { element: s.element, volume_ratio: s.volume_ratio })?;
+        .map_err(|s| RunError::Start {
+            element: s.element,
+            volume_ratio: s.volume_ratio,
+        })?;
     let mut solver = Solver::new();
     let mut cost = RunCost::default();
     let view = |d: &Dynamics, t: f64, u: &[f64]| {
-        sample(&SetupView { probes: &probes, cavities: &cavities, reference: d.body.reference() }, t, u)
+        sample(
+            &SetupView {
+                probes: &probes,
+                cavities: &cavities,
+                reference: d.body.reference(),
+            },
+            t,
+            u,
+        )
     };
     if each(&view(&dynamics, 0.0, &now.motion.u), &cost).is_break() {
         return Ok(cost);
@@ -160,28 +221,49 @@ pub fn run(
             }
             stress.sa_kpa = active.at(t + dt);
             let mut candidate = Candidate::default();
-            dynamics.scheme.predict(dt, &now.motion, &mut candidate.motion.u);
+            dynamics
+                .scheme
+                .predict(dt, &now.motion, &mut candidate.motion.u);
             let mut closure = Closure::Pressure(0.0);
-            match step(&dynamics, &now, dt, &mut candidate, &mut stress, &mut closure, &mut solver, settings) {
+            match step(
+                &dynamics,
+                &now,
+                dt,
+                &mut candidate,
+                &mut stress,
+                &mut closure,
+                &mut solver,
+                settings,
+            ) {
                 Ok((force, report)) => {
                     cost.steps += 1;
                     cost.newton_iterations += report.iterations;
                     cost.krylov_iterations += report.krylov_iterations;
                     cost.factorisations += report.factorisations;
-                    now = State { motion: candidate.motion, force, pressure_kpa: 0.0 };
+                    now = State {
+                        motion: candidate.motion,
+                        force,
+                        pressure_kpa: 0.0,
+                    };
                     t += dt;
                 }
                 Err(source) => {
                     cost.n_cut += 1;
                     if halvings >= schedule.max_halvings {
-                        return Err(RunError::Step { t_ms: t, dt_ms: dt, source });
+                        return Err(RunError::Step {
+                            t_ms: t,
+                            dt_ms: dt,
+                            source,
+                        });
                     }
                     halvings += 1;
                     solver.forget();
                 }
             }
         }
-        if k % schedule.sample_every == 0 && each(&view(&dynamics, end, &now.motion.u), &cost).is_break() {
+        if k % schedule.sample_every == 0
+            && each(&view(&dynamics, end, &now.motion.u), &cost).is_break()
+        {
             return Ok(cost);
         }
     }
@@ -192,20 +274,47 @@ pub fn run(
 ///
 /// # Errors
 /// [`StaticError`] with the share of the load that was reached.
-pub fn settle(setup: &Setup, end_ms: f64, steps: &LoadSteps) -> Result<(Sample, StaticReport), StaticError> {
+pub fn settle(
+    setup: &Setup,
+    end_ms: f64,
+    steps: &LoadSteps,
+) -> Result<(Sample, StaticReport), StaticError> {
     let sa = setup.active.at(end_ms);
-    let point = ActivePoint { sa_kpa: [sa; BATCH], slope_kpa: [0.0; BATCH] };
+    let point = ActivePoint {
+        sa_kpa: [sa; BATCH],
+        slope_kpa: [0.0; BATCH],
+    };
     let problem = StaticProblem {
         body: &setup.body,
         comm: &SingleProcess,
-        pressures: setup.pressures.iter().map(|(s, course)| (s.clone(), course.at(end_ms))).collect(),
-        springs: setup.supports.iter().map(|(robin, spring, _)| (robin.clone(), *spring)).collect(),
-        fixed: if setup.fixed.is_empty() { vec![[false; 3]; setup.body.n_nodes()] } else { setup.fixed.clone() },
+        pressures: setup
+            .pressures
+            .iter()
+            .map(|(s, course)| (s.clone(), course.at(end_ms)))
+            .collect(),
+        springs: setup
+            .supports
+            .iter()
+            .map(|(robin, spring, _)| (robin.clone(), *spring))
+            .collect(),
+        fixed: if setup.fixed.is_empty() {
+            vec![[false; 3]; setup.body.n_nodes()]
+        } else {
+            setup.fixed.clone()
+        },
         prescribed: vec![],
-        active: if sa == 0.0 { vec![] } else { vec![point; setup.body.n_point_batches()] },
+        active: if sa == 0.0 {
+            vec![]
+        } else {
+            vec![point; setup.body.n_point_batches()]
+        },
     };
     let mut u = vec![0.0; setup.body.reference().len()];
     let report = load(&problem, &mut u, steps)?;
-    let view = SetupView { probes: &setup.probes, cavities: &setup.cavities, reference: setup.body.reference() };
+    let view = SetupView {
+        probes: &setup.probes,
+        cavities: &setup.cavities,
+        reference: setup.body.reference(),
+    };
     Ok((sample(&view, end_ms, &u), report))
 }

@@ -97,10 +97,26 @@ impl TimeCourse {
     pub const ZERO: Self = Self::Constant { value_kpa: 0.0 };
 
     fn check(&self) -> Result<(), TimeCourseError> {
-        let unless =
-            |ok: bool, name, value, expected| if ok { Ok(()) } else { Err(TimeCourseError { name, value, expected }) };
+        let unless = |ok: bool, name, value, expected| {
+            if ok {
+                Ok(())
+            } else {
+                Err(TimeCourseError {
+                    name,
+                    value,
+                    expected,
+                })
+            }
+        };
         let finite = |name, value: f64| unless(value.is_finite(), name, value, "a finite number");
-        let positive = |name, value: f64| unless(value > 0.0 && value.is_finite(), name, value, "more than zero");
+        let positive = |name, value: f64| {
+            unless(
+                value > 0.0 && value.is_finite(),
+                name,
+                value,
+                "more than zero",
+            )
+        };
         match self {
             Self::Constant { value_kpa } => finite("value_kPa", *value_kpa),
             Self::Ramp { value_kpa, until_s } => {
@@ -110,7 +126,12 @@ impl TimeCourse {
             Self::Table { t_s, value_kpa } => {
                 unless(!t_s.is_empty(), "length of t_s", 0.0, "one or more times")?;
                 let (n, m) = (t_s.len(), value_kpa.len());
-                unless(n == m, "length of value_kPa", m as f64, "as many values as t_s has times")?;
+                unless(
+                    n == m,
+                    "length of value_kPa",
+                    m as f64,
+                    "as many values as t_s has times",
+                )?;
                 for (k, t) in t_s.iter().enumerate() {
                     unless(
                         t.is_finite() && (k == 0 || *t > t_s[k - 1]),
@@ -122,7 +143,14 @@ impl TimeCourse {
                 }
                 Ok(())
             }
-            Self::Activation { contractility_kpa, rise_per_s, fall_per_s, on_s, off_s, switch_s } => {
+            Self::Activation {
+                contractility_kpa,
+                rise_per_s,
+                fall_per_s,
+                on_s,
+                off_s,
+                switch_s,
+            } => {
                 finite("contractility_kPa", *contractility_kpa)?;
                 finite("rise_per_s", *rise_per_s)?;
                 finite("fall_per_s", *fall_per_s)?;
@@ -158,7 +186,14 @@ impl TimeCourse {
     fn slope(&self, t: f64, y: f64) -> Option<f64> {
         let up = |x: f64, width: f64| 0.5 * (1.0 + (x / width).tanh());
         match *self {
-            Self::Activation { contractility_kpa, rise_per_s, fall_per_s, on_s, off_s, switch_s } => {
+            Self::Activation {
+                contractility_kpa,
+                rise_per_s,
+                fall_per_s,
+                on_s,
+                off_s,
+                switch_s,
+            } => {
                 let f = up(t - on_s, switch_s) * up(off_s - t, switch_s);
                 let a = rise_per_s * f + fall_per_s * (1.0 - f);
                 Some(-a.abs() * y + contractility_kpa * a.max(0.0))
@@ -218,7 +253,9 @@ impl Course {
     pub fn at(&self, t_ms: f64) -> f64 {
         match &self.kind {
             TimeCourse::Constant { value_kpa } => *value_kpa,
-            TimeCourse::Ramp { value_kpa, until_s } => value_kpa * (t_ms * 1e-3 / until_s).clamp(0.0, 1.0),
+            TimeCourse::Ramp { value_kpa, until_s } => {
+                value_kpa * (t_ms * 1e-3 / until_s).clamp(0.0, 1.0)
+            }
             TimeCourse::Table { t_s, value_kpa } => {
                 let t = t_ms * 1e-3;
                 let next = t_s.partition_point(|x| *x <= t);
@@ -281,26 +318,66 @@ mod tests {
     fn active_stress_and_pressure_of_the_benchmark_of_2025_have_its_values() {
         // Values in Pa that an independent integration at tolerance 1e-9 gives.
         let tau = Course::new(activation(), 1000.0).expect("constants");
-        for (t, want) in [(200.0, 22_703.3), (300.0, 72_790.7), (400.0, 103_170.2), (500.0, 75_741.5), (600.0, 3_771.5)]
-        {
-            assert!((tau.at(t) * 1e3 - want).abs() < 0.1, "{t}: {} {want}", tau.at(t));
+        for (t, want) in [
+            (200.0, 22_703.3),
+            (300.0, 72_790.7),
+            (400.0, 103_170.2),
+            (500.0, 75_741.5),
+            (600.0, 3_771.5),
+        ] {
+            assert!(
+                (tau.at(t) * 1e3 - want).abs() < 0.1,
+                "{t}: {} {want}",
+                tau.at(t)
+            );
         }
         let p = Course::new(pressure(), 1000.0).expect("constants");
-        for (t, want) in [(100.0, 265.21), (200.0, 4262.03), (300.0, 12_517.3), (400.0, 15_265.2), (600.0, 590.65)] {
-            assert!((p.at(t) * 1e3 - want).abs() < 0.1, "{t}: {} {want}", p.at(t));
+        for (t, want) in [
+            (100.0, 265.21),
+            (200.0, 4262.03),
+            (300.0, 12_517.3),
+            (400.0, 15_265.2),
+            (600.0, 590.65),
+        ] {
+            assert!(
+                (p.at(t) * 1e3 - want).abs() < 0.1,
+                "{t}: {} {want}",
+                p.at(t)
+            );
         }
-        let peak = (0..10_000).map(|k| tau.at(0.1 * f64::from(k))).fold(0.0, f64::max);
+        let peak = (0..10_000)
+            .map(|k| tau.at(0.1 * f64::from(k)))
+            .fold(0.0, f64::max);
         assert!((peak - 118.106).abs() < 1e-3, "{peak}");
     }
 
     #[test]
     fn tables_and_ramps_are_straight_and_end_flat() {
-        let table = TimeCourse::Table { t_s: vec![0.1, 0.2], value_kpa: vec![1.0, 3.0] };
+        let table = TimeCourse::Table {
+            t_s: vec![0.1, 0.2],
+            value_kpa: vec![1.0, 3.0],
+        };
         let table = Course::new(table, 1000.0).expect("a table");
-        assert_eq!([50.0, 100.0, 150.0, 300.0].map(|t| (table.at(t) * 1e9).round() / 1e9), [1.0, 1.0, 2.0, 3.0]);
-        let ramp = Course::new(TimeCourse::Ramp { value_kpa: 4.0, until_s: 0.5 }, 1000.0).expect("a ramp");
+        assert_eq!(
+            [50.0, 100.0, 150.0, 300.0].map(|t| (table.at(t) * 1e9).round() / 1e9),
+            [1.0, 1.0, 2.0, 3.0]
+        );
+        let ramp = Course::new(
+            TimeCourse::Ramp {
+                value_kpa: 4.0,
+                until_s: 0.5,
+            },
+            1000.0,
+        )
+        .expect("a ramp");
         assert_eq!([0.0, 250.0, 900.0].map(|t| ramp.at(t)), [0.0, 2.0, 4.0]);
-        let bad = Course::new(TimeCourse::Table { t_s: vec![0.2, 0.1], value_kpa: vec![1.0, 3.0] }, 1.0);
+        let bad = Course::new(
+            TimeCourse::Table {
+                t_s: vec![0.2, 0.1],
+                value_kpa: vec![1.0, 3.0],
+            },
+            1.0,
+        );
         assert_eq!(
             bad.expect_err("times fall").to_string(),
             "t_s = 0.1, expected finite times, each after the one before"

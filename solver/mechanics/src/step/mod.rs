@@ -37,7 +37,12 @@ pub trait PointStress {
 pub struct Passive;
 
 impl PointStress for Passive {
-    fn evaluate(&mut self, _: f64, _: &Deformation, out: &mut Vec<ActivePoint>) -> Result<(), ContractionError> {
+    fn evaluate(
+        &mut self,
+        _: f64,
+        _: &Deformation,
+        out: &mut Vec<ActivePoint>,
+    ) -> Result<(), ContractionError> {
         out.clear();
         Ok(())
     }
@@ -76,7 +81,9 @@ impl Closure<'_> {
         match own {
             Some(result) => result.map(Some),
             None if word[0] == 1.0 => Ok(Some(word[1])),
-            None => Err(StepError::Elsewhere { reason: "rank 0: circulation".to_owned() }),
+            None => Err(StepError::Elsewhere {
+                reason: "rank 0: circulation".to_owned(),
+            }),
         }
     }
 }
@@ -183,7 +190,9 @@ pub enum StepError {
         what: &'static str,
     },
     /// The linear solver did not converge.
-    #[error("linear solver: relative residual {relative_residual:.1e} after {iterations} iterations")]
+    #[error(
+        "linear solver: relative residual {relative_residual:.1e} after {iterations} iterations"
+    )]
     Linear {
         /// Iterations made.
         iterations: usize,
@@ -224,7 +233,10 @@ const LOOSEST: f64 = 0.1;
 ///
 /// # Errors
 /// [`StepError`]; `candidate` then is of no use.
-#[expect(clippy::too_many_arguments, reason = "a step needs them all, each of its own kind")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a step needs them all, each of its own kind"
+)]
 pub fn step(
     dynamics: &Dynamics,
     now: &State,
@@ -248,18 +260,33 @@ pub fn step(
         candidate.motion.u.clone_from(&now.motion.u);
         let smallest = dynamics.complete(dt_ms, now, candidate);
         if !whole(&smallest) {
-            let Smallest { element, volume_ratio } = smallest;
-            return Err(StepError::Inverted { element, volume_ratio });
+            let Smallest {
+                element,
+                volume_ratio,
+            } = smallest;
+            return Err(StepError::Inverted {
+                element,
+                volume_ratio,
+            });
         }
     }
-    agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
+    agree(
+        space.comm,
+        stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
+    )?;
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
     // Forces alone cost a fraction of the tangent: it is made where it is needed.
     let mut linearised = !solver.predicted && !settings.foresee_pressures;
     if linearised {
-        solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
+        solver.linearise(
+            dynamics,
+            dt_ms,
+            (now, candidate),
+            (&mut force, &mut r),
+            settings.linear,
+        );
     } else {
         dynamics.residual(now, candidate, &mut force, &mut r);
     }
@@ -273,7 +300,9 @@ pub fn step(
         let left = closure.ask(space.comm, |balance| Ok(balance(pressure_kpa)?.0))?;
         report.volume_residual_mm3 = left.map_or(0.0, |left| volume - left);
         if !(norm.is_finite() && report.volume_residual_mm3.is_finite()) {
-            return Err(StepError::NotFinite { what: "the residual" });
+            return Err(StepError::NotFinite {
+                what: "the residual",
+            });
         }
         if report.relative_residual <= settings.relative_tolerance
             && report.volume_residual_mm3.abs() <= settings.volume_tolerance_mm3
@@ -282,13 +311,28 @@ pub fn step(
             return Ok((force, report));
         }
         if report.iterations >= settings.max_iterations {
-            let StepReport { iterations, relative_residual, volume_residual_mm3, .. } = report;
-            return Err(StepError::NotConverged { iterations, relative_residual, volume_residual_mm3 });
+            let StepReport {
+                iterations,
+                relative_residual,
+                volume_residual_mm3,
+                ..
+            } = report;
+            return Err(StepError::NotConverged {
+                iterations,
+                relative_residual,
+                volume_residual_mm3,
+            });
         }
         if settings.foresee_pressures {
             solver.linearise_as_foreseen(dynamics, dt_ms, now, candidate, settings.linear);
         } else if !linearised {
-            solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
+            solver.linearise(
+                dynamics,
+                dt_ms,
+                (now, candidate),
+                (&mut force, &mut r),
+                settings.linear,
+            );
         }
         let wanted = settings.relative_tolerance * scale;
         let tolerance = (0.3 * wanted / norm).clamp(1e-10, LOOSEST);
@@ -302,9 +346,12 @@ pub fn step(
             let along = space.dot(&row, &x);
             let mut change = |y: &[f64]| -> Result<f64, StepError> {
                 let compliance = -space.dot(&row, y);
-                let solve =
-                    |balance: &mut Balance<'_>| solve_balance(volume - along, compliance, pressure_kpa, balance);
-                Ok(closure.ask(space.comm, solve)?.map_or(0.0, |found| found - pressure_kpa))
+                let solve = |balance: &mut Balance<'_>| {
+                    solve_balance(volume - along, compliance, pressure_kpa, balance)
+                };
+                Ok(closure
+                    .ask(space.comm, solve)?
+                    .map_or(0.0, |found| found - pressure_kpa))
             };
             let unit = space.norm(&column);
             if y.len() != n {
@@ -315,7 +362,12 @@ pub fn step(
             // The response changes slowly, and is off by no more than what the change of pressure makes of its error.
             let allowed = 0.3 * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
             if linear.residual_norm(&column, &mut y) > allowed {
-                linear.solve(&column, &mut y, (0.5 * allowed / unit).clamp(1e-10, LOOSEST), &mut report)?;
+                linear.solve(
+                    &column,
+                    &mut y,
+                    (0.5 * allowed / unit).clamp(1e-10, LOOSEST),
+                    &mut report,
+                )?;
                 change_kpa = change(&y)?;
             }
             for (x, y) in x.iter_mut().zip(&y) {
@@ -327,12 +379,18 @@ pub fn step(
         let start_kpa = candidate.pressure_kpa;
         let mut share = 1.0;
         if settings.farthest_mm.is_finite() {
-            let lengths = x.as_chunks::<3>().0.iter().map(|x| x[0].hypot(x[1]).hypot(x[2]));
+            let lengths = x
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .map(|x| x[0].hypot(x[1]).hypot(x[2]));
             let mut farthest = [lengths.fold(0.0, f64::max)];
             dynamics.comm.max(&mut farthest);
             share = (settings.farthest_mm / farthest[0]).min(1.0);
         }
-        let before = settings.foresee_pressures.then(|| candidate.deformation.clone());
+        let before = settings
+            .foresee_pressures
+            .then(|| candidate.deformation.clone());
         for halving in 0.. {
             for k in 0..n {
                 candidate.motion.u[k] = start[k] - share * x[k];
@@ -340,7 +398,10 @@ pub fn step(
             candidate.pressure_kpa = start_kpa + share * change_kpa;
             let smallest = dynamics.complete(dt_ms, now, candidate);
             if whole(&smallest) {
-                agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
+                agree(
+                    space.comm,
+                    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
+                )?;
                 dynamics.residual(now, candidate, &mut force, &mut r);
                 let bounded = settings.largest_growth == f64::INFINITY
                     || space.norm(&r) <= settings.largest_growth * norm.max(wanted)
@@ -349,8 +410,14 @@ pub fn step(
                     break;
                 }
             } else if halving >= settings.max_halvings {
-                let Smallest { element, volume_ratio } = smallest;
-                return Err(StepError::Inverted { element, volume_ratio });
+                let Smallest {
+                    element,
+                    volume_ratio,
+                } = smallest;
+                return Err(StepError::Inverted {
+                    element,
+                    volume_ratio,
+                });
             }
             share *= 0.5;
         }
@@ -363,7 +430,12 @@ pub fn step(
 }
 
 /// The pressure at which the cavity's volume, `volume + compliance · (p − start)`, is what the circulation leaves in it.
-fn solve_balance(volume: f64, compliance: f64, start: f64, balance: &mut Balance<'_>) -> Result<f64, StepError> {
+fn solve_balance(
+    volume: f64,
+    compliance: f64,
+    start: f64,
+    balance: &mut Balance<'_>,
+) -> Result<f64, StepError> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     let mut p = start;
     for _ in 0..100 {
@@ -371,7 +443,9 @@ fn solve_balance(volume: f64, compliance: f64, start: f64, balance: &mut Balance
         let residual = volume + compliance * (p - start) - left;
         let gain = compliance - slope;
         if !residual.is_finite() || !(gain > 0.0) {
-            return Err(StepError::NotFinite { what: "the volume balance" });
+            return Err(StepError::NotFinite {
+                what: "the volume balance",
+            });
         }
         let newton = p - residual / gain;
         if (newton - p).abs() <= 1e-12 * (1.0 + p.abs()) || high - low <= 1e-13 * (1.0 + p.abs()) {
@@ -382,7 +456,11 @@ fn solve_balance(volume: f64, compliance: f64, start: f64, balance: &mut Balance
         } else {
             high = high.min(p);
         }
-        p = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        p = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
     }
     Ok(p)
 }

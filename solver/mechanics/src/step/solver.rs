@@ -5,8 +5,8 @@ use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::linear::{
-    Assembled, BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid, Operator, PackedTangent,
-    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+    Assembled, BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
+    Operator, PackedTangent, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::newton::LinearSolver;
 use crate::parallel::Space;
@@ -41,7 +41,9 @@ enum Matrix {
 impl Matrix {
     fn new(dynamics: &Dynamics, linear: LinearSolver) -> Self {
         let packed = match linear {
-            LinearSolver::BlockJacobi | LinearSolver::Multigrid => dynamics.body.new_packed_tangent(),
+            LinearSolver::BlockJacobi | LinearSolver::Multigrid => {
+                dynamics.body.new_packed_tangent()
+            }
             LinearSolver::Direct | LinearSolver::SymmetricSweep => None,
         };
         packed.map_or_else(|| Self::Full(dynamics.body.new_tangent()), Self::Packed)
@@ -113,11 +115,19 @@ impl Solver {
         (force, r): (&mut [f64], &mut [f64]),
         linear: LinearSolver,
     ) {
-        let tangent = self.matrix.get_or_insert_with(|| Matrix::new(dynamics, linear)).assembled();
+        let tangent = self
+            .matrix
+            .get_or_insert_with(|| Matrix::new(dynamics, linear))
+            .assembled();
         dynamics.linearise(dt_ms, now, candidate, force, r, tangent);
         if linear == LinearSolver::Multigrid && (self.stale || self.multigrid.is_none()) {
-            let positions: Vec<f64> =
-                dynamics.body.reference().iter().zip(&candidate.motion.u).map(|(x, u)| x + u).collect();
+            let positions: Vec<f64> = dynamics
+                .body
+                .reference()
+                .iter()
+                .zip(&candidate.motion.u)
+                .map(|(x, u)| x + u)
+                .collect();
             self.multigrid = Some(Multigrid::new(dynamics.space(), tangent, &positions));
             self.stale = false;
         }
@@ -133,22 +143,50 @@ impl Solver {
         linear: LinearSolver,
     ) {
         let n = candidate.motion.u.len();
-        self.foreseen_kpa.resize(candidate.deformation.nodal_pressure.len(), 0.0);
-        std::mem::swap(&mut self.foreseen_kpa, &mut candidate.deformation.nodal_pressure);
-        self.linearise(dynamics, dt_ms, (now, candidate), (&mut vec![0.0; n], &mut vec![0.0; n]), linear);
-        std::mem::swap(&mut self.foreseen_kpa, &mut candidate.deformation.nodal_pressure);
+        self.foreseen_kpa
+            .resize(candidate.deformation.nodal_pressure.len(), 0.0);
+        std::mem::swap(
+            &mut self.foreseen_kpa,
+            &mut candidate.deformation.nodal_pressure,
+        );
+        self.linearise(
+            dynamics,
+            dt_ms,
+            (now, candidate),
+            (&mut vec![0.0; n], &mut vec![0.0; n]),
+            linear,
+        );
+        std::mem::swap(
+            &mut self.foreseen_kpa,
+            &mut candidate.deformation.nodal_pressure,
+        );
     }
 
     /// The nodal pressures that displacements less `share` of `x` have to first order.
-    pub(super) fn foresee(&mut self, space: Space<'_>, deformation: &Deformation, share: f64, x: &mut [f64]) {
+    pub(super) fn foresee(
+        &mut self,
+        space: Space<'_>,
+        deformation: &Deformation,
+        share: f64,
+        x: &mut [f64],
+    ) {
         if deformation.nodal_pressure.is_empty() {
             return;
         }
-        let volumes = self.matrix.as_mut().expect("linearised before").assembled().vertex_volumes(space, x);
+        let volumes = self
+            .matrix
+            .as_mut()
+            .expect("linearised before")
+            .assembled()
+            .vertex_volumes(space, x);
         self.foreseen_kpa.clear();
         self.foreseen_kpa.extend(
-            (deformation.nodal_pressure.iter().zip(&deformation.nodal_slope).zip(volumes))
-                .map(|((p, slope), volume)| p - share * slope * volume),
+            (deformation
+                .nodal_pressure
+                .iter()
+                .zip(&deformation.nodal_slope)
+                .zip(volumes))
+            .map(|((p, slope), volume)| p - share * slope * volume),
         );
     }
 
@@ -164,7 +202,13 @@ impl Solver {
             let operator = &*matrix.assembled();
             let levels = self.multigrid.as_ref().expect("made with the tangent");
             let by = By::Multigrid(levels, &mut self.stale);
-            return Ok(Linear { dynamics, settings, least: LOOSE, operator, by });
+            return Ok(Linear {
+                dynamics,
+                settings,
+                least: LOOSE,
+                operator,
+                by,
+            });
         }
         let matrix = match self.matrix.as_ref().expect("linearised before") {
             Matrix::Full(tangent) if settings.linear == LinearSolver::Direct => {
@@ -180,7 +224,11 @@ impl Solver {
                     self.stale = false;
                     fresh = true;
                 }
-                let kept = Kept { by: direct, stale: &mut self.stale, fresh };
+                let kept = Kept {
+                    by: direct,
+                    stale: &mut self.stale,
+                    fresh,
+                };
                 return Ok(Linear {
                     dynamics,
                     settings,
@@ -199,7 +247,13 @@ impl Solver {
             Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
             Matrix::Packed(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
         };
-        Ok(Linear { dynamics, settings, least, operator, by })
+        Ok(Linear {
+            dynamics,
+            settings,
+            least,
+            operator,
+            by,
+        })
     }
 }
 
@@ -242,12 +296,18 @@ impl Linear<'_> {
         report: &mut StepReport,
     ) -> Result<(), StepError> {
         let space = self.dynamics.space();
-        let limits = KrylovSettings { relative_tolerance: tolerance.max(self.least), ..self.settings.krylov };
+        let limits = KrylovSettings {
+            relative_tolerance: tolerance.max(self.least),
+            ..self.settings.krylov
+        };
         match &mut self.by {
             By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
             By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
             By::Multigrid(levels, stale) => {
-                let short = KrylovSettings { max_iterations: 4 * self.settings.keep_until, ..limits };
+                let short = KrylovSettings {
+                    max_iterations: 4 * self.settings.keep_until,
+                    ..limits
+                };
                 let mut done = conjugate_gradients(space, self.operator, *levels, b, x, &short);
                 let mut iterations = done.iterations;
                 if done.ending != KrylovEnding::Converged {
@@ -261,11 +321,21 @@ impl Linear<'_> {
                 if done.relative_residual < 0.3 {
                     return Ok(());
                 }
-                let KrylovReport { iterations, relative_residual, .. } = done;
-                Err(StepError::Linear { iterations, relative_residual })
+                let KrylovReport {
+                    iterations,
+                    relative_residual,
+                    ..
+                } = done;
+                Err(StepError::Linear {
+                    iterations,
+                    relative_residual,
+                })
             }
             By::Direct(kept, tangent) => {
-                let short = KrylovSettings { max_iterations: self.settings.keep_until, ..limits };
+                let short = KrylovSettings {
+                    max_iterations: self.settings.keep_until,
+                    ..limits
+                };
                 // Far from equilibrium neither the tangent nor the one that was factorised need be positive definite.
                 let done = gmres(space, self.operator, &*kept.by, b, x, &short);
                 report.krylov_iterations += done.iterations;
@@ -313,7 +383,10 @@ fn krylov(
     }
     if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
         let (iterations, relative_residual) = (done.iterations, done.relative_residual);
-        return Err(StepError::Linear { iterations, relative_residual });
+        return Err(StepError::Linear {
+            iterations,
+            relative_residual,
+        });
     }
     Ok(())
 }

@@ -15,7 +15,10 @@ pub const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
 /// A mesh of 500 nodes for 112 mL with fibres, and its activation times.
 pub fn heart() -> (TetMesh, Vec<f64>) {
     // A ring high enough that what its springs pull with hardly reaches the muscle.
-    let spec = EllipsoidSpec { ring_height: 0.12, ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500) };
+    let spec = EllipsoidSpec {
+        ring_height: 0.12,
+        ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500)
+    };
     let made = generate(&spec).expect("a mesh");
     let mut mesh = made.mesh;
     make(&mut mesh, &MUSCLE, &Angles::default()).expect("fields");

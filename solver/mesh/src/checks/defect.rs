@@ -57,7 +57,11 @@ impl std::fmt::Display for Place {
             Item::Spot => {}
         }
         let [x, y, z] = self.at_mm;
-        let space = if matches!(self.item, Item::Spot) { "" } else { " " };
+        let space = if matches!(self.item, Item::Spot) {
+            ""
+        } else {
+            " "
+        };
         write!(f, "{space}({x:.2}, {y:.2}, {z:.2}) mm")
     }
 }
@@ -75,40 +79,139 @@ pub enum Tangle {
 
 /// Something that is wrong with a mesh; [`Defect::severity`] says how badly.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(missing_docs, reason = "`found` of each variant says in words what its values are")]
+#[expect(
+    missing_docs,
+    reason = "`found` of each variant says in words what its values are"
+)]
 pub enum Defect {
     Empty,
-    Length { what: &'static str, found: usize, expected: usize },
-    NodeOutOfRange { element: usize, node: u32, n_nodes: usize },
-    NotFinite { nodes: Vec<u32> },
-    Inverted { of: usize, worst_mm3: f64, places: Vec<Place> },
-    Degenerate { worst: f64, places: Vec<Place> },
-    Poor { of: usize, worst: f64, places: Vec<Place> },
-    Unreferenced { places: Vec<Place> },
-    Doubled { places: Vec<Place> },
-    Overlap { places: Vec<Place> },
-    Unconnected { largest: usize, places: Vec<Place> },
-    Touching { places: Vec<Place> },
-    NoTag { tag: i32, found: Vec<(i32, usize)> },
-    Size { extent_mm: f64, likely: Option<&'static str> },
-    NoSurface { names: Vec<String>, found: Vec<String>, why_not_found: Option<String> },
-    Tangled { name: String, how: Tangle, places: Vec<Place> },
-    OffBoundary { name: String, of: usize, places: Vec<Place> },
-    Inward { name: String, of: usize, places: Vec<Place> },
-    TwoSurfaces { first: String, second: String, places: Vec<Place> },
-    Hole { places: Vec<Place> },
-    NoFurther { name: String, key: &'static str, found: Vec<String> },
-    NotRight { name: String },
-    RightOverlap { first: String, second: String, places: Vec<Place> },
-    RightHole { name: String, places: Vec<Place> },
-    Closed { volume: Ml, places: Vec<Place> },
-    Cavity { found: Ml, measured: Ml, tolerance: f64 },
-    Wall { found: Ml, stated: Ml, tolerance: f64 },
+    Length {
+        what: &'static str,
+        found: usize,
+        expected: usize,
+    },
+    NodeOutOfRange {
+        element: usize,
+        node: u32,
+        n_nodes: usize,
+    },
+    NotFinite {
+        nodes: Vec<u32>,
+    },
+    Inverted {
+        of: usize,
+        worst_mm3: f64,
+        places: Vec<Place>,
+    },
+    Degenerate {
+        worst: f64,
+        places: Vec<Place>,
+    },
+    Poor {
+        of: usize,
+        worst: f64,
+        places: Vec<Place>,
+    },
+    Unreferenced {
+        places: Vec<Place>,
+    },
+    Doubled {
+        places: Vec<Place>,
+    },
+    Overlap {
+        places: Vec<Place>,
+    },
+    Unconnected {
+        largest: usize,
+        places: Vec<Place>,
+    },
+    Touching {
+        places: Vec<Place>,
+    },
+    NoTag {
+        tag: i32,
+        found: Vec<(i32, usize)>,
+    },
+    Size {
+        extent_mm: f64,
+        likely: Option<&'static str>,
+    },
+    NoSurface {
+        names: Vec<String>,
+        found: Vec<String>,
+        why_not_found: Option<String>,
+    },
+    Tangled {
+        name: String,
+        how: Tangle,
+        places: Vec<Place>,
+    },
+    OffBoundary {
+        name: String,
+        of: usize,
+        places: Vec<Place>,
+    },
+    Inward {
+        name: String,
+        of: usize,
+        places: Vec<Place>,
+    },
+    TwoSurfaces {
+        first: String,
+        second: String,
+        places: Vec<Place>,
+    },
+    Hole {
+        places: Vec<Place>,
+    },
+    NoFurther {
+        name: String,
+        key: &'static str,
+        found: Vec<String>,
+    },
+    NotRight {
+        name: String,
+    },
+    RightOverlap {
+        first: String,
+        second: String,
+        places: Vec<Place>,
+    },
+    RightHole {
+        name: String,
+        places: Vec<Place>,
+    },
+    Closed {
+        volume: Ml,
+        places: Vec<Place>,
+    },
+    Cavity {
+        found: Ml,
+        measured: Ml,
+        tolerance: f64,
+    },
+    Wall {
+        found: Ml,
+        stated: Ml,
+        tolerance: f64,
+    },
     NoFibres,
-    FibreLength { of: usize, worst: f64, places: Vec<Place> },
-    Site { site: usize, distance_mm: f64, place: Place },
+    FibreLength {
+        of: usize,
+        worst: f64,
+        places: Vec<Place>,
+    },
+    Site {
+        site: usize,
+        distance_mm: f64,
+        place: Place,
+    },
     NoStart,
-    Times { found: String, expected: String, places: Vec<Place> },
+    Times {
+        found: String,
+        expected: String,
+        places: Vec<Place>,
+    },
 }
 
 impl Defect {
@@ -131,9 +234,18 @@ impl Defect {
             Self::NoTag { .. } => "no-such-tag",
             Self::Size { .. } => "size",
             Self::NoSurface { .. } => "no-surface",
-            Self::Tangled { how: Tangle::Branched, .. } => "branched-surface",
-            Self::Tangled { how: Tangle::Inconsistent, .. } => "turned-triangles",
-            Self::Tangled { how: Tangle::Pinched, .. } => "pinched-surface",
+            Self::Tangled {
+                how: Tangle::Branched,
+                ..
+            } => "branched-surface",
+            Self::Tangled {
+                how: Tangle::Inconsistent,
+                ..
+            } => "turned-triangles",
+            Self::Tangled {
+                how: Tangle::Pinched,
+                ..
+            } => "pinched-surface",
             Self::OffBoundary { .. } => "foreign-triangles",
             Self::Inward { .. } => "inward-surface",
             Self::TwoSurfaces { .. } => "shared-triangles",
@@ -157,9 +269,10 @@ impl Defect {
     #[must_use]
     pub fn severity(&self) -> Severity {
         match self {
-            Self::Poor { .. } | Self::Unreferenced { .. } | Self::Touching { .. } | Self::Wall { .. } => {
-                Severity::Warning
-            }
+            Self::Poor { .. }
+            | Self::Unreferenced { .. }
+            | Self::Touching { .. }
+            | Self::Wall { .. } => Severity::Warning,
             _ => Severity::Error,
         }
     }
@@ -197,77 +310,150 @@ impl Defect {
         match self {
             Self::Empty => "no elements".to_owned(),
             Self::Length { what, found, .. } => format!("{found} {what}"),
-            Self::NodeOutOfRange { element, node, n_nodes } => {
+            Self::NodeOutOfRange {
+                element,
+                node,
+                n_nodes,
+            } => {
                 format!("element {element} with node {node}, though the mesh has {n_nodes} nodes")
             }
             Self::NotFinite { nodes } => {
                 let named: Vec<String> = nodes.iter().take(NAMED).map(u32::to_string).collect();
-                format!("{} with coordinates that are no numbers: {}", nodes_of(nodes.len()), named.join(", "))
+                format!(
+                    "{} with coordinates that are no numbers: {}",
+                    nodes_of(nodes.len()),
+                    named.join(", ")
+                )
             }
             Self::Inverted { of, worst_mm3, .. } => {
-                format!("{n} of {of} elements turned inside out, the worst with {worst_mm3:.3e} mm³")
+                format!(
+                    "{n} of {of} elements turned inside out, the worst with {worst_mm3:.3e} mm³"
+                )
             }
             Self::Degenerate { worst, .. } => {
-                format!("{} without volume, the worst with a mean ratio of {worst:.1e}", elements_of(n))
+                format!(
+                    "{} without volume, the worst with a mean ratio of {worst:.1e}",
+                    elements_of(n)
+                )
             }
             Self::Poor { of, worst, .. } => {
-                format!("{n} of {of} elements badly shaped, the worst with a mean ratio of {worst:.3}")
+                format!(
+                    "{n} of {of} elements badly shaped, the worst with a mean ratio of {worst:.3}"
+                )
             }
             Self::Unreferenced { .. } => format!("{} that no element has", nodes_of(n)),
             Self::Doubled { .. } => format!("{} at the place of another one", nodes_of(n)),
             Self::Overlap { .. } => format!("{n} faces that belong to more than two elements"),
             Self::Unconnected { largest, .. } => {
-                format!("{n} loose pieces beside the largest, which has {}", elements_of(*largest))
+                format!(
+                    "{n} loose pieces beside the largest, which has {}",
+                    elements_of(*largest)
+                )
             }
             Self::Touching { .. } => {
-                format!("{n} edges at which tissue touches itself: four boundary triangles meet there")
+                format!(
+                    "{n} edges at which tissue touches itself: four boundary triangles meet there"
+                )
             }
             Self::NoTag { tag, found } => {
-                let all: Vec<String> = found.iter().map(|(tag, n)| format!("{tag} ({})", elements_of(*n))).collect();
-                format!("no element with the tag {tag}; tags there are {}", all.join(", "))
+                let all: Vec<String> = found
+                    .iter()
+                    .map(|(tag, n)| format!("{tag} ({})", elements_of(*n)))
+                    .collect();
+                format!(
+                    "no element with the tag {tag}; tags there are {}",
+                    all.join(", ")
+                )
             }
             Self::Size { extent_mm, .. } => format!("a mesh {extent_mm:.3e} mm across"),
-            Self::NoSurface { names, found, why_not_found } => {
-                let there = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
-                let why =
-                    why_not_found.as_ref().map_or(String::new(), |why| format!("; looked for on the mesh: {why}"));
-                format!("no surface named {}; surfaces there are: {there}{why}", names.join(", "))
+            Self::NoSurface {
+                names,
+                found,
+                why_not_found,
+            } => {
+                let there = if found.is_empty() {
+                    "none".to_owned()
+                } else {
+                    found.join(", ")
+                };
+                let why = why_not_found.as_ref().map_or(String::new(), |why| {
+                    format!("; looked for on the mesh: {why}")
+                });
+                format!(
+                    "no surface named {}; surfaces there are: {there}{why}",
+                    names.join(", ")
+                )
             }
-            Self::Tangled { name, how: Tangle::Branched, .. } => {
+            Self::Tangled {
+                name,
+                how: Tangle::Branched,
+                ..
+            } => {
                 format!("{n} edges of surface {name} with more than two triangles")
             }
-            Self::Tangled { name, how: Tangle::Inconsistent, .. } => {
-                format!("{n} edges of surface {name} whose two triangles are turned against each other")
+            Self::Tangled {
+                name,
+                how: Tangle::Inconsistent,
+                ..
+            } => {
+                format!(
+                    "{n} edges of surface {name} whose two triangles are turned against each other"
+                )
             }
-            Self::Tangled { name, how: Tangle::Pinched, .. } => {
+            Self::Tangled {
+                name,
+                how: Tangle::Pinched,
+                ..
+            } => {
                 format!("{n} nodes where the border of surface {name} touches itself")
             }
             Self::OffBoundary { name, of, .. } => {
-                format!("{n} of {of} triangles of surface {name} that are no boundary faces of the mesh")
+                format!(
+                    "{n} of {of} triangles of surface {name} that are no boundary faces of the mesh"
+                )
             }
             Self::Inward { name, of, .. } => {
                 format!("{n} of {of} triangles of surface {name} with normals into the tissue")
             }
-            Self::TwoSurfaces { first, second, .. } => format!("{n} triangles in both surfaces {first} and {second}"),
-            Self::Hole { .. } => format!("{n} openings of the endocardium that the rim does not border"),
+            Self::TwoSurfaces { first, second, .. } => {
+                format!("{n} triangles in both surfaces {first} and {second}")
+            }
+            Self::Hole { .. } => {
+                format!("{n} openings of the endocardium that the rim does not border")
+            }
             Self::NoFurther { name, found, .. } => {
-                let there = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
+                let there = if found.is_empty() {
+                    "none".to_owned()
+                } else {
+                    found.join(", ")
+                };
                 format!("no surface named {name}; surfaces there are: {there}")
             }
-            Self::NotRight { name } => format!("the surface {name}, which is not the right ventricle's"),
+            Self::NotRight { name } => {
+                format!("the surface {name}, which is not the right ventricle's")
+            }
             Self::RightOverlap { first, second, .. } => {
                 format!("{n} triangles in both surfaces {first} and {second}")
             }
-            Self::RightHole { name, .. } => format!("{n} openings of surface {name} that the rim does not border"),
+            Self::RightHole { name, .. } => {
+                format!("{n} openings of surface {name} that the rim does not border")
+            }
             Self::Closed { volume, .. } => format!("a closed endocardium around {volume:.1}"),
             Self::Cavity { found, .. } => format!("a cavity of {found:.1}"),
             Self::Wall { found, .. } => format!("contracting tissue of {found:.1}"),
             Self::NoFibres => "no fibres".to_owned(),
             Self::FibreLength { of, worst, .. } => {
-                format!("{n} of {of} contracting elements without a unit fibre, the worst of length {worst}")
+                format!(
+                    "{n} of {of} contracting elements without a unit fibre, the worst of length {worst}"
+                )
             }
-            Self::Site { site, distance_mm, .. } => {
-                format!("activation site {} {distance_mm:.1} mm away from contracting tissue", site + 1)
+            Self::Site {
+                site, distance_mm, ..
+            } => {
+                format!(
+                    "activation site {} {distance_mm:.1} mm away from contracting tissue",
+                    site + 1
+                )
             }
             Self::NoStart => "neither activation times nor activation sites".to_owned(),
             Self::Times { found, .. } => found.clone(),
@@ -429,14 +615,28 @@ impl Defect {
 
 impl std::fmt::Display for Defect {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "found {}, expected {}; {}", self.found(), self.expected(), self.remedy())
+        write!(
+            f,
+            "found {}, expected {}; {}",
+            self.found(),
+            self.expected(),
+            self.remedy()
+        )
     }
 }
 
 fn elements_of(n: usize) -> String {
-    if n == 1 { "1 element".to_owned() } else { format!("{n} elements") }
+    if n == 1 {
+        "1 element".to_owned()
+    } else {
+        format!("{n} elements")
+    }
 }
 
 fn nodes_of(n: usize) -> String {
-    if n == 1 { "1 node".to_owned() } else { format!("{n} nodes") }
+    if n == 1 {
+        "1 node".to_owned()
+    } else {
+        format!("{n} nodes")
+    }
 }

@@ -8,16 +8,35 @@ use crate::surface::{Surface, boundary, edges, sorted};
 use crate::tet_mesh::{TetMesh, surface_names};
 
 pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mut Vec<Defect>) {
-    let lacks = |name: &&&str| mesh.surface(name).is_none_or(|surface| surface.triangles.is_empty());
-    let missing: Vec<String> = expected.surfaces.iter().filter(lacks).map(|name| (*name).to_owned()).collect();
+    let lacks = |name: &&&str| {
+        mesh.surface(name)
+            .is_none_or(|surface| surface.triangles.is_empty())
+    };
+    let missing: Vec<String> = expected
+        .surfaces
+        .iter()
+        .filter(lacks)
+        .map(|name| (*name).to_owned())
+        .collect();
     let no_surface = (!missing.is_empty()).then(|| Defect::NoSurface {
         names: missing,
-        found: mesh.surfaces.iter().map(|surface| surface.name.clone()).collect(),
+        found: mesh
+            .surfaces
+            .iter()
+            .map(|surface| surface.name.clone())
+            .collect(),
         why_not_found: expected.surfaces_not_found.clone(),
     });
-    let outward: HashMap<[u32; 3], [u32; 3]> =
-        boundary(mesh).iter().map(|face| (sorted(face.triangle), face.triangle)).collect();
-    let known = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM, surface_names::SEPTUM];
+    let outward: HashMap<[u32; 3], [u32; 3]> = boundary(mesh)
+        .iter()
+        .map(|face| (sorted(face.triangle), face.triangle))
+        .collect();
+    let known = [
+        surface_names::ENDOCARDIUM,
+        surface_names::EPICARDIUM,
+        surface_names::RIM,
+        surface_names::SEPTUM,
+    ];
     let mut owner: BTreeMap<[u32; 3], &str> = BTreeMap::new();
     // a file may carry other surfaces beside those that are known; they are not looked at
     let whole = |name: &str| known.contains(&name) || expected.surfaces.contains(&name);
@@ -30,7 +49,9 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         for triangle in &surface.triangles {
             match outward.get(&sorted(*triangle)) {
                 None => off.push(at_triangle(mesh, *triangle)),
-                Some(face) if !same_turn(*face, *triangle) => inward.push(at_triangle(mesh, *triangle)),
+                Some(face) if !same_turn(*face, *triangle) => {
+                    inward.push(at_triangle(mesh, *triangle))
+                }
                 Some(_) => {}
             }
             // springs may act on a part of another surface
@@ -38,29 +59,51 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
                 continue;
             }
             if let Some(first) = owner.insert(sorted(*triangle), &surface.name) {
-                shared.entry(first).or_default().push(at_triangle(mesh, *triangle));
+                shared
+                    .entry(first)
+                    .or_default()
+                    .push(at_triangle(mesh, *triangle));
             }
         }
         let of = surface.triangles.len();
         found.extend(shared.into_iter().map(|(first, places)| {
             let first = first.to_owned();
             match right(&first) || right(&surface.name) {
-                true => Defect::RightOverlap { first, second: name(), places },
-                false => Defect::TwoSurfaces { first, second: name(), places },
+                true => Defect::RightOverlap {
+                    first,
+                    second: name(),
+                    places,
+                },
+                false => Defect::TwoSurfaces {
+                    first,
+                    second: name(),
+                    places,
+                },
             }
         }));
         if !off.is_empty() {
-            found.push(Defect::OffBoundary { name: name(), of, places: off });
+            found.push(Defect::OffBoundary {
+                name: name(),
+                of,
+                places: off,
+            });
         }
         if sound && !inward.is_empty() {
-            found.push(Defect::Inward { name: name(), of, places: inward });
+            found.push(Defect::Inward {
+                name: name(),
+                of,
+                places: inward,
+            });
         }
         tangles(mesh, surface, right(&surface.name), found);
     }
     // Where the endocardium is closed, no rim could border it, and that is told instead.
     let closed = endocardium(mesh, expected, found);
     let of_rim = |names: &Vec<String>| names[..] == [surface_names::RIM.to_owned()];
-    found.extend(no_surface.filter(|d| !(closed && matches!(d, Defect::NoSurface { names, .. } if of_rim(names)))));
+    found
+        .extend(no_surface.filter(|d| {
+            !(closed && matches!(d, Defect::NoSurface { names, .. } if of_rim(names)))
+        }));
 }
 
 /// Every edge and node where a surface is none.
@@ -81,7 +124,9 @@ fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defec
     for (edge, (forward, backward)) in uses {
         match (forward, backward) {
             (1, 1) => {}
-            (1, 0) | (0, 1) => edge.into_iter().for_each(|node| *ends.entry(node).or_default() += 1),
+            (1, 0) | (0, 1) => edge
+                .into_iter()
+                .for_each(|node| *ends.entry(node).or_default() += 1),
             (2, 0) | (0, 2) => against.push(at_edge(mesh, edge)),
             _ => branched.push(at_edge(mesh, edge)),
         }
@@ -90,19 +135,35 @@ fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defec
     // a rim may touch itself where it is one element wide, and walls where they meet it; the cavity's border may not
     let wall = surface.name == surface_names::ENDOCARDIUM || right;
     let pinched: Vec<Place> = match whole && wall {
-        true => ends.into_iter().filter(|(_, n)| *n > 2).map(|(node, _)| at_node(mesh, node)).collect(),
+        true => ends
+            .into_iter()
+            .filter(|(_, n)| *n > 2)
+            .map(|(node, _)| at_node(mesh, node))
+            .collect(),
         false => Vec::new(),
     };
-    for (how, places) in [(Tangle::Branched, branched), (Tangle::Inconsistent, against), (Tangle::Pinched, pinched)] {
+    for (how, places) in [
+        (Tangle::Branched, branched),
+        (Tangle::Inconsistent, against),
+        (Tangle::Pinched, pinched),
+    ] {
         if !places.is_empty() {
-            found.push(Defect::Tangled { name: surface.name.clone(), how, places });
+            found.push(Defect::Tangled {
+                name: surface.name.clone(),
+                how,
+                places,
+            });
         }
     }
 }
 
 /// Openings of a cavity that the rim's nodes do not wholly border.
 pub(super) fn openings_off_rim(mesh: &TetMesh, cavity: &Cavity, rim: &BTreeSet<u32>) -> Vec<Place> {
-    let bare = cavity.openings.iter().enumerate().filter(|(_, o)| !o.iter().all(|node| rim.contains(node)));
+    let bare = cavity
+        .openings
+        .iter()
+        .enumerate()
+        .filter(|(_, o)| !o.iter().all(|node| rim.contains(node)));
     let place = |(k, opening): (usize, &Vec<u32>)| Place {
         item: Item::Opening(opening.len()),
         at_mm: cavity.opening_centre_mm(k, &mesh.nodes_mm),
@@ -112,14 +173,25 @@ pub(super) fn openings_off_rim(mesh: &TetMesh, cavity: &Cavity, rim: &BTreeSet<u
 
 /// Looks at openings and volume of the cavity; whether it is closed.
 fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> bool {
-    let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM).filter(|s| !s.triangles.is_empty()) else {
+    let Some(endocardium) = mesh
+        .surface(surface_names::ENDOCARDIUM)
+        .filter(|s| !s.triangles.is_empty())
+    else {
         return false;
     };
-    let Ok(cavity) = Cavity::behind(&endocardium.triangles) else { return false };
+    let Ok(cavity) = Cavity::behind(&endocardium.triangles) else {
+        return false;
+    };
     let volume = cavity.volume(&mesh.nodes_mm);
     if cavity.openings.is_empty() {
         let at_mm = super::middle(mesh, &endocardium.nodes());
-        found.push(Defect::Closed { volume, places: vec![Place { item: Item::Spot, at_mm }] });
+        found.push(Defect::Closed {
+            volume,
+            places: vec![Place {
+                item: Item::Spot,
+                at_mm,
+            }],
+        });
     } else if let Some(rim) = mesh.surface(surface_names::RIM) {
         let rim: BTreeSet<u32> = rim.nodes().into_iter().collect();
         let places = openings_off_rim(mesh, &cavity, &rim);
@@ -130,7 +202,11 @@ fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> 
     if let Some((measured, tolerance)) = expected.cavity {
         let near = (volume.0 - measured.0).abs() <= tolerance * measured.0;
         if !near {
-            found.push(Defect::Cavity { found: volume, measured, tolerance });
+            found.push(Defect::Cavity {
+                found: volume,
+                measured,
+                tolerance,
+            });
         }
     }
     cavity.openings.is_empty()

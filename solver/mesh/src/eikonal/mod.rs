@@ -33,7 +33,11 @@ pub struct Speeds {
 impl Default for Speeds {
     /// 0.6 along, 0.3 across: an assumption of ours.
     fn default() -> Self {
-        Self { fibre: 0.6, sheet: 0.3, normal: 0.3 }
+        Self {
+            fibre: 0.6,
+            sheet: 0.3,
+            normal: 0.3,
+        }
     }
 }
 
@@ -119,7 +123,9 @@ pub enum EikonalError {
         most_mm: f64,
     },
     /// Tissue that no wave reaches.
-    #[error("eikonal: {n} conducting nodes are not reached, the first is node {node}; expected connected tissue")]
+    #[error(
+        "eikonal: {n} conducting nodes are not reached, the first is node {node}; expected connected tissue"
+    )]
     Unreached {
         /// How many.
         n: usize,
@@ -153,12 +159,16 @@ pub fn activation_of_part(
     let front = Front::new(mesh, joint, conduction)?;
     let mut times = front.start()?;
     front.run(&mut times);
-    let missed: Vec<usize> =
-        (0..joint.n_owned()).filter(|node| front.conducts[*node] && times[*node].is_infinite()).collect();
+    let missed: Vec<usize> = (0..joint.n_owned())
+        .filter(|node| front.conducts[*node] && times[*node].is_infinite())
+        .collect();
     let mut n = [missed.len() as f64];
     joint.sum(&mut n);
     match first(joint, missed.iter().map(|node| joint.node(*node)).min()) {
-        Some(node) => Err(EikonalError::Unreached { n: n[0] as usize, node: node as usize }),
+        Some(node) => Err(EikonalError::Unreached {
+            n: n[0] as usize,
+            node: node as usize,
+        }),
         None => Ok(times),
     }
 }
@@ -178,25 +188,54 @@ struct Front<'a> {
 }
 
 impl<'a> Front<'a> {
-    fn new(mesh: &'a TetMesh, joint: &'a dyn Joint, conduction: &'a Conduction) -> Result<Self, EikonalError> {
-        let Conduction { speeds, endocardial_speed, tags, sites } = conduction;
+    fn new(
+        mesh: &'a TetMesh,
+        joint: &'a dyn Joint,
+        conduction: &'a Conduction,
+    ) -> Result<Self, EikonalError> {
+        let Conduction {
+            speeds,
+            endocardial_speed,
+            tags,
+            sites,
+        } = conduction;
         if sites.is_empty() {
             return Err(EikonalError::NoSite);
         }
-        let named = [("fibre", speeds.fibre), ("sheet", speeds.sheet), ("normal", speeds.normal)];
-        for (which, found) in named.into_iter().chain(endocardial_speed.map(|speed| ("endocardial", speed))) {
+        let named = [
+            ("fibre", speeds.fibre),
+            ("sheet", speeds.sheet),
+            ("normal", speeds.normal),
+        ];
+        for (which, found) in named
+            .into_iter()
+            .chain(endocardial_speed.map(|speed| ("endocardial", speed)))
+        {
             if !(found > 0.0 && found.is_finite()) {
                 return Err(EikonalError::Speed { which, found });
             }
         }
-        let tets: Vec<u32> = (0..mesh.n_tets()).filter(|e| tags.contains(&mesh.tags[*e])).map(|e| e as u32).collect();
+        let tets: Vec<u32> = (0..mesh.n_tets())
+            .filter(|e| tags.contains(&mesh.tags[*e]))
+            .map(|e| e as u32)
+            .collect();
         if !any(joint, !tets.is_empty()) {
             return Err(EikonalError::NoTissue { tags: tags.clone() });
         }
-        let lacks = |e: &u32| mesh.frames.get(*e as usize).is_none_or(|frame| norm(frame.fibre) < 0.5);
-        let bare = tets.iter().filter(|e| lacks(e)).map(|e| joint.element(*e as usize)).min();
+        let lacks = |e: &u32| {
+            mesh.frames
+                .get(*e as usize)
+                .is_none_or(|frame| norm(frame.fibre) < 0.5)
+        };
+        let bare = tets
+            .iter()
+            .filter(|e| lacks(e))
+            .map(|e| joint.element(*e as usize))
+            .min();
         if let Some(element) = first(joint, bare) {
-            return Err(EikonalError::NoFibre { element: element as usize });
+            return Err(EikonalError::NoFibre {
+                element: element as usize,
+            });
         }
         let mut conducts = vec![false; mesh.n_nodes()];
         let corners: Vec<[u32; 4]> = tets.iter().map(|e| mesh.tets[*e as usize]).collect();
@@ -206,17 +245,39 @@ impl<'a> Front<'a> {
         let conducts = flags(joint, &conducts);
         let mut triangles: Vec<[u32; 3]> = Vec::new();
         if endocardial_speed.is_some() {
-            let endocardium = mesh.surface(surface_names::ENDOCARDIUM).map_or(&[][..], |s| &s.triangles);
-            triangles.extend(endocardium.iter().filter(|t| t.iter().all(|node| conducts[*node as usize])));
+            let endocardium = mesh
+                .surface(surface_names::ENDOCARDIUM)
+                .map_or(&[][..], |s| &s.triangles);
+            triangles.extend(
+                endocardium
+                    .iter()
+                    .filter(|t| t.iter().all(|node| conducts[*node as usize])),
+            );
         }
-        let mut sheet_around = vec![Vec::new(); if triangles.is_empty() { 0 } else { mesh.n_nodes() }];
+        let mut sheet_around = vec![
+            Vec::new();
+            if triangles.is_empty() {
+                0
+            } else {
+                mesh.n_nodes()
+            }
+        ];
         for (i, triangle) in triangles.iter().enumerate() {
             for node in triangle {
                 sheet_around[*node as usize].push(i as u32);
             }
         }
         let around = Adjacency::node_to_tets(mesh.n_nodes(), &corners);
-        Ok(Self { mesh, joint, conduction, conducts, tets, around, triangles, sheet_around })
+        Ok(Self {
+            mesh,
+            joint,
+            conduction,
+            conducts,
+            tets,
+            around,
+            triangles,
+            sheet_around,
+        })
     }
 
     /// Travel time of a displacement in the tissue of an element.
@@ -240,14 +301,27 @@ impl<'a> Front<'a> {
 
     /// The frame of an element of the whole mesh; all parts that hold it have the same.
     fn frame_of(&self, element: u32) -> Frame {
-        let here = self.tets.iter().find(|e| self.joint.element(**e as usize) == element);
+        let here = self
+            .tets
+            .iter()
+            .find(|e| self.joint.element(**e as usize) == element);
         let mut axes = [f64::NEG_INFINITY; 9];
-        if let Some(Frame { fibre, sheet, normal }) = here.map(|e| &self.mesh.frames[*e as usize]) {
+        if let Some(Frame {
+            fibre,
+            sheet,
+            normal,
+        }) = here.map(|e| &self.mesh.frames[*e as usize])
+        {
             axes.copy_from_slice([*fibre, *sheet, *normal].as_flattened());
         }
         self.joint.max(&mut axes);
-        let [fibre, sheet, normal] = std::array::from_fn(|k| std::array::from_fn(|i| axes[3 * k + i]));
-        Frame { fibre, sheet, normal }
+        let [fibre, sheet, normal] =
+            std::array::from_fn(|k| std::array::from_fn(|i| axes[3 * k + i]));
+        Frame {
+            fibre,
+            sheet,
+            normal,
+        }
     }
 
     /// Times at the sites, infinite elsewhere.
@@ -258,17 +332,28 @@ impl<'a> Front<'a> {
         for (i, site) in self.conduction.sites.iter().enumerate() {
             let away = |node: usize| distance(self.mesh.nodes_mm[node], site.at_mm);
             let own = (0..joint.n_owned()).filter(|node| self.conducts[*node]);
-            let (away_mm, nearest_node) = nearest(joint, own.map(|node| (away(node), joint.node(node))));
+            let (away_mm, nearest_node) =
+                nearest(joint, own.map(|node| (away(node), joint.node(node))));
             if away_mm.is_nan() || away_mm > most_mm.max(site.radius_mm) {
-                return Err(EikonalError::FarSite { site: i, away_mm, most_mm });
+                return Err(EikonalError::FarSite {
+                    site: i,
+                    away_mm,
+                    most_mm,
+                });
             }
             let off = |e: usize| distance(self.mesh.centroid_mm(e), site.at_mm);
             let tets = self.tets.iter().map(|e| *e as usize);
             let (_, element) = nearest(joint, tets.map(|e| (off(e), joint.element(e))));
             let frame = self.frame_of(element.unwrap_or(0));
-            let chosen = |node: &usize| Some(joint.node(*node)) == nearest_node || away(*node) <= site.radius_mm;
-            for node in (0..self.mesh.n_nodes()).filter(|node| self.conducts[*node]).filter(chosen) {
-                let time = site.time.0 + self.travel_ms(&frame, sub(self.mesh.nodes_mm[node], site.at_mm));
+            let chosen = |node: &usize| {
+                Some(joint.node(*node)) == nearest_node || away(*node) <= site.radius_mm
+            };
+            for node in (0..self.mesh.n_nodes())
+                .filter(|node| self.conducts[*node])
+                .filter(chosen)
+            {
+                let time =
+                    site.time.0 + self.travel_ms(&frame, sub(self.mesh.nodes_mm[node], site.at_mm));
                 times[node] = times[node].min(time);
             }
         }
@@ -284,7 +369,9 @@ impl<'a> Front<'a> {
         let reached = (0..times.len()).filter(|node| times[*node].is_finite());
         let mut waiting: BinaryHeap<_> = reached.map(|node| entry(node, times)).collect();
         loop {
-            let mut earliest = [waiting.peek().map_or(f64::NEG_INFINITY, |Reverse((Time(time), _))| -time)];
+            let mut earliest = [waiting
+                .peek()
+                .map_or(f64::NEG_INFINITY, |Reverse((Time(time), _))| -time)];
             self.joint.max(&mut earliest);
             if earliest[0] == f64::NEG_INFINITY {
                 return;
@@ -298,16 +385,27 @@ impl<'a> Front<'a> {
     }
 
     /// Carries times up to `end_ms` on to own nodes.
-    fn settle(&self, times: &mut [f64], waiting: &mut BinaryHeap<Reverse<(Time, u32)>>, end_ms: f64) {
+    fn settle(
+        &self,
+        times: &mut [f64],
+        waiting: &mut BinaryHeap<Reverse<(Time, u32)>>,
+        end_ms: f64,
+    ) {
         let n_owned = self.joint.n_owned();
-        while waiting.peek().is_some_and(|Reverse((Time(time), _))| *time <= end_ms) {
-            let Some(Reverse((Time(time), node))) = waiting.pop() else { break };
+        while waiting
+            .peek()
+            .is_some_and(|Reverse((Time(time), _))| *time <= end_ms)
+        {
+            let Some(Reverse((Time(time), node))) = waiting.pop() else {
+                break;
+            };
             if time > times[node as usize] {
                 continue; // it has become earlier since
             }
             let mut better = |corner: u32, arrival: f64, times: &mut [f64]| {
                 let old = times[corner as usize];
-                if arrival < old && (old.is_infinite() || old - arrival > SAME * old.abs().max(1.0)) {
+                if arrival < old && (old.is_infinite() || old - arrival > SAME * old.abs().max(1.0))
+                {
                     times[corner as usize] = arrival;
                     waiting.push(Reverse((Time(arrival), corner)));
                 }
@@ -323,7 +421,9 @@ impl<'a> Front<'a> {
             if let Some(sheet) = self.sheet_around.get(node as usize) {
                 for i in sheet {
                     let triangle = self.triangles[*i as usize];
-                    for k in (0..3).filter(|k| triangle[*k] != node && (triangle[*k] as usize) < n_owned) {
+                    for k in
+                        (0..3).filter(|k| triangle[*k] != node && (triangle[*k] as usize) < n_owned)
+                    {
                         let arrival = self.arrival_in_sheet(triangle, k, times);
                         better(triangle[k], arrival, times);
                     }
@@ -337,7 +437,13 @@ impl<'a> Front<'a> {
         let frame = &self.mesh.frames[e];
         let x = self.mesh.nodes_mm[tet[corner] as usize];
         let others: [u32; 3] = std::array::from_fn(|i| tet[(corner + 1 + i) % 4]);
-        let rays = others.map(|n| slowness(frame, &self.conduction.speeds, sub(self.mesh.nodes_mm[n as usize], x)));
+        let rays = others.map(|n| {
+            slowness(
+                frame,
+                &self.conduction.speeds,
+                sub(self.mesh.nodes_mm[n as usize], x),
+            )
+        });
         update::arrival(&rays, &others.map(|n| times[n as usize]))
     }
 

@@ -7,23 +7,39 @@ use crate::tet_mesh::tags;
 use crate::vec3::{add, scale, unit};
 use cardiotwin_units::Ml;
 
-const SPEEDS: Speeds = Speeds { fibre: 0.6, sheet: 0.4, normal: 0.25 };
+const SPEEDS: Speeds = Speeds {
+    fibre: 0.6,
+    sheet: 0.4,
+    normal: 0.25,
+};
 
 /// The same oblique frame everywhere.
 fn oblique(mesh: &mut TetMesh) -> Frame {
     let fibre = unit([1.0, 2.0, 0.5]).unwrap();
     let sheet = crate::vec3::any_perpendicular(fibre);
-    let frame = Frame { fibre, sheet, normal: crate::vec3::cross(fibre, sheet) };
+    let frame = Frame {
+        fibre,
+        sheet,
+        normal: crate::vec3::cross(fibre, sheet),
+    };
     mesh.frames = vec![frame; mesh.n_tets()];
     frame
 }
 
 fn conduction(sites: Vec<Site>) -> Conduction {
-    Conduction { speeds: SPEEDS, endocardial_speed: None, tags: vec![1], sites }
+    Conduction {
+        speeds: SPEEDS,
+        endocardial_speed: None,
+        tags: vec![1],
+        sites,
+    }
 }
 
 fn order(errors: &[(f64, f64)]) -> Vec<f64> {
-    errors.windows(2).map(|pair| (pair[0].1 / pair[1].1).ln() / (pair[0].0 / pair[1].0).ln()).collect()
+    errors
+        .windows(2)
+        .map(|pair| (pair[0].1 / pair[1].1).ln() / (pair[0].0 / pair[1].0).ln())
+        .collect()
 }
 
 /// Largest error over a cube of 20 mm around a point source in its middle.
@@ -31,10 +47,22 @@ fn point_source_error(n: usize, radius_mm: f64) -> (f64, f64) {
     let mut mesh = cube(n, 20.0);
     let frame = oblique(&mut mesh);
     let centre = [10.0; 3];
-    let site = Site { at_mm: centre, radius_mm, time: Ms(5.0) };
+    let site = Site {
+        at_mm: centre,
+        radius_mm,
+        time: Ms(5.0),
+    };
     let times = activation_ms(&mesh, &conduction(vec![site])).unwrap();
-    let error = |(x, t): (&Vec3, &f64)| (t - 5.0 - norm(slowness(&frame, &SPEEDS, sub(*x, centre)))).abs();
-    (20.0 / n as f64, mesh.nodes_mm.iter().zip(&times).map(error).fold(0.0, f64::max))
+    let error =
+        |(x, t): (&Vec3, &f64)| (t - 5.0 - norm(slowness(&frame, &SPEEDS, sub(*x, centre)))).abs();
+    (
+        20.0 / n as f64,
+        mesh.nodes_mm
+            .iter()
+            .zip(&times)
+            .map(error)
+            .fold(0.0, f64::max),
+    )
 }
 
 #[test]
@@ -43,7 +71,10 @@ fn a_point_source_converges_with_its_logarithmic_first_order() {
     // the error of a point's neighbourhood is carried along: h ln(L/h), whose observed order is 0.5 to 0.7 here
     let scaled = errors.map(|(h, error)| error / (h * (20.0 / h).ln()));
     for pair in scaled.windows(2) {
-        assert!((pair[0] / pair[1] - 1.0).abs() < 0.05, "{scaled:?}: {errors:?}");
+        assert!(
+            (pair[0] / pair[1] - 1.0).abs() < 0.05,
+            "{scaled:?}: {errors:?}"
+        );
     }
 }
 
@@ -62,20 +93,31 @@ fn a_plane_wave_is_exact() {
     let mut mesh = block([12, 5, 4], [24.0, 8.0, 8.0]);
     let frame = oblique(&mut mesh);
     let along = [frame.fibre[0], frame.sheet[0], frame.normal[0]];
-    let speed = (0..3).map(|i| (along[i] * [0.6, 0.4, 0.25][i]).powi(2)).sum::<f64>().sqrt();
+    let speed = (0..3)
+        .map(|i| (along[i] * [0.6, 0.4, 0.25][i]).powi(2))
+        .sum::<f64>()
+        .sqrt();
     // every node of three neighbouring faces, on which the exact wave is given
     let given = |x: &Vec3| x[0] == 0.0 || x[1] == 0.0 || x[2] == 0.0 || x[1] == 8.0 || x[2] == 8.0;
     let mut front_times = vec![f64::INFINITY; mesh.n_nodes()];
     for (node, x) in mesh.nodes_mm.iter().enumerate().filter(|(_, x)| given(x)) {
         front_times[node] = x[0] / speed;
     }
-    let site = Site { at_mm: [0.0; 3], radius_mm: 0.0, time: Ms(0.0) };
+    let site = Site {
+        at_mm: [0.0; 3],
+        radius_mm: 0.0,
+        time: Ms(0.0),
+    };
     let conduction = conduction(vec![site]);
     let alone = Alone(mesh.n_nodes());
     let front = Front::new(&mesh, &alone, &conduction).unwrap();
     front.run(&mut front_times);
     for (x, t) in mesh.nodes_mm.iter().zip(&front_times) {
-        assert!((t - x[0] / speed).abs() < 1e-10, "{x:?}: {t}, exactly {}", x[0] / speed);
+        assert!(
+            (t - x[0] / speed).abs() < 1e-10,
+            "{x:?}: {t}, exactly {}",
+            x[0] / speed
+        );
     }
 }
 
@@ -92,14 +134,37 @@ fn a_plane_wave_in_changing_tissue_converges_with_first_order_or_better() {
             mesh.frames = (0..mesh.n_tets())
                 .map(|e| {
                     let (s, c) = angle(mesh.centroid_mm(e)[0]).sin_cos();
-                    Frame { fibre: [c, s, 0.0], sheet: [-s, c, 0.0], normal: [0.0, 0.0, 1.0] }
+                    Frame {
+                        fibre: [c, s, 0.0],
+                        sheet: [-s, c, 0.0],
+                        normal: [0.0, 0.0, 1.0],
+                    }
                 })
                 .collect();
-            let speeds = Speeds { fibre: 0.6, sheet: 0.3, normal: 0.3 };
-            let faces: Vec<usize> = (0..mesh.n_nodes()).filter(|i| mesh.nodes_mm[*i][0] == 0.0).collect();
-            let sites =
-                faces.iter().map(|node| Site { at_mm: mesh.nodes_mm[*node], radius_mm: 0.0, time: Ms(0.0) }).collect();
-            let times = activation_ms(&mesh, &Conduction { speeds, ..conduction(sites) }).unwrap();
+            let speeds = Speeds {
+                fibre: 0.6,
+                sheet: 0.3,
+                normal: 0.3,
+            };
+            let faces: Vec<usize> = (0..mesh.n_nodes())
+                .filter(|i| mesh.nodes_mm[*i][0] == 0.0)
+                .collect();
+            let sites = faces
+                .iter()
+                .map(|node| Site {
+                    at_mm: mesh.nodes_mm[*node],
+                    radius_mm: 0.0,
+                    time: Ms(0.0),
+                })
+                .collect();
+            let times = activation_ms(
+                &mesh,
+                &Conduction {
+                    speeds,
+                    ..conduction(sites)
+                },
+            )
+            .unwrap();
             // by Simpson's rule: dt/dx = 1/speed(x)
             let slow = |x: f64| {
                 let (s, c) = angle(x).sin_cos();
@@ -107,7 +172,10 @@ fn a_plane_wave_in_changing_tissue_converges_with_first_order_or_better() {
             };
             let exact: f64 = (0..1000)
                 .map(|i| {
-                    let (a, b) = (20.0 * f64::from(i) / 1000.0, 20.0 * f64::from(i + 1) / 1000.0);
+                    let (a, b) = (
+                        20.0 * f64::from(i) / 1000.0,
+                        20.0 * f64::from(i + 1) / 1000.0,
+                    );
                     (b - a) / 6.0 * (slow(a) + 4.0 * slow(0.5 * (a + b)) + slow(b))
                 })
                 .sum();
@@ -142,7 +210,10 @@ fn a_ventricle_with_a_fast_endocardium_is_activated_within_forty_to_sixty_ms_at_
     let last = |n_nodes: usize| {
         let (mesh, shape) = heart(n_nodes);
         let times = activation_ms(&mesh, &sinus(&shape)).unwrap();
-        times.into_iter().filter(|t| t.is_finite()).fold(0.0, f64::max)
+        times
+            .into_iter()
+            .filter(|t| t.is_finite())
+            .fold(0.0, f64::max)
     };
     let ends = [1500, 10_000].map(last);
     for end in ends {
@@ -150,8 +221,20 @@ fn a_ventricle_with_a_fast_endocardium_is_activated_within_forty_to_sixty_ms_at_
     }
     assert!((ends[0] / ends[1] - 1.0).abs() < 0.1, "{ends:?}");
     let (mesh, shape) = heart(1500);
-    let slow = activation_ms(&mesh, &Conduction { endocardial_speed: None, ..sinus(&shape) }).unwrap();
-    assert!(slow.into_iter().filter(|t| t.is_finite()).fold(0.0, f64::max) > 1.4 * ends[0]);
+    let slow = activation_ms(
+        &mesh,
+        &Conduction {
+            endocardial_speed: None,
+            ..sinus(&shape)
+        },
+    )
+    .unwrap();
+    assert!(
+        slow.into_iter()
+            .filter(|t| t.is_finite())
+            .fold(0.0, f64::max)
+            > 1.4 * ends[0]
+    );
 }
 
 #[test]
@@ -183,5 +266,8 @@ fn passive_tissue_is_not_activated_and_errors_name_their_cause() {
     assert!(told(&|c| c.tags = vec![9]).contains("conducting tags [9]"));
     assert!(told(&|c| c.tags = vec![1, 2]).contains("conducts, but has no fibre"));
     let far = told(&|c| c.sites[1].at_mm = scale(add(c.sites[1].at_mm, [1.0; 3]), 1000.0));
-    assert!(far.contains("site 1 lies") && far.contains("check its unit"), "{far}");
+    assert!(
+        far.contains("site 1 lies") && far.contains("check its unit"),
+        "{far}"
+    );
 }

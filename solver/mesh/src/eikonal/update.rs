@@ -31,14 +31,19 @@ pub fn arrival<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> f64 {
 
 /// The stationary arrival within a simplex of two or three corners, if there is one.
 fn inside<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> Option<f64> {
-    let gram: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| dot(rays[i], rays[j])));
+    let gram: [[f64; N]; N] =
+        std::array::from_fn(|i| std::array::from_fn(|j| dot(rays[i], rays[j])));
     // times relative to the earliest keep digits where they are late
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
     let later = times.map(|time| time - first);
     let a = solve(&gram, &[1.0; N])?;
     let b = solve(&gram, &later)?;
     let sum = |x: &[f64; N]| x.iter().sum::<f64>();
-    let (aa, ab, bb) = (sum(&a), sum(&b), b.iter().zip(&later).map(|(x, t)| x * t).sum::<f64>());
+    let (aa, ab, bb) = (
+        sum(&a),
+        sum(&b),
+        b.iter().zip(&later).map(|(x, t)| x * t).sum::<f64>(),
+    );
     // aa τ² − 2 ab τ + bb − 1 = 0
     let under = ab * ab - aa * (bb - 1.0);
     if !(aa > 0.0 && under >= 0.0) {

@@ -110,29 +110,82 @@ pub fn generate(spec: &EllipsoidSpec) -> Result<Ellipsoid, EllipsoidError> {
     let first = Shape::from_volumes(spec);
     let (rings, n_layers) = Rings::for_nodes(&first, spec.n_nodes);
     let tets = wedges::split(&rings, n_layers);
-    let topology = Topology { spec, rings: &rings, n_layers, tets: &tets };
+    let topology = Topology {
+        spec,
+        rings: &rings,
+        n_layers,
+        tets: &tets,
+    };
     let shape = topology.fit(first)?;
     let mut mesh = topology.mesh(&shape);
     mesh.surfaces = topology.surfaces(&mesh);
-    Ok(Ellipsoid { mesh, shape, n_layers })
+    Ok(Ellipsoid {
+        mesh,
+        shape,
+        n_layers,
+    })
 }
 
 fn check(spec: &EllipsoidSpec) -> Result<(), EllipsoidError> {
     let top = spec.base_height + spec.ring_height;
     let rules = [
-        ("cavity (mL)", spec.cavity.0, spec.cavity.0 > 0.0 && spec.cavity.0 < 2000.0, "a volume in (0, 2000)"),
-        ("wall (mL)", spec.wall.0, spec.wall.0 > 0.0 && spec.wall.0 < 2000.0, "a volume in (0, 2000)"),
-        ("n_nodes", spec.n_nodes as f64, NODES.contains(&spec.n_nodes), "a number from 500 to 2,000,000"),
-        ("long_to_short", spec.long_to_short, (1.0..=5.0).contains(&spec.long_to_short), "a number from 1 to 5"),
-        ("base_height", spec.base_height, (-0.5..=0.7).contains(&spec.base_height), "a number from -0.5 to 0.7"),
-        ("ring_height", spec.ring_height, (0.0..=0.5).contains(&spec.ring_height), "a number from 0 to 0.5"),
+        (
+            "cavity (mL)",
+            spec.cavity.0,
+            spec.cavity.0 > 0.0 && spec.cavity.0 < 2000.0,
+            "a volume in (0, 2000)",
+        ),
+        (
+            "wall (mL)",
+            spec.wall.0,
+            spec.wall.0 > 0.0 && spec.wall.0 < 2000.0,
+            "a volume in (0, 2000)",
+        ),
+        (
+            "n_nodes",
+            spec.n_nodes as f64,
+            NODES.contains(&spec.n_nodes),
+            "a number from 500 to 2,000,000",
+        ),
+        (
+            "long_to_short",
+            spec.long_to_short,
+            (1.0..=5.0).contains(&spec.long_to_short),
+            "a number from 1 to 5",
+        ),
+        (
+            "base_height",
+            spec.base_height,
+            (-0.5..=0.7).contains(&spec.base_height),
+            "a number from -0.5 to 0.7",
+        ),
+        (
+            "ring_height",
+            spec.ring_height,
+            (0.0..=0.5).contains(&spec.ring_height),
+            "a number from 0 to 0.5",
+        ),
         ("base_height + ring_height", top, top <= 0.8, "at most 0.8"),
-        ("apex_wall", spec.apex_wall, (0.3..=1.5).contains(&spec.apex_wall), "a number from 0.3 to 1.5"),
-        ("septum_deg", spec.septum_deg, (0.0..=180.0).contains(&spec.septum_deg), "an angle from 0 to 180"),
+        (
+            "apex_wall",
+            spec.apex_wall,
+            (0.3..=1.5).contains(&spec.apex_wall),
+            "a number from 0.3 to 1.5",
+        ),
+        (
+            "septum_deg",
+            spec.septum_deg,
+            (0.0..=180.0).contains(&spec.septum_deg),
+            "an angle from 0 to 180",
+        ),
     ];
     for (key, found, sound, expected) in rules {
         if !sound {
-            return Err(EllipsoidError::Setting { key, found, expected });
+            return Err(EllipsoidError::Setting {
+                key,
+                found,
+                expected,
+            });
         }
     }
     Ok(())
@@ -162,7 +215,13 @@ impl Topology<'_> {
             tags: self
                 .tets
                 .iter()
-                .map(|tet| if tet.in_ring { tags::AORTIC_ROOT } else { tags::LEFT_VENTRICLE })
+                .map(|tet| {
+                    if tet.in_ring {
+                        tags::AORTIC_ROOT
+                    } else {
+                        tags::LEFT_VENTRICLE
+                    }
+                })
                 .collect(),
             ..TetMesh::default()
         }
@@ -172,7 +231,11 @@ impl Topology<'_> {
     fn endocardium(&self) -> Vec<[u32; 3]> {
         let step = self.n_layers as u32 + 1;
         // rings are wound counter-clockwise seen from outside
-        self.rings.triangles.iter().map(|[a, b, c]| [a * step, c * step, b * step]).collect()
+        self.rings
+            .triangles
+            .iter()
+            .map(|[a, b, c]| [a * step, c * step, b * step])
+            .collect()
     }
 
     /// Lengths for which the mesh itself has the requested volumes: Newton in (short axis, thickness), differences for
@@ -188,7 +251,10 @@ impl Topology<'_> {
         let volumes = |shape: &Shape| {
             let mesh = self.mesh(shape);
             let wall = mesh.tissue_volume(&[tags::LEFT_VENTRICLE]);
-            [cavity.volume(&mesh.nodes_mm).0 / self.spec.cavity.0 - 1.0, wall.0 / self.spec.wall.0 - 1.0]
+            [
+                cavity.volume(&mesh.nodes_mm).0 / self.spec.cavity.0 - 1.0,
+                wall.0 / self.spec.wall.0 - 1.0,
+            ]
         };
         let mut residual = f64::INFINITY;
         for _ in 0..20 {
@@ -198,18 +264,31 @@ impl Topology<'_> {
                 return Ok(shape);
             }
             let step = 1e-6;
-            let by_axis = volumes(&Shape { short_mm: shape.short_mm * (1.0 + step), ..shape });
-            let by_wall = volumes(&Shape { wall_mm: shape.wall_mm * (1.0 + step), ..shape });
+            let by_axis = volumes(&Shape {
+                short_mm: shape.short_mm * (1.0 + step),
+                ..shape
+            });
+            let by_wall = volumes(&Shape {
+                wall_mm: shape.wall_mm * (1.0 + step),
+                ..shape
+            });
             let a = [
                 [(by_axis[0] - r[0]) / step, (by_wall[0] - r[0]) / step],
                 [(by_axis[1] - r[1]) / step, (by_wall[1] - r[1]) / step],
             ];
             let det = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-            let change = [(a[0][1] * r[1] - a[1][1] * r[0]) / det, (a[1][0] * r[0] - a[0][0] * r[1]) / det];
+            let change = [
+                (a[0][1] * r[1] - a[1][1] * r[0]) / det,
+                (a[1][0] * r[0] - a[0][0] * r[1]) / det,
+            ];
             shape.short_mm *= 1.0 + change[0].clamp(-0.3, 0.3);
             shape.wall_mm *= 1.0 + change[1].clamp(-0.3, 0.3);
         }
-        if residual < 1e-9 { Ok(shape) } else { Err(failed(residual)) }
+        if residual < 1e-9 {
+            Ok(shape)
+        } else {
+            Err(failed(residual))
+        }
     }
 
     /// Boundary faces by the layer and ring that their nodes lie in.
@@ -221,20 +300,31 @@ impl Topology<'_> {
             let name = if layers == [0; 3] {
                 surface_names::ENDOCARDIUM
             } else if layers == [step - 1; 3] {
-                if self.faces_septum(mesh, face.triangle) { surface_names::SEPTUM } else { surface_names::EPICARDIUM }
+                if self.faces_septum(mesh, face.triangle) {
+                    surface_names::SEPTUM
+                } else {
+                    surface_names::EPICARDIUM
+                }
             } else {
                 surface_names::RIM
             };
             parts.entry(name).or_default().push(face.triangle);
         }
-        parts.into_iter().map(|(name, triangles)| Surface { name: name.to_owned(), triangles }).collect()
+        parts
+            .into_iter()
+            .map(|(name, triangles)| Surface {
+                name: name.to_owned(),
+                triangles,
+            })
+            .collect()
     }
 
     /// Whether an epicardial triangle lies in the septum's sector, between a fifth of the wall's height and its top.
     fn faces_septum(&self, mesh: &TetMesh, triangle: [u32; 3]) -> bool {
         let step = self.n_layers as u32 + 1;
         let corners = triangle.map(|node| mesh.nodes_mm[node as usize]);
-        let [x, y]: [f64; 2] = std::array::from_fn(|i| corners.iter().map(|corner| corner[i]).sum::<f64>() / 3.0);
+        let [x, y]: [f64; 2] =
+            std::array::from_fn(|i| corners.iter().map(|corner| corner[i]).sum::<f64>() / 3.0);
         let off = y.atan2(-x).to_degrees().abs();
         let heights = triangle.map(|node| self.rings.columns[(node / step) as usize].height);
         off <= 0.5 * self.spec.septum_deg

@@ -48,7 +48,8 @@ impl Plan {
             0
         };
         let below = (0..=n_wall).map(|i| table.base_mm * i as f64 / n_wall as f64);
-        let above = (1..=n_ring).map(|i| table.base_mm + (table.rim_mm - table.base_mm) * i as f64 / n_ring as f64);
+        let above = (1..=n_ring)
+            .map(|i| table.base_mm + (table.rim_mm - table.base_mm) * i as f64 / n_ring as f64);
         let mut heights: Vec<f64> = below.chain(above).map(|s| table.height(s)).collect();
         heights[0] = 0.0;
         heights[n_wall] = 1.0;
@@ -59,7 +60,11 @@ impl Plan {
             .iter()
             .map(|height| {
                 let radius = shape.point(0.5, *height, 0.0)[0];
-                if *height == 0.0 { 1 } else { (TAU * radius / edge_mm).round().max(6.0) as usize }
+                if *height == 0.0 {
+                    1
+                } else {
+                    (TAU * radius / edge_mm).round().max(6.0) as usize
+                }
             })
             .collect();
         Self { heights, counts }
@@ -84,17 +89,32 @@ impl Meridian {
         let heights: Vec<f64> = (0..=n).map(|i| 2.0 * f64::from(i) / f64::from(n)).collect();
         let mut lengths = vec![0.0];
         for pair in heights.windows(2) {
-            let [from, to] = [shape.point(0.5, pair[0], 0.0), shape.point(0.5, pair[1], 0.0)];
+            let [from, to] = [
+                shape.point(0.5, pair[0], 0.0),
+                shape.point(0.5, pair[1], 0.0),
+            ];
             lengths.push(lengths[lengths.len() - 1] + distance(from, to));
         }
         let (base_mm, rim_mm) = (lengths[n as usize / 2], lengths[n as usize]);
-        Self { heights, lengths, base_mm, rim_mm }
+        Self {
+            heights,
+            lengths,
+            base_mm,
+            rim_mm,
+        }
     }
 
     fn height(&self, length: f64) -> f64 {
-        let i = self.lengths.partition_point(|at| *at < length).clamp(1, self.lengths.len() - 1);
+        let i = self
+            .lengths
+            .partition_point(|at| *at < length)
+            .clamp(1, self.lengths.len() - 1);
         let (from, to) = (self.lengths[i - 1], self.lengths[i]);
-        let share = if to > from { ((length - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
+        let share = if to > from {
+            ((length - from) / (to - from)).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
         self.heights[i - 1] + share * (self.heights[i] - self.heights[i - 1])
     }
 }
@@ -116,7 +136,10 @@ impl Rings {
             }
         }
         let (_, n_layers, edge_mm) = best.unwrap_or((0.0, MIN_LAYERS, shape.wall_mm));
-        (Self::stitch(shape, &Plan::new(shape, edge_mm, &table)), n_layers)
+        (
+            Self::stitch(shape, &Plan::new(shape, edge_mm, &table)),
+            n_layers,
+        )
     }
 
     fn stitch(shape: &Shape, plan: &Plan) -> Self {
@@ -126,14 +149,26 @@ impl Rings {
             starts.push(columns.len() as u32);
             let shift = if i % 2 == 1 { 0.5 } else { 0.0 };
             for j in 0..*count {
-                columns.push(Column { height: *height, angle: TAU * (j as f64 + shift) / *count as f64 });
+                columns.push(Column {
+                    height: *height,
+                    angle: TAU * (j as f64 + shift) / *count as f64,
+                });
             }
         }
-        let mut rings = Self { columns, triangles: Vec::new(), in_ring: Vec::new() };
+        let mut rings = Self {
+            columns,
+            triangles: Vec::new(),
+            in_ring: Vec::new(),
+        };
         for i in 0..plan.counts.len() - 1 {
-            let (lower, upper) = ((starts[i], plan.counts[i]), (starts[i + 1], plan.counts[i + 1]));
+            let (lower, upper) = (
+                (starts[i], plan.counts[i]),
+                (starts[i + 1], plan.counts[i + 1]),
+            );
             rings.join(shape, lower, upper);
-            rings.in_ring.resize(rings.triangles.len(), plan.heights[i] >= 1.0);
+            rings
+                .in_ring
+                .resize(rings.triangles.len(), plan.heights[i] >= 1.0);
         }
         rings
     }
@@ -142,7 +177,8 @@ impl Rings {
     fn join(&mut self, shape: &Shape, lower: (u32, usize), upper: (u32, usize)) {
         let node = |ring: (u32, usize), i: usize| ring.0 + (i % ring.1) as u32;
         if lower.1 == 1 {
-            self.triangles.extend((0..upper.1).map(|i| [lower.0, node(upper, i + 1), node(upper, i)]));
+            self.triangles
+                .extend((0..upper.1).map(|i| [lower.0, node(upper, i + 1), node(upper, i)]));
             return;
         }
         let mid = |column: u32| {
@@ -181,7 +217,10 @@ impl Rings {
 
 /// Edge length that gives about so many columns.
 fn edge_for(shape: &Shape, table: &Meridian, n_columns: f64) -> f64 {
-    let (mut low, mut high) = (shape.wall_mm.min(shape.short_mm) * 1e-3, 4.0 * shape.short_mm);
+    let (mut low, mut high) = (
+        shape.wall_mm.min(shape.short_mm) * 1e-3,
+        4.0 * shape.short_mm,
+    );
     for _ in 0..60 {
         let edge = (low * high).sqrt();
         if Plan::new(shape, edge, table).n_columns() as f64 > n_columns {

@@ -31,7 +31,8 @@ impl Shape {
     #[must_use]
     pub fn from_volumes(spec: &EllipsoidSpec) -> Self {
         let rim_height = spec.base_height + spec.ring_height;
-        let per_cube = PI * spec.long_to_short * (2.0 / 3.0 + rim_height - rim_height.powi(3) / 3.0);
+        let per_cube =
+            PI * spec.long_to_short * (2.0 / 3.0 + rim_height - rim_height.powi(3) / 3.0);
         let mut shape = Self {
             short_mm: (spec.cavity.0 * 1e3 / per_cube).cbrt(),
             wall_mm: 0.0,
@@ -56,7 +57,10 @@ impl Shape {
     #[must_use]
     pub fn axes_mm(&self, depth: f64) -> [f64; 2] {
         let long = self.short_mm * self.long_to_short;
-        [self.short_mm + self.wall_mm * depth, long + self.apex_wall * self.wall_mm * depth]
+        [
+            self.short_mm + self.wall_mm * depth,
+            long + self.apex_wall * self.wall_mm * depth,
+        ]
     }
 
     /// z of the contracting wall's upper end, mm.
@@ -136,7 +140,8 @@ impl Shape {
         let n = 400;
         (0..n)
             .map(|i| {
-                let at = |j: usize| self.point(depth, from + (to - from) * j as f64 / f64::from(n), 0.0);
+                let at =
+                    |j: usize| self.point(depth, from + (to - from) * j as f64 / f64::from(n), 0.0);
                 crate::vec3::distance(at(i as usize), at(i as usize + 1))
             })
             .sum()

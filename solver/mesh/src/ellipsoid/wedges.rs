@@ -22,13 +22,21 @@ pub fn split(rings: &Rings, n_layers: usize) -> Vec<WedgeTet> {
             let rank = |column: u32| (mix(u64::from(column) << 32 | u64::from(layer)), column);
             let mut sorted = *triangle;
             sorted.sort_unstable_by_key(|column| rank(*column));
-            let even = (0..3).any(|turn| std::array::from_fn(|i| triangle[(i + turn) % 3]) == sorted);
+            let even =
+                (0..3).any(|turn| std::array::from_fn(|i| triangle[(i + turn) % 3]) == sorted);
             let [p, q, r] = sorted.map(|column| column * step + layer);
-            for mut corners in [[p, q, r, r + 1], [p, q, r + 1, q + 1], [p, q + 1, r + 1, p + 1]] {
+            for mut corners in [
+                [p, q, r, r + 1],
+                [p, q, r + 1, q + 1],
+                [p, q + 1, r + 1, p + 1],
+            ] {
                 if !even {
                     corners.swap(1, 2);
                 }
-                tets.push(WedgeTet { corners, in_ring: *in_ring });
+                tets.push(WedgeTet {
+                    corners,
+                    in_ring: *in_ring,
+                });
             }
         }
     }

@@ -46,7 +46,16 @@ fn exact(heart: &Ellipsoid, x: Vec3, angles: &Angles) -> (f64, Frame) {
     let up = cross(out, around);
     let between = |endo: f64, epi: f64| (endo + (epi - endo) * depth).to_radians();
     let alpha = between(angles.alpha_endo_deg, angles.alpha_epi_deg);
-    (depth, turned(around, up, out, alpha, between(angles.beta_endo_deg, angles.beta_epi_deg)))
+    (
+        depth,
+        turned(
+            around,
+            up,
+            out,
+            alpha,
+            between(angles.beta_endo_deg, angles.beta_epi_deg),
+        ),
+    )
 }
 
 fn angle_deg(a: Vec3, b: Vec3) -> f64 {
@@ -78,11 +87,15 @@ fn fibres_and_sheets_approach_the_closed_form_with_first_order_or_better() {
         .collect();
     for pair in errors.windows(2) {
         for (quantity, least) in [(1, 0.8), (2, 0.8), (3, 1.0)] {
-            let order = (pair[0][quantity] / pair[1][quantity]).ln() / (pair[0][0] / pair[1][0]).ln();
+            let order =
+                (pair[0][quantity] / pair[1][quantity]).ln() / (pair[0][0] / pair[1][0]).ln();
             assert!(order > least, "order {order} of {quantity}: {errors:?}");
         }
     }
-    assert!(errors[1][1] < 2.0 && errors[2][1] < 1.0, "mean fibre error in degrees: {errors:?}");
+    assert!(
+        errors[1][1] < 2.0 && errors[2][1] < 1.0,
+        "mean fibre error in degrees: {errors:?}"
+    );
 }
 
 #[test]
@@ -99,7 +112,11 @@ fn the_helix_angle_runs_from_endocardium_to_epicardium() {
         }
         let around = unit([-x[1], x[0], 0.0]).unwrap();
         let rise = frame.fibre[2].atan2(dot(frame.fibre, around)).to_degrees();
-        let depth = mesh.tets[e].iter().map(|node| fields.depth[*node as usize]).sum::<f64>() / 4.0;
+        let depth = mesh.tets[e]
+            .iter()
+            .map(|node| fields.depth[*node as usize])
+            .sum::<f64>()
+            / 4.0;
         // the wall leans by up to 20 degrees here, so the rise is a little less than α
         worst = worst.max((rise - (60.0 - 120.0 * depth)).abs());
     }
@@ -112,12 +129,27 @@ fn every_frame_of_muscle_is_orthonormal_and_passive_tissue_has_none() {
         let heart = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 1000)).unwrap();
         let fields = fields(&heart.mesh, MUSCLE, rule).unwrap();
         let found = frames(&heart.mesh, MUSCLE, &fields, &Angles::default());
-        for (e, Frame { fibre: f, sheet: s, normal: n }) in found.into_iter().enumerate() {
+        for (
+            e,
+            Frame {
+                fibre: f,
+                sheet: s,
+                normal: n,
+            },
+        ) in found.into_iter().enumerate()
+        {
             if heart.mesh.tags[e] != tags::LEFT_VENTRICLE {
                 assert_eq!((f, s, n), ([0.0; 3], [0.0; 3], [0.0; 3]));
                 continue;
             }
-            for (a, b, product) in [(f, f, 1.0), (s, s, 1.0), (n, n, 1.0), (f, s, 0.0), (s, n, 0.0), (n, f, 0.0)] {
+            for (a, b, product) in [
+                (f, f, 1.0),
+                (s, s, 1.0),
+                (n, n, 1.0),
+                (f, s, 0.0),
+                (s, n, 0.0),
+                (n, f, 0.0),
+            ] {
                 assert!((dot(a, b) - product).abs() < 1e-12);
             }
         }
@@ -128,10 +160,22 @@ fn every_frame_of_muscle_is_orthonormal_and_passive_tissue_has_none() {
 fn both_longitudinal_fields_give_nearly_the_same_fibres() {
     let heart = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 6000)).unwrap();
     let mesh = &heart.mesh;
-    let [a, b] = [Longitudinal::FromBase, Longitudinal::FromApexNode(0)]
-        .map(|rule| frames(mesh, MUSCLE, &fields(mesh, MUSCLE, rule).unwrap(), &Angles::default()));
-    let muscle: Vec<usize> = (0..mesh.n_tets()).filter(|e| mesh.tags[*e] == tags::LEFT_VENTRICLE).collect();
-    let mean = muscle.iter().map(|e| angle_deg(a[*e].fibre, b[*e].fibre)).sum::<f64>() / muscle.len() as f64;
+    let [a, b] = [Longitudinal::FromBase, Longitudinal::FromApexNode(0)].map(|rule| {
+        frames(
+            mesh,
+            MUSCLE,
+            &fields(mesh, MUSCLE, rule).unwrap(),
+            &Angles::default(),
+        )
+    });
+    let muscle: Vec<usize> = (0..mesh.n_tets())
+        .filter(|e| mesh.tags[*e] == tags::LEFT_VENTRICLE)
+        .collect();
+    let mean = muscle
+        .iter()
+        .map(|e| angle_deg(a[*e].fibre, b[*e].fibre))
+        .sum::<f64>()
+        / muscle.len() as f64;
     assert!(mean < 4.0, "{mean}");
 }
 
@@ -139,16 +183,29 @@ fn both_longitudinal_fields_give_nearly_the_same_fibres() {
 fn a_vanishing_field_still_gives_whole_frames() {
     let mut mesh = crate::test_meshes::cube(2, 10.0);
     mesh.tags.fill(1);
-    let fields = Fields { depth: vec![0.5; mesh.n_nodes()], longitudinal: vec![2.0; mesh.n_nodes()] };
+    let fields = Fields {
+        depth: vec![0.5; mesh.n_nodes()],
+        longitudinal: vec![2.0; mesh.n_nodes()],
+    };
     for frame in frames(&mesh, MUSCLE, &fields, &Angles::default()) {
-        assert!((norm(frame.fibre) - 1.0).abs() < 1e-12 && dot(frame.fibre, frame.sheet).abs() < 1e-12);
+        assert!(
+            (norm(frame.fibre) - 1.0).abs() < 1e-12 && dot(frame.fibre, frame.sheet).abs() < 1e-12
+        );
     }
 }
 
 #[test]
 fn a_missing_surface_is_named() {
-    let mut mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 500)).unwrap().mesh;
-    mesh.surfaces.retain(|surface| surface.name != surface_names::ENDOCARDIUM);
-    let error = fields(&mesh, MUSCLE, Longitudinal::FromBase).unwrap_err().to_string();
-    assert!(error.contains("transmural field") && error.contains("endocardium and epicardium"), "{error}");
+    let mut mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 500))
+        .unwrap()
+        .mesh;
+    mesh.surfaces
+        .retain(|surface| surface.name != surface_names::ENDOCARDIUM);
+    let error = fields(&mesh, MUSCLE, Longitudinal::FromBase)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("transmural field") && error.contains("endocardium and epicardium"),
+        "{error}"
+    );
 }

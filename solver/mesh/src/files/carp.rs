@@ -44,7 +44,14 @@ pub fn read(stem: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
         let triangles = parse_surf(&read_text(&file)?, &file, nodes_mm.len())?;
         surfaces.push(Surface { name, triangles });
     }
-    Ok(TetMesh { nodes_mm, tets, tags, frames, fibres, surfaces })
+    Ok(TetMesh {
+        nodes_mm,
+        tets,
+        tags,
+        frames,
+        fibres,
+        surfaces,
+    })
 }
 
 /// Tissue directions of a `.lon` file.
@@ -56,10 +63,22 @@ struct Directions {
 }
 
 /// Reads directions of elements or of nodes: how many rows there are tells which.
-fn directions_of(text: &str, file: &Path, tets: &[[u32; 4]], n_nodes: usize) -> Result<Directions, MeshFileError> {
-    let n_rows = text.lines().filter(|line| !line.trim().is_empty()).count().saturating_sub(1);
+fn directions_of(
+    text: &str,
+    file: &Path,
+    tets: &[[u32; 4]],
+    n_nodes: usize,
+) -> Result<Directions, MeshFileError> {
+    let n_rows = text
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .count()
+        .saturating_sub(1);
     if n_rows != n_nodes {
-        return Ok(Directions { frames: parse_lon(text, file, tets.len())?, fibres: NodeFibres::PerElement });
+        return Ok(Directions {
+            frames: parse_lon(text, file, tets.len())?,
+            fibres: NodeFibres::PerElement,
+        });
     }
     if n_rows == tets.len() {
         let found = format!("{n_rows} fibres for a mesh of as many nodes as elements");
@@ -68,8 +87,15 @@ fn directions_of(text: &str, file: &Path, tets: &[[u32; 4]], n_nodes: usize) -> 
         return Err(MeshFileError::content(file, found, expected));
     }
     let fibres = NodeFibres::Frames(parse_rows(text, file, n_nodes, "node")?);
-    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
-    let frames = tets.iter().map(|tet| fibres.frame(tet, &[0.25; 4]).unwrap_or(none)).collect();
+    let none = Frame {
+        fibre: [0.0; 3],
+        sheet: [0.0; 3],
+        normal: [0.0; 3],
+    };
+    let frames = tets
+        .iter()
+        .map(|tet| fibres.frame(tet, &[0.25; 4]).unwrap_or(none))
+        .collect();
     Ok(Directions { frames, fibres })
 }
 
@@ -79,13 +105,26 @@ fn surface_files(stem: &Path) -> Result<Vec<(String, PathBuf)>, MeshFileError> {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let prefix = format!("{}.", stem.file_name().unwrap_or_default().to_string_lossy());
-    let failed = |source| MeshFileError::Read { file: folder.to_owned(), source };
+    let prefix = format!(
+        "{}.",
+        stem.file_name().unwrap_or_default().to_string_lossy()
+    );
+    let failed = |source| MeshFileError::Read {
+        file: folder.to_owned(),
+        source,
+    };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        let file_name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if let Some(name) = file_name.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(".surf")) {
+        let file_name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        if let Some(name) = file_name
+            .strip_prefix(&prefix)
+            .and_then(|rest| rest.strip_suffix(".surf"))
+        {
             found.push((name.to_owned(), path));
         }
     }
@@ -101,13 +140,22 @@ fn rows<'a>(text: &'a str, file: &'a Path, what: &str) -> Result<Vec<Line<'a>>, 
     counted(&mut lines, count, what)
 }
 
-fn counted<'a>(lines: &mut Lines<'a>, count: usize, what: &str) -> Result<Vec<Line<'a>>, MeshFileError> {
+fn counted<'a>(
+    lines: &mut Lines<'a>,
+    count: usize,
+    what: &str,
+) -> Result<Vec<Line<'a>>, MeshFileError> {
     let mut rows = Vec::with_capacity(count.min(10_000_000));
     for i in 0..count {
-        rows.push(lines.expect(&format!("{} more {what} (the header says {count})", count - i))?);
+        rows.push(lines.expect(&format!(
+            "{} more {what} (the header says {count})",
+            count - i
+        ))?);
     }
     match lines.next() {
-        Some(extra) => Err(extra.error(format!("the end of the file after {count} {what}, as its header says"))),
+        Some(extra) => Err(extra.error(format!(
+            "the end of the file after {count} {what}, as its header says"
+        ))),
         None => Ok(rows),
     }
 }
@@ -117,14 +165,21 @@ fn counted<'a>(lines: &mut Lines<'a>, count: usize, what: &str) -> Result<Vec<Li
 /// # Errors
 /// [`MeshFileError`] with file and line.
 pub fn parse_pts(text: &str, file: &Path, unit: LengthUnit) -> Result<Vec<Vec3>, MeshFileError> {
-    rows(text, file, "points")?.iter().map(|row| Ok(unit.to_mm(row.floats("three numbers, x y z")?))).collect()
+    rows(text, file, "points")?
+        .iter()
+        .map(|row| Ok(unit.to_mm(row.floats("three numbers, x y z")?)))
+        .collect()
 }
 
 /// Elements: a count, then `Tt a b c d [tag]` each; a missing tag is 0.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line, also for elements that are not tetrahedra.
-pub fn parse_elem(text: &str, file: &Path, n_nodes: usize) -> Result<(Vec<[u32; 4]>, Vec<i32>), MeshFileError> {
+pub fn parse_elem(
+    text: &str,
+    file: &Path,
+    n_nodes: usize,
+) -> Result<(Vec<[u32; 4]>, Vec<i32>), MeshFileError> {
     let expected = "`Tt a b c d tag`, a tetrahedron of four node numbers and a whole tag";
     let (mut tets, mut tags) = (Vec::new(), Vec::new());
     for row in rows(text, file, "elements")? {
@@ -133,7 +188,11 @@ pub fn parse_elem(text: &str, file: &Path, n_nodes: usize) -> Result<(Vec<[u32; 
             return Err(row.error(expected));
         }
         tets.push(row.nodes(&words[1..5], n_nodes, expected)?);
-        tags.push(words.get(5).map_or(Ok(0), |word| row.number(word, expected))?);
+        tags.push(
+            words
+                .get(5)
+                .map_or(Ok(0), |word| row.number(word, expected))?,
+        );
     }
     Ok((tets, tags))
 }
@@ -146,7 +205,12 @@ pub fn parse_lon(text: &str, file: &Path, n_tets: usize) -> Result<Vec<Frame>, M
     parse_rows(text, file, n_tets, "element")
 }
 
-fn parse_rows(text: &str, file: &Path, count: usize, of: &str) -> Result<Vec<Frame>, MeshFileError> {
+fn parse_rows(
+    text: &str,
+    file: &Path,
+    count: usize,
+    of: &str,
+) -> Result<Vec<Frame>, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let expected = format!("1 (a fibre for each {of}) or 2 (fibre and sheet)");
     let header = lines.expect(&expected)?;
@@ -176,7 +240,11 @@ fn parse_rows(text: &str, file: &Path, count: usize, of: &str) -> Result<Vec<Fra
 /// nearly perpendicular.
 pub(super) fn frame(fibre: Vec3, sheet: Option<Vec3>) -> Option<Frame> {
     let Some(fibre) = unit(fibre) else {
-        return Some(Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] });
+        return Some(Frame {
+            fibre: [0.0; 3],
+            sheet: [0.0; 3],
+            normal: [0.0; 3],
+        });
     };
     let sheet = match sheet {
         Some(sheet) => {
@@ -188,7 +256,11 @@ pub(super) fn frame(fibre: Vec3, sheet: Option<Vec3>) -> Option<Frame> {
         }
         None => any_perpendicular(fibre),
     };
-    Some(Frame { fibre, sheet, normal: cross(fibre, sheet) })
+    Some(Frame {
+        fibre,
+        sheet,
+        normal: cross(fibre, sheet),
+    })
 }
 
 /// A surface: a count, then `Tr a b c [tag]` each.
@@ -215,7 +287,9 @@ pub fn parse_surf(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<[u32; 3
 /// [`MeshFileError`] with file and line.
 pub fn parse_vtx(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<u32>, MeshFileError> {
     let mut lines = Lines::new(text, file);
-    let count = lines.expect("the number of nodes")?.count("the number of nodes")?;
+    let count = lines
+        .expect("the number of nodes")?
+        .count("the number of nodes")?;
     let domain = lines.expect("`intra` or `extra`")?;
     if !matches!(domain.text, "intra" | "extra") {
         return Err(domain.error("`intra` or `extra`"));
@@ -248,8 +322,15 @@ pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
     write_bytes(&with(stem, "elem"), text.as_bytes())?;
     if !mesh.frames.is_empty() {
         let mut text = String::from("2\n");
-        for Frame { fibre: f, sheet: s, .. } in &mesh.frames {
-            let _ = writeln!(text, "{} {} {} {} {} {}", f[0], f[1], f[2], s[0], s[1], s[2]);
+        for Frame {
+            fibre: f, sheet: s, ..
+        } in &mesh.frames
+        {
+            let _ = writeln!(
+                text,
+                "{} {} {} {} {} {}",
+                f[0], f[1], f[2], s[0], s[1], s[2]
+            );
         }
         write_bytes(&with(stem, "lon"), text.as_bytes())?;
     }
@@ -258,7 +339,10 @@ pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
         for [a, b, c] in &surface.triangles {
             let _ = writeln!(text, "Tr {a} {b} {c}");
         }
-        write_bytes(&with(stem, &format!("{}.surf", surface.name)), text.as_bytes())?;
+        write_bytes(
+            &with(stem, &format!("{}.surf", surface.name)),
+            text.as_bytes(),
+        )?;
     }
     Ok(())
 }

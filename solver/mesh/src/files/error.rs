@@ -59,25 +59,53 @@ pub enum MeshFileError {
 }
 
 impl MeshFileError {
-    pub(crate) fn line(file: &Path, line: usize, found: impl Into<String>, expected: impl Into<String>) -> Self {
-        Self::Line { file: file.to_owned(), line, found: found.into(), expected: expected.into() }
+    pub(crate) fn line(
+        file: &Path,
+        line: usize,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Line {
+            file: file.to_owned(),
+            line,
+            found: found.into(),
+            expected: expected.into(),
+        }
     }
 
-    pub(crate) fn content(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> Self {
-        Self::Content { file: file.to_owned(), found: found.into(), expected: expected.into() }
+    pub(crate) fn content(
+        file: &Path,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Content {
+            file: file.to_owned(),
+            found: found.into(),
+            expected: expected.into(),
+        }
     }
 }
 
 pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, MeshFileError> {
-    std::fs::read(file).map_err(|source| MeshFileError::Read { file: file.to_owned(), source })
+    std::fs::read(file).map_err(|source| MeshFileError::Read {
+        file: file.to_owned(),
+        source,
+    })
 }
 
 pub(crate) fn read_text(file: &Path) -> Result<String, MeshFileError> {
     String::from_utf8(read_bytes(file)?).map_err(|_| {
-        MeshFileError::content(file, "bytes that are not text", "a text file (save or convert it as ASCII)")
+        MeshFileError::content(
+            file,
+            "bytes that are not text",
+            "a text file (save or convert it as ASCII)",
+        )
     })
 }
 
 pub(crate) fn write_bytes(file: &Path, bytes: &[u8]) -> Result<(), MeshFileError> {
-    std::fs::write(file, bytes).map_err(|source| MeshFileError::Write { file: file.to_owned(), source })
+    std::fs::write(file, bytes).map_err(|source| MeshFileError::Write {
+        file: file.to_owned(),
+        source,
+    })
 }

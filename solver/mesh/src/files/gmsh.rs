@@ -58,7 +58,11 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
     let fourth = match version {
         "4.1" => true,
         "2" | "2.1" | "2.2" => false,
-        _ => return Err(format.error("version 2.2 or 4.1 (save with `gmsh -format msh41` or `msh22`)")),
+        _ => {
+            return Err(
+                format.error("version 2.2 or 4.1 (save with `gmsh -format msh41` or `msh22`)")
+            );
+        }
     };
     close(&mut lines, "$EndMeshFormat")?;
     let mut raw = Raw::default();
@@ -79,7 +83,11 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
 
 fn close(lines: &mut Lines, end: &str) -> Result<(), MeshFileError> {
     let line = lines.expect(&format!("`{end}`"))?;
-    if line.text == end { Ok(()) } else { Err(line.error(format!("`{end}`"))) }
+    if line.text == end {
+        Ok(())
+    } else {
+        Err(line.error(format!("`{end}`")))
+    }
 }
 
 fn skip(lines: &mut Lines, section: &str) -> Result<(), MeshFileError> {
@@ -101,20 +109,30 @@ fn whole<const N: usize>(line: &Line, expected: &str) -> Result<[i64; N], MeshFi
 }
 
 fn physical_names(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let count = lines.expect("the number of names")?.count("the number of names")?;
+    let count = lines
+        .expect("the number of names")?
+        .count("the number of names")?;
     for _ in 0..count {
         let expected = "dimension, number and \"name\" of a physical group";
         let line = lines.expect(expected)?;
         let [dimension, number] = whole(&line, expected)?;
-        let name = line.text.split('"').nth(1).ok_or_else(|| line.error(expected))?;
-        raw.names.insert((dimension as u32, number as i32), name.to_owned());
+        let name = line
+            .text
+            .split('"')
+            .nth(1)
+            .ok_or_else(|| line.error(expected))?;
+        raw.names
+            .insert((dimension as u32, number as i32), name.to_owned());
     }
     close(lines, "$EndPhysicalNames")
 }
 
 /// Version 4.1: points have 3 coordinates, all others 6, before their physical groups.
 fn entities(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let counts: [i64; 4] = whole(&lines.expect("four counts")?, "numbers of points, curves, surfaces and volumes")?;
+    let counts: [i64; 4] = whole(
+        &lines.expect("four counts")?,
+        "numbers of points, curves, surfaces and volumes",
+    )?;
     for (dimension, count) in counts.into_iter().enumerate() {
         for _ in 0..count {
             let expected = "number, bounds and physical groups of an entity";
@@ -134,11 +152,16 @@ fn entities(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
 }
 
 fn nodes_v2(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let count = lines.expect("the number of nodes")?.count("the number of nodes")?;
+    let count = lines
+        .expect("the number of nodes")?
+        .count("the number of nodes")?;
     for _ in 0..count {
         let expected = "number, x, y and z of a node";
         let line = lines.expect(expected)?;
-        let (number, rest) = line.text.split_once(char::is_whitespace).ok_or_else(|| line.error(expected))?;
+        let (number, rest) = line
+            .text
+            .split_once(char::is_whitespace)
+            .ok_or_else(|| line.error(expected))?;
         let number = line.number(number, expected)?;
         let position = Line { text: rest, ..line }.floats(expected)?;
         raw.nodes.push((number, position));
@@ -147,45 +170,73 @@ fn nodes_v2(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
 }
 
 fn nodes_v4(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let [n_blocks, ..] = whole::<4>(&lines.expect("four counts")?, "blocks, nodes, smallest and largest number")?;
+    let [n_blocks, ..] = whole::<4>(
+        &lines.expect("four counts")?,
+        "blocks, nodes, smallest and largest number",
+    )?;
     for _ in 0..n_blocks {
         let header = lines.expect("a block of nodes")?;
-        let [_, _, parametric, count] = whole(&header, "dimension, entity, parametric and number of nodes")?;
+        let [_, _, parametric, count] =
+            whole(&header, "dimension, entity, parametric and number of nodes")?;
         if parametric != 0 {
-            return Err(header.error("nodes without parameters (save with `Mesh.SaveParametric = 0`)"));
+            return Err(
+                header.error("nodes without parameters (save with `Mesh.SaveParametric = 0`)")
+            );
         }
         let mut numbers = Vec::new();
         for _ in 0..count {
-            numbers.push(whole::<1>(&lines.expect("a node's number")?, "a node's number")?[0] as u64);
+            numbers
+                .push(whole::<1>(&lines.expect("a node's number")?, "a node's number")?[0] as u64);
         }
         for number in numbers {
-            raw.nodes.push((number, lines.expect("x, y and z of a node")?.floats("x, y and z of a node")?));
+            raw.nodes.push((
+                number,
+                lines
+                    .expect("x, y and z of a node")?
+                    .floats("x, y and z of a node")?,
+            ));
         }
     }
     close(lines, "$EndNodes")
 }
 
 fn elements_v2(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let count = lines.expect("the number of elements")?.count("the number of elements")?;
+    let count = lines
+        .expect("the number of elements")?
+        .count("the number of elements")?;
     for _ in 0..count {
         let expected = "number, type, number of tags, tags and nodes of an element";
         let line = lines.expect(expected)?;
         let words = line.words();
         let [_, kind, n_tags] = whole(&line, expected)?;
-        let group = if n_tags > 0 { line.number(words.get(3).unwrap_or(&""), expected)? } else { 0 };
-        let nodes =
-            usize::try_from(n_tags).ok().and_then(|n| words.get(3 + n..)).ok_or_else(|| line.error(expected))?;
+        let group = if n_tags > 0 {
+            line.number(words.get(3).unwrap_or(&""), expected)?
+        } else {
+            0
+        };
+        let nodes = usize::try_from(n_tags)
+            .ok()
+            .and_then(|n| words.get(3 + n..))
+            .ok_or_else(|| line.error(expected))?;
         raw.element(&line, kind as u32, group, nodes)?;
     }
     close(lines, "$EndElements")
 }
 
 fn elements_v4(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
-    let [n_blocks, ..] = whole::<4>(&lines.expect("four counts")?, "blocks, elements, smallest and largest number")?;
+    let [n_blocks, ..] = whole::<4>(
+        &lines.expect("four counts")?,
+        "blocks, elements, smallest and largest number",
+    )?;
     for _ in 0..n_blocks {
         let header = lines.expect("a block of elements")?;
-        let [dimension, entity, kind, count] = whole(&header, "dimension, entity, type and number of elements")?;
-        let group = raw.groups.get(&(dimension as u32, entity)).copied().unwrap_or(0);
+        let [dimension, entity, kind, count] =
+            whole(&header, "dimension, entity, type and number of elements")?;
+        let group = raw
+            .groups
+            .get(&(dimension as u32, entity))
+            .copied()
+            .unwrap_or(0);
         for _ in 0..count {
             let line = lines.expect("number and nodes of an element")?;
             raw.element(&line, kind as u32, group, &line.words()[1..])?;
@@ -195,7 +246,13 @@ fn elements_v4(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
 }
 
 impl Raw {
-    fn element(&mut self, line: &Line, kind: u32, group: i32, words: &[&str]) -> Result<(), MeshFileError> {
+    fn element(
+        &mut self,
+        line: &Line,
+        kind: u32,
+        group: i32,
+        words: &[&str],
+    ) -> Result<(), MeshFileError> {
         fn corners<const N: usize>(line: &Line, words: &[&str]) -> Result<[u64; N], MeshFileError> {
             let expected = format!("{N} nodes of an element");
             let words: &[&str; N] = words.try_into().map_err(|_| line.error(expected.clone()))?;
@@ -207,28 +264,50 @@ impl Raw {
         }
         match kind {
             TETRAHEDRON => self.tets.push((group, corners(line, words)?, line.number)),
-            TRIANGLE => self.triangles.push((group, corners(line, words)?, line.number)),
+            TRIANGLE => self
+                .triangles
+                .push((group, corners(line, words)?, line.number)),
             POINT | LINE => {}
             11 | 9 | 8 => {
                 return Err(line.error(format!(
                     "elements of first order, not of gmsh's type {kind} (mesh with `Mesh.ElementOrder = 1`)"
                 )));
             }
-            _ => return Err(line.error(format!("tetrahedra and triangles, not gmsh's element type {kind}"))),
+            _ => {
+                return Err(line.error(format!(
+                    "tetrahedra and triangles, not gmsh's element type {kind}"
+                )));
+            }
         }
         Ok(())
     }
 
     fn into_mesh(self, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
         let positions: HashMap<u64, Vec3> = self.nodes.iter().copied().collect();
-        let mut used: Vec<u64> = self.tets.iter().flat_map(|(_, corners, _)| *corners).collect();
+        let mut used: Vec<u64> = self
+            .tets
+            .iter()
+            .flat_map(|(_, corners, _)| *corners)
+            .collect();
         used.sort_unstable();
         used.dedup();
-        let index: HashMap<u64, u32> = used.iter().enumerate().map(|(i, number)| (*number, i as u32)).collect();
+        let index: HashMap<u64, u32> = used
+            .iter()
+            .enumerate()
+            .map(|(i, number)| (*number, i as u32))
+            .collect();
         let mut mesh = TetMesh::default();
         for (group, corners, line) in &self.tets {
-            if let Some(missing) = corners.iter().find(|number| !positions.contains_key(number)) {
-                return Err(MeshFileError::line(file, *line, format!("node {missing}"), "a node listed in `$Nodes`"));
+            if let Some(missing) = corners
+                .iter()
+                .find(|number| !positions.contains_key(number))
+            {
+                return Err(MeshFileError::line(
+                    file,
+                    *line,
+                    format!("node {missing}"),
+                    "a node listed in `$Nodes`",
+                ));
             }
             mesh.tets.push(corners.map(|number| index[&number]));
             mesh.tags.push(*group);
@@ -240,10 +319,15 @@ impl Raw {
                 "a volume mesh (gmsh saves only physical groups where there are any: put the volume into one)",
             ));
         }
-        mesh.nodes_mm = used.iter().map(|number| unit.to_mm(positions[number])).collect();
+        mesh.nodes_mm = used
+            .iter()
+            .map(|number| unit.to_mm(positions[number]))
+            .collect();
         mesh.orient_if_all_negative();
-        let outward: HashMap<[u32; 3], [u32; 3]> =
-            boundary(&mesh).iter().map(|face| (sorted(face.triangle), face.triangle)).collect();
+        let outward: HashMap<[u32; 3], [u32; 3]> = boundary(&mesh)
+            .iter()
+            .map(|face| (sorted(face.triangle), face.triangle))
+            .collect();
         let mut surfaces: BTreeMap<i32, Vec<[u32; 3]>> = BTreeMap::new();
         for (group, corners, line) in &self.triangles {
             let face = corners.map(|number| index.get(&number).copied());
@@ -258,14 +342,20 @@ impl Raw {
                     return Err(MeshFileError::line(
                         file,
                         *line,
-                        format!("a triangle of physical surface {group} that is no boundary face of the tetrahedra"),
+                        format!(
+                            "a triangle of physical surface {group} that is no boundary face of the tetrahedra"
+                        ),
                         "physical surfaces on the boundary only",
                     ));
                 }
             }
         }
         for (group, triangles) in surfaces {
-            let name = self.names.get(&(2, group)).cloned().unwrap_or_else(|| format!("surface-{group}"));
+            let name = self
+                .names
+                .get(&(2, group))
+                .cloned()
+                .unwrap_or_else(|| format!("surface-{group}"));
             mesh.surfaces.push(Surface { name, triangles });
         }
         Ok(mesh)

@@ -29,7 +29,11 @@ impl<'a> Words<'a> {
             line.split_ascii_whitespace().map(move |word| (i + 1, word))
         });
         let words: Box<dyn Iterator<Item = (usize, &'a str)> + 'a> = Box::new(words);
-        Self { file, words: words.peekable(), line: 1 }
+        Self {
+            file,
+            words: words.peekable(),
+            line: 1,
+        }
     }
 
     fn next(&mut self) -> Option<&'a str> {
@@ -39,24 +43,45 @@ impl<'a> Words<'a> {
     }
 
     fn number<T: std::str::FromStr>(&mut self, expected: &str) -> Result<T, MeshFileError> {
-        let word = self
-            .next()
-            .ok_or_else(|| MeshFileError::line(self.file, self.line, "the end of the file", expected.to_owned()))?;
-        word.parse().map_err(|_| MeshFileError::line(self.file, self.line, format!("`{word}`"), expected.to_owned()))
+        let word = self.next().ok_or_else(|| {
+            MeshFileError::line(
+                self.file,
+                self.line,
+                "the end of the file",
+                expected.to_owned(),
+            )
+        })?;
+        word.parse().map_err(|_| {
+            MeshFileError::line(
+                self.file,
+                self.line,
+                format!("`{word}`"),
+                expected.to_owned(),
+            )
+        })
     }
 
     fn node(&mut self, n_nodes: usize) -> Result<u32, MeshFileError> {
         let number: i64 = self.number("a node number")?;
         if number < 1 || number as u64 > n_nodes as u64 {
             let found = format!("node {number}");
-            return Err(MeshFileError::line(self.file, self.line, found, format!("a node from 1 to {n_nodes}")));
+            return Err(MeshFileError::line(
+                self.file,
+                self.line,
+                found,
+                format!("a node from 1 to {n_nodes}"),
+            ));
         }
         Ok((number - 1) as u32)
     }
 
     /// Passes over numbers up to the next keyword.
     fn skip(&mut self) {
-        while self.words.next_if(|(_, word)| !word.starts_with(|c: char| c.is_ascii_alphabetic())).is_some() {}
+        while self
+            .words
+            .next_if(|(_, word)| !word.starts_with(|c: char| c.is_ascii_alphabetic()))
+            .is_some()
+        {}
     }
 }
 
@@ -82,7 +107,12 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
             "Dimension" => {
                 let dimension: u32 = words.number("3")?;
                 if dimension != 3 {
-                    return Err(MeshFileError::line(file, words.line, format!("dimension {dimension}"), "3"));
+                    return Err(MeshFileError::line(
+                        file,
+                        words.line,
+                        format!("dimension {dimension}"),
+                        "3",
+                    ));
                 }
             }
             "Vertices" => {
@@ -122,23 +152,40 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
             "End" => break,
             word if word.starts_with(|c: char| c.is_ascii_alphabetic()) => words.skip(),
             word => {
-                return Err(MeshFileError::line(file, words.line, format!("`{word}`"), "a keyword such as Vertices"));
+                return Err(MeshFileError::line(
+                    file,
+                    words.line,
+                    format!("`{word}`"),
+                    "a keyword such as Vertices",
+                ));
             }
         }
     }
     if mesh.tets.is_empty() {
-        return Err(MeshFileError::content(file, "no tetrahedra", "a volume mesh"));
+        return Err(MeshFileError::content(
+            file,
+            "no tetrahedra",
+            "a volume mesh",
+        ));
     }
     mesh.orient_if_all_negative();
-    let outward: HashMap<[u32; 3], [u32; 3]> =
-        boundary(&mesh).iter().map(|face| (sorted(face.triangle), face.triangle)).collect();
+    let outward: HashMap<[u32; 3], [u32; 3]> = boundary(&mesh)
+        .iter()
+        .map(|face| (sorted(face.triangle), face.triangle))
+        .collect();
     let mut surfaces: BTreeMap<i32, Vec<[u32; 3]>> = BTreeMap::new();
-    for (triangle, reference) in triangles.into_iter().filter(|(_, reference)| *reference != 0) {
+    for (triangle, reference) in triangles
+        .into_iter()
+        .filter(|(_, reference)| *reference != 0)
+    {
         if let Some(face) = outward.get(&sorted(triangle)) {
             surfaces.entry(reference).or_default().push(*face);
         }
     }
-    let named = |(reference, triangles)| Surface { name: format!("{SURFACE_PREFIX}{reference}"), triangles };
+    let named = |(reference, triangles)| Surface {
+        name: format!("{SURFACE_PREFIX}{reference}"),
+        triangles,
+    };
     mesh.surfaces = surfaces.into_iter().map(named).collect();
     Ok(mesh)
 }
@@ -148,7 +195,10 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
 /// # Errors
 /// [`MeshFileError::Write`].
 pub fn write(mesh: &TetMesh, file: &Path) -> Result<(), MeshFileError> {
-    let mut text = format!("MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n", mesh.n_nodes());
+    let mut text = format!(
+        "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n",
+        mesh.n_nodes()
+    );
     for [x, y, z] in &mesh.nodes_mm {
         let _ = writeln!(text, "{x} {y} {z} 0");
     }
@@ -157,7 +207,11 @@ pub fn write(mesh: &TetMesh, file: &Path) -> Result<(), MeshFileError> {
         let [a, b, c, d] = tet.map(|node| node + 1);
         let _ = writeln!(text, "{a} {b} {c} {d} {tag}");
     }
-    let n_triangles: usize = mesh.surfaces.iter().map(|surface| surface.triangles.len()).sum();
+    let n_triangles: usize = mesh
+        .surfaces
+        .iter()
+        .map(|surface| surface.triangles.len())
+        .sum();
     let _ = writeln!(text, "Triangles\n{n_triangles}");
     for (i, surface) in mesh.surfaces.iter().enumerate() {
         for triangle in &surface.triangles {
@@ -179,10 +233,15 @@ mod tests {
     fn what_is_written_is_read_again() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("heart.mesh");
-        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 600)).unwrap().mesh;
+        let mesh = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 600))
+            .unwrap()
+            .mesh;
         write(&mesh, &file).unwrap();
         let read = read(&file, LengthUnit::Millimetre).unwrap();
-        assert_eq!((&read.nodes_mm, &read.tets, &read.tags), (&mesh.nodes_mm, &mesh.tets, &mesh.tags));
+        assert_eq!(
+            (&read.nodes_mm, &read.tets, &read.tags),
+            (&mesh.nodes_mm, &mesh.tets, &mesh.tags)
+        );
         assert_eq!(read.surfaces.len(), mesh.surfaces.len());
         for (i, (read, written)) in read.surfaces.iter().zip(&mesh.surfaces).enumerate() {
             assert_eq!(read.name, format!("surface-{}", i + 1));
@@ -192,10 +251,20 @@ mod tests {
 
     #[test]
     fn a_broken_file_is_told_with_its_line() {
-        let told = |text: &str| parse(text, Path::new("a.mesh"), LengthUnit::Millimetre).unwrap_err().to_string();
-        assert_eq!(told("MeshVersionFormatted 2\nDimension 2\n"), "a.mesh:2: found dimension 2, expected 3");
+        let told = |text: &str| {
+            parse(text, Path::new("a.mesh"), LengthUnit::Millimetre)
+                .unwrap_err()
+                .to_string()
+        };
+        assert_eq!(
+            told("MeshVersionFormatted 2\nDimension 2\n"),
+            "a.mesh:2: found dimension 2, expected 3"
+        );
         let text = "Dimension 3\nVertices\n1\n0 0 0 0\nTetrahedra\n1\n1 1 1 9 1\nEnd\n";
-        assert_eq!(told(text), "a.mesh:7: found node 9, expected a node from 1 to 1");
+        assert_eq!(
+            told(text),
+            "a.mesh:7: found node 9, expected a node from 1 to 1"
+        );
         assert!(told("Dimension 3\nVertices\n0\nEnd\n").contains("no tetrahedra"));
     }
 }

@@ -25,7 +25,9 @@ pub fn parse(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFi
             continue;
         }
         if values.len() == n_nodes {
-            return Err(line.error(format!("the end of the file after {n_nodes} numbers, one for each node")));
+            return Err(line.error(format!(
+                "the end of the file after {n_nodes} numbers, one for each node"
+            )));
         }
         let [value] = line.floats("one number for each node")?;
         values.push(value);

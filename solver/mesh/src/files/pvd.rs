@@ -21,8 +21,15 @@ pub fn text(frames: &[(Ms, String)]) -> String {
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n  <Collection>\n",
     );
     for (time, name) in frames {
-        let name = name.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
-        let _ = writeln!(text, "    <DataSet timestep=\"{}\" part=\"0\" file=\"{name}\"/>", time.0);
+        let name = name
+            .replace('&', "&amp;")
+            .replace('<', "&lt;")
+            .replace('"', "&quot;");
+        let _ = writeln!(
+            text,
+            "    <DataSet timestep=\"{}\" part=\"0\" file=\"{name}\"/>",
+            time.0
+        );
     }
     text += "  </Collection>\n</VTKFile>\n";
     text

@@ -25,7 +25,11 @@ pub struct Line<'a> {
 impl<'a> Lines<'a> {
     pub fn new(text: &'a str, file: &'a Path) -> Self {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        Self { file, lines: text.lines().enumerate(), last: 0 }
+        Self {
+            file,
+            lines: text.lines().enumerate(),
+            last: 0,
+        }
     }
 
     /// The next line with anything but blanks in it.
@@ -33,7 +37,11 @@ impl<'a> Lines<'a> {
         for (index, text) in self.lines.by_ref() {
             self.last = index + 1;
             if !text.trim().is_empty() {
-                return Some(Line { file: self.file, number: index + 1, text: text.trim() });
+                return Some(Line {
+                    file: self.file,
+                    number: index + 1,
+                    text: text.trim(),
+                });
             }
         }
         None
@@ -42,7 +50,9 @@ impl<'a> Lines<'a> {
     /// The next line, which has to be there.
     pub fn expect(&mut self, expected: &str) -> Result<Line<'a>, MeshFileError> {
         let last = self.last;
-        self.next().ok_or_else(|| MeshFileError::line(self.file, last + 1, "the end of the file", expected))
+        self.next().ok_or_else(|| {
+            MeshFileError::line(self.file, last + 1, "the end of the file", expected)
+        })
     }
 }
 
@@ -67,7 +77,11 @@ impl<'a> Line<'a> {
 
     /// The line's first word as a count.
     pub fn count(&self, expected: &str) -> Result<usize, MeshFileError> {
-        let word = self.text.split_ascii_whitespace().next().unwrap_or_default();
+        let word = self
+            .text
+            .split_ascii_whitespace()
+            .next()
+            .unwrap_or_default();
         self.number(word, expected)
     }
 
@@ -76,12 +90,19 @@ impl<'a> Line<'a> {
         let mut values = [0.0f64; N];
         let mut words = self.text.split_ascii_whitespace();
         for value in &mut values {
-            *value = words.next().and_then(|word| word.parse().ok()).ok_or_else(|| self.error(expected))?;
+            *value = words
+                .next()
+                .and_then(|word| word.parse().ok())
+                .ok_or_else(|| self.error(expected))?;
             if !value.is_finite() {
                 return Err(self.error(format!("{expected}, finite")));
             }
         }
-        if words.next().is_some() { Err(self.error(expected)) } else { Ok(values) }
+        if words.next().is_some() {
+            Err(self.error(expected))
+        } else {
+            Ok(values)
+        }
     }
 
     /// Words as nodes of a mesh with so many.

@@ -17,7 +17,12 @@ pub enum LengthUnit {
 
 impl LengthUnit {
     /// Every unit.
-    pub const ALL: [Self; 4] = [Self::Micrometre, Self::Millimetre, Self::Centimetre, Self::Metre];
+    pub const ALL: [Self; 4] = [
+        Self::Micrometre,
+        Self::Millimetre,
+        Self::Centimetre,
+        Self::Metre,
+    ];
 
     /// How many of this unit make one millimetre.
     #[must_use]

@@ -122,7 +122,11 @@ pub fn repair(mesh: &mut TetMesh, wanted: &Repair) -> Result<Done, RepairError> 
     mesh.fibres = NodeFibres::PerElement;
     for (element, tet) in mesh.tets.iter().enumerate() {
         if let Some(node) = tet.iter().find(|node| **node as usize >= n_nodes) {
-            return Err(RepairError::NodeOutOfRange { element, node: *node, n_nodes });
+            return Err(RepairError::NodeOutOfRange {
+                element,
+                node: *node,
+                n_nodes,
+            });
         }
     }
     let mut done = Done::default();
@@ -136,20 +140,36 @@ pub fn repair(mesh: &mut TetMesh, wanted: &Repair) -> Result<Done, RepairError> 
     let opened = chosen_tags(mesh, wanted, &mut done)?;
     if let Some(plane) = &wanted.cut {
         let n = plane::cut(mesh, plane);
-        done.count(n, "element cut or removed at the plane", "elements cut or removed at the plane");
+        done.count(
+            n,
+            "element cut or removed at the plane",
+            "elements cut or removed at the plane",
+        );
         left(mesh, "after the cut")?;
     }
     if let Some((plane, tag)) = &wanted.passive_above {
         let n = plane::tag_above(mesh, plane, *tag);
-        done.count(n, "element above the plane made passive", "elements above the plane made passive");
+        done.count(
+            n,
+            "element above the plane made passive",
+            "elements above the plane made passive",
+        );
     }
     if wanted.keep_largest {
         let loose: usize = pieces(mesh).iter().skip(1).map(Vec::len).sum();
-        done.count(loose, "element of loose pieces removed", "elements of loose pieces removed");
+        done.count(
+            loose,
+            "element of loose pieces removed",
+            "elements of loose pieces removed",
+        );
         nodes::keep_largest(mesh);
     }
     let parted = touching::part(mesh);
-    done.count(parted.doubled, "node parted where tissue touched itself", "nodes parted where tissue touched itself");
+    done.count(
+        parted.doubled,
+        "node parted where tissue touched itself",
+        "nodes parted where tissue touched itself",
+    );
     done.count(
         parted.removed,
         "element removed where tissue touched itself",
@@ -157,23 +177,43 @@ pub fn repair(mesh: &mut TetMesh, wanted: &Repair) -> Result<Done, RepairError> 
     );
     if !wanted.keep_shapes {
         let shaped = shape::improve(mesh);
-        done.count(shaped.collapsed, "edge collapsed in flat elements", "edges collapsed in flat elements");
-        done.count(shaped.moved, "node moved to better shapes", "nodes moved to better shapes");
+        done.count(
+            shaped.collapsed,
+            "edge collapsed in flat elements",
+            "edges collapsed in flat elements",
+        );
+        done.count(
+            shaped.moved,
+            "node moved to better shapes",
+            "nodes moved to better shapes",
+        );
     }
-    done.count(nodes::drop_unused(mesh), "unused node removed", "unused nodes removed");
+    done.count(
+        nodes::drop_unused(mesh),
+        "unused node removed",
+        "unused nodes removed",
+    );
     name_surfaces(mesh, wanted, opened, &mut done)?;
     Ok(done)
 }
 
 /// Doubled nodes and elements, and elements turned inside out.
 fn elements(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<(), RepairError> {
-    done.count(nodes::merge_doubled(mesh), "doubled node merged", "doubled nodes merged");
+    done.count(
+        nodes::merge_doubled(mesh),
+        "doubled node merged",
+        "doubled nodes merged",
+    );
     done.count(
         nodes::drop_collapsed(mesh),
         "doubled or collapsed element removed",
         "doubled or collapsed elements removed",
     );
-    done.count(nodes::turn_inverted(mesh), "turned element turned back", "turned elements turned back");
+    done.count(
+        nodes::turn_inverted(mesh),
+        "turned element turned back",
+        "turned elements turned back",
+    );
     left(mesh, "after doubled ones were removed")?;
     let mut mapped = 0;
     for tag in &mut mesh.tags {
@@ -200,50 +240,92 @@ fn chosen_tags(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<b
         // Inner and outer wall of a closed ventricle are told apart before it is opened: no edge has to be sharp.
         surfaces::replace(mesh, found, done);
     }
-    let closed = mesh.surface(surface_names::ENDOCARDIUM).is_some_and(|s| openings(&s.triangles) == Ok(vec![]));
+    let closed = mesh
+        .surface(surface_names::ENDOCARDIUM)
+        .is_some_and(|s| openings(&s.triangles) == Ok(vec![]));
     let stays = |tag: &i32| kept(tag) && !removed(tag);
     let septal = nodes::faces_between(mesh, &stays, &|tag: &i32| !kept(tag));
     let towards_plugs = nodes::faces_between(mesh, &stays, &removed);
     let opened = closed && !towards_plugs.is_empty();
-    mesh.surfaces.push(Surface { name: surfaces::SIDE_OF_REMOVED.to_owned(), triangles: septal });
+    mesh.surfaces.push(Surface {
+        name: surfaces::SIDE_OF_REMOVED.to_owned(),
+        triangles: septal,
+    });
     // Around a plug lies the rim; towards papillary muscles in an open cavity, the endocardium.
-    let joined = if closed { surface_names::RIM } else { surface_names::ENDOCARDIUM };
+    let joined = if closed {
+        surface_names::RIM
+    } else {
+        surface_names::ENDOCARDIUM
+    };
     match mesh.surfaces.iter_mut().find(|s| s.name == joined) {
         Some(surface) => surface.triangles.extend(towards_plugs),
-        None if closed => mesh.surfaces.push(Surface { name: joined.to_owned(), triangles: towards_plugs }),
+        None if closed => mesh.surfaces.push(Surface {
+            name: joined.to_owned(),
+            triangles: towards_plugs,
+        }),
         None => {}
     }
     let keep: Vec<bool> = mesh.tags.iter().map(stays).collect();
-    done.count(keep.iter().filter(|k| !**k).count(), "element removed by its tag", "elements removed by their tags");
+    done.count(
+        keep.iter().filter(|k| !**k).count(),
+        "element removed by its tag",
+        "elements removed by their tags",
+    );
     nodes::keep_elements(mesh, &keep);
     left(mesh, "with these tags")?;
     Ok(opened)
 }
 
 fn left(mesh: &TetMesh, after: &'static str) -> Result<(), RepairError> {
-    if mesh.tets.is_empty() { Err(RepairError::Nothing { after }) } else { Ok(()) }
+    if mesh.tets.is_empty() {
+        Err(RepairError::Nothing { after })
+    } else {
+        Ok(())
+    }
 }
 
-fn name_surfaces(mesh: &mut TetMesh, wanted: &Repair, opened: bool, done: &mut Done) -> Result<(), RepairError> {
+fn name_surfaces(
+    mesh: &mut TetMesh,
+    wanted: &Repair,
+    opened: bool,
+    done: &mut Done,
+) -> Result<(), RepairError> {
     for (new, old) in &wanted.rename {
         let found = mesh.surfaces.iter().map(|s| s.name.clone()).collect();
         let Some(at) = mesh.surfaces.iter().position(|s| s.name == *old) else {
-            return Err(RepairError::NoSurface { name: old.clone(), found });
+            return Err(RepairError::NoSurface {
+                name: old.clone(),
+                found,
+            });
         };
         mesh.surfaces.retain(|s| s.name != *new || s.name == *old);
-        let at = mesh.surfaces.iter().position(|s| s.name == *old).unwrap_or(at);
+        let at = mesh
+            .surfaces
+            .iter()
+            .position(|s| s.name == *old)
+            .unwrap_or(at);
         mesh.surfaces[at].name.clone_from(new);
         done.steps.push(format!("surface {old} named {new}"));
     }
     let fitted = surfaces::fit_to_boundary(mesh);
-    done.count(fitted.turned, "triangle turned outward", "triangles turned outward");
+    done.count(
+        fitted.turned,
+        "triangle turned outward",
+        "triangles turned outward",
+    );
     done.count(
         fitted.dropped,
         "triangle that is no boundary face dropped",
         "triangles that are no boundary faces dropped",
     );
-    let needed = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM];
-    let lacks = needed.iter().any(|name| mesh.surface(name).is_none_or(|s| s.triangles.is_empty()));
+    let needed = [
+        surface_names::ENDOCARDIUM,
+        surface_names::EPICARDIUM,
+        surface_names::RIM,
+    ];
+    let lacks = needed
+        .iter()
+        .any(|name| mesh.surface(name).is_none_or(|s| s.triangles.is_empty()));
     // Surfaces that lost triangles by being cut or chosen anew are not whole; one that lost a plug is.
     let changed = !opened && (fitted.dropped > 0 || !wanted.keep_tags.is_empty());
     if let Some(plane) = wanted.rim_plane.as_ref().or(wanted.cut.as_ref()) {
@@ -258,9 +340,14 @@ fn name_surfaces(mesh: &mut TetMesh, wanted: &Repair, opened: bool, done: &mut D
     }
     match wanted.septum {
         Some((at_mm, degrees)) => {
-            mesh.surfaces.retain(|s| s.name != surfaces::SIDE_OF_REMOVED);
+            mesh.surfaces
+                .retain(|s| s.name != surfaces::SIDE_OF_REMOVED);
             let n = mark_septum(mesh, at_mm, degrees)?;
-            done.count(n, "triangle of the outer wall named septum", "triangles of the outer wall named septum");
+            done.count(
+                n,
+                "triangle of the outer wall named septum",
+                "triangles of the outer wall named septum",
+            );
         }
         None => {
             let n = surfaces::name_septum(mesh);

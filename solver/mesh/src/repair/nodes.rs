@@ -15,7 +15,9 @@ pub(super) fn renumber(mesh: &mut TetMesh, new: impl Fn(u32) -> u32) {
         for triangle in &mut surface.triangles {
             *triangle = triangle.map(&new);
         }
-        surface.triangles.retain(|[a, b, c]| a != b && b != c && c != a);
+        surface
+            .triangles
+            .retain(|[a, b, c]| a != b && b != c && c != a);
     }
 }
 
@@ -27,7 +29,8 @@ pub(super) fn keep_elements(mesh: &mut TetMesh, keep: &[bool]) {
     mesh.tags.retain(|_| kept.next().copied().unwrap_or(false));
     if !mesh.frames.is_empty() {
         let mut kept = keep.iter();
-        mesh.frames.retain(|_| kept.next().copied().unwrap_or(false));
+        mesh.frames
+            .retain(|_| kept.next().copied().unwrap_or(false));
     }
 }
 
@@ -58,7 +61,9 @@ pub(super) fn drop_collapsed(mesh: &mut TetMesh) -> usize {
 
 /// Turns every element with a negative volume over; how many were.
 pub(super) fn turn_inverted(mesh: &mut TetMesh) -> usize {
-    let turned: Vec<usize> = (0..mesh.n_tets()).filter(|e| mesh.volume_mm3(*e) < 0.0).collect();
+    let turned: Vec<usize> = (0..mesh.n_tets())
+        .filter(|e| mesh.volume_mm3(*e) < 0.0)
+        .collect();
     for e in &turned {
         mesh.tets[*e].swap(2, 3);
     }
@@ -87,7 +92,10 @@ pub(super) fn drop_unused(mesh: &mut TetMesh) -> usize {
     let n_unused = n_before - nodes_mm.len();
     if n_unused > 0 {
         for surface in &mut mesh.surfaces {
-            surface.triangles.retain(|t| t.iter().all(|node| new.get(*node as usize).is_some_and(|n| *n != u32::MAX)));
+            surface.triangles.retain(|t| {
+                t.iter()
+                    .all(|node| new.get(*node as usize).is_some_and(|n| *n != u32::MAX))
+            });
         }
         mesh.nodes_mm = nodes_mm;
         renumber(mesh, |node| new[node as usize]);
@@ -102,10 +110,18 @@ pub(super) fn faces_between(
     goes: &dyn Fn(&i32) -> bool,
 ) -> Vec<[u32; 3]> {
     let of = |chosen: &dyn Fn(&i32) -> bool| -> BTreeMap<[u32; 3], [u32; 3]> {
-        let elements = mesh.tets.iter().zip(&mesh.tags).filter(|(_, tag)| chosen(tag));
+        let elements = mesh
+            .tets
+            .iter()
+            .zip(&mesh.tags)
+            .filter(|(_, tag)| chosen(tag));
         let faces = elements.flat_map(|(tet, _)| FACES.map(|face| face.map(|i| tet[i])));
         faces.map(|triangle| (sorted(triangle), triangle)).collect()
     };
     let gone = of(goes);
-    of(stays).into_iter().filter(|(key, _)| gone.contains_key(key)).map(|(_, triangle)| triangle).collect()
+    of(stays)
+        .into_iter()
+        .filter(|(key, _)| gone.contains_key(key))
+        .map(|(_, triangle)| triangle)
+        .collect()
 }

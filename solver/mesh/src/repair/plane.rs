@@ -29,7 +29,9 @@ impl Plane {
 
 /// Tags elements whose middle lies above the plane; how many.
 pub(super) fn tag_above(mesh: &mut TetMesh, plane: &Plane, tag: i32) -> usize {
-    let above: Vec<usize> = (0..mesh.n_tets()).filter(|e| plane.above_mm(mesh.centroid_mm(*e)) > 0.0).collect();
+    let above: Vec<usize> = (0..mesh.n_tets())
+        .filter(|e| plane.above_mm(mesh.centroid_mm(*e)) > 0.0)
+        .collect();
     for e in &above {
         mesh.tags[*e] = tag;
     }
@@ -64,7 +66,9 @@ pub(super) fn cut(mesh: &mut TetMesh, plane: &Plane) -> usize {
     mesh.tets = tets;
     mesh.tags = tags;
     mesh.frames = frames;
-    let flat: Vec<bool> = (0..mesh.n_tets()).map(|e| mesh.volume_mm3(e) > 0.0).collect();
+    let flat: Vec<bool> = (0..mesh.n_tets())
+        .map(|e| mesh.volume_mm3(e) > 0.0)
+        .collect();
     keep_elements(mesh, &flat);
     n_changed
 }
@@ -83,13 +87,24 @@ fn snap(mesh: &mut TetMesh, plane: &Plane, height: &mut [f64]) {
         }
     }
     for node in 0..mesh.n_nodes() {
-        if height[node] == 0.0 || height[node].abs() > SNAP * shortest[node] || !shortest[node].is_finite() {
+        if height[node] == 0.0
+            || height[node].abs() > SNAP * shortest[node]
+            || !shortest[node].is_finite()
+        {
             continue;
         }
         let old = mesh.nodes_mm[node];
-        let before: Vec<f64> = around.row(node).iter().map(|e| mesh.volume_mm3(*e as usize)).collect();
+        let before: Vec<f64> = around
+            .row(node)
+            .iter()
+            .map(|e| mesh.volume_mm3(*e as usize))
+            .collect();
         mesh.nodes_mm[node] = axpy(old, -height[node], plane.normal);
-        let sound = around.row(node).iter().zip(before).all(|(e, v)| mesh.volume_mm3(*e as usize) > 0.2 * v);
+        let sound = around
+            .row(node)
+            .iter()
+            .zip(before)
+            .all(|(e, v)| mesh.volume_mm3(*e as usize) > 0.2 * v);
         if sound {
             height[node] = 0.0;
         } else {
@@ -115,9 +130,16 @@ fn lower_part(
             mesh.nodes_mm.len() as u32 - 1
         })
     };
-    let of = |sign: f64| tet.into_iter().filter(move |node| height[*node as usize] * sign > 0.0).collect::<Vec<u32>>();
+    let of = |sign: f64| {
+        tet.into_iter()
+            .filter(move |node| height[*node as usize] * sign > 0.0)
+            .collect::<Vec<u32>>()
+    };
     let (below, above) = (of(-1.0), of(1.0));
-    let on: Vec<u32> = tet.into_iter().filter(|node| height[*node as usize] == 0.0).collect();
+    let on: Vec<u32> = tet
+        .into_iter()
+        .filter(|node| height[*node as usize] == 0.0)
+        .collect();
     let parts = match (&below[..], &above[..], &on[..]) {
         ([a], [b, c, d], []) => vec![[*a, crossing(*a, *b), crossing(*a, *c), crossing(*a, *d)]],
         ([a], [b, c], [p]) => vec![[*a, *p, crossing(*a, *b), crossing(*a, *c)]],
@@ -128,7 +150,8 @@ fn lower_part(
             pyramid([*a, *b, bc, ac], *p)
         }
         ([a, b], [c, d], []) => {
-            let [ac, ad, bc, bd] = [(*a, *c), (*a, *d), (*b, *c), (*b, *d)].map(|(x, y)| crossing(x, y));
+            let [ac, ad, bc, bd] =
+                [(*a, *c), (*a, *d), (*b, *c), (*b, *d)].map(|(x, y)| crossing(x, y));
             prism([*a, ac, ad], [*b, bc, bd])
         }
         ([a, b, c], [d], []) => {
@@ -139,7 +162,11 @@ fn lower_part(
     };
     let upright = |part: [u32; 4]| {
         let x = part.map(|node| mesh.nodes_mm[node as usize]);
-        if volume_mm3(x) < 0.0 { [part[0], part[1], part[3], part[2]] } else { part }
+        if volume_mm3(x) < 0.0 {
+            [part[0], part[1], part[3], part[2]]
+        } else {
+            part
+        }
     };
     parts.into_iter().map(upright).collect()
 }
@@ -155,7 +182,11 @@ fn pyramid(base: [u32; 4], top: u32) -> Vec<[u32; 4]> {
 /// triangle and the side opposite of it.
 fn prism(low: [u32; 3], high: [u32; 3]) -> Vec<[u32; 4]> {
     let smallest = low.into_iter().chain(high).min().unwrap_or(0);
-    let (near, far) = if low.contains(&smallest) { (low, high) } else { (high, low) };
+    let (near, far) = if low.contains(&smallest) {
+        (low, high)
+    } else {
+        (high, low)
+    };
     let k = near.iter().position(|node| *node == smallest).unwrap_or(0);
     let (i, j) = ((k + 1) % 3, (k + 2) % 3);
     let mut parts = vec![[smallest, far[0], far[1], far[2]]];

@@ -42,14 +42,19 @@ pub(super) fn improve(mesh: &mut TetMesh) -> Shaped {
 fn on_boundary(mesh: &TetMesh) -> Vec<bool> {
     let mut outer = vec![false; mesh.n_nodes()];
     for face in boundary(mesh) {
-        face.triangle.iter().for_each(|node| outer[*node as usize] = true);
+        face.triangle
+            .iter()
+            .for_each(|node| outer[*node as usize] = true);
     }
     outer
 }
 
 /// Worst mean ratio around a node.
 fn worst(mesh: &TetMesh, elements: &[u32]) -> f64 {
-    elements.iter().map(|e| mean_ratio(mesh.corners(*e as usize))).fold(f64::INFINITY, f64::min)
+    elements
+        .iter()
+        .map(|e| mean_ratio(mesh.corners(*e as usize)))
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Moves inner nodes of bad elements; how many found a better place.
@@ -57,7 +62,10 @@ fn smooth(mesh: &mut TetMesh, moved: &mut [bool]) -> usize {
     let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let outer = on_boundary(mesh);
     let bad = (0..mesh.n_tets()).filter(|e| mean_ratio(mesh.corners(*e)) < WANTED);
-    let mut nodes: Vec<u32> = bad.flat_map(|e| mesh.tets[e]).filter(|node| !outer[*node as usize]).collect();
+    let mut nodes: Vec<u32> = bad
+        .flat_map(|e| mesh.tets[e])
+        .filter(|node| !outer[*node as usize])
+        .collect();
     nodes.sort_unstable();
     nodes.dedup();
     let mut n_moved = 0;
@@ -65,7 +73,10 @@ fn smooth(mesh: &mut TetMesh, moved: &mut [bool]) -> usize {
         let elements = around.row(node as usize);
         let start = mesh.nodes_mm[node as usize];
         let (mut best, mut value) = (start, worst(mesh, elements));
-        let neighbours = elements.iter().flat_map(|e| mesh.tets[*e as usize]).filter(|other| *other != node);
+        let neighbours = elements
+            .iter()
+            .flat_map(|e| mesh.tets[*e as usize])
+            .filter(|other| *other != node);
         let (mut sum, mut n, mut reach) = ([0.0; 3], 0.0, f64::INFINITY);
         for other in neighbours {
             let x = mesh.nodes_mm[other as usize];
@@ -115,7 +126,9 @@ fn mesh_scale(x: Vec3, sum: Vec3, n: f64) -> f64 {
 fn collapse_flat(mesh: &mut TetMesh) -> usize {
     let outer = on_boundary(mesh);
     let mut n_collapsed = 0;
-    let flat: Vec<usize> = (0..mesh.n_tets()).filter(|e| mean_ratio(mesh.corners(*e)) < DEGENERATE).collect();
+    let flat: Vec<usize> = (0..mesh.n_tets())
+        .filter(|e| mean_ratio(mesh.corners(*e)) < DEGENERATE)
+        .collect();
     let mut gone = vec![false; mesh.n_tets()];
     for e in flat {
         if gone[e] {
@@ -125,15 +138,23 @@ fn collapse_flat(mesh: &mut TetMesh) -> usize {
         let before = mean_ratio(mesh.corners(e)).max(0.0);
         let tet = mesh.tets[e];
         let mut best: Option<(f64, u32, u32)> = None;
-        for [from, to] in EDGES.into_iter().flat_map(|[i, j]| [[i, j], [j, i]]).map(|ends| ends.map(|i| tet[i])) {
+        for [from, to] in EDGES
+            .into_iter()
+            .flat_map(|[i, j]| [[i, j], [j, i]])
+            .map(|ends| ends.map(|i| tet[i]))
+        {
             // a node of the boundary stays, and an inner edge between two nodes of it closes nothing by going
             if outer[from as usize] {
                 continue;
             }
             let elements = around.row(from as usize).iter().map(|e| *e as usize);
             let stay = elements.filter(|e| !gone[*e] && !mesh.tets[*e].contains(&to));
-            let with = |e: usize| mesh.tets[e].map(|n| mesh.nodes_mm[if n == from { to } else { n } as usize]);
-            let value = stay.map(|e| mean_ratio(with(e))).fold(f64::INFINITY, f64::min);
+            let with = |e: usize| {
+                mesh.tets[e].map(|n| mesh.nodes_mm[if n == from { to } else { n } as usize])
+            };
+            let value = stay
+                .map(|e| mean_ratio(with(e)))
+                .fold(f64::INFINITY, f64::min);
             if value > before.max(1e-3) && best.is_none_or(|(other, ..)| value > other) {
                 best = Some((value, from, to));
             }

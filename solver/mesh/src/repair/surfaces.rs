@@ -24,8 +24,10 @@ pub(super) struct Fitted {
 
 /// Turns triangles outward, and drops those that are no faces of the boundary, or are in a surface before.
 pub(super) fn fit_to_boundary(mesh: &mut TetMesh) -> Fitted {
-    let outward: HashMap<[u32; 3], [u32; 3]> =
-        boundary(mesh).iter().map(|face| (sorted(face.triangle), face.triangle)).collect();
+    let outward: HashMap<[u32; 3], [u32; 3]> = boundary(mesh)
+        .iter()
+        .map(|face| (sorted(face.triangle), face.triangle))
+        .collect();
     let mut fitted = Fitted::default();
     let mut taken: BTreeSet<[u32; 3]> = BTreeSet::new();
     for surface in &mut mesh.surfaces {
@@ -47,17 +49,28 @@ pub(super) fn fit_to_boundary(mesh: &mut TetMesh) -> Fitted {
             }
         });
     }
-    mesh.surfaces.retain(|surface| !surface.triangles.is_empty());
+    mesh.surfaces
+        .retain(|surface| !surface.triangles.is_empty());
     fitted
 }
 
 /// Puts surfaces in the place of those with the same names, and says what there is now. A septum that is part of a new surface is
 /// taken out of it.
 pub(super) fn replace(mesh: &mut TetMesh, found: Vec<Surface>, done: &mut Done) {
-    let known = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM];
+    let known = [
+        surface_names::ENDOCARDIUM,
+        surface_names::EPICARDIUM,
+        surface_names::RIM,
+    ];
     mesh.surfaces.retain(|s| !known.contains(&s.name.as_str()));
-    let named: Vec<String> = found.iter().map(|s| format!("{} ({})", s.name, s.triangles.len())).collect();
-    done.steps.push(format!("surfaces found, with their triangles: {}", named.join(", ")));
+    let named: Vec<String> = found
+        .iter()
+        .map(|s| format!("{} ({})", s.name, s.triangles.len()))
+        .collect();
+    done.steps.push(format!(
+        "surfaces found, with their triangles: {}",
+        named.join(", ")
+    ));
     let septum: BTreeSet<[u32; 3]> = mesh
         .surface(surface_names::SEPTUM)
         .map(|s| s.triangles.iter().map(|t| sorted(*t)).collect())
@@ -76,7 +89,9 @@ pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, Fi
     let in_plane = |t: &[u32; 3]| {
         let normal = area_vector(*t, &mesh.nodes_mm);
         let flat = dot(normal, plane.normal) > RIM_COSINE * norm(normal);
-        flat && t.iter().all(|node| plane.above_mm(mesh.nodes_mm[*node as usize]).abs() < near)
+        flat && t
+            .iter()
+            .all(|node| plane.above_mm(mesh.nodes_mm[*node as usize]).abs() < near)
     };
     let (rim, walls): (Vec<[u32; 3]>, Vec<[u32; 3]>) = triangles.into_iter().partition(in_plane);
     let mut groups = Groups::new(walls.len());
@@ -99,8 +114,12 @@ pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, Fi
     let n_patches = sized.len();
     let n_inner = sized.iter().filter(|(volume, _)| *volume > 0.0).count();
     let (Some(inner), Some(outer)) = (
-        (0..n_patches).max_by(|i, j| sized[*i].0.total_cmp(&sized[*j].0)).filter(|i| sized[*i].0 > 0.0),
-        (0..n_patches).min_by(|i, j| sized[*i].0.total_cmp(&sized[*j].0)).filter(|i| sized[*i].0 < 0.0),
+        (0..n_patches)
+            .max_by(|i, j| sized[*i].0.total_cmp(&sized[*j].0))
+            .filter(|i| sized[*i].0 > 0.0),
+        (0..n_patches)
+            .min_by(|i, j| sized[*i].0.total_cmp(&sized[*j].0))
+            .filter(|i| sized[*i].0 < 0.0),
     ) else {
         return Err(if n_inner == 0 {
             FindError::NoEndocardium { n_patches, n_inner }
@@ -123,14 +142,25 @@ pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, Fi
         (surface_names::EPICARDIUM, epicardium),
         (surface_names::RIM, rest),
     ];
-    let named = named.into_iter().filter(|(_, triangles)| !triangles.is_empty());
-    Ok(named.map(|(name, triangles)| Surface { name: name.to_owned(), triangles }).collect())
+    let named = named
+        .into_iter()
+        .filter(|(_, triangles)| !triangles.is_empty());
+    Ok(named
+        .map(|(name, triangles)| Surface {
+            name: name.to_owned(),
+            triangles,
+        })
+        .collect())
 }
 
 /// Takes triangles out of the epicardium into the septum, which is made anew; how many.
 fn move_to_septum(mesh: &mut TetMesh, septal: &BTreeSet<[u32; 3]>) -> usize {
     let mut triangles = Vec::new();
-    for surface in mesh.surfaces.iter_mut().filter(|s| s.name == surface_names::EPICARDIUM) {
+    for surface in mesh
+        .surfaces
+        .iter_mut()
+        .filter(|s| s.name == surface_names::EPICARDIUM)
+    {
         surface.triangles.retain(|t| {
             let stays = !septal.contains(&sorted(*t));
             if !stays {
@@ -141,17 +171,26 @@ fn move_to_septum(mesh: &mut TetMesh, septal: &BTreeSet<[u32; 3]>) -> usize {
     }
     let n = triangles.len();
     if n > 0 {
-        mesh.surfaces.push(Surface { name: surface_names::SEPTUM.to_owned(), triangles });
+        mesh.surfaces.push(Surface {
+            name: surface_names::SEPTUM.to_owned(),
+            triangles,
+        });
     }
     n
 }
 
 /// Names the faces towards tissue that was taken away, as far as they are of the outer wall; how many.
 pub(super) fn name_septum(mesh: &mut TetMesh) -> usize {
-    let septal: BTreeSet<[u32; 3]> =
-        mesh.surface(SIDE_OF_REMOVED).map(|s| s.triangles.iter().map(|t| sorted(*t)).collect()).unwrap_or_default();
+    let septal: BTreeSet<[u32; 3]> = mesh
+        .surface(SIDE_OF_REMOVED)
+        .map(|s| s.triangles.iter().map(|t| sorted(*t)).collect())
+        .unwrap_or_default();
     mesh.surfaces.retain(|s| s.name != SIDE_OF_REMOVED);
-    if mesh.surface(surface_names::SEPTUM).is_some() { 0 } else { move_to_septum(mesh, &septal) }
+    if mesh.surface(surface_names::SEPTUM).is_some() {
+        0
+    } else {
+        move_to_septum(mesh, &septal)
+    }
 }
 
 /// Marks the part of the outer wall within half of `degrees` of a point, seen from the long axis, as septum; how many triangles.
@@ -160,13 +199,21 @@ pub(super) fn name_septum(mesh: &mut TetMesh) -> usize {
 /// [`RepairError::Septum`] where the mesh has no long axis, or nothing lies there.
 pub fn mark_septum(mesh: &mut TetMesh, at_mm: Vec3, degrees: f64) -> Result<usize, RepairError> {
     let refuse = |why| RepairError::Septum { at_mm, why };
-    let marks = Landmarks::of(mesh).ok_or(refuse("a long axis needs endocardium, epicardium and rim"))?;
+    let marks =
+        Landmarks::of(mesh).ok_or(refuse("a long axis needs endocardium, epicardium and rim"))?;
     let around = |x: Vec3| unit(reject(sub(x, marks.base_mm), marks.axis));
     let towards = around(at_mm).ok_or(refuse("the point lies on the long axis"))?;
     // A septum that was there is the epicardium's again.
-    let old = mesh.surface(surface_names::SEPTUM).map(|s| s.triangles.clone()).unwrap_or_default();
+    let old = mesh
+        .surface(surface_names::SEPTUM)
+        .map(|s| s.triangles.clone())
+        .unwrap_or_default();
     mesh.surfaces.retain(|s| s.name != surface_names::SEPTUM);
-    if let Some(outer) = mesh.surfaces.iter_mut().find(|s| s.name == surface_names::EPICARDIUM) {
+    if let Some(outer) = mesh
+        .surfaces
+        .iter_mut()
+        .find(|s| s.name == surface_names::EPICARDIUM)
+    {
         outer.triangles.extend(old);
     }
     let least = (0.5 * degrees).to_radians().cos();
@@ -176,12 +223,16 @@ pub fn mark_septum(mesh: &mut TetMesh, at_mm: Vec3, degrees: f64) -> Result<usiz
     };
     // The lower fifth of the wall is the apex, which no right ventricle covers.
     let apical = marks.apex_height_mm * 0.8;
-    let outer = mesh.surface(surface_names::EPICARDIUM).map(|s| s.triangles.as_slice()).unwrap_or_default();
+    let outer = mesh
+        .surface(surface_names::EPICARDIUM)
+        .map(|s| s.triangles.as_slice())
+        .unwrap_or_default();
     let septal: BTreeSet<[u32; 3]> = outer
         .iter()
         .filter(|t| {
             let x = middle(t);
-            dot(sub(marks.base_mm, x), marks.axis) < apical && around(x).is_some_and(|d| dot(d, towards) > least)
+            dot(sub(marks.base_mm, x), marks.axis) < apical
+                && around(x).is_some_and(|d| dot(d, towards) > least)
         })
         .map(|t| sorted(*t))
         .collect();

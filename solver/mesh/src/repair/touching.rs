@@ -75,9 +75,14 @@ fn part_nodes(mesh: &mut TetMesh, edges: &[[u32; 2]]) -> usize {
     for node in nodes {
         let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
         let at_mm = mesh.nodes_mm[node as usize];
-        for fan in fans(mesh, around.row(node as usize), &[node]).into_iter().skip(1) {
+        for fan in fans(mesh, around.row(node as usize), &[node])
+            .into_iter()
+            .skip(1)
+        {
             let new = mesh.n_nodes() as u32;
-            let sum = fan.iter().fold([0.0; 3], |sum, e| add(sum, mesh.centroid_mm(*e as usize)));
+            let sum = fan
+                .iter()
+                .fold([0.0; 3], |sum, e| add(sum, mesh.centroid_mm(*e as usize)));
             let own = scale(sum, 1.0 / fan.len() as f64);
             mesh.nodes_mm.push(axpy(at_mm, APART, sub(own, at_mm)));
             let mut faces = Vec::new();
@@ -102,7 +107,10 @@ fn remove_smaller_fans(mesh: &mut TetMesh, edges: &[[u32; 2]]) -> usize {
     let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let mut keep = vec![true; mesh.n_tets()];
     for [a, b] in edges {
-        let both = around.row(*a as usize).iter().filter(|e| mesh.tets[**e as usize].contains(b));
+        let both = around
+            .row(*a as usize)
+            .iter()
+            .filter(|e| mesh.tets[**e as usize].contains(b));
         let both: Vec<u32> = both.copied().collect();
         for fan in fans(mesh, &both, &[*a, *b]).into_iter().skip(1) {
             fan.iter().for_each(|e| keep[*e as usize] = false);

@@ -1,7 +1,8 @@
 //! Pages of the effects as text: file name and content.
 
 use cardiotwin_models::effects::{
-    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Phase, Role, Sign, Signal,
+    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Phase,
+    Role, Sign, Signal,
 };
 use cardiotwin_models::periodic::{FitSubject, PeriodicSettings, find};
 use cardiotwin_units::{Ml, Ms};
@@ -26,9 +27,13 @@ pub fn all() -> Vec<(String, String)> {
 
 /// Measured traces of the typical base model with these effects.
 fn traces(effects: &[EffectSetting]) -> PeriodicTraces {
-    let mut model = FitSubject::new(CYCLE, Ml(110.0)).model(&FitSubject::typical(), effects).expect("typical values");
+    let mut model = FitSubject::new(CYCLE, Ml(110.0))
+        .model(&FitSubject::typical(), effects)
+        .expect("typical values");
     let settings = PeriodicSettings::with_step(CYCLE, Ms(1.0));
-    find(&mut model, CYCLE, &settings, None).expect("a periodic beat").measured(&model)
+    find(&mut model, CYCLE, &settings, None)
+        .expect("a periodic beat")
+        .measured(&model)
 }
 
 fn kind(effect: &Effect) -> &'static str {
@@ -73,7 +78,11 @@ fn index() -> String {
 }
 
 fn number(value: f64) -> String {
-    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
+    if value != 0.0 && value.abs() < 1e-3 {
+        format!("{value:e}")
+    } else {
+        format!("{value}")
+    }
 }
 
 fn range(p: &Parameter) -> String {
@@ -102,7 +111,11 @@ fn page(effect: &Effect) -> String {
             p.meaning,
             range(p),
             p.off.map_or("none".to_owned(), number),
-            if p.role == Role::Strength { number(p.smallest) } else { "–".to_owned() },
+            if p.role == Role::Strength {
+                number(p.smallest)
+            } else {
+                "–".to_owned()
+            },
             number(p.typical),
             number(p.prior_scale),
             match p.role {
@@ -127,10 +140,21 @@ fn page(effect: &Effect) -> String {
         );
     }
     if let Some(why) = effect.hidden_because {
-        let _ = write!(text, "\nPressure and volume of one ventricle cannot show it: {why}.\n");
+        let _ = write!(
+            text,
+            "\nPressure and volume of one ventricle cannot show it: {why}.\n"
+        );
     }
-    let confused = effect.confused_with.iter().map(|name| format!("[{name}]({name}.md)")).collect::<Vec<_>>();
-    let confused = if confused.is_empty() { "nothing in the catalogue".to_owned() } else { confused.join(", ") };
+    let confused = effect
+        .confused_with
+        .iter()
+        .map(|name| format!("[{name}]({name}.md)"))
+        .collect::<Vec<_>>();
+    let confused = if confused.is_empty() {
+        "nothing in the catalogue".to_owned()
+    } else {
+        confused.join(", ")
+    };
     let _ = write!(
         text,
         "\n## What it is confused with\n\n{}. It is shown or told apart by: {}.\n\n## In three dimensions\n\n{}\n",
@@ -148,11 +172,15 @@ fn in_3d(effect: &Effect) -> String {
     match effect.in_3d {
         InThreeDimensions::AsItIs => match effect.kind {
             Kind::Physiology => "The same object, as it is.".to_owned(),
-            Kind::Artefact => "The same step between simulated and measured traces, as it is.".to_owned(),
+            Kind::Artefact => {
+                "The same step between simulated and measured traces, as it is.".to_owned()
+            }
         },
         InThreeDimensions::ActivationMap { how } => format!("As an activation map: {how}."),
         InThreeDimensions::PassiveExponents { factor } => {
-            format!("All exponents of Guccione's law times `{factor}`; its scale is fitted anew in step 0.")
+            format!(
+                "All exponents of Guccione's law times `{factor}`; its scale is fitted anew in step 0."
+            )
         }
         InThreeDimensions::MaterialTerm { how } => format!("As a term of the material: {how}."),
         InThreeDimensions::Cannot { why } => format!("Not possible: {why}."),
@@ -161,7 +189,9 @@ fn in_3d(effect: &Effect) -> String {
 
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+    letters.next().map_or(String::new(), |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
 }
 
 fn phase(phase: Phase) -> &'static str {
@@ -199,7 +229,10 @@ const TOP: f64 = 34.0;
 impl Panel<'_> {
     fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let share = |v: f64, (_, low, high): (&str, f64, f64)| (v - low) / (high - low);
-        (self.left + WIDTH * share(x, self.x), TOP + HEIGHT * (1.0 - share(y, self.y)))
+        (
+            self.left + WIDTH * share(x, self.x),
+            TOP + HEIGHT * (1.0 - share(y, self.y)),
+        )
     }
 
     fn axes(&self, svg: &mut String) {
@@ -209,10 +242,16 @@ impl Panel<'_> {
             self.left
         );
         for share in [0.0, 0.5, 1.0] {
-            let (x, y) = (self.x.1 + share * (self.x.2 - self.x.1), self.y.1 + share * (self.y.2 - self.y.1));
+            let (x, y) = (
+                self.x.1 + share * (self.x.2 - self.x.1),
+                self.y.1 + share * (self.y.2 - self.y.1),
+            );
             let (px, py) = self.place(x, y);
-            let _ =
-                writeln!(svg, "<text x=\"{px:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{x}</text>", TOP + HEIGHT + 14.0);
+            let _ = writeln!(
+                svg,
+                "<text x=\"{px:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{x}</text>",
+                TOP + HEIGHT + 14.0
+            );
             let _ = writeln!(
                 svg,
                 "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{y}</text>",
@@ -227,7 +266,13 @@ impl Panel<'_> {
             TOP + HEIGHT + 30.0,
             self.x.0
         );
-        let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\">{}</text>", self.left, TOP - 8.0, self.y.0);
+        let _ = writeln!(
+            svg,
+            "<text x=\"{}\" y=\"{}\">{}</text>",
+            self.left,
+            TOP - 8.0,
+            self.y.0
+        );
     }
 
     fn curve(&self, svg: &mut String, points: impl Iterator<Item = (f64, f64)>, style: &str) {
@@ -237,7 +282,11 @@ impl Panel<'_> {
                 format!("{px:.1},{py:.1}")
             })
             .collect();
-        let _ = writeln!(svg, "<polyline fill=\"none\" {style} points=\"{}\"/>", points.join(" "));
+        let _ = writeln!(
+            svg,
+            "<polyline fill=\"none\" {style} points=\"{}\"/>",
+            points.join(" ")
+        );
     }
 }
 
@@ -247,16 +296,31 @@ fn picture(effect: &Effect, base: &PeriodicTraces, on: &PeriodicTraces) -> Strin
         20.0 * if up { steps.ceil() } else { steps.floor() }
     };
     let limits = |a: &[f64], b: &[f64]| {
-        let (low, high) = a.iter().chain(b).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) = a
+            .iter()
+            .chain(b)
+            .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
         (nice(low, false), nice(high, true))
     };
     let pressure = limits(&base.pressure_mmhg, &on.pressure_mmhg);
     let volume = limits(&base.volume_ml, &on.volume_ml);
     let time = ("time in ms", 0.0, base.cycle_length_ms);
     let panels = [
-        Panel { left: 46.0, x: time, y: ("pressure in mmHg", pressure.0, pressure.1) },
-        Panel { left: 330.0, x: time, y: ("volume in mL", volume.0, volume.1) },
-        Panel { left: 614.0, x: ("volume in mL", volume.0, volume.1), y: ("pressure in mmHg", pressure.0, pressure.1) },
+        Panel {
+            left: 46.0,
+            x: time,
+            y: ("pressure in mmHg", pressure.0, pressure.1),
+        },
+        Panel {
+            left: 330.0,
+            x: time,
+            y: ("volume in mL", volume.0, volume.1),
+        },
+        Panel {
+            left: 614.0,
+            x: ("volume in mL", volume.0, volume.1),
+            y: ("pressure in mmHg", pressure.0, pressure.1),
+        },
     ];
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 860 256\" font-family=\"sans-serif\" font-size=\"11\">\n\
@@ -264,14 +328,33 @@ fn picture(effect: &Effect, base: &PeriodicTraces, on: &PeriodicTraces) -> Strin
         effect.name
     );
     panels.iter().for_each(|panel| panel.axes(&mut svg));
-    let styles = ["stroke=\"#555\" stroke-dasharray=\"4 3\"", "stroke=\"#b3261e\" stroke-width=\"1.5\""];
+    let styles = [
+        "stroke=\"#555\" stroke-dasharray=\"4 3\"",
+        "stroke=\"#b3261e\" stroke-width=\"1.5\"",
+    ];
     for (traces, style) in [(base, styles[0]), (on, styles[1])] {
         // Around the cycle and back to its first sample.
-        let samples = || (0..=traces.volume_ml.len()).step_by(EVERY).map(|i| (i as f64, i % traces.volume_ml.len()));
+        let samples = || {
+            (0..=traces.volume_ml.len())
+                .step_by(EVERY)
+                .map(|i| (i as f64, i % traces.volume_ml.len()))
+        };
         let at = |i: f64| i * traces.spacing_ms();
-        panels[0].curve(&mut svg, samples().map(|(t, i)| (at(t), traces.pressure_mmhg[i])), style);
-        panels[1].curve(&mut svg, samples().map(|(t, i)| (at(t), traces.volume_ml[i])), style);
-        panels[2].curve(&mut svg, samples().map(|(_, i)| (traces.volume_ml[i], traces.pressure_mmhg[i])), style);
+        panels[0].curve(
+            &mut svg,
+            samples().map(|(t, i)| (at(t), traces.pressure_mmhg[i])),
+            style,
+        );
+        panels[1].curve(
+            &mut svg,
+            samples().map(|(t, i)| (at(t), traces.volume_ml[i])),
+            style,
+        );
+        panels[2].curve(
+            &mut svg,
+            samples().map(|(_, i)| (traces.volume_ml[i], traces.pressure_mmhg[i])),
+            style,
+        );
     }
     svg.push_str("</svg>\n");
     svg

@@ -19,7 +19,9 @@ pub trait Calcium: std::fmt::Debug + Send + Sync {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalciumError {
     /// A time constant is not a positive finite number.
-    #[error("calcium time constants must be positive, but tau_CR is {tau_cr_ms} ms and tau_CD is {tau_cd_ms} ms")]
+    #[error(
+        "calcium time constants must be positive, but tau_CR is {tau_cr_ms} ms and tau_CD is {tau_cd_ms} ms"
+    )]
     TimeConstants {
         /// Rise time constant \[ms\].
         tau_cr_ms: f64,

@@ -21,7 +21,12 @@ pub struct Rice2008Parameters {
 impl Default for Rice2008Parameters {
     /// Jung 2022, Table A4.
     fn default() -> Self {
-        Self { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms: 129.0, tau_cd_ms: 128.0 }
+        Self {
+            ca_res_um: 0.15,
+            ca_max_um: 0.6,
+            tau_cr_ms: 129.0,
+            tau_cd_ms: 128.0,
+        }
     }
 }
 
@@ -50,13 +55,24 @@ impl Rice2008 {
     /// # Errors
     /// [`CalciumError`] for a time constant or a concentration that is not positive and finite.
     pub fn new(parameters: Rice2008Parameters) -> Result<Self, CalciumError> {
-        let Rice2008Parameters { ca_res_um, ca_max_um, tau_cr_ms, tau_cd_ms } = parameters;
+        let Rice2008Parameters {
+            ca_res_um,
+            ca_max_um,
+            tau_cr_ms,
+            tau_cd_ms,
+        } = parameters;
         let positive = |x: f64| x > 0.0 && x.is_finite();
         if !positive(tau_cr_ms) || !positive(tau_cd_ms) {
-            return Err(CalciumError::TimeConstants { tau_cr_ms, tau_cd_ms });
+            return Err(CalciumError::TimeConstants {
+                tau_cr_ms,
+                tau_cd_ms,
+            });
         }
         if !positive(ca_res_um) || !positive(ca_max_um) {
-            return Err(CalciumError::Concentrations { ca_res_um, ca_max_um });
+            return Err(CalciumError::Concentrations {
+                ca_res_um,
+                ca_max_um,
+            });
         }
         let slow = 1.0 / tau_cr_ms.max(tau_cd_ms);
         // The gap is taken from the time constants, exact for neighbours, not from two rounded rates.
@@ -67,9 +83,20 @@ impl Rice2008 {
             (mean, 0.0, 1.0 / mean, mean * std::f64::consts::E)
         } else {
             let peak = ratio.atanh() / half;
-            (slow, gap, peak, (slow * peak).exp() / -(-gap * peak).exp_m1())
+            (
+                slow,
+                gap,
+                peak,
+                (slow * peak).exp() / -(-gap * peak).exp_m1(),
+            )
         };
-        Ok(Self { parameters, slow_per_ms, gap_per_ms, scale, peak_ms })
+        Ok(Self {
+            parameters,
+            slow_per_ms,
+            gap_per_ms,
+            scale,
+            peak_ms,
+        })
     }
 
     /// The parameters it was made from.
@@ -102,7 +129,10 @@ impl Rice2008 {
             (envelope * s, envelope * (1.0 - self.slow_per_ms * s))
         } else {
             let m = (-self.gap_per_ms * s).exp_m1();
-            (-envelope * m, envelope * (self.slow_per_ms * m + self.gap_per_ms * (m + 1.0)))
+            (
+                -envelope * m,
+                envelope * (self.slow_per_ms * m + self.gap_per_ms * (m + 1.0)),
+            )
         }
     }
 
@@ -126,7 +156,11 @@ impl Rice2008 {
 
 impl Calcium for Rice2008 {
     fn concentration_um(&self, since_activation_ms: f64) -> f64 {
-        let Rice2008Parameters { ca_res_um, ca_max_um, .. } = self.parameters;
+        let Rice2008Parameters {
+            ca_res_um,
+            ca_max_um,
+            ..
+        } = self.parameters;
         if since_activation_ms < 0.0 {
             ca_res_um
         } else {
@@ -136,12 +170,19 @@ impl Calcium for Rice2008 {
 
     #[inline]
     fn value_and_rate(&self, since_activation_ms: f64) -> (f64, f64) {
-        let Rice2008Parameters { ca_res_um, ca_max_um, .. } = self.parameters;
+        let Rice2008Parameters {
+            ca_res_um,
+            ca_max_um,
+            ..
+        } = self.parameters;
         if since_activation_ms < 0.0 {
             return (ca_res_um, 0.0);
         }
         let (shape, slope) = self.shape_and_slope(since_activation_ms);
-        (ca_res_um + (ca_max_um - ca_res_um) * shape, (ca_max_um - ca_res_um) * slope)
+        (
+            ca_res_um + (ca_max_um - ca_res_um) * shape,
+            (ca_max_um - ca_res_um) * slope,
+        )
     }
 }
 
@@ -151,7 +192,12 @@ mod tests {
     use proptest::prelude::*;
 
     fn rice(tau_cr_ms: f64, tau_cd_ms: f64) -> Rice2008 {
-        Rice2008::new(Rice2008Parameters { tau_cr_ms, tau_cd_ms, ..Default::default() }).unwrap()
+        Rice2008::new(Rice2008Parameters {
+            tau_cr_ms,
+            tau_cd_ms,
+            ..Default::default()
+        })
+        .unwrap()
     }
 
     /// Equation A16 as printed (with SPEC's β), for time constants far enough apart not to cancel.
@@ -166,7 +212,10 @@ mod tests {
         for (tau_cr, tau_cd) in [(129.0, 60.0), (30.0, 190.0), (192.5, 26.0)] {
             let ca = rice(tau_cr, tau_cd);
             for s in [0.0, 1.0, 20.0, 100.0, 500.0, 1200.0] {
-                assert!((ca.concentration_um(s) - printed(s, tau_cr, tau_cd)).abs() < 1e-13, "{tau_cr} {tau_cd} {s}");
+                assert!(
+                    (ca.concentration_um(s) - printed(s, tau_cr, tau_cd)).abs() < 1e-13,
+                    "{tau_cr} {tau_cd} {s}"
+                );
             }
         }
     }
@@ -188,7 +237,10 @@ mod tests {
             assert!((equal.concentration_um(s) - limit).abs() < 1e-15);
             for gap in [1e-3, 1e-6, 1e-8, 1e-10, 1e-13] {
                 let near = rice(130.0 * (1.0 + gap), 130.0 * (1.0 - gap));
-                assert!((near.concentration_um(s) - limit).abs() < 1e-15 + 2.0 * gap * gap * 50.0, "{gap} {s}");
+                assert!(
+                    (near.concentration_um(s) - limit).abs() < 1e-15 + 2.0 * gap * gap * 50.0,
+                    "{gap} {s}"
+                );
             }
         }
     }
@@ -210,10 +262,22 @@ mod tests {
         let base = Rice2008Parameters::default();
         let value = |p: Rice2008Parameters| Rice2008::new(p).unwrap().concentration_um(250.0);
         let moved = [
-            Rice2008Parameters { ca_res_um: 0.16, ..base },
-            Rice2008Parameters { ca_max_um: 0.61, ..base },
-            Rice2008Parameters { tau_cr_ms: 130.0, ..base },
-            Rice2008Parameters { tau_cd_ms: 127.0, ..base },
+            Rice2008Parameters {
+                ca_res_um: 0.16,
+                ..base
+            },
+            Rice2008Parameters {
+                ca_max_um: 0.61,
+                ..base
+            },
+            Rice2008Parameters {
+                tau_cr_ms: 130.0,
+                ..base
+            },
+            Rice2008Parameters {
+                tau_cd_ms: 127.0,
+                ..base
+            },
         ];
         for p in moved {
             assert!((value(p) - value(base)).abs() > 1e-6, "{p:?}");
@@ -222,10 +286,22 @@ mod tests {
 
     #[test]
     fn refuses_nonsense() {
-        let bad = Rice2008Parameters { tau_cr_ms: 0.0, ..Default::default() };
-        assert!(matches!(Rice2008::new(bad), Err(CalciumError::TimeConstants { .. })));
-        let bad = Rice2008Parameters { ca_res_um: f64::NAN, ..Default::default() };
-        assert!(matches!(Rice2008::new(bad), Err(CalciumError::Concentrations { .. })));
+        let bad = Rice2008Parameters {
+            tau_cr_ms: 0.0,
+            ..Default::default()
+        };
+        assert!(matches!(
+            Rice2008::new(bad),
+            Err(CalciumError::TimeConstants { .. })
+        ));
+        let bad = Rice2008Parameters {
+            ca_res_um: f64::NAN,
+            ..Default::default()
+        };
+        assert!(matches!(
+            Rice2008::new(bad),
+            Err(CalciumError::Concentrations { .. })
+        ));
     }
 
     proptest! {

@@ -20,12 +20,23 @@ impl SampledCalcium {
         let n_samples = samples_um.len();
         let bad = samples_um.iter().position(|c| !(*c > 0.0 && c.is_finite()));
         if let Some(index) = bad {
-            return Err(CalciumError::Samples { n_samples, index, value_um: samples_um[index] });
+            return Err(CalciumError::Samples {
+                n_samples,
+                index,
+                value_um: samples_um[index],
+            });
         }
         if n_samples < 3 || !(interval.0 > 0.0 && interval.0.is_finite()) {
-            return Err(CalciumError::Samples { n_samples, index: n_samples, value_um: f64::NAN });
+            return Err(CalciumError::Samples {
+                n_samples,
+                index: n_samples,
+                value_um: f64::NAN,
+            });
         }
-        Ok(Self { interval_ms: interval.0, samples_um })
+        Ok(Self {
+            interval_ms: interval.0,
+            samples_um,
+        })
     }
 
     /// Slope at sample `k` in µM per interval.
@@ -59,7 +70,10 @@ impl Calcium for SampledCalcium {
         let (a, b) = (self.samples_um[k], self.samples_um[k + 1]);
         let (ma, mb) = (self.slope(k), self.slope(k + 1));
         let (c2, c3) = (3.0 * (b - a) - 2.0 * ma - mb, 2.0 * (a - b) + ma + mb);
-        (a + x * (ma + x * (c2 + x * c3)), (ma + x * (2.0 * c2 + x * 3.0 * c3)) / self.interval_ms)
+        (
+            a + x * (ma + x * (c2 + x * c3)),
+            (ma + x * (2.0 * c2 + x * 3.0 * c3)) / self.interval_ms,
+        )
     }
 }
 
@@ -71,13 +85,18 @@ mod tests {
     #[test]
     fn follows_the_transient_it_was_sampled_from() {
         let rice = Rice2008::new(Rice2008Parameters::default()).unwrap();
-        let samples = (0..=1000).map(|t| rice.concentration_um(f64::from(t))).collect();
+        let samples = (0..=1000)
+            .map(|t| rice.concentration_um(f64::from(t)))
+            .collect();
         let sampled = SampledCalcium::new(Ms(1.0), samples).unwrap();
         for k in 10..9000 {
             let t = f64::from(k) * 0.1;
             let (value, rate) = sampled.value_and_rate(t);
             let (exact, exact_rate) = rice.value_and_rate(t);
-            assert!((value - exact).abs() < 1e-7 && (rate - exact_rate).abs() < 1e-6, "{t}");
+            assert!(
+                (value - exact).abs() < 1e-7 && (rate - exact_rate).abs() < 1e-6,
+                "{t}"
+            );
         }
         assert_eq!(sampled.concentration_um(1e9), rice.concentration_um(1000.0));
         assert_eq!(sampled.concentration_um(-1.0), 0.15);
@@ -89,6 +108,9 @@ mod tests {
             SampledCalcium::new(Ms(1.0), vec![0.1, -0.2, 0.1]),
             Err(CalciumError::Samples { index: 1, .. })
         ));
-        assert!(matches!(SampledCalcium::new(Ms(1.0), vec![0.1]), Err(CalciumError::Samples { n_samples: 1, .. })));
+        assert!(matches!(
+            SampledCalcium::new(Ms(1.0), vec![0.1]),
+            Err(CalciumError::Samples { n_samples: 1, .. })
+        ));
     }
 }

@@ -48,7 +48,11 @@ pub struct CalciumBiomarkers {
 ///
 /// Returns `None` for shorter or unequal traces, or ones with a value that is not finite.
 #[must_use]
-pub fn active_stress_biomarkers(time_ms: &[f64], sa_kpa: &[f64], lambda: &[f64]) -> Option<ActiveStressBiomarkers> {
+pub fn active_stress_biomarkers(
+    time_ms: &[f64],
+    sa_kpa: &[f64],
+    lambda: &[f64],
+) -> Option<ActiveStressBiomarkers> {
     if lambda.len() != sa_kpa.len() {
         return None;
     }
@@ -64,7 +68,9 @@ pub fn active_stress_biomarkers(time_ms: &[f64], sa_kpa: &[f64], lambda: &[f64])
             std90_ms: b.std90.0,
             lambda_min,
             sa_res_kpa,
-            open_levels: std::array::from_fn(|k| b.unreached.upstroke[k] || b.unreached.downstroke[k]),
+            open_levels: std::array::from_fn(|k| {
+                b.unreached.upstroke[k] || b.unreached.downstroke[k]
+            }),
         }),
         // A cell that develops nothing is a poor fit, not a failed one.
         Err(CellTraceError::NoStress { max_kpa }) => {
@@ -100,9 +106,16 @@ impl CalciumBiomarkers {
     /// [`CellError::Balance`] if a level has no root, which the checked parameters exclude.
     pub fn of_rice(rice: &Rice2008) -> Result<Self, CellError> {
         let at = |fraction| {
-            rice.decay_time(fraction).map_err(|source| CellError::Balance { what: "calcium decay time", source })
+            rice.decay_time(fraction)
+                .map_err(|source| CellError::Balance {
+                    what: "calcium decay time",
+                    source,
+                })
         };
-        Ok(Self { ctd50_ms: at(0.5)?.0, ctd90_ms: at(0.9)?.0 })
+        Ok(Self {
+            ctd50_ms: at(0.5)?.0,
+            ctd90_ms: at(0.9)?.0,
+        })
     }
 
     /// Durations of a sampled transient by linear interpolation, taken at its last sample where it does not decay so far.
@@ -110,7 +123,10 @@ impl CalciumBiomarkers {
     pub fn of_samples(time_ms: &[f64], ca_um: &[f64]) -> Option<Self> {
         let (activation, resting) = (Ms(*time_ms.first()?), MicroMolar(*ca_um.first()?));
         let durations = CalciumDurations::of(time_ms, ca_um, resting, activation).ok()?;
-        Some(Self { ctd50_ms: durations.ctd50.0, ctd90_ms: durations.ctd90.0 })
+        Some(Self {
+            ctd50_ms: durations.ctd50.0,
+            ctd90_ms: durations.ctd90.0,
+        })
     }
 }
 
@@ -125,9 +141,14 @@ impl Cell0d {
         }
         let Ms(length) = self.cycle_length();
         let time_ms: Vec<f64> = (0..=length as usize).map(|t| t as f64).collect();
-        let ca_um: Vec<f64> = time_ms.iter().map(|&t| self.calcium().concentration_um(t)).collect();
-        CalciumBiomarkers::of_samples(&time_ms, &ca_um)
-            .ok_or(CellError::Parameter { name: "cycle length", value: length })
+        let ca_um: Vec<f64> = time_ms
+            .iter()
+            .map(|&t| self.calcium().concentration_um(t))
+            .collect();
+        CalciumBiomarkers::of_samples(&time_ms, &ca_um).ok_or(CellError::Parameter {
+            name: "cycle length",
+            value: length,
+        })
     }
 }
 
@@ -138,10 +159,27 @@ mod tests {
     #[test]
     fn a_triangle_has_known_biomarkers() {
         let time: Vec<f64> = (0..=100).map(f64::from).collect();
-        let sa: Vec<f64> = time.iter().map(|t| if *t <= 40.0 { 0.5 * t } else { 20.0 - (t - 40.0) / 3.0 }).collect();
+        let sa: Vec<f64> = time
+            .iter()
+            .map(|t| {
+                if *t <= 40.0 {
+                    0.5 * t
+                } else {
+                    20.0 - (t - 40.0) / 3.0
+                }
+            })
+            .collect();
         let lambda: Vec<f64> = time.iter().map(|t| 1.0 - t / 1000.0).collect();
         let b = active_stress_biomarkers(&time, &sa, &lambda).unwrap();
-        assert_eq!((b.sa_max_kpa, b.t_sa_max_ms, b.dsadt_max_kpa_per_ms, b.lambda_min), (20.0, 40.0, 0.5, 0.9));
+        assert_eq!(
+            (
+                b.sa_max_kpa,
+                b.t_sa_max_ms,
+                b.dsadt_max_kpa_per_ms,
+                b.lambda_min
+            ),
+            (20.0, 40.0, 0.5, 0.9)
+        );
         // Above a level x of the maximum: (1 − x)(40 + 60) ms.
         for (value, want) in [(b.std30_ms, 30.0), (b.std50_ms, 50.0), (b.std90_ms, 90.0)] {
             assert!((value - want).abs() < 1e-12, "{value} {want}");
@@ -152,7 +190,16 @@ mod tests {
     #[test]
     fn a_level_that_is_not_reached_ends_with_the_beat_and_is_flagged() {
         let time: Vec<f64> = (0..=80).map(f64::from).collect();
-        let sa: Vec<f64> = time.iter().map(|t| if *t <= 40.0 { 0.5 * t } else { 20.0 - (t - 40.0) / 3.0 }).collect();
+        let sa: Vec<f64> = time
+            .iter()
+            .map(|t| {
+                if *t <= 40.0 {
+                    0.5 * t
+                } else {
+                    20.0 - (t - 40.0) / 3.0
+                }
+            })
+            .collect();
         let b = active_stress_biomarkers(&time, &sa, &sa).unwrap();
         assert_eq!(b.open_levels, [false, false, true]);
         assert!((b.std90_ms - 76.0).abs() < 1e-12);
@@ -160,21 +207,33 @@ mod tests {
 
     #[test]
     fn not_finite_is_none() {
-        assert_eq!(active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, f64::NAN, 0.0], &[1.0; 3]), None);
-        assert_eq!(active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, 1.0, 0.0], &[1.0; 2]), None);
+        assert_eq!(
+            active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, f64::NAN, 0.0], &[1.0; 3]),
+            None
+        );
+        assert_eq!(
+            active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, 1.0, 0.0], &[1.0; 2]),
+            None
+        );
     }
 
     #[test]
     fn no_stress_is_a_beat_with_open_levels() {
         let b = active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0; 3], &[1.0; 3]).unwrap();
-        assert_eq!((b.sa_max_kpa, b.std50_ms, b.open_levels), (0.0, 2.0, [true; 3]));
+        assert_eq!(
+            (b.sa_max_kpa, b.std50_ms, b.open_levels),
+            (0.0, 2.0, [true; 3])
+        );
     }
 
     #[test]
     fn sampled_calcium_has_the_analytic_durations() {
         let rice = Rice2008::new(Default::default()).unwrap();
         let time: Vec<f64> = (0..=1000).map(f64::from).collect();
-        let ca: Vec<f64> = time.iter().map(|&t| crate::calcium::Calcium::concentration_um(&rice, t)).collect();
+        let ca: Vec<f64> = time
+            .iter()
+            .map(|&t| crate::calcium::Calcium::concentration_um(&rice, t))
+            .collect();
         let sampled = CalciumBiomarkers::of_samples(&time, &ca).unwrap();
         let exact = CalciumBiomarkers::of_rice(&rice).unwrap();
         assert!((sampled.ctd50_ms - exact.ctd50_ms).abs() < 0.01);

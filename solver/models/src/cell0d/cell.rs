@@ -70,7 +70,12 @@ pub struct CellSolverSettings {
 
 impl Default for CellSolverSettings {
     fn default() -> Self {
-        Self { tolerance: 5e-6, periodic_tolerance: 1e-6, max_beats: 60, max_steps_per_beat: 20_000 }
+        Self {
+            tolerance: 5e-6,
+            periodic_tolerance: 1e-6,
+            max_beats: 60,
+            max_steps_per_beat: 20_000,
+        }
     }
 }
 
@@ -181,8 +186,13 @@ impl Cell0d {
     /// # Errors
     /// [`CellError::Parameter`], [`CellError::Contraction`] or [`CellError::Calcium`] for parameters outside the model.
     pub fn new(parameters: &CellParameters) -> Result<Self, CellError> {
-        let own = [("cycle length", parameters.cycle_length_ms), ("lambda0", parameters.lambda0)];
-        let bad = own.into_iter().find(|(_, value)| !(*value > 0.0 && value.is_finite()));
+        let own = [
+            ("cycle length", parameters.cycle_length_ms),
+            ("lambda0", parameters.lambda0),
+        ];
+        let bad = own
+            .into_iter()
+            .find(|(_, value)| !(*value > 0.0 && value.is_finite()));
         if let Some((name, value)) = bad.or(parameters.passive.first_bad()) {
             return Err(CellError::Parameter { name, value });
         }
@@ -261,7 +271,11 @@ impl Cell0d {
     ///
     /// # Errors
     /// As [`Self::solve_periodic`]; `beat` then holds nothing of use.
-    pub fn solve_periodic_into(&self, settings: &CellSolverSettings, beat: &mut CellBeat) -> Result<(), CellError> {
+    pub fn solve_periodic_into(
+        &self,
+        settings: &CellSolverSettings,
+        beat: &mut CellBeat,
+    ) -> Result<(), CellError> {
         super::periodic::solve(self, settings, beat)
     }
 }
@@ -278,6 +292,9 @@ impl CellState {
     /// # Errors
     /// [`CellError::Balance`] or [`CellError::Contraction`] when there is no such equilibrium.
     pub fn at_rest(cell: &Cell0d, ca: MicroMolar) -> Result<Self, CellError> {
-        Ok(super::periodic::to_state(&cell.land, &super::equilibrium::resting_state(&cell.system(), ca.0)?))
+        Ok(super::periodic::to_state(
+            &cell.land,
+            &super::equilibrium::resting_state(&cell.system(), ca.0)?,
+        ))
     }
 }

@@ -26,8 +26,9 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
             Ok(state) => {
                 // The slope leaves out what Ca50 adds: it only costs an iteration or a bisection.
                 let pull = land.stress_scale * state[3];
-                let slope =
-                    dh * pull + (passive.dsp_dstrain_kpa - system.passive.a_p_kpa * system.passive.k) / system.lambda0;
+                let slope = dh * pull
+                    + (passive.dsp_dstrain_kpa - system.passive.a_p_kpa * system.passive.k)
+                        / system.lambda0;
                 (h * pull + passive.sp_kpa, slope)
             }
             Err(error) => {
@@ -36,10 +37,21 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
             }
         }
     };
-    let root = increasing_root(LOWEST * system.lambda0, system.lambda0, system.lambda0 * 0.999, TOLERANCE, balance);
+    let root = increasing_root(
+        LOWEST * system.lambda0,
+        system.lambda0,
+        system.lambda0 * 0.999,
+        TOLERANCE,
+        balance,
+    );
     let lambda = match (root, failure) {
         (_, Some(error)) => return Err(CellError::Contraction(error)),
-        (Err(source), None) => return Err(CellError::Balance { what: "resting equilibrium", source }),
+        (Err(source), None) => {
+            return Err(CellError::Balance {
+                what: "resting equilibrium",
+                source,
+            });
+        }
         (Ok(lambda), None) => lambda,
     };
     let [trpn, b, w, s, ..] = steady(lambda)?;
@@ -51,16 +63,26 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
 pub(crate) fn balance_stretch(system: &System<'_>, y: &mut Vector) -> Result<(), CellError> {
     let land = system.land;
     let [_, _, w, s, z_w, z_s, cv, guess] = *y;
-    let root = increasing_root(LOWEST * system.lambda0, HIGHEST * system.lambda0, guess, TOLERANCE, |lambda| {
-        let passive = system.passive.stress(lambda / system.lambda0 - 1.0, cv);
-        let (h, dh) = land.overlap(lambda);
-        let pull = (z_s + land.a * lambda + 1.0) * s + (z_w + land.a * lambda) * w;
-        (
-            land.stress_scale * h * pull + passive.sp_kpa,
-            land.stress_scale * (dh * pull + h * land.a * (w + s)) + passive.dsp_dstrain_kpa / system.lambda0,
-        )
-    });
-    y[LAMBDA] = root.map_err(|source| CellError::Balance { what: "equilibrium stretch", source })?;
+    let root = increasing_root(
+        LOWEST * system.lambda0,
+        HIGHEST * system.lambda0,
+        guess,
+        TOLERANCE,
+        |lambda| {
+            let passive = system.passive.stress(lambda / system.lambda0 - 1.0, cv);
+            let (h, dh) = land.overlap(lambda);
+            let pull = (z_s + land.a * lambda + 1.0) * s + (z_w + land.a * lambda) * w;
+            (
+                land.stress_scale * h * pull + passive.sp_kpa,
+                land.stress_scale * (dh * pull + h * land.a * (w + s))
+                    + passive.dsp_dstrain_kpa / system.lambda0,
+            )
+        },
+    );
+    y[LAMBDA] = root.map_err(|source| CellError::Balance {
+        what: "equilibrium stretch",
+        source,
+    })?;
     Ok(())
 }
 

@@ -13,6 +13,8 @@ mod rodas;
 mod system;
 
 pub use biomarkers::{ActiveStressBiomarkers, CalciumBiomarkers};
-pub use cell::{CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState};
+pub use cell::{
+    CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState,
+};
 pub use objective::{CellCost, CellPenalty, CellTargets, CellWeights};
 pub use passive::LandPassiveParameters;

@@ -40,7 +40,14 @@ pub struct CellWeights {
 impl Default for CellWeights {
     /// Jung 2022, eq. 18.
     fn default() -> Self {
-        Self { sa_max: 5.0, dsadt_max: 1.0, std30: 5.0, std50: 1.0, std90: 1.0, lambda_min: 100.0 }
+        Self {
+            sa_max: 5.0,
+            dsadt_max: 1.0,
+            std30: 5.0,
+            std50: 1.0,
+            std90: 1.0,
+            lambda_min: 100.0,
+        }
     }
 }
 
@@ -92,11 +99,21 @@ impl From<ActiveStressBiomarkers> for CellTargets {
 impl CellCost {
     /// Weighted squared relative differences `((target − simulated)/target)²` (eq. 18).
     #[must_use]
-    pub fn new(target: &CellTargets, simulated: &ActiveStressBiomarkers, weights: &CellWeights) -> Self {
-        let term = |weight: f64, target: f64, simulated: f64| weight * ((target - simulated) / target).powi(2);
+    pub fn new(
+        target: &CellTargets,
+        simulated: &ActiveStressBiomarkers,
+        weights: &CellWeights,
+    ) -> Self {
+        let term = |weight: f64, target: f64, simulated: f64| {
+            weight * ((target - simulated) / target).powi(2)
+        };
         Self {
             sa_max: term(weights.sa_max, target.sa_max_kpa, simulated.sa_max_kpa),
-            dsadt_max: term(weights.dsadt_max, target.dsadt_max_kpa_per_ms, simulated.dsadt_max_kpa_per_ms),
+            dsadt_max: term(
+                weights.dsadt_max,
+                target.dsadt_max_kpa_per_ms,
+                simulated.dsadt_max_kpa_per_ms,
+            ),
             std30: term(weights.std30, target.std30_ms, simulated.std30_ms),
             std50: term(weights.std50, target.std50_ms, simulated.std50_ms),
             std90: term(weights.std90, target.std90_ms, simulated.std90_ms),
@@ -158,11 +175,18 @@ fn outside(value: f64, low: f64, high: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const CALCIUM: CalciumBiomarkers = CalciumBiomarkers { ctd50_ms: 422.0, ctd90_ms: 210.0 };
+    const CALCIUM: CalciumBiomarkers = CalciumBiomarkers {
+        ctd50_ms: 422.0,
+        ctd90_ms: 210.0,
+    };
 
     #[test]
     fn penalty_terms_by_hand() {
-        let p = CellPenalty::new(&[0.0, 1.0, 2.0, 3.0, 4.0], &[0.5, 4.0, 1.0, 3.0, -2.0], &CALCIUM);
+        let p = CellPenalty::new(
+            &[0.0, 1.0, 2.0, 3.0, 4.0],
+            &[0.5, 4.0, 1.0, 3.0, -2.0],
+            &CALCIUM,
+        );
         assert_eq!(p.sa_res, 0.25);
         assert_eq!(p.rise_after_max, 4.0);
         assert_eq!(p.negative_stress, 2.0);

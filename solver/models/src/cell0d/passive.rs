@@ -20,7 +20,13 @@ pub struct LandPassiveParameters {
 impl Default for LandPassiveParameters {
     /// Jung 2022, Table A3, with the a_p of the sensitivity analysis.
     fn default() -> Self {
-        Self { a_p_kpa: 42.0, b: 9.1, k: 7.0, eta_l_ms: 200.0, eta_s_ms: 20.0 }
+        Self {
+            a_p_kpa: 42.0,
+            b: 9.1,
+            k: 7.0,
+            eta_l_ms: 200.0,
+            eta_s_ms: 20.0,
+        }
     }
 }
 
@@ -40,9 +46,15 @@ pub(crate) struct PassiveStress {
 impl LandPassiveParameters {
     /// Name and value of the first parameter that is not positive and finite.
     pub(crate) fn first_bad(&self) -> Option<(&'static str, f64)> {
-        [("a_p", self.a_p_kpa), ("b", self.b), ("k", self.k), ("eta_l", self.eta_l_ms), ("eta_s", self.eta_s_ms)]
-            .into_iter()
-            .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+        [
+            ("a_p", self.a_p_kpa),
+            ("b", self.b),
+            ("k", self.k),
+            ("eta_l", self.eta_l_ms),
+            ("eta_s", self.eta_s_ms),
+        ]
+        .into_iter()
+        .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
     }
 
     /// Stress at total strain `c` and dashpot strain `cv`, both dimensionless.
@@ -51,7 +63,11 @@ impl LandPassiveParameters {
         // The exponent is limited so that a wild trial stage gives a large number, not an infinite one.
         let exponential = (self.b * c).min(200.0).exp();
         let cs = c - cv;
-        let eta = if cs > 0.0 { self.eta_l_ms } else { self.eta_s_ms };
+        let eta = if cs > 0.0 {
+            self.eta_l_ms
+        } else {
+            self.eta_s_ms
+        };
         let stiffness = self.k / eta;
         PassiveStress {
             sp_kpa: self.a_p_kpa * (exponential - 1.0 + self.k * cs),
@@ -71,8 +87,14 @@ mod tests {
         let p = LandPassiveParameters::default();
         let at = p.stress(-0.1, -0.08);
         assert!((at.sp_kpa - (42.0 * ((-0.91f64).exp() - 1.0) + 42.0 * 7.0 * -0.02)).abs() < 1e-12);
-        assert!((at.cv_rate_per_ms - 7.0 / 20.0 * -0.02).abs() < 1e-15, "shortening");
-        assert!((p.stress(0.1, 0.08).cv_rate_per_ms - 7.0 / 200.0 * 0.02).abs() < 1e-15, "lengthening");
+        assert!(
+            (at.cv_rate_per_ms - 7.0 / 20.0 * -0.02).abs() < 1e-15,
+            "shortening"
+        );
+        assert!(
+            (p.stress(0.1, 0.08).cv_rate_per_ms - 7.0 / 200.0 * 0.02).abs() < 1e-15,
+            "lengthening"
+        );
         assert_eq!(p.stress(0.0, 0.0).sp_kpa, 0.0);
     }
 
@@ -80,18 +102,25 @@ mod tests {
     fn slope_and_every_parameter() {
         let p = LandPassiveParameters::default();
         let h = 1e-6;
-        let slope = (p.stress(-0.1 + h, -0.08).sp_kpa - p.stress(-0.1 - h, -0.08).sp_kpa) / (2.0 * h);
+        let slope =
+            (p.stress(-0.1 + h, -0.08).sp_kpa - p.stress(-0.1 - h, -0.08).sp_kpa) / (2.0 * h);
         assert!((slope - p.stress(-0.1, -0.08).dsp_dstrain_kpa).abs() < 1e-5);
         let moved = [
             LandPassiveParameters { a_p_kpa: 43.0, ..p },
             LandPassiveParameters { b: 9.2, ..p },
             LandPassiveParameters { k: 7.1, ..p },
-            LandPassiveParameters { eta_s_ms: 21.0, ..p },
+            LandPassiveParameters {
+                eta_s_ms: 21.0,
+                ..p
+            },
         ];
         for q in moved {
             assert_ne!(q.stress(-0.1, -0.08), p.stress(-0.1, -0.08), "{q:?}");
         }
-        let q = LandPassiveParameters { eta_l_ms: 210.0, ..p };
+        let q = LandPassiveParameters {
+            eta_l_ms: 210.0,
+            ..p
+        };
         assert_ne!(q.stress(0.1, 0.08), p.stress(0.1, 0.08));
     }
 }

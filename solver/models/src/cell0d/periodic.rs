@@ -17,31 +17,54 @@ const SHORTEST_STEP_MS: f64 = 1e-8;
 pub(super) fn to_state(land: &Land2017, y: &Vector) -> CellState {
     let lambda = y[LAMBDA];
     let zeta = land.a * lambda;
-    CellState { land: [y[0], y[1], y[2], y[3], y[4] + zeta, y[5] + zeta], c_v: y[6], lambda }
+    CellState {
+        land: [y[0], y[1], y[2], y[3], y[4] + zeta, y[5] + zeta],
+        c_v: y[6],
+        lambda,
+    }
 }
 
 /// See [`Cell0d::solve_periodic_into`].
-pub(super) fn solve(cell: &Cell0d, settings: &CellSolverSettings, beat: &mut CellBeat) -> Result<(), CellError> {
+pub(super) fn solve(
+    cell: &Cell0d,
+    settings: &CellSolverSettings,
+    beat: &mut CellBeat,
+) -> Result<(), CellError> {
     let system = cell.system();
     prepare_grid(cell, beat);
-    let mut start = resting_state(&system, cell.calcium().concentration_um(cell.cycle_length_ms))?;
+    let mut start = resting_state(
+        &system,
+        cell.calcium().concentration_um(cell.cycle_length_ms),
+    )?;
     let mut last_change: Option<Vector> = None;
     let mut largest = f64::INFINITY;
     let (mut may_extrapolate, mut promised) = (true, f64::INFINITY);
     for n_beats in 1..=settings.max_beats {
         // The first beats choose their steps; later ones repeat the last choice while it holds, so that the map from
         // beat to beat is smooth and its fixed point is not hidden by the noise of other steps.
-        let repeated = if n_beats > 2 { run_beat(&system, settings, n_beats, &start, beat, true).ok() } else { None };
+        let repeated = if n_beats > 2 {
+            run_beat(&system, settings, n_beats, &start, beat, true).ok()
+        } else {
+            None
+        };
         let end = match repeated {
             Some(end) => end,
             None => run_beat(&system, settings, n_beats, &start, beat, false)?,
         };
         let change = difference(cell, &start, &end);
         largest = norm(&change);
-        let ratio = last_change.map_or(0.0, |last| norm(&change) / norm(&last).max(f64::MIN_POSITIVE)).min(0.999);
+        let ratio = last_change
+            .map_or(0.0, |last| {
+                norm(&change) / norm(&last).max(f64::MIN_POSITIVE)
+            })
+            .min(0.999);
         let remaining = largest / (1.0 - ratio);
         // One beat alone says nothing about how fast changes die out, unless there is no change at all.
-        let proven = if last_change.is_some() { remaining } else { largest * 10.0 };
+        let proven = if last_change.is_some() {
+            remaining
+        } else {
+            largest * 10.0
+        };
         if proven <= settings.periodic_tolerance {
             beat.start_state = to_state(&cell.land, &start);
             beat.end_state = to_state(&cell.land, &end);
@@ -52,12 +75,23 @@ pub(super) fn solve(cell: &Cell0d, settings: &CellSolverSettings, beat: &mut Cel
         }
         // An extrapolation must have paid for itself, or there are no more: it could lead round in a circle.
         may_extrapolate &= largest <= promised;
-        let better = if may_extrapolate { extrapolate(&system, &end, &change, last_change.as_ref()) } else { None };
-        promised = if better.is_some() { 0.5 * largest } else { f64::INFINITY };
+        let better = if may_extrapolate {
+            extrapolate(&system, &end, &change, last_change.as_ref())
+        } else {
+            None
+        };
+        promised = if better.is_some() {
+            0.5 * largest
+        } else {
+            f64::INFINITY
+        };
         last_change = if better.is_some() { None } else { Some(change) };
         start = better.unwrap_or(end);
     }
-    Err(CellError::NotPeriodic { beats: settings.max_beats, change: largest })
+    Err(CellError::NotPeriodic {
+        beats: settings.max_beats,
+        change: largest,
+    })
 }
 
 /// Times and calcium of the samples; both are the same for every beat.
@@ -71,7 +105,8 @@ fn prepare_grid(cell: &Cell0d, beat: &mut CellBeat) {
     }
     let calcium = cell.calcium();
     beat.ca_um.clear();
-    beat.ca_um.extend(beat.time_ms.iter().map(|&t| calcium.concentration_um(t)));
+    beat.ca_um
+        .extend(beat.time_ms.iter().map(|&t| calcium.concentration_um(t)));
 }
 
 /// Change of the states over a beat, the distortions as ζ rather than z.
@@ -87,7 +122,12 @@ fn norm(change: &Vector) -> f64 {
 }
 
 /// Where changes shrink slowly and alike, the limit of their geometric series; `None` where waiting is as good.
-fn extrapolate(system: &System<'_>, end: &Vector, change: &Vector, last: Option<&Vector>) -> Option<Vector> {
+fn extrapolate(
+    system: &System<'_>,
+    end: &Vector,
+    change: &Vector,
+    last: Option<&Vector>,
+) -> Option<Vector> {
     let last = last?;
     let product: f64 = change.iter().zip(last).map(|(a, b)| a * b).sum();
     let square: f64 = last.iter().map(|b| b * b).sum();
@@ -96,18 +136,29 @@ fn extrapolate(system: &System<'_>, end: &Vector, change: &Vector, last: Option<
         return None;
     }
     // Only a series that is geometric in every state may be summed.
-    let spread: f64 = change.iter().zip(last).map(|(a, b)| (a - ratio * b).powi(2)).sum();
+    let spread: f64 = change
+        .iter()
+        .zip(last)
+        .map(|(a, b)| (a - ratio * b).powi(2))
+        .sum();
     if spread > 0.01 * ratio * ratio * square {
         return None;
     }
     let factor = ratio / (1.0 - ratio);
     let a = system.land.a;
     let mut better: Vector = std::array::from_fn(|i| {
-        let own = change[i] - if i == 4 || i == 5 { a * change[LAMBDA] } else { 0.0 };
+        let own = change[i]
+            - if i == 4 || i == 5 {
+                a * change[LAMBDA]
+            } else {
+                0.0
+            };
         end[i] + factor * own
     });
     let [trpn, b, w, s, ..] = better;
-    let possible = [trpn, b, w, s, 1.0 - b - w - s].iter().all(|x| (0.0..=1.0).contains(x));
+    let possible = [trpn, b, w, s, 1.0 - b - w - s]
+        .iter()
+        .all(|x| (0.0..=1.0).contains(x));
     (possible && balance_stretch(system, &mut better).is_ok()).then_some(better)
 }
 
@@ -141,17 +192,37 @@ fn run_beat(
             h = beat.steps_ms[n_accepted];
             try_step(system, &at, t, &y, h)
                 .filter(|step| scaled_error(step, settings.tolerance) <= REPEAT_ERROR)
-                .ok_or(CellError::Stuck { t_ms: t, beat: beat_number, n_steps: n_accepted, step_ms: h })?
+                .ok_or(CellError::Stuck {
+                    t_ms: t,
+                    beat: beat_number,
+                    n_steps: n_accepted,
+                    step_ms: h,
+                })?
         } else {
-            let (step, next) = controlled_step(system, settings, &at, (t, length), &y, h, &mut n_tried)
-                .ok_or(CellError::Stuck { t_ms: t, beat: beat_number, n_steps: n_tried, step_ms: h })?;
+            let (step, next) =
+                controlled_step(system, settings, &at, (t, length), &y, h, &mut n_tried).ok_or(
+                    CellError::Stuck {
+                        t_ms: t,
+                        beat: beat_number,
+                        n_steps: n_tried,
+                        step_ms: h,
+                    },
+                )?;
             beat.steps_ms.push(step.h_ms);
             h = next;
             step
         };
         n_accepted += 1;
-        let is_last = if repeat { n_accepted == beat.steps_ms.len() } else { step.t_ms + step.h_ms >= length };
-        t = if is_last { length } else { step.t_ms + step.h_ms };
+        let is_last = if repeat {
+            n_accepted == beat.steps_ms.len()
+        } else {
+            step.t_ms + step.h_ms >= length
+        };
+        t = if is_last {
+            length
+        } else {
+            step.t_ms + step.h_ms
+        };
         y = step.end;
         record(system, &step, if is_last { f64::INFINITY } else { t }, beat);
     }
@@ -180,23 +251,37 @@ fn controlled_step(
             return None;
         }
         let step = try_step(system, at, t, y, h);
-        let error = step.as_ref().map_or(f64::INFINITY, |step| scaled_error(step, settings.tolerance));
+        let error = step
+            .as_ref()
+            .map_or(f64::INFINITY, |step| scaled_error(step, settings.tolerance));
         if error <= 1.0 {
             let growth = (0.9 * error.max(1e-8).powf(-0.25)).clamp(0.2, 4.0);
             let next = (h * if rejected { growth.min(1.0) } else { growth }).min(LONGEST_STEP_MS);
             return step.map(|step| (step, next));
         }
         rejected = true;
-        h *= if error.is_finite() { (0.9 * error.powf(-0.25)).clamp(0.1, 0.8) } else { 0.2 };
+        h *= if error.is_finite() {
+            (0.9 * error.powf(-0.25)).clamp(0.1, 0.8)
+        } else {
+            0.2
+        };
     }
 }
 
 /// Largest error over the tolerance; infinite where the step is not finite.
 fn scaled_error(step: &Step, tolerance: f64) -> f64 {
-    let sum: f64 =
-        step.error.iter().zip(&ERROR_SCALE).map(|(error, scale)| (error / (tolerance * scale)).powi(2)).sum();
+    let sum: f64 = step
+        .error
+        .iter()
+        .zip(&ERROR_SCALE)
+        .map(|(error, scale)| (error / (tolerance * scale)).powi(2))
+        .sum();
     let error = (sum / N as f64).sqrt();
-    if error.is_finite() && step.end.iter().all(|x| x.is_finite()) { error } else { f64::INFINITY }
+    if error.is_finite() && step.end.iter().all(|x| x.is_finite()) {
+        error
+    } else {
+        f64::INFINITY
+    }
 }
 
 /// Appends the samples up to `until`.

@@ -140,7 +140,9 @@ impl System<'_> {
             [p.k_uw_per_ms, shift - j.w_w, p.k_uw_per_ms],
             [0.0, -p.k_ws_per_ms, shift - j.s_s],
         ];
-        let minor = |r0: usize, r1: usize, c0: usize, c1: usize| m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0];
+        let minor = |r0: usize, r1: usize, c0: usize, c1: usize| {
+            m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0]
+        };
         let c = [
             [minor(1, 2, 1, 2), -minor(0, 2, 1, 2), minor(0, 1, 1, 2)],
             [-minor(1, 2, 0, 2), minor(0, 2, 0, 2), -minor(0, 1, 0, 2)],
@@ -169,7 +171,10 @@ impl System<'_> {
             0.0,
         ];
         factored.column = factored.differential(&column);
-        let reduced: f64 = (2..LAMBDA).map(|i| j.balance[i] * factored.column[i]).sum::<f64>() + j.balance[LAMBDA];
+        let reduced: f64 = (2..LAMBDA)
+            .map(|i| j.balance[i] * factored.column[i])
+            .sum::<f64>()
+            + j.balance[LAMBDA];
         factored.pivot = -1.0 / reduced;
         (factored.pivot.is_finite() && scale.is_finite()).then_some(factored)
     }
@@ -195,8 +200,14 @@ impl Factored {
         let trpn = self.trpn * r[0];
         let zeta_w = self.zeta_w * r[4];
         let zeta_s = self.zeta_s * r[5];
-        let b = [r[1] + self.j.b_trpn * trpn, r[2] + self.j.w_zeta * zeta_w, r[3] + self.j.s_zeta * zeta_s];
-        let [x, y, z] = self.bridges.map(|row| row[0] * b[0] + row[1] * b[1] + row[2] * b[2]);
+        let b = [
+            r[1] + self.j.b_trpn * trpn,
+            r[2] + self.j.w_zeta * zeta_w,
+            r[3] + self.j.s_zeta * zeta_s,
+        ];
+        let [x, y, z] = self
+            .bridges
+            .map(|row| row[0] * b[0] + row[1] * b[1] + row[2] * b[2]);
         [trpn, x, y, z, zeta_w, zeta_s, self.cv * r[6], 0.0]
     }
 
@@ -229,7 +240,12 @@ mod tests {
         let land = Land2017::new(Land2017Parameters::default()).unwrap();
         let passive = LandPassiveParameters::default();
         let rice = Rice2008::new(Rice2008Parameters::default()).unwrap();
-        f(&System { land: &land, passive: &passive, calcium: &rice, lambda0: 1.1 })
+        f(&System {
+            land: &land,
+            passive: &passive,
+            calcium: &rice,
+            lambda0: 1.1,
+        })
     }
 
     proptest! {

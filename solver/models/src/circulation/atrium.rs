@@ -24,7 +24,10 @@ impl ConstantPressure {
                 expected: "finite",
             });
         }
-        Ok(Self { name, pressure_mmhg: pressure.0 })
+        Ok(Self {
+            name,
+            pressure_mmhg: pressure.0,
+        })
     }
 }
 

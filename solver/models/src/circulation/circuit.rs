@@ -96,7 +96,10 @@ impl Circulation {
         let first = self.now.states.len();
         self.now.states.resize(first + compartment.n_states(), 0.0);
         compartment.start(&mut self.now.states[first..]);
-        let still = TimeStep { end_ms: self.now.time_ms, dt_ms: 0.0 };
+        let still = TimeStep {
+            end_ms: self.now.time_ms,
+            dt_ms: 0.0,
+        };
         let (pressure, _) = compartment.pressure(&self.now.states[first..], 0.0, still);
         self.now.pressures_mmhg.push(pressure);
         self.trial_pressures.push(pressure);
@@ -106,8 +109,17 @@ impl Circulation {
     }
 
     /// Connects the ventricle with a compartment; returns the path's position.
-    pub fn connect(&mut self, path: Box<dyn FlowPath>, compartment_idx: usize, direction: Direction) -> usize {
-        self.connections.push(Connection { path, compartment_idx, direction });
+    pub fn connect(
+        &mut self,
+        path: Box<dyn FlowPath>,
+        compartment_idx: usize,
+        direction: Direction,
+    ) -> usize {
+        self.connections.push(Connection {
+            path,
+            compartment_idx,
+            direction,
+        });
         self.now.flows_ml_per_s.push(0.0);
         self.now.passed_ml.push(0.0);
         self.now.open.push(false);
@@ -163,9 +175,12 @@ impl Circulation {
     #[must_use]
     pub fn paths_back_from(&self, compartment: &str) -> Vec<usize> {
         let from = |c: &Connection| {
-            c.direction == Direction::IntoVentricle && self.compartments[c.compartment_idx].name() == compartment
+            c.direction == Direction::IntoVentricle
+                && self.compartments[c.compartment_idx].name() == compartment
         };
-        (0..self.connections.len()).filter(|idx| from(&self.connections[*idx])).collect()
+        (0..self.connections.len())
+            .filter(|idx| from(&self.connections[*idx]))
+            .collect()
     }
 
     /// Committed pressure of a compartment.
@@ -208,7 +223,13 @@ impl Circulation {
         self.connections
             .iter()
             .zip(values)
-            .map(|(c, v)| if c.direction == Direction::IntoVentricle { *v } else { -v })
+            .map(|(c, v)| {
+                if c.direction == Direction::IntoVentricle {
+                    *v
+                } else {
+                    -v
+                }
+            })
             .sum()
     }
 
@@ -216,7 +237,11 @@ impl Circulation {
     /// The laws depend on the difference alone, so the second slope is minus the first.
     fn inflow(&self, compartment_idx: usize, cavity_mmhg: f64, pressure_mmhg: f64) -> (f64, f64) {
         let (mut flow, mut slope) = (0.0, 0.0);
-        for c in self.connections.iter().filter(|c| c.compartment_idx == compartment_idx) {
+        for c in self
+            .connections
+            .iter()
+            .filter(|c| c.compartment_idx == compartment_idx)
+        {
             let (q, dq) = match c.direction {
                 Direction::OutOfVentricle => c.path.flow(cavity_mmhg - pressure_mmhg),
                 Direction::IntoVentricle => {
@@ -238,7 +263,10 @@ impl Circulation {
     /// # Errors
     /// [`CirculationError::NoPressure`] when a compartment's pressure is not found (a value that is not finite).
     pub fn try_step(&mut self, cavity: Mmhg, dt: Ms) -> Result<NetFlow, CirculationError> {
-        let step = TimeStep { end_ms: self.now.time_ms + dt.0, dt_ms: dt.0 };
+        let step = TimeStep {
+            end_ms: self.now.time_ms + dt.0,
+            dt_ms: dt.0,
+        };
         let (mut net, mut slope) = (0.0, 0.0);
         for idx in 0..self.compartments.len() {
             self.compartments[idx].prepare(step);
@@ -255,7 +283,10 @@ impl Circulation {
             self.trial_open[i] = c.path.is_open(difference);
         }
         self.pending = Some(step);
-        Ok(NetFlow { inflow_ml_per_s: net, slope_ml_per_s_per_mmhg: slope })
+        Ok(NetFlow {
+            inflow_ml_per_s: net,
+            slope_ml_per_s_per_mmhg: slope,
+        })
     }
 
     /// Finds one compartment's pressure; returns the flow into it and its total slope with the cavity pressure.
@@ -287,7 +318,9 @@ impl Circulation {
                 break;
             }
             // The correction, not the residual: round-off of the flow through a tiny resistance is part of the latter.
-            if residual.abs() <= 1e-12 * gain * (1.0 + pressure.abs()) || high - low <= 1e-13 * (1.0 + pressure.abs()) {
+            if residual.abs() <= 1e-12 * gain * (1.0 + pressure.abs())
+                || high - low <= 1e-13 * (1.0 + pressure.abs())
+            {
                 self.trial_pressures[idx] = pressure;
                 return Ok((flow, slope / gain));
             }
@@ -297,30 +330,53 @@ impl Circulation {
                 high = high.min(pressure);
             }
             let newton = pressure - residual / gain;
-            pressure = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            pressure = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
             if !pressure.is_finite() {
                 break;
             }
         }
         self.trial_pressures[idx] = self.now.pressures_mmhg[idx];
         let compartment = self.compartments[idx].name();
-        Err(CirculationError::NoPressure { compartment, cavity_mmhg, t_ms: step.end_ms, dt_ms: step.dt_ms })
+        Err(CirculationError::NoPressure {
+            compartment,
+            cavity_mmhg,
+            t_ms: step.end_ms,
+            dt_ms: step.dt_ms,
+        })
     }
 
     /// Accepts the pending trial; does nothing without one.
     pub fn commit(&mut self) {
-        let Some(step) = self.pending.take() else { return };
+        let Some(step) = self.pending.take() else {
+            return;
+        };
         for (idx, compartment) in self.compartments.iter().enumerate() {
             let inflow: f64 = self
                 .connections
                 .iter()
                 .zip(&self.trial)
                 .filter(|(c, _)| c.compartment_idx == idx)
-                .map(|(c, q)| if c.direction == Direction::OutOfVentricle { *q } else { -q })
+                .map(|(c, q)| {
+                    if c.direction == Direction::OutOfVentricle {
+                        *q
+                    } else {
+                        -q
+                    }
+                })
                 .sum();
-            compartment.advance(&mut self.now.states[self.first_state[idx]..self.first_state[idx + 1]], inflow, step);
+            compartment.advance(
+                &mut self.now.states[self.first_state[idx]..self.first_state[idx + 1]],
+                inflow,
+                step,
+            );
         }
-        self.now.pressures_mmhg.copy_from_slice(&self.trial_pressures);
+        self.now
+            .pressures_mmhg
+            .copy_from_slice(&self.trial_pressures);
         self.now.flows_ml_per_s.copy_from_slice(&self.trial);
         self.now.open.copy_from_slice(&self.trial_open);
         for (passed, flow) in self.now.passed_ml.iter_mut().zip(&self.trial) {
@@ -332,7 +388,8 @@ impl Circulation {
     /// Drops the pending trial.
     pub fn roll_back(&mut self) {
         self.pending = None;
-        self.trial_pressures.copy_from_slice(&self.now.pressures_mmhg);
+        self.trial_pressures
+            .copy_from_slice(&self.now.pressures_mmhg);
     }
 
     /// All committed states.
@@ -360,7 +417,11 @@ impl Circulation {
     pub fn restore(&mut self, state: &CirculationState) -> Result<(), CirculationError> {
         let fits = state.states.len() == self.now.states.len()
             && state.pressures_mmhg.len() == self.compartments.len()
-            && [state.flows_ml_per_s.len(), state.open.len(), state.passed_ml.len()] == [self.connections.len(); 3];
+            && [
+                state.flows_ml_per_s.len(),
+                state.open.len(),
+                state.passed_ml.len(),
+            ] == [self.connections.len(); 3];
         if !fits {
             return Err(CirculationError::ForeignSnapshot {
                 found: state.states.len(),

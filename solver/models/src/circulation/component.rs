@@ -67,7 +67,9 @@ pub enum CirculationError {
         expected: &'static str,
     },
     /// The pressure of a compartment could not be found.
-    #[error("no pressure of {compartment} at a cavity pressure of {cavity_mmhg} mmHg, {t_ms} ms, step {dt_ms} ms")]
+    #[error(
+        "no pressure of {compartment} at a cavity pressure of {cavity_mmhg} mmHg, {t_ms} ms, step {dt_ms} ms"
+    )]
     NoPressure {
         /// Compartment.
         compartment: &'static str,
@@ -79,7 +81,9 @@ pub enum CirculationError {
         dt_ms: f64,
     },
     /// A snapshot belongs to another circulation.
-    #[error("snapshot holds {found} states and {found_paths} paths, this circulation {expected} and {expected_paths}")]
+    #[error(
+        "snapshot holds {found} states and {found_paths} paths, this circulation {expected} and {expected_paths}"
+    )]
     ForeignSnapshot {
         /// States in the snapshot.
         found: usize,
@@ -93,10 +97,19 @@ pub enum CirculationError {
 }
 
 /// Shared check of a parameter.
-pub(crate) fn positive(component: &'static str, name: &'static str, value: f64) -> Result<(), CirculationError> {
+pub(crate) fn positive(
+    component: &'static str,
+    name: &'static str,
+    value: f64,
+) -> Result<(), CirculationError> {
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
-        Err(CirculationError::Parameter { component, name, value, expected: "positive" })
+        Err(CirculationError::Parameter {
+            component,
+            name,
+            value,
+            expected: "positive",
+        })
     }
 }

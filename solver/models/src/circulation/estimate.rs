@@ -38,7 +38,9 @@ pub enum EstimateError {
         stroke_volume_ml: f64,
     },
     /// The cuff pressures are not in order.
-    #[error("cuff pressures {systolic_mmhg}/{diastolic_mmhg} mmHg are not a systolic above a positive diastolic one")]
+    #[error(
+        "cuff pressures {systolic_mmhg}/{diastolic_mmhg} mmHg are not a systolic above a positive diastolic one"
+    )]
     Cuff {
         /// Systolic \[mmHg\].
         systolic_mmhg: f64,
@@ -81,9 +83,16 @@ pub fn ejection_flow(volume_ml: &[f64], interval: Ms) -> Result<Vec<f64>, Estima
             trough = i;
         }
     }
-    let stroke_volume_ml = if n == 0 { 0.0 } else { volume_ml[peak] - volume_ml[trough] };
+    let stroke_volume_ml = if n == 0 {
+        0.0
+    } else {
+        volume_ml[peak] - volume_ml[trough]
+    };
     if n < 8 || !(stroke_volume_ml > 0.0 && stroke_volume_ml.is_finite()) {
-        return Err(EstimateError::NoEjection { n_samples: n, stroke_volume_ml });
+        return Err(EstimateError::NoEjection {
+            n_samples: n,
+            stroke_volume_ml,
+        });
     }
     let mut flow = vec![0.0; n];
     let mut i = peak;
@@ -133,15 +142,20 @@ pub fn windkessel(
 ) -> Result<Estimated<WindkesselParameters>, EstimateError> {
     let (systolic_mmhg, diastolic_mmhg) = (systolic.0, diastolic.0);
     if !(diastolic_mmhg > 0.0 && systolic_mmhg > diastolic_mmhg && systolic_mmhg.is_finite()) {
-        return Err(EstimateError::Cuff { systolic_mmhg, diastolic_mmhg });
+        return Err(EstimateError::Cuff {
+            systolic_mmhg,
+            diastolic_mmhg,
+        });
     }
     let flow = ejection_flow(volume_ml, interval)?;
     let extremes = |share: f64, tau_ms: f64| {
         let response = periodic_response(&flow, interval.0, tau_ms);
-        flow.iter().zip(&response).fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), (q, y)| {
-            let p = share * q + y;
-            (low.min(p), high.max(p))
-        })
+        flow.iter()
+            .zip(&response)
+            .fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), (q, y)| {
+                let p = share * q + y;
+                (low.min(p), high.max(p))
+            })
     };
     // Logarithm of the pulse that is left to explain; it tames the ratio at short time constants.
     let left = |share: f64, tau_ms: f64| {
@@ -149,21 +163,38 @@ pub fn windkessel(
         (systolic_mmhg / diastolic_mmhg).ln() - (high / low).ln().min(1e3)
     };
     let root = |low: f64, high: f64, start: f64, left: &dyn Fn(f64) -> f64| {
-        increasing_root(low, high, start, 1e-9, |x| (left(x), (left(x + 1e-4) - left(x - 1e-4)) / 2e-4))
+        increasing_root(low, high, start, 1e-9, |x| {
+            (left(x), (left(x + 1e-4) - left(x - 1e-4)) / 2e-4)
+        })
     };
     let time_constant = |share: f64, range: (f64, f64)| {
         let (low, high) = (range.0.ln(), range.1.ln());
-        root(low, high, 1500f64.ln().max(low), &|log_tau| left(share, log_tau.exp())).map(f64::exp)
+        root(low, high, 1500f64.ln().max(low), &|log_tau| {
+            left(share, log_tau.exp())
+        })
+        .map(f64::exp)
     };
     let usual = time_constant(CHARACTERISTIC_SHARE, (TAU_RANGE_MS.0, LONG_TAU_MS));
     let (share, tau_ms) = match usual {
         Ok(tau_ms) => (CHARACTERISTIC_SHARE, tau_ms),
         // A flow from rough frames has a peak that the usual R1 alone turns into more than the cuff's pulse.
-        Err(_) => match root(-CHARACTERISTIC_SHARE, 0.0, -0.5 * CHARACTERISTIC_SHARE, &|x| left(-x, LONG_TAU_MS)) {
+        Err(_) => match root(
+            -CHARACTERISTIC_SHARE,
+            0.0,
+            -0.5 * CHARACTERISTIC_SHARE,
+            &|x| left(-x, LONG_TAU_MS),
+        ) {
             Ok(less) => (-less, LONG_TAU_MS),
             Err(_) => {
                 let tau_ms = time_constant(0.0, (LONG_TAU_MS, TAU_RANGE_MS.1));
-                (0.0, tau_ms.map_err(|source| EstimateError::NoLoad { systolic_mmhg, diastolic_mmhg, source })?)
+                (
+                    0.0,
+                    tau_ms.map_err(|source| EstimateError::NoLoad {
+                        systolic_mmhg,
+                        diastolic_mmhg,
+                        source,
+                    })?,
+                )
             }
         },
     };
@@ -186,7 +217,10 @@ pub fn windkessel(
 ///
 /// # Errors
 /// [`EstimateError::EndDiastolicPressure`] when that is not positive.
-pub fn left_atrial_pressure(edp: Mmhg, diastasis_pressure: Option<Mmhg>) -> Result<Estimated<Mmhg>, EstimateError> {
+pub fn left_atrial_pressure(
+    edp: Mmhg,
+    diastasis_pressure: Option<Mmhg>,
+) -> Result<Estimated<Mmhg>, EstimateError> {
     if !(edp.0 > 0.0 && edp.0.is_finite()) {
         return Err(EstimateError::EndDiastolicPressure { edp_mmhg: edp.0 });
     }
@@ -196,10 +230,15 @@ pub fn left_atrial_pressure(edp: Mmhg, diastasis_pressure: Option<Mmhg>) -> Resu
             let value = Mmhg(p.0.min(edp.0));
             Estimated {
                 value,
-                how: "estimated: ventricular pressure at diastasis, not above the end-diastolic one".to_owned(),
+                how:
+                    "estimated: ventricular pressure at diastasis, not above the end-diastolic one"
+                        .to_owned(),
             }
         }
-        _ => Estimated { value: Mmhg(usual), how: format!("estimated: {ATRIAL_SHARE} of the end-diastolic pressure") },
+        _ => Estimated {
+            value: Mmhg(usual),
+            how: format!("estimated: {ATRIAL_SHARE} of the end-diastolic pressure"),
+        },
     })
 }
 
@@ -215,7 +254,8 @@ mod tests {
                 let t = f64::from(t);
                 let ejected = ((t - 60.0) / 300.0).clamp(0.0, 1.0);
                 let filled = ((t - 420.0) / 300.0).clamp(0.0, 1.0);
-                140.0 - 80.0 * 0.5 * (1.0 - (PI * ejected).cos()) + 80.0 * 0.5 * (1.0 - (PI * filled).cos())
+                140.0 - 80.0 * 0.5 * (1.0 - (PI * ejected).cos())
+                    + 80.0 * 0.5 * (1.0 - (PI * filled).cos())
             })
             .collect()
     }
@@ -233,8 +273,14 @@ mod tests {
         let flow = ejection_flow(&volume(), Ms(1.0)).unwrap();
         let (r2, c) = (0.9, 1.7);
         let pc = periodic_response(&flow, 1.0, r2 * c * 1e3);
-        let p: Vec<f64> = flow.iter().zip(&pc).map(|(q, y)| r2 * (CHARACTERISTIC_SHARE * q + y)).collect();
-        let (low, high) = p.iter().fold((f64::MAX, 0.0), |(l, h): (f64, f64), x| (l.min(*x), h.max(*x)));
+        let p: Vec<f64> = flow
+            .iter()
+            .zip(&pc)
+            .map(|(q, y)| r2 * (CHARACTERISTIC_SHARE * q + y))
+            .collect();
+        let (low, high) = p.iter().fold((f64::MAX, 0.0), |(l, h): (f64, f64), x| {
+            (l.min(*x), h.max(*x))
+        });
         let found = windkessel(&volume(), Ms(1.0), Mmhg(high), Mmhg(low)).unwrap();
         assert!((found.value.peripheral_resistance.0 - r2).abs() < 1e-6);
         assert!((found.value.compliance.0 - c).abs() < 1e-5);
@@ -243,7 +289,13 @@ mod tests {
 
     #[test]
     fn a_wider_pulse_means_less_compliance() {
-        let at = |systolic| windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(70.0)).unwrap().value.compliance.0;
+        let at = |systolic| {
+            windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(70.0))
+                .unwrap()
+                .value
+                .compliance
+                .0
+        };
         assert!(at(140.0) < at(120.0) && at(120.0) < at(105.0));
     }
 
@@ -251,13 +303,25 @@ mod tests {
     fn a_pulse_too_small_for_the_usual_impedance_lowers_it() {
         let (systolic, diastolic) = (110.0, 95.0);
         let found = windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(diastolic)).unwrap();
-        let (r1, r2) = (found.value.characteristic_resistance.0, found.value.peripheral_resistance.0);
-        assert!(r1 / r2 < 0.99 * CHARACTERISTIC_SHARE && r1 >= 0.0, "{}", r1 / r2);
+        let (r1, r2) = (
+            found.value.characteristic_resistance.0,
+            found.value.peripheral_resistance.0,
+        );
+        assert!(
+            r1 / r2 < 0.99 * CHARACTERISTIC_SHARE && r1 >= 0.0,
+            "{}",
+            r1 / r2
+        );
         let flow = ejection_flow(&volume(), Ms(1.0)).unwrap();
         let response = periodic_response(&flow, 1.0, found.value.compliance.0 * r2 * 1e3);
         let pressures = flow.iter().zip(&response).map(|(q, y)| r1 * q + r2 * y);
-        let (low, high) = pressures.fold((f64::MAX, 0.0), |(l, h): (f64, f64), p| (l.min(p), h.max(p)));
-        assert!((low - diastolic).abs() < 1e-3 && (high - systolic).abs() < 1e-3, "{low} to {high} mmHg");
+        let (low, high) = pressures.fold((f64::MAX, 0.0), |(l, h): (f64, f64), p| {
+            (l.min(p), h.max(p))
+        });
+        assert!(
+            (low - diastolic).abs() < 1e-3 && (high - systolic).abs() < 1e-3,
+            "{low} to {high} mmHg"
+        );
     }
 
     #[test]
@@ -266,14 +330,28 @@ mod tests {
             windkessel(&[100.0; 50], Ms(1.0), Mmhg(120.0), Mmhg(70.0)),
             Err(EstimateError::NoEjection { .. })
         ));
-        assert!(matches!(windkessel(&volume(), Ms(1.0), Mmhg(60.0), Mmhg(70.0)), Err(EstimateError::Cuff { .. })));
-        assert!(matches!(windkessel(&volume(), Ms(1.0), Mmhg(70.2), Mmhg(70.0)), Err(EstimateError::NoLoad { .. })));
+        assert!(matches!(
+            windkessel(&volume(), Ms(1.0), Mmhg(60.0), Mmhg(70.0)),
+            Err(EstimateError::Cuff { .. })
+        ));
+        assert!(matches!(
+            windkessel(&volume(), Ms(1.0), Mmhg(70.2), Mmhg(70.0)),
+            Err(EstimateError::NoLoad { .. })
+        ));
         assert!(left_atrial_pressure(Mmhg(-1.0), None).is_err());
     }
 
     #[test]
     fn atrial_pressure_stays_below_end_diastole() {
-        let at = |diastasis: Option<f64>| left_atrial_pressure(Mmhg(8.0), diastasis.map(Mmhg)).unwrap().value.0;
-        assert_eq!((at(None), at(Some(3.0)), at(Some(7.0)), at(Some(9.0))), (6.0, 6.0, 7.0, 8.0));
+        let at = |diastasis: Option<f64>| {
+            left_atrial_pressure(Mmhg(8.0), diastasis.map(Mmhg))
+                .unwrap()
+                .value
+                .0
+        };
+        assert_eq!(
+            (at(None), at(Some(3.0)), at(Some(7.0)), at(Some(9.0))),
+            (6.0, 6.0, 7.0, 8.0)
+        );
     }
 }

@@ -80,7 +80,11 @@ impl LeftHeart {
                 let peak = stroke_volume * 1e3 / duration * std::f64::consts::FRAC_PI_2;
                 self.windkessel.periodic_start(self.cycle_length, |t| {
                     let phase = (t - 50.0) / duration;
-                    if (0.0..1.0).contains(&phase) { peak * (phase * std::f64::consts::PI).sin() } else { 0.0 }
+                    if (0.0..1.0).contains(&phase) {
+                        peak * (phase * std::f64::consts::PI).sin()
+                    } else {
+                        0.0
+                    }
                 })
             }
         }
@@ -92,8 +96,10 @@ impl LeftHeart {
     /// [`CirculationError::Parameter`] for a parameter outside its range.
     pub fn build(&self) -> Result<Circulation, CirculationError> {
         let mut circulation = Circulation::new();
-        let atrium =
-            circulation.add_compartment(Box::new(ConstantPressure::new(LEFT_ATRIUM, self.left_atrial_pressure)?));
+        let atrium = circulation.add_compartment(Box::new(ConstantPressure::new(
+            LEFT_ATRIUM,
+            self.left_atrial_pressure,
+        )?));
         let load = Windkessel3::new(AORTA, &self.windkessel, self.start_pressure())?;
         let aorta = circulation.add_compartment(Box::new(load));
         let mitral = DiodeValve::new(MITRAL_VALVE, self.mitral_forward, self.mitral_backward)?;
@@ -117,9 +123,20 @@ mod tests {
 
     #[test]
     fn periodic_start_grows_with_the_stroke_volume() {
-        let at = |sv| LeftHeart { start: StartPressure::StrokeVolume(Ml(sv)), ..heart() }.start_pressure().0;
+        let at = |sv| {
+            LeftHeart {
+                start: StartPressure::StrokeVolume(Ml(sv)),
+                ..heart()
+            }
+            .start_pressure()
+            .0
+        };
         let mean = 0.9 * 80.0 / 0.8;
-        assert!(at(80.0) > 0.6 * mean && at(80.0) < mean, "{} {mean}", at(80.0));
+        assert!(
+            at(80.0) > 0.6 * mean && at(80.0) < mean,
+            "{} {mean}",
+            at(80.0)
+        );
         assert!((at(160.0) / at(80.0) - 2.0).abs() < 1e-12);
     }
 
@@ -139,10 +156,16 @@ mod tests {
         circulation.restore(&before).unwrap();
         assert_eq!(circulation.try_step(Mmhg(100.0), Ms(0.5)).unwrap(), flow);
         let text = serde_json::to_string(&before).unwrap();
-        assert_eq!(serde_json::from_str::<super::super::CirculationState>(&text).unwrap(), before);
+        assert_eq!(
+            serde_json::from_str::<super::super::CirculationState>(&text).unwrap(),
+            before
+        );
         let mut foreign = before.clone();
         foreign.states.push(0.0);
-        assert!(matches!(circulation.restore(&foreign), Err(CirculationError::ForeignSnapshot { .. })));
+        assert!(matches!(
+            circulation.restore(&foreign),
+            Err(CirculationError::ForeignSnapshot { .. })
+        ));
     }
 
     /// A quadratic leak, as a later effect would add it: nothing else changes.
@@ -154,7 +177,10 @@ mod tests {
         }
         fn flow(&self, difference_mmhg: f64) -> (f64, f64) {
             let root = (difference_mmhg.abs() + 1e-6).sqrt();
-            (self.0 * difference_mmhg / root, self.0 * (difference_mmhg.abs() * 0.5 + 1e-6) / root.powi(3))
+            (
+                self.0 * difference_mmhg / root,
+                self.0 * (difference_mmhg.abs() * 0.5 + 1e-6) / root.powi(3),
+            )
         }
     }
 

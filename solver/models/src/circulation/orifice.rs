@@ -31,7 +31,10 @@ impl Orifice {
                 expected,
             });
         }
-        Ok(Self { name, ml_per_s_per_root_mmhg: ML_PER_S_PER_CM2 * area_cm2 })
+        Ok(Self {
+            name,
+            ml_per_s_per_root_mmhg: ML_PER_S_PER_CM2 * area_cm2,
+        })
     }
 }
 

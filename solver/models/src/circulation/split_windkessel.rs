@@ -50,14 +50,22 @@ impl SplitWindkessel {
     ) -> Result<Self, CirculationError> {
         Windkessel3::new(name, p, start)?;
         let bad = |parameter, value, expected| {
-            Err(CirculationError::Parameter { component: name, name: parameter, value, expected })
+            Err(CirculationError::Parameter {
+                component: name,
+                name: parameter,
+                value,
+                expected,
+            })
         };
         let share = junction.proximal_share;
         if !(share > 0.0 && share < 1.0) {
             return bad("proximal share", share, "between 0 and 1");
         }
-        let losses =
-            [("inertance", junction.inertance), ("resistance", junction.resistance), ("quadratic loss", junction.loss)];
+        let losses = [
+            ("inertance", junction.inertance),
+            ("resistance", junction.resistance),
+            ("quadratic loss", junction.loss),
+        ];
         for (parameter, value) in losses {
             if !(value >= 0.0 && value.is_finite()) {
                 return bad(parameter, value, "zero or more");
@@ -76,17 +84,27 @@ impl SplitWindkessel {
 
     /// Solves `y = r + h f(y)` for an inflow: `y` and its slope with the slopes of `r` and the inflow given.
     fn stage(&self, r: [f64; 3], dr: [f64; 3], h: f64, inflow: f64) -> ([f64; 3], [f64; 3]) {
-        let ArterialJunction { inertance, resistance, loss, .. } = self.junction;
+        let ArterialJunction {
+            inertance,
+            resistance,
+            loss,
+            ..
+        } = self.junction;
         let leak = 1.0 + h / (self.r2 * self.distal);
         let linear = inertance + h * (resistance + h / self.proximal + h / (self.distal * leak));
-        let driven =
-            |r: [f64; 3], inflow: f64| inertance * r[1] + h * (r[0] + h * inflow / self.proximal - r[2] / leak);
+        let driven = |r: [f64; 3], inflow: f64| {
+            inertance * r[1] + h * (r[0] + h * inflow / self.proximal - r[2] / leak)
+        };
         let b = driven(r, inflow);
         let root = (linear * linear + 4.0 * h * loss * b.abs()).sqrt();
         let flow = 2.0 * b / (linear + root);
         let dflow = driven(dr, 1.0) / root;
         let at = |r: [f64; 3], inflow: f64, flow: f64| {
-            [r[0] + h * (inflow - flow) / self.proximal, flow, (r[2] + h * flow / self.distal) / leak]
+            [
+                r[0] + h * (inflow - flow) / self.proximal,
+                flow,
+                (r[2] + h * flow / self.distal) / leak,
+            ]
         };
         (at(r, inflow, flow), at(dr, 1.0, dflow))
     }
@@ -144,15 +162,23 @@ mod tests {
         peripheral_resistance: MmhgSPerMl(0.9),
         compliance: MlPerMmhg(1.5),
     };
-    const JUNCTION: ArterialJunction =
-        ArterialJunction { inertance: 0.01, proximal_share: 0.3, resistance: 0.05, loss: 2e-4 };
+    const JUNCTION: ArterialJunction = ArterialJunction {
+        inertance: 0.01,
+        proximal_share: 0.3,
+        resistance: 0.05,
+        loss: 2e-4,
+    };
 
     fn load(junction: ArterialJunction) -> SplitWindkessel {
         SplitWindkessel::new("aorta", &LOAD, junction, Mmhg(80.0)).unwrap()
     }
 
     fn flow(t_ms: f64) -> f64 {
-        if (50.0..350.0).contains(&t_ms) { 400.0 * ((t_ms - 50.0) / 300.0 * std::f64::consts::PI).sin() } else { 0.0 }
+        if (50.0..350.0).contains(&t_ms) {
+            400.0 * ((t_ms - 50.0) / 300.0 * std::f64::consts::PI).sin()
+        } else {
+            0.0
+        }
     }
 
     fn run(load: &dyn Compartment, dt_ms: f64) -> Vec<f64> {
@@ -160,7 +186,10 @@ mod tests {
         load.start(&mut state);
         (1..=(800.0 / dt_ms) as usize)
             .map(|i| {
-                let step = TimeStep { end_ms: i as f64 * dt_ms, dt_ms };
+                let step = TimeStep {
+                    end_ms: i as f64 * dt_ms,
+                    dt_ms,
+                };
                 let q = flow(step.end_ms - 0.5 * dt_ms);
                 let (pressure, _) = load.pressure(&state, q, step);
                 load.advance(&mut state, q, step);
@@ -173,9 +202,17 @@ mod tests {
     fn without_a_junction_it_is_the_three_element_windkessel() {
         let whole = run(&Windkessel3::new("aorta", &LOAD, Mmhg(80.0)).unwrap(), 1.0);
         for inertance in [0.0, 1e-7] {
-            let open = ArterialJunction { inertance, resistance: 0.0, loss: 0.0, ..JUNCTION };
+            let open = ArterialJunction {
+                inertance,
+                resistance: 0.0,
+                loss: 0.0,
+                ..JUNCTION
+            };
             let split = run(&load(open), 1.0);
-            let largest = whole.iter().zip(&split).fold(0.0f64, |l, (a, b)| l.max((a - b).abs()));
+            let largest = whole
+                .iter()
+                .zip(&split)
+                .fold(0.0f64, |l, (a, b)| l.max((a - b).abs()));
             assert!(largest < 2e-3, "{inertance} {largest}");
         }
     }
@@ -183,15 +220,33 @@ mod tests {
     #[test]
     fn a_lossless_junction_rings_at_its_own_frequency() {
         // With R2 infinite and no inflow: Q = Q0 cos(ωt), ω² = (1/C1 + 1/C2)/L.
-        let closed = WindkesselParameters { peripheral_resistance: MmhgSPerMl(1e12), ..LOAD };
-        let junction = ArterialJunction { resistance: 0.0, loss: 0.0, ..JUNCTION };
+        let closed = WindkesselParameters {
+            peripheral_resistance: MmhgSPerMl(1e12),
+            ..LOAD
+        };
+        let junction = ArterialJunction {
+            resistance: 0.0,
+            loss: 0.0,
+            ..JUNCTION
+        };
         let load = SplitWindkessel::new("aorta", &closed, junction, Mmhg(80.0)).unwrap();
         let omega = ((1.0 / 0.45 + 1.0 / 1.05) / 0.01f64).sqrt();
         let mut state = [80.0, 100.0, 80.0];
         for i in 1..=400 {
-            load.advance(&mut state, 0.0, TimeStep { end_ms: f64::from(i), dt_ms: 1.0 });
+            load.advance(
+                &mut state,
+                0.0,
+                TimeStep {
+                    end_ms: f64::from(i),
+                    dt_ms: 1.0,
+                },
+            );
             let expected = 100.0 * (omega * f64::from(i) * 1e-3).cos();
-            assert!((state[1] - expected).abs() < 0.05, "{i} {} {expected}", state[1]);
+            assert!(
+                (state[1] - expected).abs() < 0.05,
+                "{i} {} {expected}",
+                state[1]
+            );
         }
         let volume = 0.45 * state[0] + 1.05 * state[2];
         assert!((volume - 1.5 * 80.0).abs() < 1e-9);
@@ -205,7 +260,9 @@ mod tests {
             let trace = run(&load(JUNCTION), dt);
             let every = (dt / 0.0625) as usize;
             let tail = trace.iter().enumerate().skip((400.0 / dt) as usize);
-            tail.fold(0.0f64, |l, (i, p)| l.max((p - fine[(i + 1) * every - 1]).abs()))
+            tail.fold(0.0f64, |l, (i, p)| {
+                l.max((p - fine[(i + 1) * every - 1]).abs())
+            })
         };
         let order = (error(4.0) / error(2.0)).log2();
         assert!((order - 2.0).abs() < 0.3, "{order}");
@@ -215,17 +272,44 @@ mod tests {
     fn each_parameter_moves_the_pressure_and_nonsense_is_refused() {
         let base = run(&load(JUNCTION), 1.0);
         for moved in [
-            ArterialJunction { inertance: 0.02, ..JUNCTION },
-            ArterialJunction { proximal_share: 0.4, ..JUNCTION },
-            ArterialJunction { resistance: 0.1, ..JUNCTION },
-            ArterialJunction { loss: 4e-4, ..JUNCTION },
+            ArterialJunction {
+                inertance: 0.02,
+                ..JUNCTION
+            },
+            ArterialJunction {
+                proximal_share: 0.4,
+                ..JUNCTION
+            },
+            ArterialJunction {
+                resistance: 0.1,
+                ..JUNCTION
+            },
+            ArterialJunction {
+                loss: 4e-4,
+                ..JUNCTION
+            },
         ] {
-            assert!(run(&load(moved), 1.0).iter().zip(&base).any(|(a, b)| (a - b).abs() > 0.5), "{moved:?}");
+            assert!(
+                run(&load(moved), 1.0)
+                    .iter()
+                    .zip(&base)
+                    .any(|(a, b)| (a - b).abs() > 0.5),
+                "{moved:?}"
+            );
         }
         for bad in [
-            ArterialJunction { proximal_share: 1.0, ..JUNCTION },
-            ArterialJunction { inertance: -1.0, ..JUNCTION },
-            ArterialJunction { loss: f64::NAN, ..JUNCTION },
+            ArterialJunction {
+                proximal_share: 1.0,
+                ..JUNCTION
+            },
+            ArterialJunction {
+                inertance: -1.0,
+                ..JUNCTION
+            },
+            ArterialJunction {
+                loss: f64::NAN,
+                ..JUNCTION
+            },
         ] {
             assert!(SplitWindkessel::new("aorta", &LOAD, bad, Mmhg(80.0)).is_err());
         }

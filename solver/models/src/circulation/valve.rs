@@ -16,10 +16,18 @@ impl DiodeValve {
     ///
     /// # Errors
     /// [`CirculationError::Parameter`] for a resistance that is not positive and finite.
-    pub fn new(name: &'static str, forward: MmhgSPerMl, backward: MmhgSPerMl) -> Result<Self, CirculationError> {
+    pub fn new(
+        name: &'static str,
+        forward: MmhgSPerMl,
+        backward: MmhgSPerMl,
+    ) -> Result<Self, CirculationError> {
         positive(name, "forward resistance", forward.0)?;
         positive(name, "backward resistance", backward.0)?;
-        Ok(Self { name, forward_per_resistance: 1.0 / forward.0, backward_per_resistance: 1.0 / backward.0 })
+        Ok(Self {
+            name,
+            forward_per_resistance: 1.0 / forward.0,
+            backward_per_resistance: 1.0 / backward.0,
+        })
     }
 }
 
@@ -30,8 +38,11 @@ impl FlowPath for DiodeValve {
 
     #[inline]
     fn flow(&self, difference_mmhg: f64) -> (f64, f64) {
-        let conductance =
-            if difference_mmhg > 0.0 { self.forward_per_resistance } else { self.backward_per_resistance };
+        let conductance = if difference_mmhg > 0.0 {
+            self.forward_per_resistance
+        } else {
+            self.backward_per_resistance
+        };
         (difference_mmhg * conductance, conductance)
     }
 }
@@ -51,7 +62,14 @@ mod tests {
 
     #[test]
     fn refuses_a_resistance_of_zero() {
-        let error = DiodeValve::new("aortic_valve", MmhgSPerMl(0.0), MmhgSPerMl(1000.0)).unwrap_err();
-        assert!(matches!(error, CirculationError::Parameter { component: "aortic_valve", .. }));
+        let error =
+            DiodeValve::new("aortic_valve", MmhgSPerMl(0.0), MmhgSPerMl(1000.0)).unwrap_err();
+        assert!(matches!(
+            error,
+            CirculationError::Parameter {
+                component: "aortic_valve",
+                ..
+            }
+        ));
     }
 }

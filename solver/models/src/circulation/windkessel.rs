@@ -68,7 +68,11 @@ impl Windkessel3 {
     ///
     /// # Errors
     /// [`CirculationError::Parameter`] for a parameter that is not positive (R1 may be zero) or a start that is not finite.
-    pub fn new(name: &'static str, p: &WindkesselParameters, start: Mmhg) -> Result<Self, CirculationError> {
+    pub fn new(
+        name: &'static str,
+        p: &WindkesselParameters,
+        start: Mmhg,
+    ) -> Result<Self, CirculationError> {
         let r1 = p.characteristic_resistance.0;
         if !(r1 >= 0.0 && r1.is_finite()) {
             let expected = "zero or more";
@@ -104,7 +108,11 @@ impl Windkessel3 {
     /// Share of the way to the steady state that the compliance goes in a step.
     #[inline]
     fn filled(&self, dt_ms: f64) -> f64 {
-        if dt_ms == self.prepared.0 { self.prepared.1 } else { -(-dt_ms / self.tau_ms).exp_m1() }
+        if dt_ms == self.prepared.0 {
+            self.prepared.1
+        } else {
+            -(-dt_ms / self.tau_ms).exp_m1()
+        }
     }
 }
 
@@ -150,13 +158,22 @@ mod tests {
     };
 
     /// Runs the load with a given flow; returns the pressures at the step ends.
-    fn run(p: &WindkesselParameters, start: f64, dt_ms: f64, n: usize, flow: impl Fn(f64) -> f64) -> Vec<f64> {
+    fn run(
+        p: &WindkesselParameters,
+        start: f64,
+        dt_ms: f64,
+        n: usize,
+        flow: impl Fn(f64) -> f64,
+    ) -> Vec<f64> {
         let load = Windkessel3::new("aorta", p, Mmhg(start)).unwrap();
         let mut state = [0.0];
         load.start(&mut state);
         (1..=n)
             .map(|i| {
-                let step = TimeStep { end_ms: i as f64 * dt_ms, dt_ms };
+                let step = TimeStep {
+                    end_ms: i as f64 * dt_ms,
+                    dt_ms,
+                };
                 // The mean over the step: second order for a smooth flow.
                 let q = flow(step.end_ms - 0.5 * dt_ms);
                 let (pressure, _) = load.pressure(&state, q, step);
@@ -189,7 +206,9 @@ mod tests {
         let product = w * 1440.0;
         for (i, found) in p.iter().enumerate().skip(n - 800) {
             let t = (i + 1) as f64;
-            let pc = mean * 0.9 + amplitude * 0.9 / (1.0 + product * product).sqrt() * (w * t - product.atan()).sin();
+            let pc = mean * 0.9
+                + amplitude * 0.9 / (1.0 + product * product).sqrt()
+                    * (w * t - product.atan()).sin();
             let expected = pc + 0.03 * (mean + amplitude * (w * (t - 0.5)).sin());
             assert!((found - expected).abs() < 2e-4, "{i} {found} {expected}");
         }
@@ -206,15 +225,29 @@ mod tests {
         let flow = |t_ms: f64| 2.2 + 2.5 * (TAU * t_ms * 1e-3).sin();
         let trace = run(&p, 2200.0, 0.5, 20_000, flow);
         let last = &trace[18_000..];
-        let (low, high) = last.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
-        assert!((low + 37.673).abs() < 1.0 && (high - 8837.673).abs() < 1.0, "{low} {high}");
-        assert!((p.periodic_start(Ms(1000.0), flow).0 - (2200.0 + 2116.8325 * (-0.560_982f64).sin())).abs() < 0.01);
+        let (low, high) = last
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        assert!(
+            (low + 37.673).abs() < 1.0 && (high - 8837.673).abs() < 1.0,
+            "{low} {high}"
+        );
+        assert!(
+            (p.periodic_start(Ms(1000.0), flow).0 - (2200.0 + 2116.8325 * (-0.560_982f64).sin()))
+                .abs()
+                < 0.01
+        );
     }
 
     #[test]
     fn periodic_start_returns_after_a_cycle() {
-        let flow =
-            |t: f64| if (50.0..350.0).contains(&t) { 400.0 * ((t - 50.0) / 300.0 * TAU / 2.0).sin() } else { 0.0 };
+        let flow = |t: f64| {
+            if (50.0..350.0).contains(&t) {
+                400.0 * ((t - 50.0) / 300.0 * TAU / 2.0).sin()
+            } else {
+                0.0
+            }
+        };
         let start = LOAD.periodic_start(Ms(900.0), flow).0;
         let end = run(&LOAD, start, 0.5, 1800, flow)[1799];
         assert!((end - start).abs() < 1e-3, "{start} {end}");
@@ -226,19 +259,39 @@ mod tests {
             Windkessel3::new("a", &p, Mmhg(80.0)).unwrap().pressure(
                 &[80.0],
                 200.0,
-                TimeStep { end_ms: 1.0, dt_ms: 1.0 },
+                TimeStep {
+                    end_ms: 1.0,
+                    dt_ms: 1.0,
+                },
             )
         };
         let moved = [
-            WindkesselParameters { characteristic_resistance: MmhgSPerMl(0.04), ..LOAD },
-            WindkesselParameters { peripheral_resistance: MmhgSPerMl(1.0), ..LOAD },
-            WindkesselParameters { compliance: MlPerMmhg(1.7), ..LOAD },
+            WindkesselParameters {
+                characteristic_resistance: MmhgSPerMl(0.04),
+                ..LOAD
+            },
+            WindkesselParameters {
+                peripheral_resistance: MmhgSPerMl(1.0),
+                ..LOAD
+            },
+            WindkesselParameters {
+                compliance: MlPerMmhg(1.7),
+                ..LOAD
+            },
         ];
         for p in moved {
             assert_ne!(at(p), at(LOAD), "{p:?}");
         }
         assert!(
-            Windkessel3::new("a", &WindkesselParameters { compliance: MlPerMmhg(0.0), ..LOAD }, Mmhg(80.0)).is_err()
+            Windkessel3::new(
+                "a",
+                &WindkesselParameters {
+                    compliance: MlPerMmhg(0.0),
+                    ..LOAD
+                },
+                Mmhg(80.0)
+            )
+            .is_err()
         );
     }
 }

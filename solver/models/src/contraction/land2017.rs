@@ -123,21 +123,41 @@ impl Land2017 {
         ];
         for (name, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter { name, value, expected: "positive" });
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected: "positive",
+                });
             }
         }
-        for (name, value) in [("gamma_S", p.gamma_s_per_ms), ("gamma_W", p.gamma_w_per_ms), ("beta0", p.beta0)] {
+        for (name, value) in [
+            ("gamma_S", p.gamma_s_per_ms),
+            ("gamma_W", p.gamma_w_per_ms),
+            ("beta0", p.beta0),
+        ] {
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter { name, value, expected: "zero or more" });
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected: "zero or more",
+                });
             }
         }
         for (name, value) in [("r_W", p.r_w), ("r_S", p.r_s)] {
             if !(value > 0.0 && value < 1.0) {
-                return Err(ContractionError::Parameter { name, value, expected: "between 0 and 1" });
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected: "between 0 and 1",
+                });
             }
         }
         if !p.beta1_um.is_finite() {
-            return Err(ContractionError::Parameter { name: "beta1", value: p.beta1_um, expected: "finite" });
+            return Err(ContractionError::Parameter {
+                name: "beta1",
+                value: p.beta1_um,
+                expected: "finite",
+            });
         }
         let k_wu = p.k_uw_per_ms * (1.0 / p.r_w - 1.0) - p.k_ws_per_ms;
         if k_wu < 0.0 && !p.allow_negative_k_wu {
@@ -171,25 +191,46 @@ impl Land2017 {
     #[inline]
     pub(crate) fn ca50(&self, lambda: f64) -> (f64, f64) {
         if lambda < LAMBDA_CAP {
-            (self.p.ca50_ref_um + self.p.beta1_um * (lambda - 1.0), self.p.beta1_um)
+            (
+                self.p.ca50_ref_um + self.p.beta1_um * (lambda - 1.0),
+                self.p.beta1_um,
+            )
         } else {
-            (self.p.ca50_ref_um + self.p.beta1_um * (LAMBDA_CAP - 1.0), 0.0)
+            (
+                self.p.ca50_ref_um + self.p.beta1_um * (LAMBDA_CAP - 1.0),
+                0.0,
+            )
         }
     }
 
     /// h(λ) = max(0, 1 + β0 (l + min(l, 0.87) − 1.87)), l = min(λ, 1.2), and its slope (eq. A13).
     #[inline]
     pub(crate) fn overlap(&self, lambda: f64) -> (f64, f64) {
-        let (l, dl) = if lambda < LAMBDA_CAP { (lambda, 1.0) } else { (LAMBDA_CAP, 0.0) };
-        let (second, dsecond) = if l < LAMBDA_OVERLAP { (l, dl) } else { (LAMBDA_OVERLAP, 0.0) };
+        let (l, dl) = if lambda < LAMBDA_CAP {
+            (lambda, 1.0)
+        } else {
+            (LAMBDA_CAP, 0.0)
+        };
+        let (second, dsecond) = if l < LAMBDA_OVERLAP {
+            (l, dl)
+        } else {
+            (LAMBDA_OVERLAP, 0.0)
+        };
         let h = 1.0 + self.p.beta0 * (l + second - (1.0 + LAMBDA_OVERLAP));
-        if h > 0.0 { (h, self.p.beta0 * (dl + dsecond)) } else { (0.0, 0.0) }
+        if h > 0.0 {
+            (h, self.p.beta0 * (dl + dsecond))
+        } else {
+            (0.0, 0.0)
+        }
     }
 
     /// γ_WU = γ_W |ζ_W| and its slope (eq. A10).
     #[inline]
     pub(crate) fn gamma_wu(&self, zeta_w: f64) -> (f64, f64) {
-        (self.p.gamma_w_per_ms * zeta_w.abs(), self.p.gamma_w_per_ms.copysign(zeta_w))
+        (
+            self.p.gamma_w_per_ms * zeta_w.abs(),
+            self.p.gamma_w_per_ms.copysign(zeta_w),
+        )
     }
 
     /// γ_SU: γ_S (−ζ_S − 1) below −1, γ_S ζ_S above 0, else 0, and its slope (eq. A10).
@@ -213,7 +254,11 @@ impl Land2017 {
         let x = ca_trpn.max(1e-9);
         let up = (half * x.ln()).exp();
         let down = 1.0 / up;
-        let (down, ddown) = if self.p.cap_unblocking && down > 100.0 { (100.0, 0.0) } else { (down, -half * down / x) };
+        let (down, ddown) = if self.p.cap_unblocking && down > 100.0 {
+            (100.0, 0.0)
+        } else {
+            (down, -half * down / x)
+        };
         (down, ddown, up, half * up / x)
     }
 
@@ -237,13 +282,20 @@ impl Land2017 {
     ///
     /// # Errors
     /// [`ContractionError::Sensitivity`] where Ca50 is not positive, [`ContractionError::Stretch`] for a bad stretch.
-    pub fn steady_state(&self, ca: MicroMolar, lambda: Stretch) -> Result<[f64; 6], ContractionError> {
+    pub fn steady_state(
+        &self,
+        ca: MicroMolar,
+        lambda: Stretch,
+    ) -> Result<[f64; 6], ContractionError> {
         if !(lambda.0 > 0.0 && lambda.0.is_finite()) {
             return Err(ContractionError::Stretch { lambda: lambda.0 });
         }
         let (ca50, _) = self.ca50(lambda.0);
         if !(ca50 > 0.0 && ca.0 > 0.0) {
-            return Err(ContractionError::Sensitivity { ca50_um: ca50, lambda: lambda.0 });
+            return Err(ContractionError::Sensitivity {
+                ca50_um: ca50,
+                lambda: lambda.0,
+            });
         }
         let r = (ca.0 / ca50).powf(self.p.n_trpn);
         let ca_trpn = r / (1.0 + r);
@@ -252,7 +304,14 @@ impl Land2017 {
         let unbound = 1.0 - self.p.r_s - (1.0 - self.p.r_s) * self.p.r_w;
         let blocked_per_free = self.k_b * down / (self.p.k_u_per_ms * up) * unbound;
         let free = 1.0 / (1.0 + blocked_per_free);
-        Ok([ca_trpn, blocked_per_free * free, (1.0 - self.p.r_s) * self.p.r_w * free, self.p.r_s * free, 0.0, 0.0])
+        Ok([
+            ca_trpn,
+            blocked_per_free * free,
+            (1.0 - self.p.r_s) * self.p.r_w * free,
+            self.p.r_s * free,
+            0.0,
+            0.0,
+        ])
     }
 }
 
@@ -270,7 +329,12 @@ impl Contraction for Land2017 {
         state.copy_from_slice(&[1e-3, 1.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        state: &[f64],
+        trial: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError> {
         land2017_step::try_step(self, step, state, trial)
     }
 
@@ -297,8 +361,13 @@ mod tests {
     #[test]
     fn derived_constants_of_the_defaults() {
         let cell = default_cell();
-        let expected =
-            [(cell.k_wu, 0.17), (cell.k_su, 0.018), (cell.a, 10.0), (cell.c_w, 0.40586), (cell.c_s, 0.04014)];
+        let expected = [
+            (cell.k_wu, 0.17),
+            (cell.k_su, 0.018),
+            (cell.a, 10.0),
+            (cell.c_w, 0.40586),
+            (cell.c_s, 0.04014),
+        ];
         for (got, want) in expected {
             assert!((got - want).abs() < 1e-9, "{got} {want}");
         }
@@ -308,20 +377,33 @@ mod tests {
     #[test]
     fn steady_state_values_of_the_benchmark() {
         let cell = default_cell();
-        for (ca, ca_trpn, sa) in
-            [(0.6, 0.357_133_999_65, 63.02412), (0.805, 0.5, 102.73357), (1.5, 0.776_390_817_9, 117.80665)]
-        {
+        for (ca, ca_trpn, sa) in [
+            (0.6, 0.357_133_999_65, 63.02412),
+            (0.805, 0.5, 102.73357),
+            (1.5, 0.776_390_817_9, 117.80665),
+        ] {
             let state = cell.steady_state(MicroMolar(ca), Stretch(1.0)).unwrap();
             assert!((state[0] - ca_trpn).abs() < 1e-10);
-            assert!((cell.active_stress(&state, Stretch(1.0)).0 - sa).abs() < 5e-5, "{ca}");
+            assert!(
+                (cell.active_stress(&state, Stretch(1.0)).0 - sa).abs() < 5e-5,
+                "{ca}"
+            );
         }
     }
 
     #[test]
     fn cap_lifts_the_stress_at_low_calcium_only() {
-        let capped = Land2017::new(Land2017Parameters { cap_unblocking: true, ..Default::default() }).unwrap();
+        let capped = Land2017::new(Land2017Parameters {
+            cap_unblocking: true,
+            ..Default::default()
+        })
+        .unwrap();
         let stress = |cell: &Land2017, ca| {
-            cell.active_stress(&cell.steady_state(MicroMolar(ca), Stretch(1.0)).unwrap(), Stretch(1.0)).0
+            cell.active_stress(
+                &cell.steady_state(MicroMolar(ca), Stretch(1.0)).unwrap(),
+                Stretch(1.0),
+            )
+            .0
         };
         assert!((stress(&default_cell(), 0.3) - 0.613_019).abs() < 1e-6);
         assert!((stress(&capped, 0.3) - 1.174_888_4).abs() < 1e-6);
@@ -330,9 +412,22 @@ mod tests {
 
     #[test]
     fn negative_k_wu_is_refused_unless_allowed() {
-        let p = Land2017Parameters { r_w: 0.9, k_uw_per_ms: 0.05, ..Default::default() };
-        assert!(matches!(Land2017::new(p), Err(ContractionError::NegativeKwu { .. })));
-        assert!(Land2017::new(Land2017Parameters { allow_negative_k_wu: true, ..p }).is_ok());
+        let p = Land2017Parameters {
+            r_w: 0.9,
+            k_uw_per_ms: 0.05,
+            ..Default::default()
+        };
+        assert!(matches!(
+            Land2017::new(p),
+            Err(ContractionError::NegativeKwu { .. })
+        ));
+        assert!(
+            Land2017::new(Land2017Parameters {
+                allow_negative_k_wu: true,
+                ..p
+            })
+            .is_ok()
+        );
     }
 
     #[test]

@@ -48,7 +48,12 @@ struct Shared {
 }
 
 impl Shared {
-    fn new(cell: &Land2017, dt_ms: f64, lambda_prev: f64, lambda: f64) -> Result<Self, ContractionError> {
+    fn new(
+        cell: &Land2017,
+        dt_ms: f64,
+        lambda_prev: f64,
+        lambda: f64,
+    ) -> Result<Self, ContractionError> {
         for lambda in [lambda, lambda_prev] {
             if !(lambda > 0.0 && lambda.is_finite()) {
                 return Err(ContractionError::Stretch { lambda });
@@ -57,7 +62,10 @@ impl Shared {
         let sensitivity = |lambda: f64, share: f64| {
             let (v, slope) = cell.ca50(lambda);
             if v > 0.0 {
-                Ok(Dual { v, d: slope * share })
+                Ok(Dual {
+                    v,
+                    d: slope * share,
+                })
             } else {
                 Err(ContractionError::Sensitivity { ca50_um: v, lambda })
             }
@@ -66,9 +74,18 @@ impl Shared {
         Ok(Self {
             cell: *cell,
             gh: GAMMA * dt_ms,
-            rate: Dual { v: (lambda - lambda_prev) / dt_ms, d: 1.0 / dt_ms },
-            ca50: [sensitivity(lambda_prev + GAMMA * (lambda - lambda_prev), GAMMA)?, sensitivity(lambda, 1.0)?],
-            scale: Dual { v: cell.stress_scale * overlap, d: cell.stress_scale * doverlap },
+            rate: Dual {
+                v: (lambda - lambda_prev) / dt_ms,
+                d: 1.0 / dt_ms,
+            },
+            ca50: [
+                sensitivity(lambda_prev + GAMMA * (lambda - lambda_prev), GAMMA)?,
+                sensitivity(lambda, 1.0)?,
+            ],
+            scale: Dual {
+                v: cell.stress_scale * overlap,
+                d: cell.stress_scale * doverlap,
+            },
         })
     }
 
@@ -105,13 +122,22 @@ impl Shared {
         let m21 = -gh * p.k_ws_per_ms;
         let m22 = 1.0 + gh * (cell.k_su + gamma_su);
         // First row (m00, m01, m01), second (m10, m11, m10), third (0, m21, m22).
-        let (c00, c01, c02) = (m11 * m22 - m10 * m21, -(m01 * m22 - m01 * m21), m01 * m10 - m01 * m11);
+        let (c00, c01, c02) = (
+            m11 * m22 - m10 * m21,
+            -(m01 * m22 - m01 * m21),
+            m01 * m10 - m01 * m11,
+        );
         let (c10, c11, c12) = (-(m10 * m22), m00 * m22, -(m00 * m10 - m01 * m10));
         let (c20, c21, c22) = (m10 * m21, -(m00 * m21), m00 * m11 - m01 * m10);
         let inverse = 1.0 / (m00 * c00 + m01 * c10 + m01 * c20);
         let solve = |x: f64, y: f64, z: f64| {
-            let product = |a: f64, b: f64, c: f64| inverse * a * x + inverse * b * y + inverse * c * z;
-            (product(c00, c01, c02), product(c10, c11, c12), product(c20, c21, c22))
+            let product =
+                |a: f64, b: f64, c: f64| inverse * a * x + inverse * b * y + inverse * c * z;
+            (
+                product(c00, c01, c02),
+                product(c10, c11, c12),
+                product(c20, c21, c22),
+            )
         };
         let (b, w, s) = solve(base[1].v + m01, base[2].v + m10, base[3].v);
         let dunblock = cell.k_b * ddown * dtrpn;
@@ -121,20 +147,36 @@ impl Shared {
             base[2].d - gh * dgamma_wu * zeta_w.d * w,
             base[3].d - gh * dgamma_su * zeta_s.d * s,
         );
-        [Dual { v: trpn, d: dtrpn }, Dual { v: b, d: db }, Dual { v: w, d: dw }, Dual { v: s, d: ds }, zeta_w, zeta_s]
+        [
+            Dual { v: trpn, d: dtrpn },
+            Dual { v: b, d: db },
+            Dual { v: w, d: dw },
+            Dual { v: s, d: ds },
+            zeta_w,
+            zeta_s,
+        ]
     }
 
     /// One node's step from `state`: its end and its stress.
     #[inline(always)]
     fn step(&self, state: [f64; N], ca_start_um: f64, ca_end_um: f64) -> ([f64; N], ActiveStress) {
         let [c, b, w, s, zeta_w, zeta_s] = state;
-        let start =
-            [Dual::fixed(c), Dual::fixed(b), Dual::fixed(w), Dual::fixed(s), Dual::fixed(zeta_w), Dual::fixed(zeta_s)];
+        let start = [
+            Dual::fixed(c),
+            Dual::fixed(b),
+            Dual::fixed(w),
+            Dual::fixed(s),
+            Dual::fixed(zeta_w),
+            Dual::fixed(zeta_s),
+        ];
         let ca_between = ca_start_um + GAMMA * (ca_end_um - ca_start_um);
         let first = self.stage(start, ca_between, self.ca50[0]);
         // h f(first) follows from the stage equation itself.
         let share = (1.0 - GAMMA) / GAMMA;
-        let further = |from: Dual, to: Dual| Dual { v: from.v + share * (to.v - from.v), d: share * to.d };
+        let further = |from: Dual, to: Dual| Dual {
+            v: from.v + share * (to.v - from.v),
+            d: share * to.d,
+        };
         let base = [
             further(start[0], first[0]),
             further(start[1], first[1]),
@@ -147,8 +189,10 @@ impl Shared {
         let [c, b, w, s, zeta_w, zeta_s] = end;
         let pull = (zeta_s.v + 1.0) * s.v + zeta_w.v * w.v;
         let dpull = zeta_s.d * s.v + (zeta_s.v + 1.0) * s.d + zeta_w.d * w.v + zeta_w.v * w.d;
-        let stress =
-            ActiveStress { sa_kpa: self.scale.v * pull, dsa_dlambda_kpa: self.scale.d * pull + self.scale.v * dpull };
+        let stress = ActiveStress {
+            sa_kpa: self.scale.v * pull,
+            dsa_dlambda_kpa: self.scale.d * pull + self.scale.v * dpull,
+        };
         ([c.v, b.v, w.v, s.v, zeta_w.v, zeta_s.v], stress)
     }
 }
@@ -185,12 +229,22 @@ pub(super) fn try_step(
 ) -> Result<ActiveStress, ContractionError> {
     let shared = Shared::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
     if !(step.ca_start_um > 0.0 && step.ca_end_um > 0.0) {
-        return Err(ContractionError::Sensitivity { ca50_um: shared.ca50[1].v, lambda: step.lambda });
+        return Err(ContractionError::Sensitivity {
+            ca50_um: shared.ca50[1].v,
+            lambda: step.lambda,
+        });
     }
-    let (end, stress) = shared.step(std::array::from_fn(|i| state[i]), step.ca_start_um, step.ca_end_um);
+    let (end, stress) = shared.step(
+        std::array::from_fn(|i| state[i]),
+        step.ca_start_um,
+        step.ca_end_um,
+    );
     trial.copy_from_slice(&end);
     if !(is_finite(&stress) && trial.iter().all(|x| x.is_finite())) {
-        return Err(ContractionError::NotFinite { since_activation_ms: step.since_activation_ms, lambda: step.lambda });
+        return Err(ContractionError::NotFinite {
+            since_activation_ms: step.since_activation_ms,
+            lambda: step.lambda,
+        });
     }
     Ok(stress)
 }
@@ -219,12 +273,31 @@ impl WithSimd for BlockStep<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Block { states: [c, b, w, s, zeta_w, zeta_s], ca_start_um, ca_end_um, stress: [sa, dsa] } = self.block;
+        let Block {
+            states: [c, b, w, s, zeta_w, zeta_s],
+            ca_start_um,
+            ca_end_um,
+            stress: [sa, dsa],
+        } = self.block;
         let shared = *self.shared;
         for lane in 0..LANES {
-            let state = [c[lane], b[lane], w[lane], s[lane], zeta_w[lane], zeta_s[lane]];
+            let state = [
+                c[lane],
+                b[lane],
+                w[lane],
+                s[lane],
+                zeta_w[lane],
+                zeta_s[lane],
+            ];
             let (end, stress) = shared.step(state, ca_start_um[lane], ca_end_um[lane]);
-            [c[lane], b[lane], w[lane], s[lane], zeta_w[lane], zeta_s[lane]] = end;
+            [
+                c[lane],
+                b[lane],
+                w[lane],
+                s[lane],
+                zeta_w[lane],
+                zeta_s[lane],
+            ] = end;
             (sa[lane], dsa[lane]) = (stress.sa_kpa, stress.dsa_dlambda_kpa);
         }
     }
@@ -258,23 +331,37 @@ pub(super) fn try_step_uniform(
             block.ca_start_um[lane] = step.ca_start_um[node];
             block.ca_end_um[lane] = step.ca_end_um[node];
         }
-        arch.dispatch(BlockStep { block: &mut block, shared: &shared });
+        arch.dispatch(BlockStep {
+            block: &mut block,
+            shared: &shared,
+        });
         for lane in 0..n_here {
             let node = first + lane;
             for i in 0..N {
                 trials[node * N + i] = block.states[i][lane];
             }
-            stress[node] = ActiveStress { sa_kpa: block.stress[0][lane], dsa_dlambda_kpa: block.stress[1][lane] };
+            stress[node] = ActiveStress {
+                sa_kpa: block.stress[0][lane],
+                dsa_dlambda_kpa: block.stress[1][lane],
+            };
         }
     }
     let calcium = step.ca_start_um.iter().chain(step.ca_end_um);
-    if stress.iter().all(is_finite) && trials.iter().all(|x| x.is_finite()) && calcium.into_iter().all(|ca| *ca > 0.0) {
+    if stress.iter().all(is_finite)
+        && trials.iter().all(|x| x.is_finite())
+        && calcium.into_iter().all(|ca| *ca > 0.0)
+    {
         return Ok(());
     }
     // Node after node for the first one that fails.
     for (node, out) in stress.iter_mut().enumerate() {
         let range = node * N..(node + 1) * N;
-        *out = try_step(cell, &step.node(node), &states[range.clone()], &mut trials[range])?;
+        *out = try_step(
+            cell,
+            &step.node(node),
+            &states[range.clone()],
+            &mut trials[range],
+        )?;
     }
     Ok(())
 }
@@ -309,7 +396,13 @@ mod tests {
     fn steady_state_stays() {
         let land = cell(Land2017Parameters::default());
         let state = land.steady_state(MicroMolar(0.6), Stretch(0.95)).unwrap();
-        let step = NodeStep { ca_start_um: 0.6, ca_end_um: 0.6, lambda_prev: 0.95, lambda: 0.95, ..STEP };
+        let step = NodeStep {
+            ca_start_um: 0.6,
+            ca_end_um: 0.6,
+            lambda_prev: 0.95,
+            lambda: 0.95,
+            ..STEP
+        };
         let mut trial = [0.0; 6];
         land.try_step(&step, &state, &mut trial).unwrap();
         for (a, b) in trial.iter().zip(state) {
@@ -356,31 +449,67 @@ mod tests {
         let b = Land2017Parameters::default();
         let reference = stress(b, STEP);
         let moved = [
-            Land2017Parameters { k_trpn_per_ms: 0.11, ..b },
+            Land2017Parameters {
+                k_trpn_per_ms: 0.11,
+                ..b
+            },
             Land2017Parameters { n_trpn: 2.1, ..b },
-            Land2017Parameters { ca50_ref_um: 0.79, ..b },
-            Land2017Parameters { k_u_per_ms: 1.1, ..b },
+            Land2017Parameters {
+                ca50_ref_um: 0.79,
+                ..b
+            },
+            Land2017Parameters {
+                k_u_per_ms: 1.1,
+                ..b
+            },
             Land2017Parameters { n_tm: 5.1, ..b },
             Land2017Parameters { trpn50: 0.36, ..b },
-            Land2017Parameters { k_uw_per_ms: 0.19, ..b },
-            Land2017Parameters { k_ws_per_ms: 0.013, ..b },
+            Land2017Parameters {
+                k_uw_per_ms: 0.19,
+                ..b
+            },
+            Land2017Parameters {
+                k_ws_per_ms: 0.013,
+                ..b
+            },
             Land2017Parameters { r_w: 0.51, ..b },
             Land2017Parameters { r_s: 0.26, ..b },
-            Land2017Parameters { gamma_w_per_ms: 0.63, ..b },
+            Land2017Parameters {
+                gamma_w_per_ms: 0.63,
+                ..b
+            },
             Land2017Parameters { phi: 2.3, ..b },
             Land2017Parameters { a_eff: 26.0, ..b },
             Land2017Parameters { beta0: 2.4, ..b },
-            Land2017Parameters { beta1_um: -2.5, ..b },
-            Land2017Parameters { smax_ref_kpa: 121.0, ..b },
+            Land2017Parameters {
+                beta1_um: -2.5,
+                ..b
+            },
+            Land2017Parameters {
+                smax_ref_kpa: 121.0,
+                ..b
+            },
         ];
         for p in moved {
             let other = stress(p, STEP);
             assert!((other.sa_kpa - reference.sa_kpa).abs() > 1e-7, "{p:?}");
-            assert!((other.dsa_dlambda_kpa - reference.dsa_dlambda_kpa).abs() > 1e-7, "{p:?}");
+            assert!(
+                (other.dsa_dlambda_kpa - reference.dsa_dlambda_kpa).abs() > 1e-7,
+                "{p:?}"
+            );
         }
         // γ_S acts outside −1 < ζ_S < 0 only.
-        let lengthening = NodeStep { lambda: 1.0, ..STEP };
-        let other = stress(Land2017Parameters { gamma_s_per_ms: 0.02, ..b }, lengthening);
+        let lengthening = NodeStep {
+            lambda: 1.0,
+            ..STEP
+        };
+        let other = stress(
+            Land2017Parameters {
+                gamma_s_per_ms: 0.02,
+                ..b
+            },
+            lengthening,
+        );
         assert!((other.sa_kpa - stress(b, lengthening).sa_kpa).abs() > 1e-7);
     }
 
@@ -388,11 +517,27 @@ mod tests {
     fn bad_input_is_an_error() {
         let land = cell(Land2017Parameters::default());
         let mut trial = [0.0; 6];
-        let bad = NodeStep { lambda: f64::NAN, ..STEP };
-        assert!(matches!(land.try_step(&bad, &STATE, &mut trial), Err(ContractionError::Stretch { .. })));
-        let far = cell(Land2017Parameters { beta1_um: -6.0, ..Default::default() });
-        let long = NodeStep { lambda: 1.2, lambda_prev: 1.19, ..STEP };
-        assert!(matches!(far.try_step(&long, &STATE, &mut trial), Err(ContractionError::Sensitivity { .. })));
+        let bad = NodeStep {
+            lambda: f64::NAN,
+            ..STEP
+        };
+        assert!(matches!(
+            land.try_step(&bad, &STATE, &mut trial),
+            Err(ContractionError::Stretch { .. })
+        ));
+        let far = cell(Land2017Parameters {
+            beta1_um: -6.0,
+            ..Default::default()
+        });
+        let long = NodeStep {
+            lambda: 1.2,
+            lambda_prev: 1.19,
+            ..STEP
+        };
+        assert!(matches!(
+            far.try_step(&long, &STATE, &mut trial),
+            Err(ContractionError::Sensitivity { .. })
+        ));
     }
 
     #[test]
@@ -402,7 +547,9 @@ mod tests {
             let ca: Vec<f64> = (0..n).map(|i| 0.1 + 0.02 * i as f64).collect();
             let ca_end: Vec<f64> = ca.iter().map(|ca| 1.05 * ca).collect();
             let since = vec![60.0; n];
-            let states: Vec<f64> = (0..n).flat_map(|i| STATE.map(|x| x * (1.0 - 0.01 * i as f64))).collect();
+            let states: Vec<f64> = (0..n)
+                .flat_map(|i| STATE.map(|x| x * (1.0 - 0.01 * i as f64)))
+                .collect();
             let step = UniformStep {
                 dt_ms: 1.0,
                 lambda_prev: 0.97,
@@ -412,11 +559,18 @@ mod tests {
                 ca_end_um: &ca_end,
             };
             let (mut trials, mut stress) = (vec![0.0; 6 * n], vec![ActiveStress::default(); n]);
-            land.try_step_uniform(&step, &states, &mut trials, &mut stress).unwrap();
+            land.try_step_uniform(&step, &states, &mut trials, &mut stress)
+                .unwrap();
             for (node, stress) in stress.iter().enumerate() {
                 let (range, mut trial) = (6 * node..6 * node + 6, [0.0; 6]);
-                let alone = land.try_step(&step.node(node), &states[range.clone()], &mut trial).unwrap();
-                assert_eq!((alone, &trial[..]), (*stress, &trials[range]), "node {node} of {n}");
+                let alone = land
+                    .try_step(&step.node(node), &states[range.clone()], &mut trial)
+                    .unwrap();
+                assert_eq!(
+                    (alone, &trial[..]),
+                    (*stress, &trials[range]),
+                    "node {node} of {n}"
+                );
             }
         }
     }
@@ -434,8 +588,13 @@ mod tests {
             ca_end_um: &ca,
         };
         let (mut trials, mut stress) = ([0.0; 18], [ActiveStress::default(); 3]);
-        let error = land.try_step_uniform(&step, &states, &mut trials, &mut stress).unwrap_err();
-        assert!(matches!(error, ContractionError::Sensitivity { .. }), "{error:?}");
+        let error = land
+            .try_step_uniform(&step, &states, &mut trials, &mut stress)
+            .unwrap_err();
+        assert!(
+            matches!(error, ContractionError::Sensitivity { .. }),
+            "{error:?}"
+        );
     }
 
     proptest! {

@@ -93,7 +93,12 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
     ///
     /// # Errors
     /// [`ContractionError`] when the step's input or the result is outside the model; never a panic or a NaN.
-    fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError>;
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        state: &[f64],
+        trial: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError>;
 
     /// Tries the step of many nodes with one stretch; states are node after node, `stress` one a node.
     ///
@@ -109,7 +114,11 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
         let n = self.n_states();
         for (node_idx, out) in stress.iter_mut().enumerate() {
             let range = node_idx * n..(node_idx + 1) * n;
-            *out = self.try_step(&step.node(node_idx), &states[range.clone()], &mut trials[range])?;
+            *out = self.try_step(
+                &step.node(node_idx),
+                &states[range.clone()],
+                &mut trials[range],
+            )?;
         }
         Ok(())
     }
@@ -129,7 +138,9 @@ pub enum ContractionError {
         expected: &'static str,
     },
     /// k_WU = k_UW (1/r_W − 1) − k_WS is negative: a rate that creates what it should consume.
-    #[error("k_WU = {k_wu_per_ms} /ms is negative (k_UW = {k_uw_per_ms}, r_W = {r_w}, k_WS = {k_ws_per_ms})")]
+    #[error(
+        "k_WU = {k_wu_per_ms} /ms is negative (k_UW = {k_uw_per_ms}, r_W = {r_w}, k_WS = {k_ws_per_ms})"
+    )]
     NegativeKwu {
         /// The derived rate \[1/ms\].
         k_wu_per_ms: f64,
@@ -155,7 +166,9 @@ pub enum ContractionError {
         lambda: f64,
     },
     /// The step ended in a state that is not finite.
-    #[error("state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}")]
+    #[error(
+        "state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}"
+    )]
     NotFinite {
         /// Time since activation \[ms\].
         since_activation_ms: f64,

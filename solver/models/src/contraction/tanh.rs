@@ -82,12 +82,20 @@ impl Tanh {
         ];
         for (name, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter { name, value, expected: "positive" });
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected: "positive",
+                });
             }
         }
         for (name, value) in [("a4", p.a4_ms), ("t_emd", p.t_emd_ms), ("a7", p.a7)] {
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter { name, value, expected: "zero or more" });
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected: "zero or more",
+                });
             }
         }
         Ok(Self { parameters })
@@ -103,7 +111,11 @@ impl Tanh {
     ///
     /// # Errors
     /// [`ContractionError::Stretch`] when the stretch is not positive and finite.
-    pub fn active_stress(&self, since_activation: Ms, lambda: Stretch) -> Result<Kpa, ContractionError> {
+    pub fn active_stress(
+        &self,
+        since_activation: Ms,
+        lambda: Stretch,
+    ) -> Result<Kpa, ContractionError> {
         let length = self.length(lambda.0)?;
         Ok(Kpa(self.stress(since_activation.0, &length).sa_kpa))
     }
@@ -115,14 +127,29 @@ impl Tanh {
         let p = &self.parameters;
         // tanh from one exponential; what cancels near zero is of the order of round-off of one.
         let raw = 1.0 - 2.0 / ((2.0 * p.a6 * (lambda - p.a7)).exp() + 1.0);
-        let (phi, dphi) = if raw > 0.0 { (raw, p.a6 * (1.0 - raw * raw)) } else { (0.0, 0.0) };
-        Ok(Length { phi, dphi, tau_sr_ms: p.tau_sr_ref_ms + p.a4_ms * (1.0 - phi), dtau_sr_ms: -p.a4_ms * dphi })
+        let (phi, dphi) = if raw > 0.0 {
+            (raw, p.a6 * (1.0 - raw * raw))
+        } else {
+            (0.0, 0.0)
+        };
+        Ok(Length {
+            phi,
+            dphi,
+            tau_sr_ms: p.tau_sr_ref_ms + p.a4_ms * (1.0 - phi),
+            dtau_sr_ms: -p.a4_ms * dphi,
+        })
     }
 
     /// Stress of active nodes at equal distances in time, oldest first: from node to node both exponentials change by a
     /// constant factor. The rise's sequence starts at the youngest node and the fall's at the oldest, where each is largest,
     /// so that they only ever underflow to the right value, zero.
-    fn equally_spaced(&self, times: &[f64], spacing: f64, length: &Length, stress: &mut [ActiveStress]) {
+    fn equally_spaced(
+        &self,
+        times: &[f64],
+        spacing: f64,
+        length: &Length,
+        stress: &mut [ActiveStress],
+    ) {
         let p = &self.parameters;
         let n = times.len();
         let rise_ratio = (-2.0 * spacing / length.tau_sr_ms).exp();
@@ -130,8 +157,14 @@ impl Tanh {
         let rise = (-2.0 * (times[n - 1] - p.t_emd_ms) / length.tau_sr_ms).exp();
         let fall = (-2.0 * (p.t_cr_ms - (times[0] - p.t_emd_ms)) / p.tau_sd_ms).exp();
         // Four sequences side by side: a single one would wait for each product.
-        let powers = |start: f64, q: f64| ([start, start * q, start * q * q, start * q * q * q], (q * q) * (q * q));
-        let ((mut fall, fall_ratio), (mut rise, rise_ratio)) = (powers(fall, fall_ratio), powers(rise, rise_ratio));
+        let powers = |start: f64, q: f64| {
+            (
+                [start, start * q, start * q * q, start * q * q * q],
+                (q * q) * (q * q),
+            )
+        };
+        let ((mut fall, fall_ratio), (mut rise, rise_ratio)) =
+            (powers(fall, fall_ratio), powers(rise, rise_ratio));
         for chunk in stress.chunks_mut(4) {
             for (out, f) in chunk.iter_mut().zip(&mut fall) {
                 out.sa_kpa = *f;
@@ -150,7 +183,8 @@ impl Tanh {
                 let envelope = p.smax_ref_kpa * tanh_fall * tanh_fall;
                 let (up, dup) = (tanh * tanh, 8.0 * tanh * *r * sech * sech);
                 out.sa_kpa = envelope * length.phi * up;
-                out.dsa_dlambda_kpa = envelope * (length.dphi * up + length.phi * dup * (t - p.t_emd_ms) * factor);
+                out.dsa_dlambda_kpa =
+                    envelope * (length.dphi * up + length.phi * dup * (t - p.t_emd_ms) * factor);
                 *r *= rise_ratio;
             }
         }
@@ -164,9 +198,16 @@ impl Tanh {
         let mut begin = 0;
         while begin < times.len() {
             let rest = &times[begin..];
-            let spacing = if rest.len() > 1 { rest[0] - rest[1] } else { 0.0 };
+            let spacing = if rest.len() > 1 {
+                rest[0] - rest[1]
+            } else {
+                0.0
+            };
             let is_far = |w: &[f64]| (w[0] - w[1] - spacing).abs() >= SPACING_TOLERANCE_MS;
-            let n = rest.windows(2).position(is_far).map_or(rest.len(), |gap| gap + 1);
+            let n = rest
+                .windows(2)
+                .position(is_far)
+                .map_or(rest.len(), |gap| gap + 1);
             let (run, out) = (&rest[..n], &mut stress[begin..begin + n]);
             if spacing >= 0.0 && is_active(run[0]) && is_active(run[n - 1]) {
                 self.equally_spaced(run, spacing, length, out);
@@ -220,10 +261,16 @@ impl Contraction for Tanh {
 
     /// φ(λ).
     fn length_factor(&self, lambda: f64) -> (f64, f64) {
-        self.length(lambda).map_or((0.0, 0.0), |length| (length.phi, length.dphi))
+        self.length(lambda)
+            .map_or((0.0, 0.0), |length| (length.phi, length.dphi))
     }
 
-    fn try_step(&self, step: &NodeStep, _state: &[f64], _trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        _state: &[f64],
+        _trial: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError> {
         Ok(self.stress(step.since_activation_ms, &self.length(step.lambda)?))
     }
 
@@ -240,12 +287,22 @@ impl Contraction for Tanh {
         let times = step.since_activation_ms;
         let is_active = |t: &f64| *t > p.t_emd_ms && *t < p.t_emd_ms + p.t_cr_ms;
         stress.fill(ActiveStress::default());
-        let (Some(first), Some(last)) = (times.iter().position(is_active), times.iter().rposition(is_active)) else {
+        let (Some(first), Some(last)) = (
+            times.iter().position(is_active),
+            times.iter().rposition(is_active),
+        ) else {
             return Ok(());
         };
         let active = &times[first..=last];
-        let spacing = if active.len() > 1 { active[0] - active[1] } else { 0.0 };
-        let equal = spacing >= 0.0 && active.windows(2).all(|w| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS);
+        let spacing = if active.len() > 1 {
+            active[0] - active[1]
+        } else {
+            0.0
+        };
+        let equal = spacing >= 0.0
+            && active
+                .windows(2)
+                .all(|w| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS);
         if equal {
             self.equally_spaced(active, spacing, &length, &mut stress[first..=last]);
         } else {
@@ -261,8 +318,14 @@ mod tests {
     use proptest::prelude::*;
 
     fn at(p: TanhParameters, t: f64, lambda: f64) -> ActiveStress {
-        let step =
-            NodeStep { since_activation_ms: t, dt_ms: 1.0, ca_start_um: 0.0, ca_end_um: 0.0, lambda_prev: 1.0, lambda };
+        let step = NodeStep {
+            since_activation_ms: t,
+            dt_ms: 1.0,
+            ca_start_um: 0.0,
+            ca_end_um: 0.0,
+            lambda_prev: 1.0,
+            lambda,
+        };
         Tanh::new(p).unwrap().try_step(&step, &[], &mut []).unwrap()
     }
 
@@ -274,7 +337,8 @@ mod tests {
         for t in [16.0, 60.0, 200.0, 400.0, 564.0] {
             let ts = t - 15.0;
             let tau = 40.0 + 500.0 * (1.0 - phi);
-            let expected = 100.0 * phi * (ts / tau).tanh().powi(2) * ((550.0 - ts) / 110.0).tanh().powi(2);
+            let expected =
+                100.0 * phi * (ts / tau).tanh().powi(2) * ((550.0 - ts) / 110.0).tanh().powi(2);
             assert!((at(p, t, 1.0).sa_kpa - expected).abs() < 1e-11, "{t}");
         }
     }
@@ -293,28 +357,58 @@ mod tests {
         let base = TanhParameters::default();
         let reference = at(base, 150.0, 0.95);
         let moved = [
-            TanhParameters { smax_ref_kpa: 101.0, ..base },
-            TanhParameters { tau_sr_ref_ms: 41.0, ..base },
-            TanhParameters { tau_sd_ms: 150.0, ..base },
-            TanhParameters { t_cr_ms: 400.0, ..base },
-            TanhParameters { t_emd_ms: 16.0, ..base },
-            TanhParameters { a4_ms: 510.0, ..base },
+            TanhParameters {
+                smax_ref_kpa: 101.0,
+                ..base
+            },
+            TanhParameters {
+                tau_sr_ref_ms: 41.0,
+                ..base
+            },
+            TanhParameters {
+                tau_sd_ms: 150.0,
+                ..base
+            },
+            TanhParameters {
+                t_cr_ms: 400.0,
+                ..base
+            },
+            TanhParameters {
+                t_emd_ms: 16.0,
+                ..base
+            },
+            TanhParameters {
+                a4_ms: 510.0,
+                ..base
+            },
             TanhParameters { a6: 5.1, ..base },
             TanhParameters { a7: 0.71, ..base },
         ];
         for p in moved {
             let other = at(p, 150.0, 0.95);
             assert!((other.sa_kpa - reference.sa_kpa).abs() > 1e-3, "{p:?}");
-            assert!((other.dsa_dlambda_kpa - reference.dsa_dlambda_kpa).abs() > 1e-3, "{p:?}");
+            assert!(
+                (other.dsa_dlambda_kpa - reference.dsa_dlambda_kpa).abs() > 1e-3,
+                "{p:?}"
+            );
         }
     }
 
     #[test]
     fn refuses_nonsense() {
-        let bad = TanhParameters { tau_sd_ms: -1.0, ..Default::default() };
-        assert!(matches!(Tanh::new(bad), Err(ContractionError::Parameter { name: "tau_SD", .. })));
+        let bad = TanhParameters {
+            tau_sd_ms: -1.0,
+            ..Default::default()
+        };
+        assert!(matches!(
+            Tanh::new(bad),
+            Err(ContractionError::Parameter { name: "tau_SD", .. })
+        ));
         let cell = Tanh::new(TanhParameters::default()).unwrap();
-        assert!(matches!(cell.active_stress(Ms(100.0), Stretch(f64::NAN)), Err(ContractionError::Stretch { .. })));
+        assert!(matches!(
+            cell.active_stress(Ms(100.0), Stretch(f64::NAN)),
+            Err(ContractionError::Stretch { .. })
+        ));
     }
 
     proptest! {

@@ -1,6 +1,8 @@
 //! An aortic valve that leaks.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{Circulation, Direction, Orifice};
@@ -26,10 +28,26 @@ pub const EFFECT: Effect = Effect {
     signature: "the volume rises in isovolumic relaxation and all diastole; the aortic pressure runs down faster, so the \
                 valve opens at a lower pressure; wide pulse pressure of the cuff; stroke volume above the forward stroke volume",
     marks: &[
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::VolumeRate, sign: Sign::Up },
-        Mark { phase: Phase::Diastasis, signal: Signal::VolumeRate, sign: Sign::Up },
-        Mark { phase: Phase::AtrialSystole, signal: Signal::Volume, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::VolumeRate, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::VolumeRate,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::Diastasis,
+            signal: Signal::VolumeRate,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::AtrialSystole,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["mitral_regurgitation", "atrial_kick", "pressure_offset"],
     separated_by: &[
@@ -43,8 +61,17 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-fn add(values: &[f64], _around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
-    let aorta = circulation.compartment_idx(AORTA).ok_or(EffectError::NoPart { effect: EFFECT.name, part: AORTA })?;
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
+    let aorta = circulation
+        .compartment_idx(AORTA)
+        .ok_or(EffectError::NoPart {
+            effect: EFFECT.name,
+            part: AORTA,
+        })?;
     let leak = Orifice::new(EFFECT.name, values[0])?;
     circulation.connect(Box::new(leak), aorta, Direction::IntoVentricle);
     Ok(())

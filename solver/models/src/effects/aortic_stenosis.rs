@@ -1,6 +1,8 @@
 //! An aortic valve with a Bernoulli loss.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTIC_VALVE;
 use crate::circulation::{Circulation, FlowPath};
@@ -25,12 +27,28 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "mid ejection: a rounded late peak of the pressure, well above the systolic cuff pressure; slower early ejection",
     marks: &[
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::VolumeRate, sign: Sign::Up },
-        Mark { phase: Phase::LateEjection, signal: Signal::Volume, sign: Sign::Up },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::VolumeRate,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::LateEjection,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
     ],
     confused_with: &["wave_reflection", "dyssynchrony"],
-    separated_by: &["aortic or arm cuff pressure (systolic)", "jet velocity by Doppler", "catheter pull-back"],
+    separated_by: &[
+        "aortic or arm cuff pressure (systolic)",
+        "jet velocity by Doppler",
+        "catheter pull-back",
+    ],
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,
@@ -59,9 +77,17 @@ impl FlowPath for StenoticValve {
     }
 }
 
-fn add(values: &[f64], around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
-    let valve =
-        circulation.path_idx(AORTIC_VALVE).ok_or(EffectError::NoPart { effect: EFFECT.name, part: AORTIC_VALVE })?;
+fn add(
+    values: &[f64],
+    around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
+    let valve = circulation
+        .path_idx(AORTIC_VALVE)
+        .ok_or(EffectError::NoPart {
+            effect: EFFECT.name,
+            part: AORTIC_VALVE,
+        })?;
     let stenotic = StenoticValve {
         forward: around.heart.aortic_forward.0,
         backward: around.heart.aortic_backward.0,

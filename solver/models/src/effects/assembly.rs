@@ -4,7 +4,8 @@ use super::declaration::{Action, OneFibreParts};
 use super::{EffectError, EffectSetting, Kind, Measurement};
 use crate::circulation::{Circulation, LeftHeart};
 use crate::ventricle::{
-    ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
+    ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
+    OneFibreVentricle,
 };
 use cardiotwin_units::Ms;
 
@@ -58,7 +59,9 @@ pub fn measurement(artefacts: &[EffectSetting]) -> Result<Measurement, EffectErr
     let mut measurement = Measurement::default();
     for EffectSetting { effect, values } in artefacts {
         let Action::Measurement(make) = effect.action else {
-            return Err(EffectError::NoArtefact { effect: effect.name });
+            return Err(EffectError::NoArtefact {
+                effect: effect.name,
+            });
         };
         measurement.push(make(values)?);
     }
@@ -69,8 +72,13 @@ pub fn measurement(artefacts: &[EffectSetting]) -> Result<Measurement, EffectErr
 fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
     for (idx, setting) in effects.iter().enumerate() {
         setting.check()?;
-        if effects[..idx].iter().any(|other| other.effect.name == setting.effect.name) {
-            return Err(EffectError::Twice { effect: setting.effect.name });
+        if effects[..idx]
+            .iter()
+            .any(|other| other.effect.name == setting.effect.name)
+        {
+            return Err(EffectError::Twice {
+                effect: setting.effect.name,
+            });
         }
     }
     Ok(())
@@ -100,7 +108,10 @@ pub fn add_to_circulation(
 /// # Errors
 /// [`EffectError`] for a bad list, or parameters outside the models.
 pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled, EffectError> {
-    let surroundings = Surroundings { heart: base.heart, onset: base.activation.onset };
+    let surroundings = Surroundings {
+        heart: base.heart,
+        onset: base.activation.onset,
+    };
     let mut circulation = base.heart.build()?;
     add_to_circulation(&mut circulation, &surroundings, effects)?;
     let (times_ms, weights) = base.activation.groups()?;
@@ -126,7 +137,11 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
         pressure_terms: parts.pressure_terms,
     };
     let ventricle = OneFibreVentricle::with_groups(parameters, &parts.groups)?;
-    Ok(Assembled { ventricle, circulation, measurement })
+    Ok(Assembled {
+        ventricle,
+        circulation,
+        measurement,
+    })
 }
 
 impl EffectSetting {

@@ -1,6 +1,8 @@
 //! Left-atrial contraction before systole.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Compartment, TimeStep};
@@ -51,9 +53,21 @@ pub const EFFECT: Effect = Effect {
     signature: "atrial systole: a second rise of the volume after a plateau in diastasis, and an a-wave in the pressure; \
                 end-diastolic volume and pressure too small in the model, its early filling too large",
     marks: &[
-        Mark { phase: Phase::AtrialSystole, signal: Signal::VolumeRate, sign: Sign::Up },
-        Mark { phase: Phase::AtrialSystole, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::Volume, sign: Sign::Up },
+        Mark {
+            phase: Phase::AtrialSystole,
+            signal: Signal::VolumeRate,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::AtrialSystole,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
     ],
     confused_with: &["aortic_regurgitation", "viscoelasticity", "pv_misalignment"],
     separated_by: &[
@@ -90,7 +104,11 @@ impl Compartment for ContractingAtrium {
 
     fn pressure(&self, _state: &[f64], _inflow_ml_per_s: f64, step: TimeStep) -> (f64, f64) {
         let phase = (step.end_ms - self.begin_ms).rem_euclid(self.cycle_ms) / self.duration_ms;
-        let kick = if phase < 1.0 { (PI * phase).sin().powi(2) } else { 0.0 };
+        let kick = if phase < 1.0 {
+            (PI * phase).sin().powi(2)
+        } else {
+            0.0
+        };
         (self.rest_mmhg + self.amplitude_mmhg * kick, 0.0)
     }
 
@@ -101,10 +119,17 @@ impl Compartment for ContractingAtrium {
     }
 }
 
-fn add(values: &[f64], around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
+fn add(
+    values: &[f64],
+    around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
     let atrium = circulation
         .compartment_idx(LEFT_ATRIUM)
-        .ok_or(EffectError::NoPart { effect: EFFECT.name, part: LEFT_ATRIUM })?;
+        .ok_or(EffectError::NoPart {
+            effect: EFFECT.name,
+            part: LEFT_ATRIUM,
+        })?;
     let contracting = ContractingAtrium {
         rest_mmhg: around.heart.left_atrial_pressure.0,
         amplitude_mmhg: values[0],
@@ -135,7 +160,9 @@ mod tests {
             assert!((at(beat + 730.0) - 11.0).abs() < 1e-9);
             assert!((at(beat + 760.0) - 15.0).abs() < 1e-9);
             assert!((at(beat + 400.0) - 7.0).abs() < 1e-12);
-            assert!((at(beat + 10.0) - (7.0 + 8.0 * (PI * 110.0 / 120.0).sin().powi(2))).abs() < 1e-9);
+            assert!(
+                (at(beat + 10.0) - (7.0 + 8.0 * (PI * 110.0 / 120.0).sin().powi(2))).abs() < 1e-9
+            );
         }
     }
 }

@@ -1,7 +1,9 @@
 //! A fluid-filled catheter that lags and rings.
 
 use super::EffectError;
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
 use std::f64::consts::TAU;
 
@@ -50,11 +52,22 @@ pub const EFFECT: Effect = Effect {
     signature: "underdamped: overshoot after the upstroke, a brief drop after the first peak, undershoot after the fall; \
                 overdamped: all corners late and round against the volume",
     marks: &[
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::Pressure, sign: Sign::Down },
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::Pressure, sign: Sign::Up },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::Pressure,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
     ],
     confused_with: &["pv_misalignment", "delayed_relaxation", "dyssynchrony"],
-    separated_by: &["flush test of the catheter", "a catheter with its sensor at the tip"],
+    separated_by: &[
+        "flush test of the catheter",
+        "a catheter with its sensor at the tip",
+    ],
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(
@@ -86,7 +99,10 @@ fn propagator(omega: f64, zeta: f64, t: f64) -> Matrix {
         ((nu * t).cosh(), (nu * t).sinh() / nu)
     };
     let e = (-decay * t).exp();
-    [[e * (c + decay * s_over_nu), e * s_over_nu], [-e * omega * omega * s_over_nu, e * (c - decay * s_over_nu)]]
+    [
+        [e * (c + decay * s_over_nu), e * s_over_nu],
+        [-e * omega * omega * s_over_nu, e * (c - decay * s_over_nu)],
+    ]
 }
 
 impl Catheter {
@@ -99,7 +115,10 @@ impl Catheter {
         let step = |x: [f64; 2], u: f64, next: f64| {
             let g = (next - u) / h;
             let d = [x[0] - (u - g * shift), x[1] - g];
-            [e[0][0] * d[0] + e[0][1] * d[1] + next - g * shift, e[1][0] * d[0] + e[1][1] * d[1] + g]
+            [
+                e[0][0] * d[0] + e[0][1] * d[1] + next - g * shift,
+                e[1][0] * d[0] + e[1][1] * d[1] + g,
+            ]
         };
         let n = samples.len();
         let cycle = |mut x: [f64; 2]| {
@@ -179,7 +198,11 @@ impl MeasurementTerm for Catheter {
 const NOISE_SHARE: f64 = 0.01;
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {
-    Ok(Box::new(Catheter { period_ms: values[0], damping: values[1], lag_ms: values[2] }))
+    Ok(Box::new(Catheter {
+        period_ms: values[0],
+        damping: values[1],
+        lag_ms: values[2],
+    }))
 }
 
 #[cfg(test)]
@@ -188,7 +211,11 @@ mod tests {
 
     fn traces(n: usize, p: impl Fn(f64) -> f64) -> PeriodicTraces {
         let pressure_mmhg = (0..n).map(|i| p(i as f64 * 800.0 / n as f64)).collect();
-        PeriodicTraces { cycle_length_ms: 800.0, pressure_mmhg, volume_ml: vec![0.0; n] }
+        PeriodicTraces {
+            cycle_length_ms: 800.0,
+            pressure_mmhg,
+            volume_ml: vec![0.0; n],
+        }
     }
 
     #[test]
@@ -196,13 +223,21 @@ mod tests {
         for (period_ms, damping) in [(60.0, 0.2), (60.0, 1.0), (90.0, 1.5), (30.0, 0.7)] {
             let w = 5.0 * TAU / 800.0;
             let mut t = traces(1600, |t| 50.0 + 40.0 * (w * t).cos());
-            Catheter { period_ms, damping, lag_ms: 0.0 }.apply(&mut t);
+            Catheter {
+                period_ms,
+                damping,
+                lag_ms: 0.0,
+            }
+            .apply(&mut t);
             let ratio = w * period_ms / TAU;
             let (re, im) = (1.0 - ratio * ratio, 2.0 * damping * ratio);
             let (gain, phase) = (1.0 / re.hypot(im), -im.atan2(re));
             for (i, found) in t.pressure_mmhg.iter().enumerate() {
                 let expected = 50.0 + 40.0 * gain * (w * i as f64 * 0.5 + phase).cos();
-                assert!((found - expected).abs() < 0.01, "{period_ms} {damping} {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 0.01,
+                    "{period_ms} {damping} {found} {expected}"
+                );
             }
         }
     }
@@ -211,7 +246,12 @@ mod tests {
     fn step_overshoots_by_the_closed_form() {
         // Overshoot e^{−πζ/√(1−ζ²)} of a step; the square wave is long against the ringing.
         let mut t = traces(8000, |t| if t < 400.0 { 100.0 } else { 0.0 });
-        Catheter { period_ms: 40.0, damping: 0.3, lag_ms: 0.0 }.apply(&mut t);
+        Catheter {
+            period_ms: 40.0,
+            damping: 0.3,
+            lag_ms: 0.0,
+        }
+        .apply(&mut t);
         let peak = t.pressure_mmhg.iter().copied().fold(0.0, f64::max);
         let expected = 100.0 * (1.0 + (-std::f64::consts::PI * 0.3 / (1.0f64 - 0.09).sqrt()).exp());
         assert!((peak - expected).abs() < 0.1, "{peak} {expected}");
@@ -221,10 +261,20 @@ mod tests {
     fn a_lag_alone_is_a_delay_and_the_mean_stays() {
         let p = |t: f64| 60.0 + 50.0 * (TAU * t / 800.0).sin();
         let mut t = traces(800, p);
-        Catheter { period_ms: 0.0, damping: 0.3, lag_ms: 10.0 }.apply(&mut t);
+        Catheter {
+            period_ms: 0.0,
+            damping: 0.3,
+            lag_ms: 10.0,
+        }
+        .apply(&mut t);
         assert!((t.pressure_mmhg[100] - p(90.0)).abs() < 1e-9);
         let mut t = traces(800, p);
-        Catheter { period_ms: 70.0, damping: 0.4, lag_ms: 5.0 }.apply(&mut t);
+        Catheter {
+            period_ms: 70.0,
+            damping: 0.4,
+            lag_ms: 5.0,
+        }
+        .apply(&mut t);
         assert!((t.pressure_mmhg.iter().sum::<f64>() / 800.0 - 60.0).abs() < 1e-9);
     }
 
@@ -232,9 +282,14 @@ mod tests {
     #[test]
     fn what_the_catheter_did_is_taken_back() {
         let p = |t: f64| 8.0 + 110.0 * (-((t - 300.0) / 60.0).powi(4)).exp();
-        for (period_ms, damping, lag_ms) in [(60.0, 0.25, 4.0), (70.0, 1.2, 0.0), (0.0, 0.3, 10.0)] {
+        for (period_ms, damping, lag_ms) in [(60.0, 0.25, 4.0), (70.0, 1.2, 0.0), (0.0, 0.3, 10.0)]
+        {
             let mut t = traces(800, p);
-            let catheter = Catheter { period_ms, damping, lag_ms };
+            let catheter = Catheter {
+                period_ms,
+                damping,
+                lag_ms,
+            };
             catheter.apply(&mut t);
             let error = |t: &PeriodicTraces| {
                 let square = |(i, found): (usize, &f64)| (found - p(i as f64)).powi(2);
@@ -242,7 +297,11 @@ mod tests {
             };
             let before = error(&t);
             catheter.remove(&mut t);
-            assert!(error(&t) < 0.12 * before && before > 2.0, "{period_ms} {damping} {before} {}", error(&t));
+            assert!(
+                error(&t) < 0.12 * before && before > 2.0,
+                "{period_ms} {damping} {before} {}",
+                error(&t)
+            );
         }
     }
 }

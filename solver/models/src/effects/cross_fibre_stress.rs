@@ -1,7 +1,8 @@
 //! Active stress across the fibres.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
@@ -26,12 +27,26 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "none in pressure and volume: it is a change of the peak stress; in three dimensions wall thickening, torsion and shape",
     marks: &[
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::LateEjection, signal: Signal::Volume, sign: Sign::Down },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::LateEjection,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &[],
-    separated_by: &["strain imaging (thickening)", "torsion by tagging MRI", "the shape of the cavity over the beat"],
-    in_3d: InThreeDimensions::MaterialTerm { how: "active stress `cross_fibre_share` · Sa along the sheet direction" },
+    separated_by: &[
+        "strain imaging (thickening)",
+        "torsion by tagging MRI",
+        "the shape of the cavity over the beat",
+    ],
+    in_3d: InThreeDimensions::MaterialTerm {
+        how: "active stress `cross_fibre_share` · Sa along the sheet direction",
+    },
     hidden_because: Some(
         "in a one-fibre ventricle it is exactly a change of the peak active stress; strain or torsion would show it",
     ),
@@ -48,7 +63,10 @@ struct Scaled {
 
 impl Scaled {
     fn scale(&self, stress: ActiveStress) -> ActiveStress {
-        ActiveStress { sa_kpa: self.factor * stress.sa_kpa, dsa_dlambda_kpa: self.factor * stress.dsa_dlambda_kpa }
+        ActiveStress {
+            sa_kpa: self.factor * stress.sa_kpa,
+            dsa_dlambda_kpa: self.factor * stress.dsa_dlambda_kpa,
+        }
     }
 }
 
@@ -69,8 +87,15 @@ impl Contraction for Scaled {
         self.inner.length_factor(lambda)
     }
 
-    fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
-        self.inner.try_step(step, state, trial).map(|stress| self.scale(stress))
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        state: &[f64],
+        trial: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError> {
+        self.inner
+            .try_step(step, state, trial)
+            .map(|stress| self.scale(stress))
     }
 
     fn try_step_uniform(
@@ -86,9 +111,15 @@ impl Contraction for Scaled {
     }
 }
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
     let factor = 1.0 + values[0];
-    parts.contraction = parts.contraction.wrapped(&[], |inner| Box::new(Scaled { inner, factor }));
+    parts.contraction = parts
+        .contraction
+        .wrapped(&[], |inner| Box::new(Scaled { inner, factor }));
     Ok(parts)
 }
 
@@ -100,8 +131,15 @@ mod tests {
     #[test]
     fn equals_a_larger_peak_stress() {
         let base = TanhParameters::default();
-        let cell = Scaled { inner: Box::new(Tanh::new(base).unwrap()), factor: 1.25 };
-        let stronger = Tanh::new(TanhParameters { smax_ref_kpa: 125.0, ..base }).unwrap();
+        let cell = Scaled {
+            inner: Box::new(Tanh::new(base).unwrap()),
+            factor: 1.25,
+        };
+        let stronger = Tanh::new(TanhParameters {
+            smax_ref_kpa: 125.0,
+            ..base
+        })
+        .unwrap();
         let step = NodeStep {
             since_activation_ms: 200.0,
             dt_ms: 1.0,
@@ -110,7 +148,13 @@ mod tests {
             lambda_prev: 1.0,
             lambda: 0.95,
         };
-        let (a, b) = (cell.try_step(&step, &[], &mut []).unwrap(), stronger.try_step(&step, &[], &mut []).unwrap());
-        assert!((a.sa_kpa - b.sa_kpa).abs() < 1e-12 && (a.dsa_dlambda_kpa - b.dsa_dlambda_kpa).abs() < 1e-10);
+        let (a, b) = (
+            cell.try_step(&step, &[], &mut []).unwrap(),
+            stronger.try_step(&step, &[], &mut []).unwrap(),
+        );
+        assert!(
+            (a.sa_kpa - b.sa_kpa).abs() < 1e-12
+                && (a.dsa_dlambda_kpa - b.dsa_dlambda_kpa).abs() < 1e-10
+        );
     }
 }

@@ -62,7 +62,8 @@ impl Parameter {
     #[must_use]
     pub fn accepted(&self) -> (f64, f64) {
         let (low, high) = self.range;
-        self.off.map_or((low, high), |off| (low.min(off), high.max(off)))
+        self.off
+            .map_or((low, high), |off| (low.min(off), high.max(off)))
     }
 }
 
@@ -110,7 +111,8 @@ pub struct OneFibreParts {
 /// Changes a circulation; parameters in the order of the declaration.
 pub type ChangeCirculation = fn(&[f64], &Surroundings, &mut Circulation) -> Result<(), EffectError>;
 /// Changes a one-fibre ventricle.
-pub type ChangeWall = fn(&[f64], &Surroundings, OneFibreParts) -> Result<OneFibreParts, EffectError>;
+pub type ChangeWall =
+    fn(&[f64], &Surroundings, OneFibreParts) -> Result<OneFibreParts, EffectError>;
 /// Makes what stands between heart and data.
 pub type ChangeMeasurement = fn(&[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError>;
 
@@ -224,13 +226,19 @@ impl Effect {
     /// Whether these values add nothing: each that has an off-value is at it.
     #[must_use]
     pub fn is_off(&self, values: &[f64]) -> bool {
-        self.parameters.iter().zip(values).all(|(p, value)| p.off.is_none() || p.is_off(*value))
+        self.parameters
+            .iter()
+            .zip(values)
+            .all(|(p, value)| p.off.is_none() || p.is_off(*value))
     }
 
     /// Values at which it adds nothing; typical ones where a parameter has no off-value.
     #[must_use]
     pub fn off(&self) -> Vec<f64> {
-        self.parameters.iter().map(|p| p.off.unwrap_or(p.typical)).collect()
+        self.parameters
+            .iter()
+            .map(|p| p.off.unwrap_or(p.typical))
+            .collect()
     }
 
     /// Typical values of all parameters.

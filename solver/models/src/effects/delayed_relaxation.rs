@@ -1,7 +1,8 @@
 //! Active stress that falls slowly.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
@@ -40,9 +41,21 @@ pub const EFFECT: Effect = Effect {
     signature: "isovolumic relaxation and rapid filling: an exponential tail in the place of a sharp foot; least pressure high \
                 and late; low |dP/dt| min with a normal dP/dt max; filling begins late",
     marks: &[
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::RapidFilling, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["dyssynchrony", "catheter_response", "viscoelasticity"],
     separated_by: &[
@@ -80,7 +93,11 @@ impl SlowRelaxation {
     fn floor(&self, dt_ms: f64, lambda: f64) -> Floor {
         Floor {
             factor: self.inner.length_factor(lambda),
-            keep: if self.tau_ms > 0.0 { (-dt_ms / self.tau_ms).exp() } else { 0.0 },
+            keep: if self.tau_ms > 0.0 {
+                (-dt_ms / self.tau_ms).exp()
+            } else {
+                0.0
+            },
             dt_ms,
             residual_share: self.residual_share,
         }
@@ -89,20 +106,37 @@ impl SlowRelaxation {
 
 impl Floor {
     #[inline]
-    fn hold(&self, stress: ActiveStress, since_activation_ms: f64, own: &[f64], trial: &mut [f64]) -> ActiveStress {
+    fn hold(
+        &self,
+        stress: ActiveStress,
+        since_activation_ms: f64,
+        own: &[f64],
+        trial: &mut [f64],
+    ) -> ActiveStress {
         let (phi, dphi) = self.factor;
         let is_new_beat = (0.0..self.dt_ms).contains(&since_activation_ms);
         let peak = if is_new_beat { 0.0 } else { own[1] };
         let residual = self.residual_share * peak;
         let least = residual + (own[0] - residual) * self.keep;
         let held = if stress.sa_kpa < least * phi {
-            ActiveStress { sa_kpa: least * phi, dsa_dlambda_kpa: least * dphi }
+            ActiveStress {
+                sa_kpa: least * phi,
+                dsa_dlambda_kpa: least * dphi,
+            }
         } else {
             stress
         };
         // Below the smallest factor nothing is known of the activation but its fall.
-        trial[0] = if phi > SMALLEST_FACTOR { held.sa_kpa / phi } else { least };
-        trial[1] = if self.residual_share > 0.0 { trial[0].max(peak) } else { 0.0 };
+        trial[0] = if phi > SMALLEST_FACTOR {
+            held.sa_kpa / phi
+        } else {
+            least
+        };
+        trial[1] = if self.residual_share > 0.0 {
+            trial[0].max(peak)
+        } else {
+            0.0
+        };
         held
     }
 }
@@ -126,11 +160,21 @@ impl Contraction for SlowRelaxation {
         self.inner.length_factor(lambda)
     }
 
-    fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
+    fn try_step(
+        &self,
+        step: &NodeStep,
+        state: &[f64],
+        trial: &mut [f64],
+    ) -> Result<ActiveStress, ContractionError> {
         let n = self.inner.n_states();
         let (inner_trial, own_trial) = trial.split_at_mut(n);
         let stress = self.inner.try_step(step, &state[..n], inner_trial)?;
-        Ok(self.floor(step.dt_ms, step.lambda).hold(stress, step.since_activation_ms, &state[n..], own_trial))
+        Ok(self.floor(step.dt_ms, step.lambda).hold(
+            stress,
+            step.since_activation_ms,
+            &state[n..],
+            own_trial,
+        ))
     }
 
     fn try_step_uniform(
@@ -146,23 +190,38 @@ impl Contraction for SlowRelaxation {
             self.inner.try_step_uniform(step, &[], &mut [], stress)?;
             let floor = self.floor(step.dt_ms, step.lambda);
             let own = states.chunks(2).zip(trials.chunks_mut(2));
-            for ((out, since), (own, trial)) in stress.iter_mut().zip(step.since_activation_ms).zip(own) {
+            for ((out, since), (own, trial)) in
+                stress.iter_mut().zip(step.since_activation_ms).zip(own)
+            {
                 *out = floor.hold(*out, *since, own, trial);
             }
             return Ok(());
         }
         for (node_idx, out) in stress.iter_mut().enumerate() {
             let range = node_idx * n..(node_idx + 1) * n;
-            *out = self.try_step(&step.node(node_idx), &states[range.clone()], &mut trials[range])?;
+            *out = self.try_step(
+                &step.node(node_idx),
+                &states[range.clone()],
+                &mut trials[range],
+            )?;
         }
         Ok(())
     }
 }
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
     let (tau_ms, residual_share) = (values[0], values[1]);
-    parts.contraction =
-        parts.contraction.wrapped(&[0.0, 0.0], |inner| Box::new(SlowRelaxation { inner, tau_ms, residual_share }));
+    parts.contraction = parts.contraction.wrapped(&[0.0, 0.0], |inner| {
+        Box::new(SlowRelaxation {
+            inner,
+            tau_ms,
+            residual_share,
+        })
+    });
     Ok(parts)
 }
 
@@ -173,8 +232,16 @@ mod tests {
     use proptest::prelude::*;
 
     fn slow(tau_ms: f64, residual_share: f64) -> SlowRelaxation {
-        let fast = TanhParameters { tau_sd_ms: 10.0, t_cr_ms: 300.0, ..TanhParameters::default() };
-        SlowRelaxation { inner: Box::new(Tanh::new(fast).unwrap()), tau_ms, residual_share }
+        let fast = TanhParameters {
+            tau_sd_ms: 10.0,
+            t_cr_ms: 300.0,
+            ..TanhParameters::default()
+        };
+        SlowRelaxation {
+            inner: Box::new(Tanh::new(fast).unwrap()),
+            tau_ms,
+            residual_share,
+        }
     }
 
     /// Isometric twitch at 1 ms; stress at each ms.
@@ -215,7 +282,11 @@ mod tests {
     #[test]
     fn nodes_with_states_of_their_own_agree_one_by_one() {
         let land = Land2017::new(Default::default()).unwrap();
-        let cell = SlowRelaxation { inner: Box::new(land), tau_ms: 40.0, residual_share: 0.0 };
+        let cell = SlowRelaxation {
+            inner: Box::new(land),
+            tau_ms: 40.0,
+            residual_share: 0.0,
+        };
         let n = cell.n_states();
         let mut one = vec![0.0; n];
         cell.rest(&mut one);
@@ -230,8 +301,12 @@ mod tests {
             ca_end_um: &[0.31, 0.41],
         };
         let (mut trials, mut stress) = (states.clone(), [ActiveStress::default(); 2]);
-        cell.try_step_uniform(&step, &states, &mut trials, &mut stress).unwrap();
-        assert!((stress[0].sa_kpa - 30.0 * (-1.0f64 / 40.0).exp()).abs() < 1e-9, "{stress:?}");
+        cell.try_step_uniform(&step, &states, &mut trials, &mut stress)
+            .unwrap();
+        assert!(
+            (stress[0].sa_kpa - 30.0 * (-1.0f64 / 40.0).exp()).abs() < 1e-9,
+            "{stress:?}"
+        );
         assert_eq!(trials[n - 2], trials[2 * n - 2]);
     }
 

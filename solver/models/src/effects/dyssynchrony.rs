@@ -1,7 +1,8 @@
 //! Part of the wall contracts late.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::ActivationGroups;
@@ -39,12 +40,28 @@ pub const EFFECT: Effect = Effect {
     ],
     signature: "isovolumic contraction and relaxation both prolonged: shoulders in dP/dt, lower extremes on both sides",
     marks: &[
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::Pressure, sign: Sign::Down },
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::PressureRate, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::Pressure,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::PressureRate,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["delayed_relaxation", "catheter_response"],
-    separated_by: &["electrocardiogram (width of QRS)", "strain imaging: late parts of the wall", "an activation map"],
+    separated_by: &[
+        "electrocardiogram (width of QRS)",
+        "strain imaging: late parts of the wall",
+        "an activation map",
+    ],
     in_3d: InThreeDimensions::ActivationMap {
         how: "activation times of the lateral share `late_share` of the wall gain `delay_ms`",
     },
@@ -53,12 +70,20 @@ pub const EFFECT: Effect = Effect {
     action: Action::Wall(add),
 };
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
     let (delay_ms, share) = (values[0], values[1]);
     let (times, weights) = (parts.groups.times_ms(), parts.groups.weights());
     let late_times = times.iter().map(|t| t + delay_ms);
     let all_times = times.iter().copied().chain(late_times).collect();
-    let all_weights = weights.iter().map(|w| (1.0 - share) * w).chain(weights.iter().map(|w| share * w)).collect();
+    let all_weights = weights
+        .iter()
+        .map(|w| (1.0 - share) * w)
+        .chain(weights.iter().map(|w| share * w))
+        .collect();
     parts.groups = ActivationGroups::new(all_times, all_weights)?;
     Ok(parts)
 }

@@ -23,13 +23,19 @@ impl PeriodicTraces {
     /// Pressure at any times \[ms\].
     #[must_use]
     pub fn pressures_at(&self, times_ms: &[f64]) -> Vec<f64> {
-        times_ms.iter().map(|t| interpolate(&self.pressure_mmhg, t / self.spacing_ms())).collect()
+        times_ms
+            .iter()
+            .map(|t| interpolate(&self.pressure_mmhg, t / self.spacing_ms()))
+            .collect()
     }
 
     /// Volume at any times \[ms\].
     #[must_use]
     pub fn volumes_at(&self, times_ms: &[f64]) -> Vec<f64> {
-        times_ms.iter().map(|t| interpolate(&self.volume_ml, t / self.spacing_ms())).collect()
+        times_ms
+            .iter()
+            .map(|t| interpolate(&self.volume_ml, t / self.spacing_ms()))
+            .collect()
     }
 }
 

@@ -1,6 +1,8 @@
 //! A mitral valve that leaks.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Direction, Orifice};
@@ -26,10 +28,22 @@ pub const EFFECT: Effect = Effect {
     signature: "the volume falls in isovolumic contraction and relaxation; ejection too fast against the afterload; stroke \
                 volume above the forward stroke volume; no trace in the pressure alone",
     marks: &[
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::VolumeRate, sign: Sign::Down },
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::VolumeRate, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
     ],
-    confused_with: &["ventricular_septal_defect", "volume_scaling", "pv_misalignment"],
+    confused_with: &[
+        "ventricular_septal_defect",
+        "volume_scaling",
+        "pv_misalignment",
+    ],
     separated_by: &[
         "forward stroke volume by flow MRI",
         "colour Doppler of the mitral valve",
@@ -41,10 +55,17 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-fn add(values: &[f64], _around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
     let atrium = circulation
         .compartment_idx(LEFT_ATRIUM)
-        .ok_or(EffectError::NoPart { effect: EFFECT.name, part: LEFT_ATRIUM })?;
+        .ok_or(EffectError::NoPart {
+            effect: EFFECT.name,
+            part: LEFT_ATRIUM,
+        })?;
     let leak = Orifice::new(EFFECT.name, values[0])?;
     circulation.connect(Box::new(leak), atrium, Direction::OutOfVentricle);
     Ok(())

@@ -28,7 +28,8 @@ mod wave_reflection;
 
 pub use assembly::{Assembled, BaseModel, Surroundings, add_to_circulation, assemble, measurement};
 pub use declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
 pub use setting::{EffectError, EffectSetting};
@@ -59,10 +60,13 @@ pub const CATALOGUE: [&Effect; 16] = [
 /// # Errors
 /// [`EffectError::Unknown`] with the names that there are.
 pub fn find(name: &str) -> Result<&'static Effect, EffectError> {
-    CATALOGUE.into_iter().find(|effect| effect.name == name).ok_or_else(|| EffectError::Unknown {
-        found: name.to_owned(),
-        expected: CATALOGUE.map(|effect| effect.name).join(", "),
-    })
+    CATALOGUE
+        .into_iter()
+        .find(|effect| effect.name == name)
+        .ok_or_else(|| EffectError::Unknown {
+            found: name.to_owned(),
+            expected: CATALOGUE.map(|effect| effect.name).join(", "),
+        })
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! A passive law that stiffens faster with volume.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 
@@ -25,21 +26,35 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "late filling: the pressure is steep at the end and filling stops abruptly; flat early",
     marks: &[
-        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Up },
-        Mark { phase: Phase::RapidFilling, signal: Signal::Pressure, sign: Sign::Down },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Pressure,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["pericardial_constraint", "atrial_kick", "pressure_offset"],
     separated_by: &[
         "end-diastolic pressures and volumes at several loads (caval occlusion)",
         "fibrosis imaging (T1, extracellular volume)",
     ],
-    in_3d: InThreeDimensions::PassiveExponents { factor: "exponent_factor" },
+    in_3d: InThreeDimensions::PassiveExponents {
+        factor: "exponent_factor",
+    },
     hidden_because: None,
     remedy: None,
     action: Action::Wall(add),
 };
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
     let before = parts.passive.pressure(parts.passive.end_diastolic_volume);
     parts.passive.exponent *= values[0];
     let after = parts.passive.pressure(parts.passive.end_diastolic_volume);

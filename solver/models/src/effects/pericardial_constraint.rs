@@ -1,7 +1,8 @@
 //! The pericardium, as seen from the left ventricle alone.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
@@ -39,8 +40,16 @@ pub const EFFECT: Effect = Effect {
     ],
     signature: "diastole only: the passive curve is shifted and straightened, dip and plateau",
     marks: &[
-        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Down },
-        Mark { phase: Phase::AtrialSystole, signal: Signal::Volume, sign: Sign::Down },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::AtrialSystole,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["pressure_offset", "passive_stiffening", "viscoelasticity"],
     separated_by: &[
@@ -64,14 +73,25 @@ struct Pericardium {
 impl CavityPressureTerm for Pericardium {
     fn pressure(&self, volume_ml: f64, _rate_ml_per_s: f64) -> (f64, f64, f64) {
         // Limited: a wild candidate gives a large pressure, not an infinite one.
-        let pressure = self.pressure_mmhg * ((volume_ml - self.reference_ml) / self.scale_ml).min(50.0).exp();
+        let pressure = self.pressure_mmhg
+            * ((volume_ml - self.reference_ml) / self.scale_ml)
+                .min(50.0)
+                .exp();
         (pressure, pressure / self.scale_ml, 0.0)
     }
 }
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
     let reference_ml = parts.passive.end_diastolic_volume.0;
-    let term = Pericardium { pressure_mmhg: values[0], reference_ml, scale_ml: values[1] * reference_ml };
+    let term = Pericardium {
+        pressure_mmhg: values[0],
+        reference_ml,
+        scale_ml: values[1] * reference_ml,
+    };
     parts.pressure_terms.push(Box::new(term));
     Ok(parts)
 }
@@ -82,7 +102,11 @@ mod tests {
 
     #[test]
     fn grows_e_fold_over_its_scale() {
-        let term = Pericardium { pressure_mmhg: 6.0, reference_ml: 150.0, scale_ml: 45.0 };
+        let term = Pericardium {
+            pressure_mmhg: 6.0,
+            reference_ml: 150.0,
+            scale_ml: 45.0,
+        };
         assert_eq!(term.pressure(150.0, 80.0).0, 6.0);
         assert!((term.pressure(195.0, 0.0).0 / 6.0 - 1f64.exp()).abs() < 1e-12);
         let slope = (term.pressure(140.001, 0.0).0 - term.pressure(139.999, 0.0).0) / 0.002;

@@ -1,7 +1,9 @@
 //! A pressure transducer with a wrong zero.
 
 use super::EffectError;
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::measurement::{MeasurementTerm, PeriodicTraces};
 
 /// Declaration.
@@ -24,14 +26,32 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "all phases alike: least pressure below zero or far above, a passive curve through no sensible zero, peak against the cuff",
     marks: &[
-        Mark { phase: Phase::Diastasis, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Up },
+        Mark {
+            phase: Phase::Diastasis,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
     ],
-    confused_with: &["pericardial_constraint", "viscoelasticity", "passive_stiffening"],
-    separated_by: &["cuff pressure", "zero of the transducer before and after", "atrial or wedge pressure"],
+    confused_with: &[
+        "pericardial_constraint",
+        "viscoelasticity",
+        "passive_stiffening",
+    ],
+    separated_by: &[
+        "cuff pressure",
+        "zero of the transducer before and after",
+        "atrial or wedge pressure",
+    ],
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
-    remedy: Some("subtract this offset from the pressure trace and from the end-diastolic pressure, then run again"),
+    remedy: Some(
+        "subtract this offset from the pressure trace and from the end-diastolic pressure, then run again",
+    ),
     action: Action::Measurement(make),
 };
 
@@ -42,11 +62,17 @@ struct Offset {
 
 impl MeasurementTerm for Offset {
     fn apply(&self, traces: &mut PeriodicTraces) {
-        traces.pressure_mmhg.iter_mut().for_each(|p| *p += self.mmhg);
+        traces
+            .pressure_mmhg
+            .iter_mut()
+            .for_each(|p| *p += self.mmhg);
     }
 
     fn remove(&self, traces: &mut PeriodicTraces) {
-        traces.pressure_mmhg.iter_mut().for_each(|p| *p -= self.mmhg);
+        traces
+            .pressure_mmhg
+            .iter_mut()
+            .for_each(|p| *p -= self.mmhg);
     }
 }
 

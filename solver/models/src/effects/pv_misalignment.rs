@@ -1,7 +1,9 @@
 //! Pressure and volume that were not recorded in the same heart beat, put together at a wrong time.
 
 use super::EffectError;
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
 
 /// Declaration.
@@ -24,15 +26,37 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "sheared loop: the volume moves in both isovolumic phases, with opposite sign, against the valve events in the pressure",
     marks: &[
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::VolumeRate, sign: Sign::Down },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Volume, sign: Sign::Up },
-        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
     ],
-    confused_with: &["catheter_response", "mitral_regurgitation", "ventricular_septal_defect", "atrial_kick"],
-    separated_by: &["electrocardiogram recorded with both traces", "pressure and volume from one conductance catheter"],
+    confused_with: &[
+        "catheter_response",
+        "mitral_regurgitation",
+        "ventricular_septal_defect",
+        "atrial_kick",
+    ],
+    separated_by: &[
+        "electrocardiogram recorded with both traces",
+        "pressure and volume from one conductance catheter",
+    ],
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
-    remedy: Some("shift the volume trace back by this delay (align both to the R wave), then run again"),
+    remedy: Some(
+        "shift the volume trace back by this delay (align both to the R wave), then run again",
+    ),
     action: Action::Measurement(make),
 };
 
@@ -54,5 +78,7 @@ impl MeasurementTerm for Delay {
 }
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {
-    Ok(Box::new(Delay { delay_ms: values[0] }))
+    Ok(Box::new(Delay {
+        delay_ms: values[0],
+    }))
 }

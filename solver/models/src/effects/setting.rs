@@ -23,18 +23,33 @@ impl EffectSetting {
     /// [`EffectError`] for a name that the catalogue lacks, a missing strength, a value outside the range.
     pub fn named(name: &str, parameters: &BTreeMap<String, f64>) -> Result<Self, EffectError> {
         let effect = find(name)?;
-        if let Some(found) = parameters.keys().find(|key| effect.parameters.iter().all(|p| p.name != key.as_str())) {
+        if let Some(found) = parameters
+            .keys()
+            .find(|key| effect.parameters.iter().all(|p| p.name != key.as_str()))
+        {
             return Err(EffectError::UnknownParameter {
                 effect: effect.name,
                 found: found.clone(),
-                expected: effect.parameters.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
+                expected: effect
+                    .parameters
+                    .iter()
+                    .map(|p| p.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
             });
         }
         let strength = effect.strength().name;
         if !parameters.contains_key(strength) {
-            return Err(EffectError::NoStrength { effect: effect.name, expected: strength });
+            return Err(EffectError::NoStrength {
+                effect: effect.name,
+                expected: strength,
+            });
         }
-        let values = effect.parameters.iter().map(|p| parameters.get(p.name).copied().unwrap_or(p.typical)).collect();
+        let values = effect
+            .parameters
+            .iter()
+            .map(|p| parameters.get(p.name).copied().unwrap_or(p.typical))
+            .collect();
         let setting = Self { effect, values };
         setting.check()?;
         Ok(setting)
@@ -43,7 +58,10 @@ impl EffectSetting {
     /// The effect at its typical values.
     #[must_use]
     pub fn typical(effect: &'static Effect) -> Self {
-        Self { effect, values: effect.typical() }
+        Self {
+            effect,
+            values: effect.typical(),
+        }
     }
 
     /// Whether it adds nothing.
@@ -55,7 +73,12 @@ impl EffectSetting {
     /// Its parameters by name.
     #[must_use]
     pub fn parameters(&self) -> BTreeMap<String, f64> {
-        self.effect.parameters.iter().zip(&self.values).map(|(p, value)| (p.name.to_owned(), *value)).collect()
+        self.effect
+            .parameters
+            .iter()
+            .zip(&self.values)
+            .map(|(p, value)| (p.name.to_owned(), *value))
+            .collect()
     }
 
     /// Checks number and ranges of the values.
@@ -74,7 +97,13 @@ impl EffectSetting {
         for (p, value) in self.effect.parameters.iter().zip(&self.values) {
             let (low, high) = p.accepted();
             if !(*value >= low && *value <= high) {
-                return Err(EffectError::Range { effect, parameter: p.name, value: *value, low, high });
+                return Err(EffectError::Range {
+                    effect,
+                    parameter: p.name,
+                    value: *value,
+                    low,
+                    high,
+                });
             }
         }
         Ok(())
@@ -165,7 +194,9 @@ pub enum EffectError {
         why: &'static str,
     },
     /// An effect of the heart among corrections of the data.
-    #[error("{effect} is an effect of the heart: the data cannot be corrected for it, list it under `effects`")]
+    #[error(
+        "{effect} is an effect of the heart: the data cannot be corrected for it, list it under `effects`"
+    )]
     NoArtefact {
         /// Effect.
         effect: &'static str,

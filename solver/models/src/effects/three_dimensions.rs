@@ -58,19 +58,37 @@ pub fn in_three_dimensions(
     let mut circulation = surroundings.heart.build()?;
     add_to_circulation(&mut circulation, surroundings, effects)?;
     let groups = ActivationGroups::new(vec![surroundings.onset.0], vec![1.0])?;
-    let mut parts = OneFibreParts { passive: reference, groups, contraction, pressure_terms: Vec::new() };
-    let (mut late, mut exponent_factor, mut cross_fibre_share, mut viscosity) = (None, 1.0, 0.0, None);
+    let mut parts = OneFibreParts {
+        passive: reference,
+        groups,
+        contraction,
+        pressure_terms: Vec::new(),
+    };
+    let (mut late, mut exponent_factor, mut cross_fibre_share, mut viscosity) =
+        (None, 1.0, 0.0, None);
     for setting in effects.iter().filter(|setting| !setting.is_off()) {
         let (effect, values) = (setting.effect, &setting.values);
-        let refused = |why| Err(EffectError::NotInThreeDimensions { effect: effect.name, why });
+        let refused = |why| {
+            Err(EffectError::NotInThreeDimensions {
+                effect: effect.name,
+                why,
+            })
+        };
         match (effect.in_3d, effect.name, &effect.action) {
-            (InThreeDimensions::AsItIs, _, Action::Wall(change)) => parts = change(values, surroundings, parts)?,
+            (InThreeDimensions::AsItIs, _, Action::Wall(change)) => {
+                parts = change(values, surroundings, parts)?
+            }
             (InThreeDimensions::AsItIs, ..) => {}
             (InThreeDimensions::PassiveExponents { .. }, ..) => exponent_factor *= values[0],
             (InThreeDimensions::ActivationMap { .. }, "dyssynchrony", _) => {
-                late = Some(LatePart { delay_ms: values[0], share: values[1] });
+                late = Some(LatePart {
+                    delay_ms: values[0],
+                    share: values[1],
+                });
             }
-            (InThreeDimensions::MaterialTerm { .. }, "cross_fibre_stress", _) => cross_fibre_share = values[0],
+            (InThreeDimensions::MaterialTerm { .. }, "cross_fibre_stress", _) => {
+                cross_fibre_share = values[0]
+            }
             (InThreeDimensions::MaterialTerm { .. }, "viscoelasticity", _) => {
                 viscosity = Some(fibre_viscosity(values[0], values[1], &reference));
             }
@@ -78,7 +96,11 @@ pub fn in_three_dimensions(
             _ => return refused("the finite-element ventricle does not know how to take it over"),
         }
     }
-    let OneFibreParts { contraction, pressure_terms, .. } = parts;
+    let OneFibreParts {
+        contraction,
+        pressure_terms,
+        ..
+    } = parts;
     Ok(InThreeDimensionsParts {
         circulation,
         contraction,
@@ -92,12 +114,19 @@ pub fn in_three_dimensions(
 
 /// Of the wall where the one-fibre ventricle has a viscous part of the cavity pressure, as declared by `viscoelasticity`:
 /// η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref).
-fn fibre_viscosity(mmhg_s_per_ml: f64, shortening_share: f64, reference: &OneFibrePassive) -> FibreViscosity {
+fn fibre_viscosity(
+    mmhg_s_per_ml: f64,
+    shortening_share: f64,
+    reference: &OneFibrePassive,
+) -> FibreViscosity {
     let (volume, wall) = (reference.end_diastolic_volume.0, reference.wall_volume.0);
     // mmHg s to kPa ms.
     let eta = 1e3 * mmhg_s_per_ml / cardiotwin_units::MMHG_PER_KPA;
     let lengthening_kpa_ms = 9.0 * eta * (volume + wall / 3.0) / (wall / volume).ln_1p();
-    FibreViscosity { lengthening_kpa_ms, shortening_kpa_ms: shortening_share * lengthening_kpa_ms }
+    FibreViscosity {
+        lengthening_kpa_ms,
+        shortening_kpa_ms: shortening_share * lengthening_kpa_ms,
+    }
 }
 
 #[cfg(test)]
@@ -111,11 +140,15 @@ mod tests {
 
     fn surroundings() -> Surroundings {
         let heart = LeftHeart::of_an_adult(Mmhg(7.0), Ms(800.0));
-        Surroundings { heart, onset: Ms(5.0) }
+        Surroundings {
+            heart,
+            onset: Ms(5.0),
+        }
     }
 
     fn parts(effects: &[EffectSetting]) -> Result<InThreeDimensionsParts, EffectError> {
-        let law = OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
+        let law =
+            OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
         let contraction = GroupContraction::tanh(Tanh::new(TanhParameters::default()).unwrap());
         in_three_dimensions(&surroundings(), law, contraction, effects)
     }
@@ -125,13 +158,22 @@ mod tests {
         let base = parts(&[]).unwrap();
         let circuit = |p: &InThreeDimensionsParts| format!("{:?}", p.circulation);
         let rest = |p: &InThreeDimensionsParts| {
-            let InThreeDimensionsParts { contraction, pressure_terms, late, viscosity, .. } = p;
+            let InThreeDimensionsParts {
+                contraction,
+                pressure_terms,
+                late,
+                viscosity,
+                ..
+            } = p;
             format!(
                 "{contraction:?}{pressure_terms:?}{late:?}{viscosity:?}{}{}",
                 p.exponent_factor, p.cross_fibre_share
             )
         };
-        for effect in CATALOGUE.into_iter().filter(|effect| effect.kind == Kind::Physiology) {
+        for effect in CATALOGUE
+            .into_iter()
+            .filter(|effect| effect.kind == Kind::Physiology)
+        {
             match parts(&[EffectSetting::typical(effect)]) {
                 Ok(with) => {
                     let changed = (circuit(&with) != circuit(&base), rest(&with) != rest(&base));
@@ -139,7 +181,9 @@ mod tests {
                     assert_eq!(changed, (expected, !expected), "{}", effect.name);
                 }
                 Err(EffectError::NotInThreeDimensions { why, .. }) => {
-                    assert!(matches!(effect.in_3d, InThreeDimensions::Cannot { .. }) && !why.is_empty());
+                    assert!(
+                        matches!(effect.in_3d, InThreeDimensions::Cannot { .. }) && !why.is_empty()
+                    );
                 }
                 Err(other) => panic!("{}: {other}", effect.name),
             }
@@ -148,12 +192,16 @@ mod tests {
 
     #[test]
     fn viscosity_gives_the_pressure_that_the_one_fibre_ventricle_adds() {
-        let law = OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
+        let law =
+            OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
         let eta = fibre_viscosity(0.02, 0.5, &law);
         assert_eq!(eta.shortening_kpa_ms, 0.5 * eta.lengthening_kpa_ms);
         // dλ/dt at λ = 1 for a flow of 100 mL/s, and the pressure of that fibre stress.
         let rate_per_ms = 0.1 / (3.0 * (120.0 + 100.0 / 3.0));
         let pressure = eta.lengthening_kpa_ms * rate_per_ms * (100.0_f64 / 120.0).ln_1p() / 3.0;
-        assert!((pressure * cardiotwin_units::MMHG_PER_KPA - 2.0).abs() < 1e-9, "{pressure}");
+        assert!(
+            (pressure * cardiotwin_units::MMHG_PER_KPA - 2.0).abs() < 1e-9,
+            "{pressure}"
+        );
     }
 }

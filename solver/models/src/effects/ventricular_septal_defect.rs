@@ -1,6 +1,8 @@
 //! A hole in the septum between the ventricles.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::{Circulation, Compartment, Direction, Orifice, TimeStep};
 use std::f64::consts::PI;
@@ -60,8 +62,16 @@ pub const EFFECT: Effect = Effect {
     ],
     signature: "as mitral regurgitation, a little weaker late in systole",
     marks: &[
-        Mark { phase: Phase::IsovolumicContraction, signal: Signal::VolumeRate, sign: Sign::Down },
-        Mark { phase: Phase::IsovolumicRelaxation, signal: Signal::VolumeRate, sign: Sign::Down },
+        Mark {
+            phase: Phase::IsovolumicContraction,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::IsovolumicRelaxation,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["mitral_regurgitation", "volume_scaling"],
     separated_by: &[
@@ -98,8 +108,15 @@ impl Compartment for RightVentricle {
 
     fn pressure(&self, _state: &[f64], _inflow_ml_per_s: f64, step: TimeStep) -> (f64, f64) {
         let phase = (step.end_ms - self.onset_ms).rem_euclid(self.cycle_ms) / self.duration_ms;
-        let systole = if phase < 1.0 { (PI * phase).sin().powi(2) } else { 0.0 };
-        (self.diastolic_mmhg + (self.systolic_mmhg - self.diastolic_mmhg) * systole, 0.0)
+        let systole = if phase < 1.0 {
+            (PI * phase).sin().powi(2)
+        } else {
+            0.0
+        };
+        (
+            self.diastolic_mmhg + (self.systolic_mmhg - self.diastolic_mmhg) * systole,
+            0.0,
+        )
     }
 
     fn advance(&self, _state: &mut [f64], _inflow_ml_per_s: f64, _step: TimeStep) {}
@@ -109,7 +126,11 @@ impl Compartment for RightVentricle {
     }
 }
 
-fn add(values: &[f64], around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
+fn add(
+    values: &[f64],
+    around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
     let right = circulation.add_compartment(Box::new(RightVentricle {
         diastolic_mmhg: values[2],
         systolic_mmhg: values[1],

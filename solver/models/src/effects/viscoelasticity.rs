@@ -1,7 +1,8 @@
 //! A viscous wall.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
@@ -40,11 +41,27 @@ pub const EFFECT: Effect = Effect {
     signature: "rapid filling: the pressure is above the passive curve in proportion to dV/dt and filling is slower, nothing in \
                 diastasis; slightly lower pressure in ejection",
     marks: &[
-        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Down },
-        Mark { phase: Phase::RapidFilling, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Down },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Volume,
+            sign: Sign::Down,
+        },
+        Mark {
+            phase: Phase::RapidFilling,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Pressure,
+            sign: Sign::Down,
+        },
     ],
-    confused_with: &["pressure_offset", "passive_stiffening", "delayed_relaxation"],
+    confused_with: &[
+        "pressure_offset",
+        "passive_stiffening",
+        "delayed_relaxation",
+    ],
     separated_by: &[
         "mitral inflow by Doppler with atrial pressure",
         "filling at two heart rates",
@@ -66,13 +83,24 @@ struct Viscosity {
 
 impl CavityPressureTerm for Viscosity {
     fn pressure(&self, _volume_ml: f64, rate_ml_per_s: f64) -> (f64, f64, f64) {
-        let share = if rate_ml_per_s < 0.0 { self.shortening_share } else { 1.0 };
+        let share = if rate_ml_per_s < 0.0 {
+            self.shortening_share
+        } else {
+            1.0
+        };
         let viscosity = share * self.mmhg_s_per_ml;
         (viscosity * rate_ml_per_s, 0.0, viscosity)
     }
 }
 
-fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
-    parts.pressure_terms.push(Box::new(Viscosity { mmhg_s_per_ml: values[0], shortening_share: values[1] }));
+fn add(
+    values: &[f64],
+    _around: &Surroundings,
+    mut parts: OneFibreParts,
+) -> Result<OneFibreParts, EffectError> {
+    parts.pressure_terms.push(Box::new(Viscosity {
+        mmhg_s_per_ml: values[0],
+        shortening_share: values[1],
+    }));
     Ok(parts)
 }

@@ -1,7 +1,9 @@
 //! Volumes that are all too large or too small.
 
 use super::EffectError;
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::measurement::{MeasurementTerm, PeriodicTraces};
 
 /// Declaration.
@@ -24,14 +26,27 @@ pub const EFFECT: Effect = Effect {
     }],
     signature: "none in the traces (loads and reference volumes absorb it); forward stroke volume and whole-heart volume differ by the same factor",
     marks: &[
-        Mark { phase: Phase::Diastasis, signal: Signal::Volume, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::VolumeRate, sign: Sign::Down },
+        Mark {
+            phase: Phase::Diastasis,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::VolumeRate,
+            sign: Sign::Down,
+        },
     ],
     confused_with: &["mitral_regurgitation", "ventricular_septal_defect"],
-    separated_by: &["forward stroke volume by flow MRI", "volume of a whole-heart image"],
+    separated_by: &[
+        "forward stroke volume by flow MRI",
+        "volume of a whole-heart image",
+    ],
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
-    remedy: Some("divide the volume trace by this factor (slices, papillary muscles, basal plane), then run again"),
+    remedy: Some(
+        "divide the volume trace by this factor (slices, papillary muscles, basal plane), then run again",
+    ),
     action: Action::Measurement(make),
 };
 

@@ -1,6 +1,8 @@
 //! Arteries in two parts with an inertance between them: coarctation, reflected waves.
 
-use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+};
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{ArterialJunction, Circulation, SplitWindkessel};
@@ -60,8 +62,16 @@ pub const EFFECT: Effect = Effect {
     ],
     signature: "late ejection: a bump of the pressure or a second hump of the aortic flow, ejection with two slopes",
     marks: &[
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Up },
-        Mark { phase: Phase::EarlyEjection, signal: Signal::Volume, sign: Sign::Up },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Pressure,
+            sign: Sign::Up,
+        },
+        Mark {
+            phase: Phase::EarlyEjection,
+            signal: Signal::Volume,
+            sign: Sign::Up,
+        },
     ],
     confused_with: &["aortic_stenosis", "dyssynchrony"],
     separated_by: &["aortic pressure trace", "aortic flow trace by flow MRI"],
@@ -74,11 +84,29 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-fn add(values: &[f64], around: &Surroundings, circulation: &mut Circulation) -> Result<(), EffectError> {
-    let aorta = circulation.compartment_idx(AORTA).ok_or(EffectError::NoPart { effect: EFFECT.name, part: AORTA })?;
-    let junction =
-        ArterialJunction { inertance: values[0], proximal_share: values[1], loss: values[2], resistance: values[3] };
-    let load = SplitWindkessel::new(AORTA, &around.heart.windkessel, junction, around.heart.start_pressure())?;
+fn add(
+    values: &[f64],
+    around: &Surroundings,
+    circulation: &mut Circulation,
+) -> Result<(), EffectError> {
+    let aorta = circulation
+        .compartment_idx(AORTA)
+        .ok_or(EffectError::NoPart {
+            effect: EFFECT.name,
+            part: AORTA,
+        })?;
+    let junction = ArterialJunction {
+        inertance: values[0],
+        proximal_share: values[1],
+        loss: values[2],
+        resistance: values[3],
+    };
+    let load = SplitWindkessel::new(
+        AORTA,
+        &around.heart.windkessel,
+        junction,
+        around.heart.start_pressure(),
+    )?;
     circulation.replace_compartment(aorta, Box::new(load));
     Ok(())
 }

@@ -37,7 +37,10 @@ impl Acceleration {
         // Gram-Schmidt over the residuals' changes, newest first; what is done to them is done to the pairs.
         let mut basis: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
         for (dx, dr) in &self.secants {
-            let (mut q, mut move_) = (dr.clone(), dx.iter().zip(dr).map(|(a, b)| a + b).collect::<Vec<f64>>());
+            let (mut q, mut move_) = (
+                dr.clone(),
+                dx.iter().zip(dr).map(|(a, b)| a + b).collect::<Vec<f64>>(),
+            );
             let length = dot(&q, &q).sqrt();
             for (other, other_move) in &basis {
                 let share = dot(&q, other);

@@ -34,13 +34,27 @@ const fn parameter(
     typical: f64,
     logarithmic: bool,
 ) -> BaseParameter {
-    BaseParameter { name, unit, meaning, range, typical, logarithmic }
+    BaseParameter {
+        name,
+        unit,
+        meaning,
+        range,
+        typical,
+        logarithmic,
+    }
 }
 
 /// The fourteen, in the order of all value lists. The aortic valve's resistance is bounded so that it cannot take the
 /// place of a stenosis.
 pub const BASE_PARAMETERS: [BaseParameter; 14] = [
-    parameter("left_atrial_pressure_mmHg", "mmHg", "filling pressure, constant", (1.0, 35.0), 8.0, true),
+    parameter(
+        "left_atrial_pressure_mmHg",
+        "mmHg",
+        "filling pressure, constant",
+        (1.0, 35.0),
+        8.0,
+        true,
+    ),
     parameter(
         "reference_volume_mL",
         "mL",
@@ -49,18 +63,102 @@ pub const BASE_PARAMETERS: [BaseParameter; 14] = [
         130.0,
         true,
     ),
-    parameter("unloaded_share", "1", "unloaded over reference volume", (0.2, 0.85), 0.55, false),
-    parameter("passive_pressure_mmHg", "mmHg", "passive pressure at the reference volume", (1.0, 50.0), 9.0, true),
-    parameter("characteristic_resistance_mmHg_s_per_mL", "mmHg s/mL", "R1 of the Windkessel", (0.005, 0.2), 0.05, true),
-    parameter("peripheral_resistance_mmHg_s_per_mL", "mmHg s/mL", "R2 of the Windkessel", (0.2, 4.0), 0.9, true),
-    parameter("compliance_mL_per_mmHg", "mL/mmHg", "C of the Windkessel", (0.2, 6.0), 1.5, true),
-    parameter("R_AV_f_mmHg_s_per_mL", "mmHg s/mL", "aortic valve, forward", (0.001, 0.015), 0.006, true),
-    parameter("R_MV_f_mmHg_s_per_mL", "mmHg s/mL", "mitral valve, forward", (0.001, 0.06), 0.01, true),
-    parameter("Smax_ref_kPa", "kPa", "peak isometric stress", (20.0, 600.0), 110.0, true),
-    parameter("tau_SR_ref_ms", "ms", "time constant of the stress rise", (0.5, 120.0), 20.0, true),
-    parameter("tau_SD_ms", "ms", "time constant of the stress decay", (3.0, 250.0), 60.0, true),
-    parameter("t_CR_ms", "ms", "duration of the stress transient", (150.0, 700.0), 380.0, true),
-    parameter("onset_ms", "ms", "first activation after the beat's start", (0.0, 120.0), 10.0, false),
+    parameter(
+        "unloaded_share",
+        "1",
+        "unloaded over reference volume",
+        (0.2, 0.85),
+        0.55,
+        false,
+    ),
+    parameter(
+        "passive_pressure_mmHg",
+        "mmHg",
+        "passive pressure at the reference volume",
+        (1.0, 50.0),
+        9.0,
+        true,
+    ),
+    parameter(
+        "characteristic_resistance_mmHg_s_per_mL",
+        "mmHg s/mL",
+        "R1 of the Windkessel",
+        (0.005, 0.2),
+        0.05,
+        true,
+    ),
+    parameter(
+        "peripheral_resistance_mmHg_s_per_mL",
+        "mmHg s/mL",
+        "R2 of the Windkessel",
+        (0.2, 4.0),
+        0.9,
+        true,
+    ),
+    parameter(
+        "compliance_mL_per_mmHg",
+        "mL/mmHg",
+        "C of the Windkessel",
+        (0.2, 6.0),
+        1.5,
+        true,
+    ),
+    parameter(
+        "R_AV_f_mmHg_s_per_mL",
+        "mmHg s/mL",
+        "aortic valve, forward",
+        (0.001, 0.015),
+        0.006,
+        true,
+    ),
+    parameter(
+        "R_MV_f_mmHg_s_per_mL",
+        "mmHg s/mL",
+        "mitral valve, forward",
+        (0.001, 0.06),
+        0.01,
+        true,
+    ),
+    parameter(
+        "Smax_ref_kPa",
+        "kPa",
+        "peak isometric stress",
+        (20.0, 600.0),
+        110.0,
+        true,
+    ),
+    parameter(
+        "tau_SR_ref_ms",
+        "ms",
+        "time constant of the stress rise",
+        (0.5, 120.0),
+        20.0,
+        true,
+    ),
+    parameter(
+        "tau_SD_ms",
+        "ms",
+        "time constant of the stress decay",
+        (3.0, 250.0),
+        60.0,
+        true,
+    ),
+    parameter(
+        "t_CR_ms",
+        "ms",
+        "duration of the stress transient",
+        (150.0, 700.0),
+        380.0,
+        true,
+    ),
+    parameter(
+        "onset_ms",
+        "ms",
+        "first activation after the beat's start",
+        (0.0, 120.0),
+        10.0,
+        false,
+    ),
 ];
 
 /// What of a patient is given and not fitted.
@@ -125,7 +223,13 @@ impl FitSubject {
             self.wall_volume,
             self.exponent,
         )?;
-        let tanh = TanhParameters { smax_ref_kpa, tau_sr_ref_ms, tau_sd_ms, t_cr_ms, ..self.tanh };
+        let tanh = TanhParameters {
+            smax_ref_kpa,
+            tau_sr_ref_ms,
+            tau_sd_ms,
+            t_cr_ms,
+            ..self.tanh
+        };
         let heart = LeftHeart {
             left_atrial_pressure: Mmhg(left_atrial_pressure),
             mitral_forward: MmhgSPerMl(mitral_forward),
@@ -143,7 +247,11 @@ impl FitSubject {
         Ok(BaseModel {
             heart,
             passive,
-            activation: ActivationSpread { onset: Ms(onset), spread: self.spread, n_groups: self.n_groups },
+            activation: ActivationSpread {
+                onset: Ms(onset),
+                spread: self.spread,
+                n_groups: self.n_groups,
+            },
             contraction: GroupContraction::tanh(Tanh::new(tanh)?),
         })
     }
@@ -155,7 +263,11 @@ impl FitSubject {
     ///
     /// # Panics
     /// When there are not fourteen values.
-    pub fn model(&self, values: &[f64], effects: &[EffectSetting]) -> Result<Assembled, EffectError> {
+    pub fn model(
+        &self,
+        values: &[f64],
+        effects: &[EffectSetting],
+    ) -> Result<Assembled, EffectError> {
         assemble(self.base(values)?, effects)
     }
 

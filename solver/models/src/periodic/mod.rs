@@ -32,7 +32,11 @@ impl PeriodicSettings {
     /// Steps of at most `step`, tolerance 1e-5, up to 40 beats.
     #[must_use]
     pub fn with_step(cycle_length: Ms, step: Ms) -> Self {
-        Self { steps: (cycle_length.0 / step.0).ceil().max(1.0) as usize, tolerance: 1e-5, limit: 40 }
+        Self {
+            steps: (cycle_length.0 / step.0).ceil().max(1.0) as usize,
+            tolerance: 1e-5,
+            limit: 40,
+        }
     }
 }
 
@@ -89,10 +93,16 @@ pub fn find(
     near: Option<&Orbit>,
 ) -> Result<PeriodicBeat, VentricleError> {
     let n_ventricle = model.ventricle.beat_state().count();
-    let mut x: Vec<f64> = model.ventricle.beat_state().chain(model.circulation.beat_state().iter().copied()).collect();
+    let mut x: Vec<f64> = model
+        .ventricle
+        .beat_state()
+        .chain(model.circulation.beat_state().iter().copied())
+        .collect();
     let start = x[0];
     // Steps no more exact than the beat is asked to be: half an iteration a step less.
-    model.ventricle.accept_residual((0.01 * settings.tolerance).clamp(1e-8, 1e-6));
+    model
+        .ventricle
+        .accept_residual((0.01 * settings.tolerance).clamp(1e-8, 1e-6));
     let mut acceleration = Acceleration::default();
     if let Some(orbit) = near.filter(|orbit| orbit.state.len() == x.len()) {
         x.copy_from_slice(&orbit.state);
@@ -106,7 +116,10 @@ pub fn find(
         model.ventricle.begin_beat(&x[..n_ventricle]);
         model.circulation.begin_beat(&x[n_ventricle..]);
         beat.run(model)?;
-        let end = model.ventricle.beat_state().chain(model.circulation.beat_state().iter().copied());
+        let end = model
+            .ventricle
+            .beat_state()
+            .chain(model.circulation.beat_state().iter().copied());
         let mut change = 0.0f64;
         for ((r, end), begin) in residual.iter_mut().zip(end).zip(&x) {
             *r = end - begin;
@@ -115,12 +128,23 @@ pub fn find(
         let periodic = change <= settings.tolerance;
         if periodic || n_beats >= settings.limit.max(1) {
             acceleration.begin_elsewhere();
-            return Ok(beat.finish(Orbit { state: x, acceleration }, change, periodic, n_beats));
+            return Ok(beat.finish(
+                Orbit {
+                    state: x,
+                    acceleration,
+                },
+                change,
+                periodic,
+                n_beats,
+            ));
         }
         acceleration.advance(&mut x, &residual);
         // A secant across a kink may point anywhere: then one plain beat.
         if !(x[0] > 0.1 * start && x[0] < 3.0 * start && x.iter().all(|v| v.is_finite())) {
-            let end = model.ventricle.beat_state().chain(model.circulation.beat_state().iter().copied());
+            let end = model
+                .ventricle
+                .beat_state()
+                .chain(model.circulation.beat_state().iter().copied());
             x.iter_mut().zip(end).for_each(|(x, end)| *x = end);
             acceleration = Acceleration::default();
         }
@@ -173,10 +197,17 @@ impl Recorder {
             let i = step % self.steps;
             self.heart.pressure_mmhg[i] = ventricle.pressure().0;
             self.heart.volume_ml[i] = ventricle.volume().0;
-            self.aortic_pressure_mmhg[i] = self.aorta.map_or(0.0, |idx| circulation.pressure(idx).0);
-            self.aortic_flow_ml_per_s[i] = self.aortic_valve.map_or(0.0, |idx| circulation.flow(idx).0)
-                - self.aortic_leaks.iter().map(|idx| circulation.flow(*idx).0).sum::<f64>();
-            self.mitral_flow_ml_per_s[i] = self.mitral_valve.map_or(0.0, |idx| circulation.flow(idx).0);
+            self.aortic_pressure_mmhg[i] =
+                self.aorta.map_or(0.0, |idx| circulation.pressure(idx).0);
+            self.aortic_flow_ml_per_s[i] =
+                self.aortic_valve.map_or(0.0, |idx| circulation.flow(idx).0)
+                    - self
+                        .aortic_leaks
+                        .iter()
+                        .map(|idx| circulation.flow(*idx).0)
+                        .sum::<f64>();
+            self.mitral_flow_ml_per_s[i] =
+                self.mitral_valve.map_or(0.0, |idx| circulation.flow(idx).0);
         }
         Ok(())
     }

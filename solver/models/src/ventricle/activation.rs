@@ -20,7 +20,11 @@ pub struct ActivationSpread {
 impl Default for ActivationSpread {
     /// 40 ms (SPEC section 4: 30 to 50) in 32 groups, from the beat's start on.
     fn default() -> Self {
-        Self { onset: Ms(0.0), spread: Ms(40.0), n_groups: 32 }
+        Self {
+            onset: Ms(0.0),
+            spread: Ms(40.0),
+            n_groups: 32,
+        }
     }
 }
 
@@ -37,9 +41,19 @@ impl ActivationGroups {
     /// # Errors
     /// [`VentricleError::Parameter`] for no groups, lists of different lengths, a time that is not finite, a negative weight.
     pub fn new(times_ms: Vec<f64>, mut weights: Vec<f64>) -> Result<Self, VentricleError> {
-        let bad = |name, value, expected| Err(VentricleError::Parameter { name, value, expected });
+        let bad = |name, value, expected| {
+            Err(VentricleError::Parameter {
+                name,
+                value,
+                expected,
+            })
+        };
         if times_ms.is_empty() || times_ms.len() != weights.len() {
-            return bad("activation groups", times_ms.len() as f64, "one or more, with as many weights");
+            return bad(
+                "activation groups",
+                times_ms.len() as f64,
+                "one or more, with as many weights",
+            );
         }
         if let Some(value) = times_ms.iter().find(|x| !x.is_finite()) {
             return bad("activation time", *value, "finite");
@@ -87,17 +101,29 @@ impl ActivationSpread {
         }
         let onset = self.onset.0;
         if !onset.is_finite() {
-            return Err(VentricleError::Parameter { name: "activation onset", value: onset, expected: "finite" });
+            return Err(VentricleError::Parameter {
+                name: "activation onset",
+                value: onset,
+                expected: "finite",
+            });
         }
         if self.n_groups == 0 {
-            return Err(VentricleError::Parameter { name: "activation groups", value: 0.0, expected: "one or more" });
+            return Err(VentricleError::Parameter {
+                name: "activation groups",
+                value: 0.0,
+                expected: "one or more",
+            });
         }
         let n = self.n_groups as f64;
         let centre = |k: usize| (k as f64 + 0.5) / n;
-        let times = (0..self.n_groups).map(|k| onset + spread * centre(k)).collect();
+        let times = (0..self.n_groups)
+            .map(|k| onset + spread * centre(k))
+            .collect();
         // Integral of the density over each group's share.
         let cumulative = |x: f64| x * x * (3.0 - 2.0 * x);
-        let weights = (0..self.n_groups).map(|k| cumulative((k as f64 + 1.0) / n) - cumulative(k as f64 / n)).collect();
+        let weights = (0..self.n_groups)
+            .map(|k| cumulative((k as f64 + 1.0) / n) - cumulative(k as f64 / n))
+            .collect();
         Ok((times, weights))
     }
 }
@@ -108,7 +134,12 @@ mod tests {
 
     #[test]
     fn weights_sum_to_one_and_times_are_centred() {
-        let (times, weights) = ActivationSpread { n_groups: 16, ..ActivationSpread::default() }.groups().unwrap();
+        let (times, weights) = ActivationSpread {
+            n_groups: 16,
+            ..ActivationSpread::default()
+        }
+        .groups()
+        .unwrap();
         assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-14);
         let mean: f64 = times.iter().zip(&weights).map(|(t, w)| t * w).sum();
         assert!((mean - 20.0).abs() < 1e-12);
@@ -118,15 +149,31 @@ mod tests {
     #[test]
     fn an_onset_delays_every_group_alike() {
         let early = ActivationSpread::default().groups().unwrap();
-        let late = ActivationSpread { onset: Ms(30.0), ..ActivationSpread::default() }.groups().unwrap();
-        assert!(early.0.iter().zip(&late.0).all(|(a, b)| (b - a - 30.0).abs() < 1e-12));
+        let late = ActivationSpread {
+            onset: Ms(30.0),
+            ..ActivationSpread::default()
+        }
+        .groups()
+        .unwrap();
+        assert!(
+            early
+                .0
+                .iter()
+                .zip(&late.0)
+                .all(|(a, b)| (b - a - 30.0).abs() < 1e-12)
+        );
         assert_eq!(early.1, late.1);
     }
 
     #[test]
     fn given_groups_are_scaled_and_checked() {
-        let given = |times: &[f64], weights: &[f64]| ActivationGroups::new(times.to_vec(), weights.to_vec());
-        assert_eq!(given(&[0.0, 60.0], &[3.0, 1.0]).unwrap().weights(), [0.75, 0.25]);
+        let given = |times: &[f64], weights: &[f64]| {
+            ActivationGroups::new(times.to_vec(), weights.to_vec())
+        };
+        assert_eq!(
+            given(&[0.0, 60.0], &[3.0, 1.0]).unwrap().weights(),
+            [0.75, 0.25]
+        );
         assert!(given(&[0.0], &[1.0, 1.0]).is_err());
         assert!(given(&[f64::NAN], &[1.0]).is_err());
         assert!(given(&[1.0], &[0.0]).is_err());
@@ -135,8 +182,29 @@ mod tests {
 
     #[test]
     fn refuses_nonsense() {
-        assert!(ActivationSpread { spread: Ms(-1.0), ..ActivationSpread::default() }.groups().is_err());
-        assert!(ActivationSpread { onset: Ms(f64::INFINITY), ..ActivationSpread::default() }.groups().is_err());
-        assert!(ActivationSpread { n_groups: 0, ..ActivationSpread::default() }.groups().is_err());
+        assert!(
+            ActivationSpread {
+                spread: Ms(-1.0),
+                ..ActivationSpread::default()
+            }
+            .groups()
+            .is_err()
+        );
+        assert!(
+            ActivationSpread {
+                onset: Ms(f64::INFINITY),
+                ..ActivationSpread::default()
+            }
+            .groups()
+            .is_err()
+        );
+        assert!(
+            ActivationSpread {
+                n_groups: 0,
+                ..ActivationSpread::default()
+            }
+            .groups()
+            .is_err()
+        );
     }
 }

@@ -6,7 +6,8 @@ pub mod passive_state;
 
 pub use activation::{ActivationGroups, ActivationSpread};
 pub use one_fibre::{
-    CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle, steps_before_the_beat,
+    CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle,
+    steps_before_the_beat,
 };
 pub use passive_state::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
 
@@ -55,7 +56,11 @@ pub trait Ventricle {
     ///
     /// # Errors
     /// [`VentricleError`] when the coupled step has no solution.
-    fn try_step(&mut self, circulation: &mut Circulation, dt: Ms) -> Result<TriedStep, VentricleError>;
+    fn try_step(
+        &mut self,
+        circulation: &mut Circulation,
+        dt: Ms,
+    ) -> Result<TriedStep, VentricleError>;
 
     /// Accepts the pending trial (the circulation's is committed by the caller); does nothing without one.
     fn commit(&mut self);
@@ -154,7 +159,9 @@ pub enum VentricleError {
         reason: String,
     },
     /// A snapshot belongs to another ventricle.
-    #[error("snapshot of {found} with {found_values} values does not fit {expected} with {expected_values}")]
+    #[error(
+        "snapshot of {found} with {found_values} values does not fit {expected} with {expected_values}"
+    )]
     ForeignSnapshot {
         /// Kind in the snapshot.
         found: String,

@@ -4,11 +4,15 @@
 //! their active stress (the paper's Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa) plus the passive law.
 
 use super::passive_state::{OneFibrePassive, pressure_per_stress, stretch};
-use super::{ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleError, VentricleSnapshot};
+use super::{
+    ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleError, VentricleSnapshot,
+};
 use crate::calcium::Calcium;
 use crate::cell0d::{Cell0d, CellBeat};
 use crate::circulation::Circulation;
-use crate::contraction::{ActiveStress, Contraction, Land2017, StretchReference, Tanh, UniformStep};
+use crate::contraction::{
+    ActiveStress, Contraction, Land2017, StretchReference, Tanh, UniformStep,
+};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use std::sync::Arc;
 
@@ -25,7 +29,12 @@ impl GroupContraction {
     /// Tanh in every group.
     #[must_use]
     pub fn tanh(tanh: Tanh) -> Self {
-        Self { model: Box::new(tanh), calcium: None, start_state: Vec::new(), stretch: StretchReference::EndDiastole }
+        Self {
+            model: Box::new(tanh),
+            calcium: None,
+            start_state: Vec::new(),
+            stretch: StretchReference::EndDiastole,
+        }
     }
 
     /// Land with the calcium of a 0D cell, started from the cell's periodic state.
@@ -50,8 +59,15 @@ impl GroupContraction {
         start_state: Vec<f64>,
     ) -> Result<Self, VentricleError> {
         if start_state.len() != model.n_states() {
-            let (value, expected) = (start_state.len() as f64, "as many as the contraction model has states");
-            return Err(VentricleError::Parameter { name: "start states", value, expected });
+            let (value, expected) = (
+                start_state.len() as f64,
+                "as many as the contraction model has states",
+            );
+            return Err(VentricleError::Parameter {
+                name: "start states",
+                value,
+                expected,
+            });
         }
         if model.needs_calcium() && calcium.is_none() {
             return Err(VentricleError::Parameter {
@@ -60,12 +76,22 @@ impl GroupContraction {
                 expected: "given for this contraction model",
             });
         }
-        Ok(Self { model, calcium, start_state, stretch: StretchReference::EndDiastole })
+        Ok(Self {
+            model,
+            calcium,
+            start_state,
+            stretch: StretchReference::EndDiastole,
+        })
     }
 }
 
 /// Model, calcium and start state of one node, and the length that its stretch is counted from.
-pub type NodeContraction = (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>, StretchReference);
+pub type NodeContraction = (
+    Box<dyn Contraction>,
+    Option<Arc<dyn Calcium>>,
+    Vec<f64>,
+    StretchReference,
+);
 
 impl GroupContraction {
     /// The same with the stretch counted from another length than end-diastole's.
@@ -88,7 +114,10 @@ impl GroupContraction {
         wrap: impl FnOnce(Box<dyn Contraction>) -> Box<dyn Contraction>,
     ) -> Self {
         self.start_state.extend_from_slice(own_start);
-        Self { model: wrap(self.model), ..self }
+        Self {
+            model: wrap(self.model),
+            ..self
+        }
     }
 }
 
@@ -171,7 +200,9 @@ const ITERATIONS: usize = 60;
 pub fn steps_before_the_beat(earliest_ms: f64) -> impl Iterator<Item = (f64, f64)> {
     let n = (-earliest_ms).max(0.0).ceil();
     let dt_ms = -earliest_ms / n.max(1.0);
-    (0..n as usize).rev().map(move |left| (-dt_ms * left as f64, dt_ms))
+    (0..n as usize)
+        .rev()
+        .map(move |left| (-dt_ms * left as f64, dt_ms))
 }
 
 impl OneFibreVentricle {
@@ -188,13 +219,28 @@ impl OneFibreVentricle {
     ///
     /// # Errors
     /// [`VentricleError::Parameter`] for a cycle length that ends before the last group's activation.
-    pub fn with_groups(parameters: OneFibreParameters, groups: &ActivationGroups) -> Result<Self, VentricleError> {
-        let OneFibreParameters { passive, activation: _, contraction, cycle_length, pressure_terms } = parameters;
+    pub fn with_groups(
+        parameters: OneFibreParameters,
+        groups: &ActivationGroups,
+    ) -> Result<Self, VentricleError> {
+        let OneFibreParameters {
+            passive,
+            activation: _,
+            contraction,
+            cycle_length,
+            pressure_terms,
+        } = parameters;
         let (activation_ms, weights) = (groups.times_ms().to_vec(), groups.weights().to_vec());
-        let latest = activation_ms.iter().fold(0.0, |latest: f64, t| latest.max(*t));
+        let latest = activation_ms
+            .iter()
+            .fold(0.0, |latest: f64, t| latest.max(*t));
         if !(cycle_length.0 > latest && cycle_length.0.is_finite()) {
             let expected = "longer than the latest activation time";
-            return Err(VentricleError::Parameter { name: "cycle length", value: cycle_length.0, expected });
+            return Err(VentricleError::Parameter {
+                name: "cycle length",
+                value: cycle_length.0,
+                expected,
+            });
         }
         let n = activation_ms.len();
         let n_calcium = if contraction.calcium.is_some() { n } else { 0 };
@@ -245,7 +291,10 @@ impl OneFibreVentricle {
 
     /// Cells that are activated before time zero contract at their end-diastolic length until then.
     fn contract_until_the_beat(&mut self) -> Result<(), VentricleError> {
-        let earliest_ms = self.activation_ms.iter().fold(0.0, |earliest: f64, t| earliest.min(*t));
+        let earliest_ms = self
+            .activation_ms
+            .iter()
+            .fold(0.0, |earliest: f64, t| earliest.min(*t));
         for (k, (end_ms, dt_ms)) in steps_before_the_beat(earliest_ms).enumerate() {
             if k == 0 {
                 self.prepare_groups(end_ms - dt_ms);
@@ -298,19 +347,37 @@ impl OneFibreVentricle {
     /// activated has a negative time, and sees the tail of the previous calcium transient.
     fn prepare_groups(&mut self, end_ms: f64) {
         let length = self.cycle_length_ms;
-        for (since, t_a) in self.trial.since_activation_ms.iter_mut().zip(&self.activation_ms) {
+        for (since, t_a) in self
+            .trial
+            .since_activation_ms
+            .iter_mut()
+            .zip(&self.activation_ms)
+        {
             let time = end_ms - t_a;
-            *since = if time >= length { time - (time / length).floor() * length } else { time };
+            *since = if time >= length {
+                time - (time / length).floor() * length
+            } else {
+                time
+            };
         }
         if let Some(calcium) = &self.calcium {
-            for (ca, since) in self.trial.ca_um.iter_mut().zip(&self.trial.since_activation_ms) {
+            for (ca, since) in self
+                .trial
+                .ca_um
+                .iter_mut()
+                .zip(&self.trial.since_activation_ms)
+            {
                 *ca = calcium.concentration_um(if *since < 0.0 { since + length } else { *since });
             }
         }
     }
 
     /// Cavity pressure \[mmHg\] for a candidate volume at the end of a step, and its slope with it; fills the trial's cells.
-    fn cavity_pressure(&mut self, volume_ml: f64, dt_ms: f64) -> Result<(f64, f64), VentricleError> {
+    fn cavity_pressure(
+        &mut self,
+        volume_ml: f64,
+        dt_ms: f64,
+    ) -> Result<(f64, f64), VentricleError> {
         let wall = self.passive.wall_volume.0;
         let reference = self.passive.end_diastolic_volume.0;
         let (lambda, dlambda) = stretch(volume_ml, reference, wall);
@@ -323,22 +390,32 @@ impl OneFibreVentricle {
             ca_end_um: &self.trial.ca_um,
         };
         self.model
-            .try_step_uniform(&step, &self.now.cells, &mut self.trial.cells, &mut self.trial.stress)
-            .map_err(|source| VentricleError::Contraction { t_ms: self.now.time_ms + dt_ms, source })?;
+            .try_step_uniform(
+                &step,
+                &self.now.cells,
+                &mut self.trial.cells,
+                &mut self.trial.stress,
+            )
+            .map_err(|source| VentricleError::Contraction {
+                t_ms: self.now.time_ms + dt_ms,
+                source,
+            })?;
         let (mut sa, mut dsa) = (0.0, 0.0);
         for (weight, stress) in self.weights.iter().zip(&self.trial.stress) {
             sa += weight * stress.sa_kpa;
             dsa += weight * stress.dsa_dlambda_kpa * self.cell_stretch;
         }
-        let (passive, dpassive) =
-            self.passive.stress_at_stretch(lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
+        let (passive, dpassive) = self
+            .passive
+            .stress_at_stretch(lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
         let (factor, dfactor) = pressure_per_stress(volume_ml, wall);
         let stress = sa + passive;
         let mut pressure = MMHG_PER_KPA * stress * factor;
         let mut slope = MMHG_PER_KPA * ((dsa * dlambda + dpassive) * factor + stress * dfactor);
         let per_s = 1e3 / dt_ms;
         for term in &self.pressure_terms {
-            let (p, dp_dv, dp_drate) = term.pressure(volume_ml, (volume_ml - self.now.volume_ml) * per_s);
+            let (p, dp_dv, dp_drate) =
+                term.pressure(volume_ml, (volume_ml - self.now.volume_ml) * per_s);
             pressure += p;
             slope += dp_dv + dp_drate * per_s;
         }
@@ -347,7 +424,11 @@ impl OneFibreVentricle {
 
     /// Finds the volume whose pressure lets just this volume pass: residual `V − V_n − dt Q(p(V))`, increasing wherever the
     /// ventricle stiffens with volume; a bracket guards Newton where it does not, and across valve kinks.
-    fn solve(&mut self, circulation: &mut Circulation, dt_ms: f64) -> Result<TriedStep, VentricleError> {
+    fn solve(
+        &mut self,
+        circulation: &mut Circulation,
+        dt_ms: f64,
+    ) -> Result<TriedStep, VentricleError> {
         let dt_s = dt_ms * 1e-3;
         let start = self.now.volume_ml;
         // All volumes from an empty cavity to thrice the start.
@@ -365,7 +446,11 @@ impl OneFibreVentricle {
                 self.trial.volume_ml = volume;
                 self.trial.rate_ml_per_s = flow.inflow_ml_per_s;
                 self.trial.pressure_mmhg = pressure;
-                return Ok(TriedStep { pressure: Mmhg(pressure), volume: Ml(volume), iterations });
+                return Ok(TriedStep {
+                    pressure: Mmhg(pressure),
+                    volume: Ml(volume),
+                    iterations,
+                });
             }
             if residual < 0.0 {
                 low = low.max(volume);
@@ -376,7 +461,11 @@ impl OneFibreVentricle {
             let newton = volume - residual / slope;
             // A third of the iterations is Newton's; then only the bracket counts.
             let use_newton = iterations <= ITERATIONS / 3 && newton > low && newton < high;
-            volume = if use_newton { newton } else { 0.5 * (low + high) };
+            volume = if use_newton {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
         }
         Err(VentricleError::NoVolume {
             t_ms: self.now.time_ms + dt_ms,
@@ -403,10 +492,18 @@ impl Ventricle for OneFibreVentricle {
         Mmhg(self.now.pressure_mmhg)
     }
 
-    fn try_step(&mut self, circulation: &mut Circulation, dt: Ms) -> Result<TriedStep, VentricleError> {
+    fn try_step(
+        &mut self,
+        circulation: &mut Circulation,
+        dt: Ms,
+    ) -> Result<TriedStep, VentricleError> {
         self.trial.pending = false;
         if !(dt.0 > 0.0 && dt.0.is_finite()) {
-            return Err(VentricleError::Parameter { name: "time step", value: dt.0, expected: "positive" });
+            return Err(VentricleError::Parameter {
+                name: "time step",
+                value: dt.0,
+                expected: "positive",
+            });
         }
         self.trial.time_ms = self.now.time_ms + dt.0;
         self.prepare_groups(self.trial.time_ms);
@@ -464,11 +561,19 @@ impl Ventricle for OneFibreVentricle {
 
     fn snapshot(&self) -> VentricleSnapshot {
         let now = &self.now;
-        let mut values = vec![now.time_ms, now.volume_ml, now.rate_ml_per_s, now.pressure_mmhg];
+        let mut values = vec![
+            now.time_ms,
+            now.volume_ml,
+            now.rate_ml_per_s,
+            now.pressure_mmhg,
+        ];
         for part in [&now.cells, &now.sa_kpa, &now.ca_um] {
             values.extend_from_slice(part);
         }
-        VentricleSnapshot { kind: KIND.to_owned(), values }
+        VentricleSnapshot {
+            kind: KIND.to_owned(),
+            values,
+        }
     }
 
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {

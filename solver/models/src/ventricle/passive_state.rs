@@ -15,7 +15,10 @@ const EXPONENT_RANGE: (f64, f64) = (0.5, 80.0);
 /// Fibre stress \[kPa\] to cavity pressure \[kPa\], per unit of stress (Arts 1991), and its slope with the volume.
 #[inline]
 pub(crate) fn pressure_per_stress(volume_ml: f64, wall_ml: f64) -> (f64, f64) {
-    ((wall_ml / volume_ml).ln_1p() / 3.0, -wall_ml / (3.0 * volume_ml * (volume_ml + wall_ml)))
+    (
+        (wall_ml / volume_ml).ln_1p() / 3.0,
+        -wall_ml / (3.0 * volume_ml * (volume_ml + wall_ml)),
+    )
 }
 
 /// Fibre stretch from a reference volume, and its slope with the volume.
@@ -95,7 +98,11 @@ impl OneFibrePassive {
             (PassiveStateMode::Diastasis, Some(point)) => (point.volume, None),
             (PassiveStateMode::Diastasis, None) => {
                 let expected = "given when the beat starts from diastasis";
-                return Err(VentricleError::Parameter { name: "diastasis volume", value: f64::NAN, expected });
+                return Err(VentricleError::Parameter {
+                    name: "diastasis volume",
+                    value: f64::NAN,
+                    expected,
+                });
             }
         };
         let pressure = input.end_diastolic_pressure;
@@ -105,13 +112,21 @@ impl OneFibrePassive {
             ("wall volume", input.wall_volume.0),
         ] {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(VentricleError::Parameter { name, value, expected: "positive" });
+                return Err(VentricleError::Parameter {
+                    name,
+                    value,
+                    expected: "positive",
+                });
             }
         }
         let unloaded = klotz_unloaded_volume(volume, pressure);
         if !(unloaded.0 > 0.0 && unloaded.0 < volume.0) {
             let (v0_ml, volume_ml, pressure_mmhg) = (unloaded.0, volume.0, pressure.0);
-            return Err(VentricleError::PassiveState { v0_ml, volume_ml, pressure_mmhg });
+            return Err(VentricleError::PassiveState {
+                v0_ml,
+                volume_ml,
+                pressure_mmhg,
+            });
         }
         let mut law = Self {
             stiffness: Kpa(0.0),
@@ -141,13 +156,25 @@ impl OneFibrePassive {
         wall: Ml,
         exponent: f64,
     ) -> Result<Self, VentricleError> {
-        if !(unloaded.0 > 0.0 && unloaded.0 < reference.0 && reference.0.is_finite() && pressure.0 > 0.0) {
+        if !(unloaded.0 > 0.0
+            && unloaded.0 < reference.0
+            && reference.0.is_finite()
+            && pressure.0 > 0.0)
+        {
             let (v0_ml, volume_ml, pressure_mmhg) = (unloaded.0, reference.0, pressure.0);
-            return Err(VentricleError::PassiveState { v0_ml, volume_ml, pressure_mmhg });
+            return Err(VentricleError::PassiveState {
+                v0_ml,
+                volume_ml,
+                pressure_mmhg,
+            });
         }
         for (name, value) in [("wall volume", wall.0), ("passive exponent", exponent)] {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(VentricleError::Parameter { name, value, expected: "positive" });
+                return Err(VentricleError::Parameter {
+                    name,
+                    value,
+                    expected: "positive",
+                });
             }
         }
         let mut law = Self {
@@ -177,7 +204,8 @@ impl OneFibrePassive {
 
     /// Exponent with which the law passes through the diastasis point too, if one in the range does.
     fn exponent_through(&self, loaded: Mmhg, point: DiastasisPoint) -> Option<f64> {
-        let inside = point.volume.0 > self.unloaded_volume.0 && point.volume.0 < self.end_diastolic_volume.0;
+        let inside =
+            point.volume.0 > self.unloaded_volume.0 && point.volume.0 < self.end_diastolic_volume.0;
         if !(inside && point.pressure.0 > 0.0 && point.pressure.0 < loaded.0) {
             return None;
         }
@@ -206,15 +234,25 @@ impl OneFibrePassive {
 
     /// Ratio of the stretch from the unloaded volume to that from end-diastole.
     pub(crate) fn stretch_ratio(&self) -> f64 {
-        stretch(self.end_diastolic_volume.0, self.unloaded_volume.0, self.wall_volume.0).0
+        stretch(
+            self.end_diastolic_volume.0,
+            self.unloaded_volume.0,
+            self.wall_volume.0,
+        )
+        .0
     }
 
     /// As [`Self::stress_at`], from the stretch λ_p and its slope with the volume.
     #[inline]
     pub(crate) fn stress_at_stretch(&self, lambda: f64, dlambda: f64) -> (f64, f64) {
         // Limited like every exponent here: a wild candidate gives a large stress, not an infinite one.
-        let exponential = (self.exponent * 0.5 * (lambda * lambda - 1.0)).min(200.0).exp();
-        (self.stiffness.0 * (exponential - 1.0), self.stiffness.0 * self.exponent * exponential * lambda * dlambda)
+        let exponential = (self.exponent * 0.5 * (lambda * lambda - 1.0))
+            .min(200.0)
+            .exp();
+        (
+            self.stiffness.0 * (exponential - 1.0),
+            self.stiffness.0 * self.exponent * exponential * lambda * dlambda,
+        )
     }
 
     /// Passive pressure at a volume.
@@ -246,7 +284,9 @@ pub fn pressure_at(time_ms: &[f64], pressure_mmhg: &[f64], time: Ms) -> Option<M
         return Some(Mmhg(pressure_mmhg[next - 1]));
     }
     let share = (time.0 - time_ms[next - 1]) / (time_ms[next] - time_ms[next - 1]);
-    Some(Mmhg(pressure_mmhg[next - 1] + share * (pressure_mmhg[next] - pressure_mmhg[next - 1])))
+    Some(Mmhg(
+        pressure_mmhg[next - 1] + share * (pressure_mmhg[next] - pressure_mmhg[next - 1]),
+    ))
 }
 
 #[cfg(test)]
@@ -266,7 +306,10 @@ mod tests {
 
     #[test]
     fn passes_through_its_points() {
-        let point = DiastasisPoint { volume: Ml(138.0), pressure: Mmhg(4.2) };
+        let point = DiastasisPoint {
+            volume: Ml(138.0),
+            pressure: Mmhg(4.2),
+        };
         for diastasis in [None, Some(point)] {
             let law = OneFibrePassive::fit(&input(diastasis)).unwrap();
             assert!(law.pressure(law.unloaded_volume).0.abs() < 1e-12);
@@ -282,7 +325,10 @@ mod tests {
     #[test]
     fn an_impossible_diastasis_point_leaves_the_default_exponent() {
         for (volume, pressure) in [(170.0, 5.0), (138.0, 8.0), (138.0, -1.0), (50.0, 3.0)] {
-            let point = DiastasisPoint { volume: Ml(volume), pressure: Mmhg(pressure) };
+            let point = DiastasisPoint {
+                volume: Ml(volume),
+                pressure: Mmhg(pressure),
+            };
             let law = OneFibrePassive::fit(&input(Some(point))).unwrap();
             assert!(!law.exponent_fitted && law.exponent == DEFAULT_EXPONENT);
         }
@@ -290,27 +336,54 @@ mod tests {
 
     #[test]
     fn diastasis_start_takes_the_image_volume_as_loaded() {
-        let point = DiastasisPoint { volume: Ml(138.0), pressure: Mmhg(4.2) };
-        let law = OneFibrePassive::fit(&PassiveStateInput { mode: PassiveStateMode::Diastasis, ..input(Some(point)) })
-            .unwrap();
+        let point = DiastasisPoint {
+            volume: Ml(138.0),
+            pressure: Mmhg(4.2),
+        };
+        let law = OneFibrePassive::fit(&PassiveStateInput {
+            mode: PassiveStateMode::Diastasis,
+            ..input(Some(point))
+        })
+        .unwrap();
         assert_eq!(law.end_diastolic_volume, Ml(138.0));
         assert!((law.pressure(Ml(138.0)).0 - 7.0).abs() < 1e-10);
-        assert!(OneFibrePassive::fit(&PassiveStateInput { mode: PassiveStateMode::Diastasis, ..input(None) }).is_err());
+        assert!(
+            OneFibrePassive::fit(&PassiveStateInput {
+                mode: PassiveStateMode::Diastasis,
+                ..input(None)
+            })
+            .is_err()
+        );
     }
 
     #[test]
     fn refuses_nonsense() {
-        let bad = PassiveStateInput { end_diastolic_pressure: Mmhg(-2.0), ..input(None) };
-        assert!(matches!(OneFibrePassive::fit(&bad), Err(VentricleError::Parameter { .. })));
-        let bad = PassiveStateInput { end_diastolic_pressure: Mmhg(120.0), ..input(None) };
-        assert!(matches!(OneFibrePassive::fit(&bad), Err(VentricleError::PassiveState { .. })));
+        let bad = PassiveStateInput {
+            end_diastolic_pressure: Mmhg(-2.0),
+            ..input(None)
+        };
+        assert!(matches!(
+            OneFibrePassive::fit(&bad),
+            Err(VentricleError::Parameter { .. })
+        ));
+        let bad = PassiveStateInput {
+            end_diastolic_pressure: Mmhg(120.0),
+            ..input(None)
+        };
+        assert!(matches!(
+            OneFibrePassive::fit(&bad),
+            Err(VentricleError::PassiveState { .. })
+        ));
     }
 
     #[test]
     fn pressure_at_interpolates_and_holds() {
         let (t, p) = ([0.0, 10.0, 20.0], [5.0, 7.0, 6.0]);
         let at = |time| pressure_at(&t, &p, Ms(time)).unwrap().0;
-        assert_eq!((at(-1.0), at(5.0), at(10.0), at(99.0)), (5.0, 6.0, 7.0, 6.0));
+        assert_eq!(
+            (at(-1.0), at(5.0), at(10.0), at(99.0)),
+            (5.0, 6.0, 7.0, 6.0)
+        );
         assert_eq!(pressure_at(&[], &[], Ms(1.0)), None);
     }
 

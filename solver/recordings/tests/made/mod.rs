@@ -91,8 +91,19 @@ pub fn make(wish: &Wish) -> (Raw, Truth) {
     let channels = record(wish, &truth, &mut random);
     let cine = cine(wish, &truth, &mut random);
     let late = 0.82 * cine.cycle_length_ms;
-    let whole_heart = WholeHeart { time_ms: late, volume_ml: volume_on_cine_clock(&truth, late), sd_ml: Some(4.0) };
-    (Raw { recording: Recording::new(channels).unwrap(), cine: Some(cine), whole_heart: Some(whole_heart) }, truth)
+    let whole_heart = WholeHeart {
+        time_ms: late,
+        volume_ml: volume_on_cine_clock(&truth, late),
+        sd_ml: Some(4.0),
+    };
+    (
+        Raw {
+            recording: Recording::new(channels).unwrap(),
+            cine: Some(cine),
+            whole_heart: Some(whole_heart),
+        },
+        truth,
+    )
 }
 
 /// The steady beat of a random heart; each is computed once.
@@ -120,7 +131,11 @@ fn lay_out(wish: &Wish, beat: Beat, random: &mut Random) -> Truth {
     for i in 0..wish.n_beats {
         let usual = cycle_ms * (1.0 + wish.jitter * random.normal().clamp(-2.5, 2.5));
         let mut length = usual;
-        if wish.ectopic_every > 0 && until_ectopic == 0 && kinds[i] == Kind::Good && i + 3 < wish.n_beats {
+        if wish.ectopic_every > 0
+            && until_ectopic == 0
+            && kinds[i] == Kind::Good
+            && i + 3 < wish.n_beats
+        {
             length = usual * random.between(0.5, 0.8);
             kinds[i] = Kind::CutShort;
             kinds[i + 1] = Kind::Ectopic;
@@ -173,7 +188,8 @@ pub fn usual_time(truth: &Truth, since_onset_ms: f64, length_ms: f64) -> f64 {
     if since_onset_ms <= hold || length_ms <= hold + 20.0 {
         return since_onset_ms.min(truth.cycle_ms);
     }
-    (hold + (since_onset_ms - hold) * (truth.cycle_ms - hold) / (length_ms - hold)).min(truth.cycle_ms)
+    (hold + (since_onset_ms - hold) * (truth.cycle_ms - hold) / (length_ms - hold))
+        .min(truth.cycle_ms)
 }
 
 pub fn periodic(values: &[f64], t: f64) -> f64 {
@@ -194,12 +210,20 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
     let of = |ventricle: bool, t: f64, i: usize| -> f64 {
         let (onset, length) = match i {
             0 => (truth.onsets_ms[0] - truth.cycle_ms, truth.cycle_ms),
-            _ => {
-                (truth.onsets_ms[i - 1], truth.onsets_ms.get(i).map_or(truth.cycle_ms, |o| o - truth.onsets_ms[i - 1]))
-            }
+            _ => (
+                truth.onsets_ms[i - 1],
+                truth
+                    .onsets_ms
+                    .get(i)
+                    .map_or(truth.cycle_ms, |o| o - truth.onsets_ms[i - 1]),
+            ),
         };
         let at = usual_time(truth, t - onset, length.min(1.6 * truth.cycle_ms));
-        let kind = i.checked_sub(1).and_then(|k| truth.kinds.get(k)).copied().unwrap_or(Kind::Good);
+        let kind = i
+            .checked_sub(1)
+            .and_then(|k| truth.kinds.get(k))
+            .copied()
+            .unwrap_or(Kind::Good);
         let source = match (ventricle, kind) {
             (true, Kind::Ectopic) => &wide,
             (true, _) => &truth.beat.pressure,
@@ -226,7 +250,11 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
             i += 1;
         }
         // A beat takes over from the one before within 20 ms: one that comes early finds a pressure that still falls.
-        let since = if i == 0 { 1e3 } else { t - truth.onsets_ms[i - 1] };
+        let since = if i == 0 {
+            1e3
+        } else {
+            t - truth.onsets_ms[i - 1]
+        };
         let share = (since / 20.0).clamp(0.0, 1.0);
         let b = breathing(t);
         let drift = wish.drift_mmhg_per_min * t / 60_000.0;
@@ -238,7 +266,11 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
             };
             out.push(p * (1.0 + 0.02 * b) + 1.2 * b + drift);
         }
-        ecg.push(electrocardiogram(truth, t, i) + 0.25 * (t / 3900.0 * TAU).sin() + 0.02 * random.normal());
+        ecg.push(
+            electrocardiogram(truth, t, i)
+                + 0.25 * (t / 3900.0 * TAU).sin()
+                + 0.02 * random.normal(),
+        );
     }
     if let Some(line) = wish.line {
         lv = through_line(&lv, wish.step_ms, line);
@@ -266,7 +298,12 @@ fn slower(pressure: &[f64]) -> Vec<f64> {
     let n = pressure.len();
     let half = 25;
     (0..n)
-        .map(|i| (0..=2 * half).map(|k| pressure[(i + n + k - half) % n]).sum::<f64>() / (2 * half + 1) as f64)
+        .map(|i| {
+            (0..=2 * half)
+                .map(|k| pressure[(i + n + k - half) % n])
+                .sum::<f64>()
+                / (2 * half + 1) as f64
+        })
         .collect()
 }
 
@@ -288,7 +325,11 @@ fn electrocardiogram(truth: &Truth, t: f64, next: usize) -> f64 {
 }
 
 /// A fluid-filled line: a damped oscillator.
-pub fn through_line(pressure: &[f64], step_ms: f64, (frequency_hz, damping): (f64, f64)) -> Vec<f64> {
+pub fn through_line(
+    pressure: &[f64],
+    step_ms: f64,
+    (frequency_hz, damping): (f64, f64),
+) -> Vec<f64> {
     let w = TAU * frequency_hz * 1e-3;
     let inner = 20;
     let dt = step_ms / f64::from(inner);
@@ -315,7 +356,10 @@ fn damage(wish: &Wish, truth: &Truth, lv: &mut [f64], random: &mut Random) {
         let length = truth.onsets_ms[i + 1] - truth.onsets_ms[i];
         let from = truth.onsets_ms[i] + random.between(0.1, 0.4) * length;
         let place = |t: f64| ((t / wish.step_ms) as usize).min(lv.len() - 1);
-        let (a, b) = (place(from), place(from + random.between(0.25, 0.45) * length));
+        let (a, b) = (
+            place(from),
+            place(from + random.between(0.25, 0.45) * length),
+        );
         match which % 3 {
             0 => lv[a..b].fill(f64::NAN),
             1 => {
@@ -334,7 +378,11 @@ pub fn volume_on_cine_clock(truth: &Truth, t: f64) -> f64 {
     let end = truth.ejection_ms.1;
     let cycle = systole * end + diastole * (truth.cycle_ms - end);
     let t = (t - lag).rem_euclid(cycle);
-    let here = if t <= systole * end { t / systole } else { end + (t - systole * end) / diastole };
+    let here = if t <= systole * end {
+        t / systole
+    } else {
+        end + (t - systole * end) / diastole
+    };
     periodic(&truth.beat.volume, here)
 }
 
@@ -346,7 +394,10 @@ fn cine(wish: &Wish, truth: &Truth, random: &mut Random) -> Cine {
     let time: Vec<f64> = (0..n).map(|i| i as f64 * cycle / n as f64).collect();
     let volume = time
         .iter()
-        .map(|t| volume_on_cine_clock(truth, *t) / truth.volume_factor + wish.frame_noise_ml * random.normal())
+        .map(|t| {
+            volume_on_cine_clock(truth, *t) / truth.volume_factor
+                + wish.frame_noise_ml * random.normal()
+        })
         .collect();
     Cine::new(time, volume, Some(cycle)).unwrap()
 }

@@ -18,8 +18,11 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) -> bool {
     let cycle_length = measured.cycle_length.0;
     if !CYCLE_MS.contains(&cycle_length) {
         let seconds = CYCLE_MS.contains(&(cycle_length * 1000.0));
-        let remedy =
-            if seconds { "this looks like seconds: multiply by 1000" } else { "give the length of one cycle in ms" };
+        let remedy = if seconds {
+            "this looks like seconds: multiply by 1000"
+        } else {
+            "give the length of one cycle in ms"
+        };
         let problem = Problem::error(
             measured.patient_file,
             format!("{cycle_length} ms"),
@@ -29,8 +32,12 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) -> bool {
         problems.push(problem.at_key("cycle_length_ms"));
         return false;
     }
-    let pressure = measured.pressure.and_then(|s| cover(s, PRESSURE_SAMPLES, cycle_length, problems));
-    let volume = measured.volume.and_then(|s| cover(s, VOLUME_SAMPLES, cycle_length, problems));
+    let pressure = measured
+        .pressure
+        .and_then(|s| cover(s, PRESSURE_SAMPLES, cycle_length, problems));
+    let volume = measured
+        .volume
+        .and_then(|s| cover(s, VOLUME_SAMPLES, cycle_length, problems));
     if let (Some(p), Some(v), Some(volume_file)) = (pressure, volume, measured.volume) {
         let tolerance = (TOLERANCE * cycle_length).max(1.5 * p.step_ms.max(v.step_ms));
         if (p.length_ms - v.length_ms).abs() > tolerance {
@@ -56,14 +63,22 @@ struct Cover {
     step_ms: f64,
 }
 
-fn cover(source: Source, n_samples: [usize; 2], cycle_length: f64, problems: &mut Vec<Problem>) -> Option<Cover> {
+fn cover(
+    source: Source,
+    n_samples: [usize; 2],
+    cycle_length: f64,
+    problems: &mut Vec<Problem>,
+) -> Option<Cover> {
     let Source { file, trace } = source;
     let step_ms = median_step_ms(trace.time_ms().iter().copied());
     let begin = trace.time_ms()[0];
     let span = trace.end_ms() - begin;
     // A trace may repeat its first sample at the end or not: take the reading that is nearer to the cycle.
-    let length_ms =
-        if (span - cycle_length).abs() < (span + step_ms - cycle_length).abs() { span } else { span + step_ms };
+    let length_ms = if (span - cycle_length).abs() < (span + step_ms - cycle_length).abs() {
+        span
+    } else {
+        span + step_ms
+    };
     if (length_ms * 1000.0 / cycle_length - 1.0).abs() < 0.1 {
         let problem = Problem::error(
             file,

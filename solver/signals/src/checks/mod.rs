@@ -94,5 +94,8 @@ pub fn check_right_pressure(source: Source, cycle_length: Ms) -> Vec<Problem> {
 /// Largest and smallest value.
 fn extremes(trace: &Trace) -> (f64, f64) {
     let values = trace.values().iter().copied();
-    (values.clone().fold(f64::NEG_INFINITY, f64::max), values.fold(f64::INFINITY, f64::min))
+    (
+        values.clone().fold(f64::NEG_INFINITY, f64::max),
+        values.fold(f64::INFINITY, f64::min),
+    )
 }

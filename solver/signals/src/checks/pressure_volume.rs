@@ -15,12 +15,19 @@ const STROKE_SD: f64 = 0.08;
 /// Checks that need both traces, or a trace's time zero.
 pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) {
     let periodic = Continuation::periodic(measured.cycle_length);
-    if measured.pressure.is_some_and(|p| !begins_in_diastole(p, problems)) {
+    if measured
+        .pressure
+        .is_some_and(|p| !begins_in_diastole(p, problems))
+    {
         return;
     }
-    let (Some(p), Some(v)) = (measured.pressure, measured.volume) else { return };
+    let (Some(p), Some(v)) = (measured.pressure, measured.volume) else {
+        return;
+    };
     // A trace that cannot be resampled was reported by the checks of times.
-    let Ok(b) = BiomarkerSet::of(Some(p.trace), Some(v.trace), periodic) else { return };
+    let Ok(b) = BiomarkerSet::of(Some(p.trace), Some(v.trace), periodic) else {
+        return;
+    };
     order(&b, p, v, measured.cycle_length.0, problems);
 }
 
@@ -30,7 +37,11 @@ pub(super) fn check_numbers(measured: &Measured, problems: &mut Vec<Problem>) {
         let at_zero = p.trace.at(0.0);
         let difference = (edp.0 - at_zero).abs();
         if difference > EDP_MMHG[0] {
-            let found = format!("{} mmHg, and {at_zero:.1} mmHg at time 0 of {}", edp.0, p.file.display());
+            let found = format!(
+                "{} mmHg, and {at_zero:.1} mmHg at time 0 of {}",
+                edp.0,
+                p.file.display()
+            );
             let expected = format!("the same to {} mmHg", EDP_MMHG[0]);
             let remedy = "check where the beat begins, and whether an offset was removed from one of the two";
             let problem = if difference > EDP_MMHG[1] {
@@ -49,7 +60,11 @@ fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
     let edp = measured
         .end_diastolic_pressure
         .map(|edp| (edp.0, "the end-diastolic pressure"))
-        .or_else(|| measured.pressure.map(|p| (p.trace.at(0.0), "the pressure at time 0")));
+        .or_else(|| {
+            measured
+                .pressure
+                .map(|p| (p.trace.at(0.0), "the pressure at time 0"))
+        });
     if let (Some(atrial), Some((edp, name))) = (measured.left_atrial_pressure, edp)
         && atrial.0 > edp
     {
@@ -64,17 +79,25 @@ fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
 }
 
 fn stroke_volume(measured: &Measured, problems: &mut Vec<Problem>) {
-    let (Some(forward), Some(v)) = (measured.forward_stroke_volume, measured.volume) else { return };
+    let (Some(forward), Some(v)) = (measured.forward_stroke_volume, measured.volume) else {
+        return;
+    };
     let key = "measured.forward_stroke_volume";
     if forward.volume.0.is_nan() || forward.volume.0 <= 0.0 {
         let found = format!("{} mL", forward.volume.0);
         let remedy = "give the net forward volume of a beat in mL, or remove the table";
-        problems.push(Problem::error(measured.patient_file, found, "a positive volume", remedy).at_key(key));
+        problems.push(
+            Problem::error(measured.patient_file, found, "a positive volume", remedy).at_key(key),
+        );
         return;
     }
     let (max, min) = extremes(v.trace);
     let stroke = max - min;
-    let found = format!("{:.1} mL, and a stroke volume of {stroke:.1} mL in {}", forward.volume.0, v.file.display());
+    let found = format!(
+        "{:.1} mL, and a stroke volume of {stroke:.1} mL in {}",
+        forward.volume.0,
+        v.file.display()
+    );
     if !STROKE_RATIO.contains(&(stroke / forward.volume.0)) {
         let expected = "two volumes of the same beat";
         let remedy = "one of the two has a wrong unit or belongs to another patient";
@@ -115,7 +138,10 @@ fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &m
     let (max, min) = extremes(p.trace);
     let high = |v: &f64| *v > 0.5 * (min + max);
     let (times, values) = (p.trace.time_ms(), p.trace.values());
-    let (Some(rise), Some(fall)) = (values.iter().position(high), values.iter().rposition(high)) else { return };
+    let (Some(rise), Some(fall)) = (values.iter().position(high), values.iter().rposition(high))
+    else {
+        return;
+    };
     let Some(t5) = b.time_points.t5 else { return };
     let (rise, fall) = (times[rise], times[fall]);
     let volume_at = |t: f64| v.trace.at(t.rem_euclid(cycle_length));
@@ -130,7 +156,9 @@ fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &m
         ));
         return;
     }
-    let Some(begin) = ejection_begin(b, v, t5.0, cycle_length) else { return };
+    let Some(begin) = ejection_begin(b, v, t5.0, cycle_length) else {
+        return;
+    };
     let delay = (begin - rise + 0.5 * cycle_length).rem_euclid(cycle_length) - 0.5 * cycle_length;
     if !EJECTION_DELAY_MS.contains(&delay) {
         problems.push(Problem::warning(

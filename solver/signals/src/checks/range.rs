@@ -58,32 +58,59 @@ fn pressure(source: Source, never_relaxes: bool, problems: &mut Vec<Problem>) {
     let Source { file, trace } = source;
     let (max, min) = extremes(trace);
     let key = "pressure_mmHg";
-    let units = [(7.50062, "kPa"), (7.50062e-3, "Pa"), (7.50062e-4, "dyn/cm2"), (750.062, "bar")];
+    let units = [
+        (7.50062, "kPa"),
+        (7.50062e-3, "Pa"),
+        (7.50062e-4, "dyn/cm2"),
+        (750.062, "bar"),
+    ];
     if !PEAK_MMHG.contains(&max) {
-        let guess = units.iter().find(|(factor, _)| (60.0..300.0).contains(&(max * factor)));
+        let guess = units
+            .iter()
+            .find(|(factor, _)| (60.0..300.0).contains(&(max * factor)));
         let remedy = match guess {
             Some((factor, unit)) => {
-                format!("this looks like {unit} (the peak would be {:.0} mmHg): multiply by {factor}", max * factor)
+                format!(
+                    "this looks like {unit} (the peak would be {:.0} mmHg): multiply by {factor}",
+                    max * factor
+                )
             }
             None => "check that this is the left ventricle's pressure, in mmHg".into(),
         };
         let expected = format!("a peak of {} to {} mmHg", PEAK_MMHG.start, PEAK_MMHG.end);
-        problems.push(Problem::error(file, format!("a peak of {max}"), expected, remedy).at_key(key));
+        problems
+            .push(Problem::error(file, format!("a peak of {max}"), expected, remedy).at_key(key));
         return;
     }
     if never_relaxes {
-        let found = format!("a pressure that never falls below {min:.1} mmHg, with a peak of {max:.1} mmHg");
-        let remedy = "this looks like a volume or an arterial pressure: give the left ventricle's pressure";
-        problems.push(Problem::error(file, found, "a pressure that relaxes in diastole", remedy).at_key(key));
+        let found = format!(
+            "a pressure that never falls below {min:.1} mmHg, with a peak of {max:.1} mmHg"
+        );
+        let remedy =
+            "this looks like a volume or an arterial pressure: give the left ventricle's pressure";
+        problems.push(
+            Problem::error(file, found, "a pressure that relaxes in diastole", remedy).at_key(key),
+        );
     }
     if min < OFFSET_MMHG {
         let found = format!("a smallest pressure of {min:.1} mmHg");
         let remedy = "the transducer's zero looks shifted: subtract its offset";
-        problems.push(Problem::error(file, found, format!("not below {OFFSET_MMHG} mmHg"), remedy).at_key(key));
+        problems.push(
+            Problem::error(file, found, format!("not below {OFFSET_MMHG} mmHg"), remedy)
+                .at_key(key),
+        );
     } else if min < LOW_MMHG {
         let found = format!("a smallest pressure of {min:.1} mmHg");
         let remedy = "check the transducer's zero; an offset moves end-diastolic pressure and the passive fit";
-        problems.push(Problem::warning(file, found, format!("about 0 mmHg, not below {LOW_MMHG}"), remedy).at_key(key));
+        problems.push(
+            Problem::warning(
+                file,
+                found,
+                format!("about 0 mmHg, not below {LOW_MMHG}"),
+                remedy,
+            )
+            .at_key(key),
+        );
     }
 }
 
@@ -100,27 +127,45 @@ fn volume(source: Source, problems: &mut Vec<Problem>) {
     }
     if !LARGEST_ML.contains(&max) {
         let units = [(1000.0, "litres"), (1e-3, "mm3"), (1e6, "m3")];
-        let guess = units.iter().find(|(factor, _)| (15.0..600.0).contains(&(max * factor)));
+        let guess = units
+            .iter()
+            .find(|(factor, _)| (15.0..600.0).contains(&(max * factor)));
         let remedy = match guess {
             Some((factor, unit)) => {
-                format!("this looks like {unit} (the largest would be {:.0} mL): multiply by {factor}", max * factor)
+                format!(
+                    "this looks like {unit} (the largest would be {:.0} mL): multiply by {factor}",
+                    max * factor
+                )
             }
             None => "check that this is the left ventricle's cavity volume, in mL".into(),
         };
-        let expected = format!("a largest volume of {} to {} mL", LARGEST_ML.start, LARGEST_ML.end);
-        problems.push(Problem::error(file, format!("a largest volume of {max}"), expected, remedy).at_key(key));
+        let expected = format!(
+            "a largest volume of {} to {} mL",
+            LARGEST_ML.start, LARGEST_ML.end
+        );
+        problems.push(
+            Problem::error(file, format!("a largest volume of {max}"), expected, remedy)
+                .at_key(key),
+        );
         return;
     }
     if min < KEPT * max {
         let found = format!("volumes from {min:.1} to {max:.1} mL");
         let remedy = "this looks like a pressure: give the left ventricle's cavity volume";
-        problems.push(Problem::error(file, found, "a cavity that does not empty", remedy).at_key(key));
+        problems
+            .push(Problem::error(file, found, "a cavity that does not empty", remedy).at_key(key));
     }
     let stroke = max - min;
     if stroke < LEAST_STROKE.0.max(LEAST_STROKE.1 * max) {
-        let found = format!("a volume that changes by {stroke:.2} mL only, between {min:.1} and {max:.1} mL");
-        let expected = format!("ejection of at least {:.0} % of the largest volume", 100.0 * LEAST_STROKE.1);
-        let remedy = "this volume never ejects: check that all frames of the cine series were segmented";
+        let found = format!(
+            "a volume that changes by {stroke:.2} mL only, between {min:.1} and {max:.1} mL"
+        );
+        let expected = format!(
+            "ejection of at least {:.0} % of the largest volume",
+            100.0 * LEAST_STROKE.1
+        );
+        let remedy =
+            "this volume never ejects: check that all frames of the cine series were segmented";
         problems.push(Problem::error(file, found, expected, remedy).at_key(key));
     }
 }

@@ -11,7 +11,10 @@ use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_units::{Mmhg, Ms};
 
 use super::subject::Subject;
-use super::{BeatBiomarkers, BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming, failed};
+use super::{
+    BeatBiomarkers, BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming,
+    failed,
+};
 use crate::bench::{processor, triad::triad_gb_per_s};
 use crate::process::{cpu_s, forget_peak_memory, peak_memory_mb};
 use crate::stop::StopFlag;
@@ -72,7 +75,9 @@ pub(super) fn beat(
     let cycle_length = Ms(bench.cycle_ms);
     let parts = subject.parts(cycle_length, settings)?;
     let made = match ranks {
-        Ranks::Threads(n) => FiniteElementVentricle::on_threads(parts, n, ThreadSettings::default()),
+        Ranks::Threads(n) => {
+            FiniteElementVentricle::on_threads(parts, n, ThreadSettings::default())
+        }
         Ranks::Team(team) => FiniteElementVentricle::lead(parts, team.comm()),
     };
     let mut ventricle = made.map_err(failed("no ventricle"))?;
@@ -81,27 +86,59 @@ pub(super) fn beat(
     let before = ventricle.of_ranks();
 
     let (step, diastolic_step) = (Ms(bench.step_ms), Ms(bench.diastolic_step_ms));
-    let settings = BeatSettings { step, diastolic_step, ..BeatSettings::one_beat(cycle_length) };
+    let settings = BeatSettings {
+        step,
+        diastolic_step,
+        ..BeatSettings::one_beat(cycle_length)
+    };
     let mut phases = Phases::begun();
     let (begun, cpu) = (Instant::now(), cpu_s());
     let outcome = run_observed(&mut ventricle, &mut blood, &settings, None, |seen| {
         phases.observe(&seen.progress.traces);
-        let time = seen.progress.traces.time_ms.last().copied().unwrap_or_default();
+        let time = seen
+            .progress
+            .traces
+            .time_ms
+            .last()
+            .copied()
+            .unwrap_or_default();
         each(seen.ventricle, time);
-        if stop.is_raised() { ControlFlow::Break(time) } else { ControlFlow::Continue(()) }
+        if stop.is_raised() {
+            ControlFlow::Break(time)
+        } else {
+            ControlFlow::Continue(())
+        }
     });
     let (seconds_total, processor_seconds_total) = (begun.elapsed().as_secs_f64(), cpu_s() - cpu);
     let (diverged, failed_checks, work, traces) = match outcome {
         ControlFlow::Continue(BeatOutcome::Finished(result)) => {
-            let failed = result.checks.into_iter().filter(|check| !check.passed).map(|check| check.name);
+            let failed = result
+                .checks
+                .into_iter()
+                .filter(|check| !check.passed)
+                .map(|check| check.name);
             (None, failed.collect(), result.work, result.traces)
         }
-        ControlFlow::Continue(BeatOutcome::Diverged { t, reason, traces, work, .. }) => {
-            (Some(format!("at {} ms: {reason}", t.0)), vec![], work, *traces)
-        }
+        ControlFlow::Continue(BeatOutcome::Diverged {
+            t,
+            reason,
+            traces,
+            work,
+            ..
+        }) => (
+            Some(format!("at {} ms: {reason}", t.0)),
+            vec![],
+            work,
+            *traces,
+        ),
         ControlFlow::Break(time) => return Err(failed("stopped on request")(Stopped(time))),
     };
-    let of_ranks = ventricle.of_ranks().into_iter().zip(before).map(|(after, before)| after.since(&before)).collect();
+    let of_ranks = ventricle
+        .of_ranks()
+        .into_iter()
+        .zip(before)
+        .map(|(after, before)| after.since(&before))
+        .collect();
     Ok(Beat {
         ventricle,
         seconds_setup,
@@ -132,16 +169,28 @@ pub(super) fn measure(
     mut report: impl FnMut(&str),
 ) -> Result<VentricleTiming, BenchError> {
     let n_ranks = ranks.n();
-    let settings = StepSettings { relative_tolerance: bench.tolerance, ..StepSettings::default() };
+    let settings = StepSettings {
+        relative_tolerance: bench.tolerance,
+        ..StepSettings::default()
+    };
     report(&format!("beat on {n_ranks}"));
     let (begun, mut told) = (Instant::now(), 0.0);
     let done = beat(subject, bench, settings, ranks, stop, |_, time| {
         if time >= told + 50.0 * bench.step_ms {
             told = time;
-            report(&format!("{time:.0} of {:.0} ms, {:.1} s", bench.cycle_ms, begun.elapsed().as_secs_f64()));
+            report(&format!(
+                "{time:.0} of {:.0} ms, {:.1} s",
+                bench.cycle_ms,
+                begun.elapsed().as_secs_f64()
+            ));
         }
     })?;
-    let Beat { mut ventricle, seconds_total, biomarkers, .. } = done;
+    let Beat {
+        mut ventricle,
+        seconds_total,
+        biomarkers,
+        ..
+    } = done;
 
     report("kernels");
     let (nodes, elements) = (subject.nodes, subject.elements);
@@ -152,15 +201,23 @@ pub(super) fn measure(
         forces: per_tet(seconds(Kernel::Forces)),
         forces_tangent_scatter: per_tet(seconds(Kernel::Tangent)),
     };
-    let ms_per_krylov_iteration = 1e3 * seconds(Kernel::Krylov(KRYLOV_ITERATIONS)) / f64::from(KRYLOV_ITERATIONS);
+    let ms_per_krylov_iteration =
+        1e3 * seconds(Kernel::Krylov(KRYLOV_ITERATIONS)) / f64::from(KRYLOV_ITERATIONS);
     let bytes = ventricle.krylov_bytes();
     let total = ventricle.work();
     drop(ventricle);
-    let Costs { peaks, beat_peak_mb, processor_seconds } = costs(ranks, before_mb, done.processor_seconds_total);
+    let Costs {
+        peaks,
+        beat_peak_mb,
+        processor_seconds,
+    } = costs(ranks, before_mb, done.processor_seconds_total);
     let triad = triad_gb_per_s(n_ranks);
     let krylov = 1e-6 * bytes / ms_per_krylov_iteration;
     let most = done.of_ranks.iter().map(|r| r.elements).fold(0.0, f64::max);
-    let ranks = done.of_ranks.iter().zip(peaks.iter().map(Some).chain(std::iter::repeat(None)));
+    let ranks = done
+        .of_ranks
+        .iter()
+        .zip(peaks.iter().map(Some).chain(std::iter::repeat(None)));
     Ok(VentricleTiming {
         nodes,
         elements,
@@ -190,7 +247,9 @@ pub(super) fn measure(
         triad_GB_per_s: triad,
         krylov_over_bandwidth_bound: triad / krylov,
         elements_of_fullest_rank_over_share: most * n_ranks as f64 / elements as f64,
-        ranks: ranks.map(|(figures, peak)| OfRank::new(figures, peak.copied().filter(|_| peaks.len() > 1))).collect(),
+        ranks: ranks
+            .map(|(figures, peak)| OfRank::new(figures, peak.copied().filter(|_| peaks.len() > 1)))
+            .collect(),
         biomarkers,
         processor: processor(),
     })
@@ -217,7 +276,11 @@ pub(super) fn costs(ranks: Ranks<'_>, before_mb: f64, own_cpu_s: f64) -> Costs {
         Ranks::Team(team) => team.comm().gather(&own).unwrap_or_default(),
     };
     let sum = |k: usize| all.iter().map(|costs| costs[k]).sum();
-    Costs { peaks: all.iter().map(|costs| costs[0]).collect(), beat_peak_mb: sum(1), processor_seconds: sum(2) }
+    Costs {
+        peaks: all.iter().map(|costs| costs[0]).collect(),
+        beat_peak_mb: sum(1),
+        processor_seconds: sum(2),
+    }
 }
 
 /// Measures anew from here on: memory that was used before does not count. Returns its peak \[MB\].
@@ -265,7 +328,11 @@ struct Phases {
 
 impl Phases {
     fn begun() -> Self {
-        Self { seconds: SecondsPerPhase::default(), last: Instant::now(), ejected: false }
+        Self {
+            seconds: SecondsPerPhase::default(),
+            last: Instant::now(),
+            ejected: false,
+        }
     }
 
     /// Books the time since the last output interval on what the valves are at its end.

@@ -202,8 +202,13 @@ pub struct BenchError {
     source: Box<dyn std::error::Error + Send + Sync>,
 }
 
-fn failed<E: std::error::Error + Send + Sync + 'static>(what: &'static str) -> impl FnOnce(E) -> BenchError {
-    move |error| BenchError { what, source: Box::new(error) }
+fn failed<E: std::error::Error + Send + Sync + 'static>(
+    what: &'static str,
+) -> impl FnOnce(E) -> BenchError {
+    move |error| BenchError {
+        what,
+        source: Box::new(error),
+    }
 }
 
 /// Runs the beat on each of `counts` threads, or on a team of processes, and measures; `report` is told of what begins and how
@@ -222,7 +227,13 @@ pub fn ventricle(
     for ranks in counts {
         let before_mb = measure::anew();
         let before_mb = if found.is_empty() { before_mb } else { 0.0 };
-        found.push(measure::measure(&subject, bench, (*ranks, before_mb), stop, &mut report)?);
+        found.push(measure::measure(
+            &subject,
+            bench,
+            (*ranks, before_mb),
+            stop,
+            &mut report,
+        )?);
     }
     Ok(found)
 }
@@ -234,7 +245,10 @@ pub fn ventricle(
 pub fn follow(bench: &VentricleBench, team: &Team) -> Result<(), BenchError> {
     team.follow().map_err(failed("no inflation"))?;
     let (before_mb, cpu) = (measure::anew(), cpu_s());
-    let settings = StepSettings { relative_tolerance: bench.tolerance, ..StepSettings::default() };
+    let settings = StepSettings {
+        relative_tolerance: bench.tolerance,
+        ..StepSettings::default()
+    };
     let wall = subject::wall();
     let parts = subject::of_another_rank(&wall, Ms(bench.cycle_ms), settings)?;
     FiniteElementVentricle::serve(parts, team.comm()).map_err(failed("no ventricle"))?;
@@ -248,12 +262,19 @@ pub fn follow(bench: &VentricleBench, team: &Team) -> Result<(), BenchError> {
 /// # Errors
 /// None: figures are JSON.
 pub fn told(timings: &[VentricleTiming], json: bool) -> serde_json::Result<String> {
-    let first = timings.first().map_or(f64::NAN, |timing| timing.seconds_total);
-    let speedup: Vec<f64> = timings.iter().map(|timing| first / timing.seconds_total).collect();
+    let first = timings
+        .first()
+        .map_or(f64::NAN, |timing| timing.seconds_total);
+    let speedup: Vec<f64> = timings
+        .iter()
+        .map(|timing| first / timing.seconds_total)
+        .collect();
     if json {
         let text = match timings {
             [one] => serde_json::to_string(one)?,
-            several => serde_json::to_string(&serde_json::json!({ "beats": several, "speedup": speedup }))?,
+            several => {
+                serde_json::to_string(&serde_json::json!({ "beats": several, "speedup": speedup }))?
+            }
         };
         return Ok(text + "\n");
     }
@@ -261,7 +282,10 @@ pub fn told(timings: &[VentricleTiming], json: bool) -> serde_json::Result<Strin
     for (timing, speedup) in timings.iter().zip(&speedup) {
         text += &format!("{timing}\n");
         if timings.len() > 1 {
-            text += &format!("{} ranks against {}: {speedup:.2} times as fast\n\n", timing.threads, timings[0].threads);
+            text += &format!(
+                "{} ranks against {}: {speedup:.2} times as fast\n\n",
+                timing.threads, timings[0].threads
+            );
         }
     }
     Ok(text)
@@ -270,11 +294,17 @@ pub fn told(timings: &[VentricleTiming], json: bool) -> serde_json::Result<Strin
 impl fmt::Display for VentricleTiming {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (phases, tet, found) = (&self.seconds_per_phase, &self.ns_per_tet, &self.biomarkers);
-        writeln!(f, "{} nodes, {} tetrahedra ({:?}), {} ranks", self.nodes, self.elements, self.element, self.threads)?;
+        writeln!(
+            f,
+            "{} nodes, {} tetrahedra ({:?}), {} ranks",
+            self.nodes, self.elements, self.element, self.threads
+        )?;
         if let Some(diverged) = &self.diverged {
             writeln!(f, "diverged {diverged}")?;
         }
-        self.failed_checks.iter().try_for_each(|check| writeln!(f, "failed: {check}"))?;
+        self.failed_checks
+            .iter()
+            .try_for_each(|check| writeln!(f, "failed: {check}"))?;
         writeln!(
             f,
             "beat: {:.1} s, {:.1} s of processor time; {} steps, {} cut; {:.2} Newton iterations a step, {:.1} Krylov iterations each",
@@ -316,7 +346,10 @@ impl fmt::Display for VentricleTiming {
         if self.ranks.len() > 1 {
             let of = |what: fn(&OfRank) -> f64| {
                 let all = || self.ranks.iter().map(what);
-                (all().sum::<f64>() / self.ranks.len() as f64, all().fold(0.0, f64::max))
+                (
+                    all().sum::<f64>() / self.ranks.len() as f64,
+                    all().fold(0.0, f64::max),
+                )
             };
             let (messages, most_messages) = of(|r| r.halo_messages as f64);
             let (sent, most_sent) = of(|r| r.halo_MB);
@@ -328,7 +361,9 @@ impl fmt::Display for VentricleTiming {
                 self.ranks[0].reductions, self.elements_of_fullest_rank_over_share
             )?;
         }
-        let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
+        let shown = |value: Option<f64>| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"))
+        };
         write!(
             f,
             "P_max {} mmHg, PTD90 {} ms, dPdt_max {} and dPdt_min {} mmHg/ms, SV {} mL",

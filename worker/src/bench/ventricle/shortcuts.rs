@@ -48,7 +48,15 @@ pub struct Shortcuts {
 }
 
 fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
-    let of = |b: &BeatBiomarkers| [b.P_max_mmHg, b.PTD90_ms, b.dPdt_max_mmHg_per_ms, b.dPdt_min_mmHg_per_ms, b.SV_mL];
+    let of = |b: &BeatBiomarkers| {
+        [
+            b.P_max_mmHg,
+            b.PTD90_ms,
+            b.dPdt_max_mmHg_per_ms,
+            b.dPdt_min_mmHg_per_ms,
+            b.SV_mL,
+        ]
+    };
     let (found, tight) = (of(found), of(tight));
     std::array::from_fn(|k| Some(100.0 * (found[k]? / tight[k]? - 1.0)))
 }
@@ -58,33 +66,113 @@ fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
 type Way = (&'static str, StepSettings, [f64; 2], bool);
 
 fn ways(tolerance: f64) -> Vec<Way> {
-    let usual = StepSettings { relative_tolerance: tolerance, ..StepSettings::default() };
-    let tight = StepSettings { relative_tolerance: TIGHT, linear: LinearSolver::Direct, max_iterations: 40, ..usual };
+    let usual = StepSettings {
+        relative_tolerance: tolerance,
+        ..StepSettings::default()
+    };
+    let tight = StepSettings {
+        relative_tolerance: TIGHT,
+        linear: LinearSolver::Direct,
+        max_iterations: 40,
+        ..usual
+    };
     vec![
-        ("tight: tolerance 1e-8, double precision, factorised", tight, [1.0, 0.0], false),
-        ("default", usual, [1.0, 0.0], false),
-        ("Newton's tolerance 1e-6", StepSettings { relative_tolerance: 1e-6, ..usual }, [1.0, 0.0], false),
-        ("Newton's tolerance 1e-3", StepSettings { relative_tolerance: 1e-3, ..usual }, [1.0, 0.0], false),
-        ("no predictor", StepSettings { extrapolate: false, ..usual }, [1.0, 0.0], false),
-        ("solves begin at zero, not at the last response", usual, [1.0, 0.0], true),
         (
-            "matrix in double precision, symmetric sweep",
-            StepSettings { linear: LinearSolver::SymmetricSweep, ..usual },
+            "tight: tolerance 1e-8, double precision, factorised",
+            tight,
             [1.0, 0.0],
             false,
         ),
-        ("multigrid", StepSettings { linear: LinearSolver::Multigrid, ..usual }, [1.0, 0.0], false),
-        ("factorised, kept while it serves", StepSettings { linear: LinearSolver::Direct, ..usual }, [1.0, 0.0], false),
+        ("default", usual, [1.0, 0.0], false),
+        (
+            "Newton's tolerance 1e-6",
+            StepSettings {
+                relative_tolerance: 1e-6,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "Newton's tolerance 1e-3",
+            StepSettings {
+                relative_tolerance: 1e-3,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "no predictor",
+            StepSettings {
+                extrapolate: false,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "solves begin at zero, not at the last response",
+            usual,
+            [1.0, 0.0],
+            true,
+        ),
+        (
+            "matrix in double precision, symmetric sweep",
+            StepSettings {
+                linear: LinearSolver::SymmetricSweep,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "multigrid",
+            StepSettings {
+                linear: LinearSolver::Multigrid,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "factorised, kept while it serves",
+            StepSettings {
+                linear: LinearSolver::Direct,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
         (
             "factorised anew each iteration",
-            StepSettings { linear: LinearSolver::Direct, keep_until: 1, ..usual },
+            StepSettings {
+                linear: LinearSolver::Direct,
+                keep_until: 1,
+                ..usual
+            },
             [1.0, 0.0],
             false,
         ),
         ("steps twice as long", usual, [2.0, 0.0], false),
-        ("steps of late filling twice as long", usual, [1.0, 2.0], false),
-        ("steps of late filling four times as long", usual, [1.0, 4.0], false),
-        ("steps of late filling eight times as long", usual, [1.0, 8.0], false),
+        (
+            "steps of late filling twice as long",
+            usual,
+            [1.0, 2.0],
+            false,
+        ),
+        (
+            "steps of late filling four times as long",
+            usual,
+            [1.0, 4.0],
+            false,
+        ),
+        (
+            "steps of late filling eight times as long",
+            usual,
+            [1.0, 8.0],
+            false,
+        ),
     ]
 }
 
@@ -98,22 +186,44 @@ pub fn shortcuts(
     stop: &StopFlag,
     mut report: impl FnMut(&str),
 ) -> Result<Shortcuts, BenchError> {
-    let subject = Subject::new(bench.nodes, bench.element, &[Ranks::Threads(threads)], stop, &mut report)?;
+    let subject = Subject::new(
+        bench.nodes,
+        bench.element,
+        &[Ranks::Threads(threads)],
+        stop,
+        &mut report,
+    )?;
     let mut rows: Vec<Shortcut> = vec![];
     for (name, settings, [longer, of_filling], forgets) in ways(bench.tolerance) {
         report(name);
         let diastolic_step_ms = of_filling * bench.step_ms;
-        let bench = VentricleBench { step_ms: longer * bench.step_ms, diastolic_step_ms, ..*bench };
-        let ranks = Ranks::Threads(if settings.linear == LinearSolver::BlockJacobi { threads } else { 1 });
-        let Beat { ventricle, seconds_total, diverged, biomarkers, .. } =
-            beat(&subject, &bench, settings, ranks, stop, |ventricle, _| {
-                if forgets {
-                    ventricle.forget_solver();
-                }
-            })?;
+        let bench = VentricleBench {
+            step_ms: longer * bench.step_ms,
+            diastolic_step_ms,
+            ..*bench
+        };
+        let ranks = Ranks::Threads(if settings.linear == LinearSolver::BlockJacobi {
+            threads
+        } else {
+            1
+        });
+        let Beat {
+            ventricle,
+            seconds_total,
+            diverged,
+            biomarkers,
+            ..
+        } = beat(&subject, &bench, settings, ranks, stop, |ventricle, _| {
+            if forgets {
+                ventricle.forget_solver();
+            }
+        })?;
         let work = ventricle.work();
         let steps = work.steps.max(1) as f64;
-        let off_percent = off(&biomarkers, rows.first().map_or(&biomarkers, |tight| &tight.biomarkers));
+        let off_percent = off(
+            &biomarkers,
+            rows.first().map_or(&biomarkers, |tight| &tight.biomarkers),
+        );
         rows.push(Shortcut {
             name: name.to_owned(),
             seconds: seconds_total,
@@ -124,7 +234,12 @@ pub fn shortcuts(
             off_percent,
         });
     }
-    Ok(Shortcuts { nodes: subject.nodes, elements: subject.elements, threads, rows })
+    Ok(Shortcuts {
+        nodes: subject.nodes,
+        elements: subject.elements,
+        threads,
+        rows,
+    })
 }
 
 impl fmt::Display for Shortcuts {
@@ -139,7 +254,11 @@ impl fmt::Display for Shortcuts {
             "{:<52} {:>8} {:>7} {:>7}   {:>8} {:>8} {:>8} {:>8} {:>8}",
             "", "s", "Newton", "Krylov", "P_max", "PTD90", "dPdt_max", "dPdt_min", "SV"
         )?;
-        writeln!(f, "{:<52} {:>8} {:>7} {:>7}   {:>8}", "", "", "a step", "a step", "% off the tight run")?;
+        writeln!(
+            f,
+            "{:<52} {:>8} {:>7} {:>7}   {:>8}",
+            "", "", "a step", "a step", "% off the tight run"
+        )?;
         for row in &self.rows {
             write!(
                 f,

@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, PassiveFit, PassiveJob, RankParts, Search, SearchProgress, UnloadingSettings,
-    VentricleParts, WallParameters,
+    Anatomy, ElementKind, EndDiastole, PassiveFit, PassiveJob, RankParts, Search, SearchProgress,
+    UnloadingSettings, VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
@@ -48,7 +48,11 @@ pub(super) struct Subject {
 struct Early;
 
 fn going_on(stop: &StopFlag) -> Result<(), BenchError> {
-    if stop.is_raised() { Err(failed("stopped on request")(Early)) } else { Ok(()) }
+    if stop.is_raised() {
+        Err(failed("stopped on request")(Early))
+    } else {
+        Ok(())
+    }
 }
 
 pub(super) fn wall() -> WallParameters {
@@ -58,8 +62,14 @@ pub(super) fn wall() -> WallParameters {
 }
 
 fn contraction() -> Result<GroupContraction, BenchError> {
-    let tanh = TanhParameters { smax_ref_kpa: 100.0, t_cr_ms: 400.0, ..TanhParameters::default() };
-    Ok(GroupContraction::tanh(Tanh::new(tanh).map_err(failed("no contraction model"))?))
+    let tanh = TanhParameters {
+        smax_ref_kpa: 100.0,
+        t_cr_ms: 400.0,
+        ..TanhParameters::default()
+    };
+    Ok(GroupContraction::tanh(
+        Tanh::new(tanh).map_err(failed("no contraction model"))?,
+    ))
 }
 
 /// What a rank other than 0 brings with it.
@@ -68,7 +78,13 @@ pub(super) fn of_another_rank(
     cycle_length: Ms,
     settings: StepSettings,
 ) -> Result<RankParts<'_>, BenchError> {
-    Ok(RankParts { wall, contraction: contraction()?, cycle_length, viscosity: None, settings })
+    Ok(RankParts {
+        wall,
+        contraction: contraction()?,
+        cycle_length,
+        viscosity: None,
+        settings,
+    })
 }
 
 impl Subject {
@@ -87,12 +103,15 @@ impl Subject {
             Element::Linear => ElementKind::default(),
             Element::Pointwise => ElementKind::LINEAR_POINTWISE,
         };
-        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).map_err(failed("no anatomy"))?;
+        let anatomy =
+            Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).map_err(failed("no anatomy"))?;
         let (nodes, elements) = (mesh.n_nodes(), mesh.n_tets());
         drop(mesh);
         let seconds_mesh = begun.elapsed().as_secs_f64();
 
-        report(&format!("inflation of {nodes} nodes, {elements} tetrahedra"));
+        report(&format!(
+            "inflation of {nodes} nodes, {elements} tetrahedra"
+        ));
         let begun = Instant::now();
         let mut workers = Workers::Threads(1);
         for ranks in ranks {
@@ -108,11 +127,24 @@ impl Subject {
             team.dismiss();
         }
         let seconds_inflation = begun.elapsed().as_secs_f64();
-        Ok(Self { nodes, elements, seconds_mesh, seconds_inflation, anatomy, times, wall: wall(), end_diastole })
+        Ok(Self {
+            nodes,
+            elements,
+            seconds_mesh,
+            seconds_inflation,
+            anatomy,
+            times,
+            wall: wall(),
+            end_diastole,
+        })
     }
 
     /// What a ventricle is made from.
-    pub fn parts(&self, cycle_length: Ms, settings: StepSettings) -> Result<VentricleParts<'_>, BenchError> {
+    pub fn parts(
+        &self,
+        cycle_length: Ms,
+        settings: StepSettings,
+    ) -> Result<VentricleParts<'_>, BenchError> {
         Ok(VentricleParts {
             anatomy: &self.anatomy,
             wall: &self.wall,
@@ -143,13 +175,35 @@ fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchErro
 }
 
 /// End-diastole of the image taken for unloaded.
-fn inflated(anatomy: &Anatomy, workers: Workers<'_>, stop: &StopFlag) -> Result<EndDiastole, BenchError> {
-    let target = PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: END_DIASTOLIC_MMHG / MMHG_PER_KPA };
-    let job = PassiveJob { wall: wall(), target, slope: None, steepened_by: None };
-    let mut watch =
-        |_: &SearchProgress| if stop.is_raised() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+fn inflated(
+    anatomy: &Anatomy,
+    workers: Workers<'_>,
+    stop: &StopFlag,
+) -> Result<EndDiastole, BenchError> {
+    let target = PassiveFit::ImageUnloaded {
+        end_diastolic_pressure_kpa: END_DIASTOLIC_MMHG / MMHG_PER_KPA,
+    };
+    let job = PassiveJob {
+        wall: wall(),
+        target,
+        slope: None,
+        steepened_by: None,
+    };
+    let mut watch = |_: &SearchProgress| {
+        if stop.is_raised() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
     // The wall's other settings are the defaults.
-    let found = found(&job, &WallSettings::default(), anatomy, workers, &mut search);
+    let found = found(
+        &job,
+        &WallSettings::default(),
+        anatomy,
+        workers,
+        &mut search,
+    );
     Ok(found.map_err(failed("no end-diastole"))?.end_diastole)
 }

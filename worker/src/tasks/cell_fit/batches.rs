@@ -29,9 +29,14 @@ impl<'a> Batches<'a> {
     ///
     /// # Errors
     /// [`TaskError::Threads`] when they cannot be started.
-    pub fn new(objective: &'a Objective, journal: Journal, threads: u32) -> Result<Self, TaskError> {
+    pub fn new(
+        objective: &'a Objective,
+        journal: Journal,
+        threads: u32,
+    ) -> Result<Self, TaskError> {
         let threads = threads.max(1) as usize;
-        let pool = (threads > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
+        let pool =
+            (threads > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
         Ok(Self {
             objective,
             journal,
@@ -55,7 +60,9 @@ impl<'a> Batches<'a> {
             Some(costs) => costs,
             None => self.compute(points, context)?,
         };
-        self.journal.record(points, &costs).map_err(TaskError::Checkpoint)?;
+        self.journal
+            .record(points, &costs)
+            .map_err(TaskError::Checkpoint)?;
         Ok(costs)
     }
 
@@ -64,7 +71,11 @@ impl<'a> Batches<'a> {
     /// # Errors
     /// [`TaskError::Cancelled`] when stopping was asked for.
     pub fn check_stop(&self, context: &Context) -> Result<(), TaskError> {
-        if self.recalled { Ok(()) } else { context.check_stop() }
+        if self.recalled {
+            Ok(())
+        } else {
+            context.check_stop()
+        }
     }
 
     /// Recalls nothing from here on.
@@ -74,15 +85,20 @@ impl<'a> Batches<'a> {
 
     fn compute(&mut self, points: &[Vec<f64>], context: &Context) -> Result<Vec<f64>, TaskError> {
         let mut costs = Vec::with_capacity(points.len());
-        for (k, part) in points.chunks(CELLS_BETWEEN_LOOKS * self.threads).enumerate() {
+        for (k, part) in points
+            .chunks(CELLS_BETWEEN_LOOKS * self.threads)
+            .enumerate()
+        {
             if k > 0 {
                 context.check_stop()?;
             }
             self.inputs.clear();
-            self.inputs.extend(part.iter().map(|point| self.objective.input(point)));
+            self.inputs
+                .extend(part.iter().map(|point| self.objective.input(point)));
             self.outputs.clear();
             self.outputs.resize(part.len(), CellOutput::default());
-            let (engine, inputs, outputs) = (self.objective.engine(), &self.inputs, &mut self.outputs);
+            let (engine, inputs, outputs) =
+                (self.objective.engine(), &self.inputs, &mut self.outputs);
             match &self.pool {
                 Some(pool) => {
                     let chunk = part.len().div_ceil(self.threads);

@@ -1,6 +1,8 @@
 //! What the targets determine of the fitted parameters: a profile of the cost for each of them.
 
-use cardiotwin_calibrate::identifiability::{Mark, Profile, ProfileEnd, ProfiledParameter, Settings};
+use cardiotwin_calibrate::identifiability::{
+    Mark, Profile, ProfileEnd, ProfiledParameter, Settings,
+};
 use cardiotwin_calibrate::lbfgsb;
 use cardiotwin_schemas::outcome::{Determination, Identifiability, NearOptimal};
 
@@ -43,7 +45,11 @@ pub fn profile(
         }
         profile.tell(&batches.costs(&points, context)?)?;
         let done = profile.n_evaluations();
-        context.progress.report("identifiability", done as f64, Some(most as f64), || format!("{done} evaluations"));
+        context
+            .progress
+            .report("identifiability", done as f64, Some(most as f64), || {
+                format!("{done} evaluations")
+            });
         batches.check_stop(context)?;
     }
     let complete = profile.is_ended();
@@ -61,8 +67,15 @@ pub fn profile(
         });
     }
     let evaluations = profile.n_evaluations() as u64;
-    let identifiability = Identifiability { threshold: settings.threshold(cost), evaluations, complete };
-    Ok(Profiled { parameters, identifiability })
+    let identifiability = Identifiability {
+        threshold: settings.threshold(cost),
+        evaluations,
+        complete,
+    };
+    Ok(Profiled {
+        parameters,
+        identifiability,
+    })
 }
 
 /// Ends to a twentieth of the interval and few iterations of each refit: what is asked is the order of magnitude.
@@ -71,7 +84,11 @@ fn settings() -> Settings {
     Settings {
         first_step: 0.1,
         precision: 0.05,
-        refit: lbfgsb::Settings { max_iterations: 8, cost_tolerance: 1e-3, ..own.refit },
+        refit: lbfgsb::Settings {
+            max_iterations: 8,
+            cost_tolerance: 1e-3,
+            ..own.refit
+        },
         ..own
     }
 }

@@ -41,7 +41,10 @@ pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, Task
     let objective = Objective::new(spec, context.instruction_set)?;
     let guesses = objective.guesses(&spec.settings.initial)?;
     let mut optimiser = Optimiser::new(&spec.settings, spec.seed, objective.bounds(), &guesses)?;
-    let journal = context.checkpoints.journal(CHECKPOINT, &search(spec)).map_err(TaskError::Checkpoint)?;
+    let journal = context
+        .checkpoints
+        .journal(CHECKPOINT, &search(spec))
+        .map_err(TaskError::Checkpoint)?;
     if let Some(earlier) = journal.from() {
         tracing::info!(from = %earlier.display(), "continuing the fit of an earlier attempt");
     }
@@ -56,12 +59,28 @@ pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, Task
     let mut identifiability = None;
     if spec.settings.identifiability {
         let n_evaluations = optimiser.n_evaluations();
-        let profiled = identifiability::profile(&objective, &best, cost, n_evaluations, &mut batches, context)?;
-        parameters.iter_mut().zip(profiled.parameters).for_each(|(parameter, found)| parameter.near_optimal = found);
+        let profiled = identifiability::profile(
+            &objective,
+            &best,
+            cost,
+            n_evaluations,
+            &mut batches,
+            context,
+        )?;
+        parameters
+            .iter_mut()
+            .zip(profiled.parameters)
+            .for_each(|(parameter, found)| parameter.near_optimal = found);
         identifiability = Some(profiled.identifiability);
     }
-    context.artefacts.write("cell", "cell.csv", &cell_csv(&evaluation.trace))?;
-    context.artefacts.write("convergence", "convergence.csv", &convergence_csv(&convergence))?;
+    context
+        .artefacts
+        .write("cell", "cell.csv", &cell_csv(&evaluation.trace))?;
+    context.artefacts.write(
+        "convergence",
+        "convergence.csv",
+        &convergence_csv(&convergence),
+    )?;
     Ok(TaskResult::CellFit(CellFitResult {
         lambda_0: spec.lambda_0,
         unreachable_targets: unreachable_targets(&objective, &parameters, &evaluation)?,
@@ -97,10 +116,21 @@ pub fn search_alone(spec: &CellFitSpec) -> Result<Found, TaskError> {
     let objective = Objective::new(spec, context.instruction_set)?;
     let guesses = objective.guesses(&spec.settings.initial)?;
     let mut optimiser = Optimiser::new(&spec.settings, spec.seed, objective.bounds(), &guesses)?;
-    let journal = context.checkpoints.journal(CHECKPOINT, "").map_err(TaskError::Checkpoint)?;
-    minimise(&mut optimiser, &mut Batches::new(&objective, journal, 1)?, &mut context)?;
+    let journal = context
+        .checkpoints
+        .journal(CHECKPOINT, "")
+        .map_err(TaskError::Checkpoint)?;
+    minimise(
+        &mut optimiser,
+        &mut Batches::new(&objective, journal, 1)?,
+        &mut context,
+    )?;
     let (parameters, cost) = optimiser.best();
-    Ok(Found { parameters, cost, evaluations: optimiser.n_evaluations() })
+    Ok(Found {
+        parameters,
+        cost,
+        evaluations: optimiser.n_evaluations(),
+    })
 }
 
 /// What a search is: the task without what only says when it ends. A longer one begins as the shorter one does.
@@ -108,8 +138,16 @@ fn search(spec: &CellFitSpec) -> String {
     let task = TaskSpec::CellFit(Box::new(spec.clone()));
     let mut value: serde_json::Value = serde_json::from_str(&task.canonical()).unwrap_or_default();
     if let Some(settings) = value["settings"].as_object_mut() {
-        settings
-            .retain(|key, _| !["tol", "atol", "max_generations", "polish", "identifiability"].contains(&key.as_str()));
+        settings.retain(|key, _| {
+            ![
+                "tol",
+                "atol",
+                "max_generations",
+                "polish",
+                "identifiability",
+            ]
+            .contains(&key.as_str())
+        });
     }
     sha256_hex(canonical_json(&value).unwrap_or_default().as_bytes())
 }
@@ -135,24 +173,30 @@ fn minimise(
         let generation = optimiser.n_generations();
         // The number of generations is not known beforehand.
         let last = convergence.last();
-        context.progress.report(optimiser.phase(), generation as f64, None, || {
-            let (best, mean) = last.map_or((f64::NAN, f64::NAN), |last| (last.best, last.mean));
-            format!("generation {generation}, cost {best:.4}, mean {mean:.4}")
-        });
+        context
+            .progress
+            .report(optimiser.phase(), generation as f64, None, || {
+                let (best, mean) = last.map_or((f64::NAN, f64::NAN), |last| (last.best, last.mean));
+                format!("generation {generation}, cost {best:.4}, mean {mean:.4}")
+            });
         batches.check_stop(context)?;
     }
 }
 
 fn fitted(objective: &Objective, best: &[f64]) -> Vec<FittedParameter> {
     let fitted = objective.names().iter().zip(objective.bounds()).zip(best);
-    let parameter = |((name, bounds), value): ((&String, &cardiotwin_calibrate::Interval), &f64)| FittedParameter {
-        name: name.clone(),
-        value: *value,
-        lower: bounds.lower,
-        upper: bounds.upper,
-        at_bound: (value - bounds.lower).min(bounds.upper - value) <= AT_BOUND * bounds.width(),
-        near_optimal: None,
-    };
+    let parameter =
+        |((name, bounds), value): ((&String, &cardiotwin_calibrate::Interval), &f64)| {
+            FittedParameter {
+                name: name.clone(),
+                value: *value,
+                lower: bounds.lower,
+                upper: bounds.upper,
+                at_bound: (value - bounds.lower).min(bounds.upper - value)
+                    <= AT_BOUND * bounds.width(),
+                near_optimal: None,
+            }
+        };
     fitted.map(parameter).collect()
 }
 
@@ -166,29 +210,56 @@ fn unreachable_targets(
         None => objective.fixed_value(name),
     };
     let is_fitted = objective.names().iter().any(|name| name == "Smax_ref_kPa");
-    let smax_ref = if is_fitted { None } else { Some(value("Smax_ref_kPa")?) };
+    let smax_ref = if is_fitted {
+        None
+    } else {
+        Some(value("Smax_ref_kPa")?)
+    };
     let beyond = beyond_bounds(objective, parameters);
     let reached = &evaluation.biomarkers;
-    Ok(unreachable::describe(objective.targets(), reached, &beyond, smax_ref, value("a_p_kPa")?))
+    Ok(unreachable::describe(
+        objective.targets(),
+        reached,
+        &beyond,
+        smax_ref,
+        value("a_p_kPa")?,
+    ))
 }
 
 /// The cell with each parameter on a bound moved past it in turn.
 fn beyond_bounds(objective: &Objective, parameters: &[FittedParameter]) -> Vec<Beyond> {
     let values: Vec<f64> = parameters.iter().map(|parameter| parameter.value).collect();
-    let moved = parameters.iter().enumerate().filter_map(|(idx, parameter)| {
-        let value = past_the_bound(parameter)?;
-        let mut values = values.clone();
-        values[idx] = value;
-        let reached = objective.evaluate(&values).ok()?.biomarkers;
-        let bound = if value > parameter.value { parameter.upper } else { parameter.lower };
-        Some(Beyond { name: parameter.name.clone(), bound, value, reached })
-    });
+    let moved = parameters
+        .iter()
+        .enumerate()
+        .filter_map(|(idx, parameter)| {
+            let value = past_the_bound(parameter)?;
+            let mut values = values.clone();
+            values[idx] = value;
+            let reached = objective.evaluate(&values).ok()?.biomarkers;
+            let bound = if value > parameter.value {
+                parameter.upper
+            } else {
+                parameter.lower
+            };
+            Some(Beyond {
+                name: parameter.name.clone(),
+                bound,
+                value,
+                reached,
+            })
+        });
     moved.collect()
 }
 
 fn cell_csv(trace: &CellTrace) -> String {
     let mut text = "time_ms,Sa_kPa,Ca_uM,lambda\n".to_owned();
-    let rows = trace.sa_kpa.iter().zip(&trace.calcium_um).zip(&trace.lambda).enumerate();
+    let rows = trace
+        .sa_kpa
+        .iter()
+        .zip(&trace.calcium_um)
+        .zip(&trace.lambda)
+        .enumerate();
     for (time, ((sa, ca), lambda)) in rows {
         let values = [time as f64, *sa, *ca, *lambda].map(number);
         let _ = writeln!(text, "{}", values.join(","));
@@ -199,7 +270,14 @@ fn cell_csv(trace: &CellTrace) -> String {
 fn convergence_csv(generations: &[Standing]) -> String {
     let mut text = "generation,best_cost,mean_cost,evaluations\n".to_owned();
     for row in generations {
-        let _ = writeln!(text, "{},{},{},{}", row.generation, number(row.best), number(row.mean), row.evaluations);
+        let _ = writeln!(
+            text,
+            "{},{},{},{}",
+            row.generation,
+            number(row.best),
+            number(row.mean),
+            row.evaluations
+        );
     }
     text
 }

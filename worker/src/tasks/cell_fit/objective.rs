@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_cell_engine::{
-    self as engine, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, Penalty, SampledCalcium, Workspace,
+    self as engine, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, Penalty,
+    SampledCalcium, Workspace,
 };
 use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
@@ -58,25 +59,52 @@ impl Objective {
     /// file that cannot be used, or instructions that this processor does not have.
     pub fn new(spec: &CellFitSpec, instruction_set: InstructionSet) -> Result<Self, TaskError> {
         let settings = &spec.settings;
-        let base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.fixed)?.with(&settings.frozen)?;
+        let base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0)
+            .with(&spec.fixed)?
+            .with(&settings.frozen)?;
         let names = settings.fitted();
-        let positions = names.iter().map(|name| position(name)).collect::<Result<_, _>>()?;
+        let positions = names
+            .iter()
+            .map(|name| position(name))
+            .collect::<Result<_, _>>()?;
         let interval = |name: &String| {
-            let [lower, upper] =
-                *settings.bounds.get(name).ok_or_else(|| TaskError::NoBounds { name: name.clone() })?;
+            let [lower, upper] = *settings
+                .bounds
+                .get(name)
+                .ok_or_else(|| TaskError::NoBounds { name: name.clone() })?;
             Ok(Interval::new(lower, upper))
         };
-        let bounds = names.iter().map(interval).collect::<Result<_, TaskError>>()?;
+        let bounds = names
+            .iter()
+            .map(interval)
+            .collect::<Result<_, TaskError>>()?;
         let mut engine = CellEngine::new(settings_for(instruction_set))?;
         if let Some(file) = &spec.calcium {
             let samples = calcium::samples(file, spec.cycle_length_ms)?;
             engine = engine.with_calcium(SampledCalcium::new(calcium::INTERVAL_MS, samples)?);
         }
         let targets = checked(&spec.targets)?;
-        let objective = engine::Objective { targets, weights: weights(&settings.weights)? };
-        let sensitivity = [position("Ca50_ref_uM")?, position("beta_1_uM")?, position("Ca_res_uM")?];
+        let objective = engine::Objective {
+            targets,
+            weights: weights(&settings.weights)?,
+        };
+        let sensitivity = [
+            position("Ca50_ref_uM")?,
+            position("beta_1_uM")?,
+            position("Ca_res_uM")?,
+        ];
         let lambda_max = spec.lambda_max.min(LAMBDA_CAP);
-        Ok(Self { base, names, positions, bounds, targets: spec.targets, objective, engine, sensitivity, lambda_max })
+        Ok(Self {
+            base,
+            names,
+            positions,
+            bounds,
+            targets: spec.targets,
+            objective,
+            engine,
+            sensitivity,
+            lambda_max,
+        })
     }
 
     /// The box of the free parameters, in the order of the settings.
@@ -114,7 +142,12 @@ impl Objective {
             return Ok(Vec::new());
         }
         let guess = self.base.clone().with(initial)?;
-        Ok(vec![self.names.iter().map(|name| guess.value(name)).collect::<Result<_, _>>()?])
+        Ok(vec![
+            self.names
+                .iter()
+                .map(|name| guess.value(name))
+                .collect::<Result<_, _>>()?,
+        ])
     }
 
     /// The engine that computes the cells.
@@ -127,7 +160,10 @@ impl Objective {
     #[must_use]
     pub fn input(&self, values: &[f64]) -> CellInput {
         let mut input = self.base.input();
-        self.positions.iter().zip(values).for_each(|(position, value)| input.parameters[*position] = *value);
+        self.positions
+            .iter()
+            .zip(values)
+            .for_each(|(position, value)| input.parameters[*position] = *value);
         input
     }
 
@@ -136,7 +172,8 @@ impl Objective {
     /// A cell whose Ca50 sinks to the resting calcium contracts at rest where the wall is stretched most, and one whose
     /// Ca50 sinks to zero has no stress at all.
     fn sensitivity_shortage(&self, input: &CellInput) -> f64 {
-        let [ca50_ref, beta_1, ca_res] = self.sensitivity.map(|position| input.parameters[position]);
+        let [ca50_ref, beta_1, ca_res] =
+            self.sensitivity.map(|position| input.parameters[position]);
         ((ca_res - ca50_ref - beta_1 * (self.lambda_max - 1.0)) / ca_res).max(0.0)
     }
 
@@ -147,8 +184,13 @@ impl Objective {
         if output.status != CellStatus::Periodic || shortage >= 1.0 {
             return WORST;
         }
-        let cost = self.objective.cost(&output.biomarkers, &output.penalty) + SHORTAGE_WEIGHT * shortage.powi(2);
-        if cost.is_finite() { cost.min(WORST) } else { WORST }
+        let cost = self.objective.cost(&output.biomarkers, &output.penalty)
+            + SHORTAGE_WEIGHT * shortage.powi(2);
+        if cost.is_finite() {
+            cost.min(WORST)
+        } else {
+            WORST
+        }
     }
 
     /// Computes one cell with its beat.
@@ -168,7 +210,9 @@ impl Objective {
         let [output] = outputs;
         let [trace] = traces;
         if output.status != CellStatus::Periodic {
-            return Err(TaskError::NoBeat { status: format!("{:?}", output.status) });
+            return Err(TaskError::NoBeat {
+                status: format!("{:?}", output.status),
+            });
         }
         let biomarkers = to_schema(&output.biomarkers);
         let mut terms = self.terms(&biomarkers, &output.penalty);
@@ -176,13 +220,22 @@ impl Objective {
         if shortage > 0.0 {
             terms.insert("penalty_Ca50".to_owned(), shortage);
         }
-        Ok(Evaluation { biomarkers, cost: self.cost(&input, &output), terms, trace })
+        Ok(Evaluation {
+            biomarkers,
+            cost: self.cost(&input, &output),
+            terms,
+            trace,
+        })
     }
 
     fn terms(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> BTreeMap<String, f64> {
-        let rows = by_name(&self.targets).into_iter().zip(by_name(biomarkers)).zip(self.objective.weights);
-        let misfit =
-            rows.map(|(((name, target), (_, value)), weight)| (name, weight * ((target - value) / target).powi(2)));
+        let rows = by_name(&self.targets)
+            .into_iter()
+            .zip(by_name(biomarkers))
+            .zip(self.objective.weights);
+        let misfit = rows.map(|(((name, target), (_, value)), weight)| {
+            (name, weight * ((target - value) / target).powi(2))
+        });
         let penalty = [
             ("penalty_resting_stress", penalty.sa_res),
             ("penalty_negative_stress", penalty.negative_stress),
@@ -190,7 +243,10 @@ impl Objective {
             ("penalty_CTD50", penalty.ctd50_low + penalty.ctd50_high),
             ("penalty_CTD90", penalty.ctd90_low + penalty.ctd90_high),
         ];
-        misfit.chain(penalty).map(|(name, value)| (name.to_owned(), value)).collect()
+        misfit
+            .chain(penalty)
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect()
     }
 }
 

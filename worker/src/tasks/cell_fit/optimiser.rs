@@ -2,7 +2,9 @@
 
 use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
-use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage, Updating};
+use cardiotwin_calibrate::differential_evolution::{
+    self, DifferentialEvolution, Ending, Stage, Updating,
+};
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
 use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
@@ -68,10 +70,14 @@ impl Optimiser {
                 ..lbfgsb::Settings::default()
             },
         };
-        let polish: Vec<LocalSearch> =
-            if settings.polish { POLISH.into_iter().map(search).collect() } else { Vec::new() };
+        let polish: Vec<LocalSearch> = if settings.polish {
+            POLISH.into_iter().map(search).collect()
+        } else {
+            Vec::new()
+        };
         let popsize = settings.popsize as usize;
-        let budget = BUDGET.min((settings.max_generations as usize).saturating_mul(popsize * bounds.len()));
+        let budget =
+            BUDGET.min((settings.max_generations as usize).saturating_mul(popsize * bounds.len()));
         Ok(match settings.strategy {
             Strategy::DifferentialEvolution => {
                 let settings = differential_evolution::Settings {
@@ -88,18 +94,35 @@ impl Optimiser {
                     polish,
                     seed,
                 };
-                Self::Differential(Box::new(DifferentialEvolution::new(bounds, guesses, settings)?))
+                Self::Differential(Box::new(DifferentialEvolution::new(
+                    bounds, guesses, settings,
+                )?))
             }
             Strategy::LShade => {
                 let (tol, atol) = (settings.tol, settings.atol);
                 let own = adaptive_evolution::Settings::default();
-                let settings =
-                    adaptive_evolution::Settings { popsize, tol, atol, max_evaluations: budget, polish, seed, ..own };
+                let settings = adaptive_evolution::Settings {
+                    popsize,
+                    tol,
+                    atol,
+                    max_evaluations: budget,
+                    polish,
+                    seed,
+                    ..own
+                };
                 Self::LShade(Box::new(AdaptiveEvolution::new(bounds, guesses, settings)?))
             }
             Strategy::CmaEs => {
-                let settings = cma_es::Settings { max_evaluations: budget, seed, ..cma_es::Settings::default() };
-                Self::CmaEs(Box::new(CmaEs::new(bounds, guesses, settings)?), 0, f64::INFINITY)
+                let settings = cma_es::Settings {
+                    max_evaluations: budget,
+                    seed,
+                    ..cma_es::Settings::default()
+                };
+                Self::CmaEs(
+                    Box::new(CmaEs::new(bounds, guesses, settings)?),
+                    0,
+                    f64::INFINITY,
+                )
             }
         })
     }
@@ -170,7 +193,9 @@ impl Optimiser {
     #[must_use]
     pub fn is_converged(&self) -> bool {
         match self {
-            Self::Differential(optimiser) => optimiser.outcome().is_some_and(|o| o.ending == Ending::Converged),
+            Self::Differential(optimiser) => optimiser
+                .outcome()
+                .is_some_and(|o| o.ending == Ending::Converged),
             Self::LShade(optimiser) => optimiser.is_converged(),
             Self::CmaEs(optimiser, ..) => optimiser.ending() == Some(cma_es::Ending::Agreement),
         }
@@ -195,6 +220,11 @@ impl Optimiser {
             Self::CmaEs(_, _, mean) => *mean,
         };
         let (generation, evaluations) = (self.n_generations(), self.n_evaluations());
-        Standing { generation, best: self.best().1, mean, evaluations }
+        Standing {
+            generation,
+            best: self.best().1,
+            mean,
+            evaluations,
+        }
     }
 }

@@ -30,7 +30,8 @@ pub struct Beyond {
 #[must_use]
 pub fn past_the_bound(parameter: &FittedParameter) -> Option<f64> {
     let step = 0.1 * (parameter.upper - parameter.lower);
-    let upper = (parameter.upper - parameter.value).abs() < (parameter.value - parameter.lower).abs();
+    let upper =
+        (parameter.upper - parameter.value).abs() < (parameter.value - parameter.lower).abs();
     let value = match (upper, parameter.lower > 0.0) {
         (true, _) => parameter.upper + step,
         (false, true) => parameter.lower - step.min(0.5 * parameter.lower),
@@ -50,8 +51,12 @@ pub fn describe(
     smax_ref_kpa: Option<f64>,
     a_p_kpa: f64,
 ) -> Vec<String> {
-    let rows = by_name(targets).into_iter().zip(by_name(reached)).enumerate();
-    let missed = rows.filter(|(_, ((_, target), (_, value)))| ((value - target) / target).abs() > REACHED);
+    let rows = by_name(targets)
+        .into_iter()
+        .zip(by_name(reached))
+        .enumerate();
+    let missed =
+        rows.filter(|(_, ((_, target), (_, value)))| ((value - target) / target).abs() > REACHED);
     missed
         .map(|(idx, ((name, target), (_, value)))| {
             let difference = 100.0 * (value - target) / target;
@@ -78,14 +83,20 @@ pub fn describe(
 fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
     let miss = (value - target).abs();
     let gain = |change: &Beyond| (miss - (by_name(&change.reached)[idx].1 - target).abs()) / miss;
-    let mut helping: Vec<(f64, &Beyond)> = beyond.iter().map(|change| (gain(change), change)).collect();
+    let mut helping: Vec<(f64, &Beyond)> =
+        beyond.iter().map(|change| (gain(change), change)).collect();
     helping.retain(|(gain, _)| *gain >= HELPS);
     helping.sort_by(|a, b| b.0.total_cmp(&a.0));
     if helping.is_empty() {
-        return "; no bound stands in its way: the model cannot combine it with the other targets".to_owned();
+        return "; no bound stands in its way: the model cannot combine it with the other targets"
+            .to_owned();
     }
     let named = helping.iter().take(NAMED).map(|(gain, change)| {
-        let side = if change.value > change.bound { "upper" } else { "lower" };
+        let side = if change.value > change.bound {
+            "upper"
+        } else {
+            "lower"
+        };
         format!(
             "{} past its {side} bound {} ({:.0} % of the miss at {})",
             change.name,
@@ -117,41 +128,76 @@ mod tests {
     };
 
     fn parameter(value: f64, lower: f64, at_bound: bool) -> FittedParameter {
-        FittedParameter { name: "n".to_owned(), value, lower, upper: 11.0, at_bound, near_optimal: None }
+        FittedParameter {
+            name: "n".to_owned(),
+            value,
+            lower,
+            upper: 11.0,
+            at_bound,
+            near_optimal: None,
+        }
     }
 
     #[test]
     fn what_is_reached_is_not_mentioned() {
-        let reached = CellBiomarkers { sa_max_kpa: 115.0, ..TARGETS };
+        let reached = CellBiomarkers {
+            sa_max_kpa: 115.0,
+            ..TARGETS
+        };
         assert!(describe(&TARGETS, &reached, &[], Some(120.0), 50.0).is_empty());
     }
 
     #[test]
     fn a_missing_stress_names_the_scale_that_reaches_it() {
-        let reached = CellBiomarkers { sa_max_kpa: 80.0, ..TARGETS };
+        let reached = CellBiomarkers {
+            sa_max_kpa: 80.0,
+            ..TARGETS
+        };
         let texts = describe(&TARGETS, &reached, &[], Some(120.0), 50.0);
         assert_eq!(texts.len(), 1);
-        assert!(texts[0].starts_with("Sa_max_kPa: 120 aimed at, 80 reached (-33 %)"), "{}", texts[0]);
-        assert!(texts[0].contains("held at 120 kPa, 180 kPa with a_p 75 kPa"), "{}", texts[0]);
+        assert!(
+            texts[0].starts_with("Sa_max_kPa: 120 aimed at, 80 reached (-33 %)"),
+            "{}",
+            texts[0]
+        );
+        assert!(
+            texts[0].contains("held at 120 kPa, 180 kPa with a_p 75 kPa"),
+            "{}",
+            texts[0]
+        );
     }
 
     #[test]
     fn a_missing_duration_names_the_bounds_that_stand_in_its_way() {
-        let reached = CellBiomarkers { std30_ms: 150.0, ..TARGETS };
+        let reached = CellBiomarkers {
+            std30_ms: 150.0,
+            ..TARGETS
+        };
         let beyond = |name: &str, std30_ms| Beyond {
             name: name.to_owned(),
             bound: 7.0,
             value: 7.4,
-            reached: CellBiomarkers { std30_ms, ..TARGETS },
+            reached: CellBiomarkers {
+                std30_ms,
+                ..TARGETS
+            },
         };
-        let changes = [beyond("helps", 160.0), beyond("harms", 140.0), beyond("helps_more", 180.0)];
+        let changes = [
+            beyond("helps", 160.0),
+            beyond("harms", 140.0),
+            beyond("helps_more", 180.0),
+        ];
         let texts = describe(&TARGETS, &reached, &changes, Some(120.0), 50.0);
         assert_eq!(texts.len(), 1);
         let end = "; nearer with helps_more past its upper bound 7 (60 % of the miss at 7.4), \
                    helps past its upper bound 7 (20 % of the miss at 7.4)";
         assert!(texts[0].ends_with(end), "{}", texts[0]);
         let texts = describe(&TARGETS, &reached, &[], Some(120.0), 50.0);
-        assert!(texts[0].contains("no bound stands in its way"), "{}", texts[0]);
+        assert!(
+            texts[0].contains("no bound stands in its way"),
+            "{}",
+            texts[0]
+        );
     }
 
     #[test]

@@ -29,10 +29,17 @@ pub fn result(
         .left_atrial_pressure_mmhg
         .map(|pressure| model::stated_filling(reduced, found, &patient.data, pressure))
         .transpose()?;
-    let (before, after) = (model::beat(reduced, found, false)?, model::beat(reduced, found, true)?);
+    let (before, after) = (
+        model::beat(reduced, found, false)?,
+        model::beat(reduced, found, true)?,
+    );
     let finite = |value: f64| value.is_finite().then_some(value);
     let names: Vec<String> = if settings.effects.is_empty() {
-        reduced.candidates().iter().map(|c| c.name.clone()).collect()
+        reduced
+            .candidates()
+            .iter()
+            .map(|c| c.name.clone())
+            .collect()
     } else {
         settings.effects.clone()
     };
@@ -88,7 +95,9 @@ pub fn result(
             n_bootstrap: settings.n_bootstrap as u32,
             max_effects: settings.max_effects as u32,
         },
-        data: [&spec.pressure, &spec.volume].map(|f| (f.name.clone(), f.sha256.clone())).into(),
+        data: [&spec.pressure, &spec.volume]
+            .map(|f| (f.name.clone(), f.sha256.clone()))
+            .into(),
     })
 }
 
@@ -126,13 +135,17 @@ fn in_3d(declared: InThreeDimensions) -> files::InThreeDimensions {
         InThreeDimensions::AsItIs => ("as-it-is", None),
         InThreeDimensions::ActivationMap { how } => ("activation-map", Some(how.to_owned())),
         InThreeDimensions::PassiveExponents { factor } => {
-            let how = format!("all exponents of Guccione's law times {factor}; its scale is fitted anew");
+            let how =
+                format!("all exponents of Guccione's law times {factor}; its scale is fitted anew");
             ("passive-exponents", Some(how))
         }
         InThreeDimensions::MaterialTerm { how } => ("material-term", Some(how.to_owned())),
         InThreeDimensions::Cannot { why } => ("cannot", Some(why.to_owned())),
     };
-    files::InThreeDimensions { way: way.to_owned(), how }
+    files::InThreeDimensions {
+        way: way.to_owned(),
+        how,
+    }
 }
 
 fn place(place: &locate::Place) -> files::Place {
@@ -144,7 +157,11 @@ fn place(place: &locate::Place) -> files::Place {
     files::Place {
         signal: place.signal.clone(),
         phase: place.phase.clone(),
-        sign: if place.size < 0.0 { files::Side::Below } else { files::Side::Above },
+        sign: if place.size < 0.0 {
+            files::Side::Below
+        } else {
+            files::Side::Above
+        },
         size: place.size,
         unit: unit.to_owned(),
         z: place.z,
@@ -190,11 +207,15 @@ fn biomarkers(
         let pressure = at(patient.pressure.time_ms(), &beat.pressure_mmhg);
         patient.biomarkers(pressure, at(patient.volume.time_ms(), &beat.volume_ml))
     };
-    let measured = patient.biomarkers(patient.pressure.values().to_vec(), patient.volume.values().to_vec())?;
+    let measured = patient.biomarkers(
+        patient.pressure.values().to_vec(),
+        patient.volume.values().to_vec(),
+    )?;
     let by_name = |b: &Biomarkers| -> BTreeMap<String, f64> {
         let value = serde_json::to_value(b).unwrap_or_default();
         let map = value.as_object().into_iter().flatten();
-        map.filter_map(|(name, value)| Some((name.clone(), value.as_f64()?))).collect()
+        map.filter_map(|(name, value)| Some((name.clone(), value.as_f64()?)))
+            .collect()
     };
     let (before, after) = (by_name(&of_beat(before)?), by_name(&of_beat(after)?));
     let row = |(name, measured): (String, f64)| files::BiomarkerGap {
@@ -216,10 +237,15 @@ fn drawn(series: &series::Series) -> files::DiscoverSeries {
         heldout_after: signal.held_out_after.clone(),
         noise_sd: signal.noise_sd,
     };
-    let begin = |(phase, begin_ms): (&str, f64)| files::PhaseBegin { phase: phase.to_owned(), begin_ms };
+    let begin = |(phase, begin_ms): (&str, f64)| files::PhaseBegin {
+        phase: phase.to_owned(),
+        begin_ms,
+    };
     let curves = &series.curves;
     files::DiscoverSeries {
-        phases: std::iter::zip(PHASES, series.phases.beginnings()).map(begin).collect(),
+        phases: std::iter::zip(PHASES, series.phases.beginnings())
+            .map(begin)
+            .collect(),
         pressure: compared(&series.pressure),
         volume: compared(&series.volume),
         curves: files::SimulatedCurves {

@@ -1,6 +1,8 @@
 //! A patient's data as the search takes them. What the file does not state gets a usual uncertainty.
 
-use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{
+    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
+};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_signals::resample::STEP;
@@ -46,14 +48,29 @@ pub struct Patient {
 /// # Errors
 /// [`TaskError`] when a file is not as planned or holds no usable trace.
 pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
-    let pressure = within_cycle(read_trace(&spec.pressure, Quantity::Pressure)?, spec.cycle_length_ms)?;
-    let volume = within_cycle(read_trace(&spec.volume, Quantity::Volume)?, spec.cycle_length_ms)?;
+    let pressure = within_cycle(
+        read_trace(&spec.pressure, Quantity::Pressure)?,
+        spec.cycle_length_ms,
+    )?;
+    let volume = within_cycle(
+        read_trace(&spec.volume, Quantity::Volume)?,
+        spec.cycle_length_ms,
+    )?;
     let volume = frames(volume, spec.noise.volume_frames)?;
-    let uncertain = |value: f64, sd: Option<f64>, usual: f64| Uncertain { value, sd: sd.unwrap_or(usual) };
+    let uncertain = |value: f64, sd: Option<f64>, usual: f64| Uncertain {
+        value,
+        sd: sd.unwrap_or(usual),
+    };
     let largest = volume.values().iter().copied().fold(f64::MIN, f64::max);
     let wall_volume = match spec.wall_volume_ml {
-        Some(value) => Uncertain { value, sd: WALL_SD * value },
-        None => Uncertain { value: WALL_SHARE * largest, sd: WALL_SHARE * WALL_SHARE_SD * largest },
+        Some(value) => Uncertain {
+            value,
+            sd: WALL_SD * value,
+        },
+        None => Uncertain {
+            value: WALL_SHARE * largest,
+            sd: WALL_SHARE * WALL_SHARE_SD * largest,
+        },
     };
     let data = Measured {
         cycle_ms: spec.cycle_length_ms,
@@ -71,10 +88,13 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
                 systolic: uncertain(cuff.systolic_mmhg, cuff.sd_mmhg, CUFF_SD_MMHG),
                 diastolic: uncertain(cuff.diastolic_mmhg, cuff.sd_mmhg, CUFF_SD_MMHG),
             }),
-            forward_stroke_volume: spec
-                .forward_stroke_volume
-                .as_ref()
-                .map(|flow| uncertain(flow.volume_ml, flow.sd_ml, STROKE_VOLUME_SD * flow.volume_ml)),
+            forward_stroke_volume: spec.forward_stroke_volume.as_ref().map(|flow| {
+                uncertain(
+                    flow.volume_ml,
+                    flow.sd_ml,
+                    STROKE_VOLUME_SD * flow.volume_ml,
+                )
+            }),
             whole_heart: spec.diastasis.as_ref().map(|image| WholeHeart {
                 time_ms: image.time_ms,
                 volume: uncertain(image.volume_ml, image.sd_ml, IMAGE_SD * image.volume_ml),
@@ -83,20 +103,40 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
         wall_volume,
         given: given_loads(spec),
     };
-    data.validate().map_err(|error| TaskError::Discover(error.into()))?;
-    Ok(Patient { data, pressure, volume })
+    data.validate()
+        .map_err(|error| TaskError::Discover(error.into()))?;
+    Ok(Patient {
+        data,
+        pressure,
+        volume,
+    })
 }
 
 /// Loads of the patient file, as uncertain as such measurements are.
 fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
-    let around = |value: f64, share: f64| Some(Uncertain { value, sd: share * value });
+    let around = |value: f64, share: f64| {
+        Some(Uncertain {
+            value,
+            sd: share * value,
+        })
+    };
     let load = spec.afterload.as_ref();
     GivenLoads {
-        left_atrial_pressure: spec.left_atrial_pressure_mmhg.and_then(|value| around(value, FILLING_PRESSURE_SD)),
-        characteristic_resistance: load
-            .and_then(|load| around(load.characteristic_resistance_mmhg_s_per_ml, CHARACTERISTIC_RESISTANCE_SD)),
-        peripheral_resistance: load
-            .and_then(|load| around(load.peripheral_resistance_mmhg_s_per_ml, PERIPHERAL_RESISTANCE_SD)),
+        left_atrial_pressure: spec
+            .left_atrial_pressure_mmhg
+            .and_then(|value| around(value, FILLING_PRESSURE_SD)),
+        characteristic_resistance: load.and_then(|load| {
+            around(
+                load.characteristic_resistance_mmhg_s_per_ml,
+                CHARACTERISTIC_RESISTANCE_SD,
+            )
+        }),
+        peripheral_resistance: load.and_then(|load| {
+            around(
+                load.peripheral_resistance_mmhg_s_per_ml,
+                PERIPHERAL_RESISTANCE_SD,
+            )
+        }),
         compliance: load.and_then(|load| around(load.compliance_ml_per_mmhg, COMPLIANCE_SD)),
     }
 }
@@ -109,20 +149,36 @@ fn stated(value: Option<f64>) -> Option<f64> {
 /// Without what lies past the end of the cycle: samples of the next beat, or its first one again.
 fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
     let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
-    let (quantity, times, values) = (trace.quantity(), &trace.time_ms()[..n], &trace.values()[..n]);
-    Trace::new(quantity, times.to_vec(), values.to_vec())
-        .map_err(|error| TaskError::Measured { role: quantity.column().to_owned(), message: error.to_string() })
+    let (quantity, times, values) = (
+        trace.quantity(),
+        &trace.time_ms()[..n],
+        &trace.values()[..n],
+    );
+    Trace::new(quantity, times.to_vec(), values.to_vec()).map_err(|error| TaskError::Measured {
+        role: quantity.column().to_owned(),
+        message: error.to_string(),
+    })
 }
 
 /// As many samples as there were frames, where a trace was interpolated between them: it holds no more information.
 fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
     let n = volume.n_samples();
-    let Some(n_frames) = n_frames.map(|frames| frames as usize).filter(|frames| *frames < n && *frames > 0) else {
+    let Some(n_frames) = n_frames
+        .map(|frames| frames as usize)
+        .filter(|frames| *frames < n && *frames > 0)
+    else {
         return Ok(volume);
     };
     let keep = |values: &[f64]| (0..n_frames).map(|k| values[k * n / n_frames]).collect();
-    Trace::new(Quantity::Volume, keep(volume.time_ms()), keep(volume.values()))
-        .map_err(|error| TaskError::Measured { role: "volume".to_owned(), message: error.to_string() })
+    Trace::new(
+        Quantity::Volume,
+        keep(volume.time_ms()),
+        keep(volume.values()),
+    )
+    .map_err(|error| TaskError::Measured {
+        role: "volume".to_owned(),
+        message: error.to_string(),
+    })
 }
 
 impl Patient {
@@ -130,14 +186,24 @@ impl Patient {
     ///
     /// # Errors
     /// [`TaskError`] when the traces have none.
-    pub fn biomarkers(&self, pressure: Vec<f64>, volume: Vec<f64>) -> Result<Biomarkers, TaskError> {
+    pub fn biomarkers(
+        &self,
+        pressure: Vec<f64>,
+        volume: Vec<f64>,
+    ) -> Result<Biomarkers, TaskError> {
         let periodic = Continuation::periodic(Ms(self.data.cycle_ms));
         let like = |of: &Trace, values: Vec<f64>| -> Result<Trace, TaskError> {
-            let trace = Trace::new(of.quantity(), of.time_ms().to_vec(), values).map_err(TaskError::SimulatedTrace)?;
+            let trace = Trace::new(of.quantity(), of.time_ms().to_vec(), values)
+                .map_err(TaskError::SimulatedTrace)?;
             Ok(resample(&trace, periodic, STEP)?)
         };
         let (pressure, volume) = (like(&self.pressure, pressure)?, like(&self.volume, volume)?);
-        Ok(biomarkers::to_schema(&BiomarkerSet::of_samples(Some(&pressure), Some(&volume), periodic)?).0)
+        Ok(biomarkers::to_schema(&BiomarkerSet::of_samples(
+            Some(&pressure),
+            Some(&volume),
+            periodic,
+        )?)
+        .0)
     }
 }
 
@@ -147,11 +213,15 @@ mod tests {
 
     #[test]
     fn samples_of_the_next_beat_are_left_out_and_interpolated_frames_are_thinned() {
-        let volume = Trace::uniform(Quantity::Volume, 1.0, (0..=800).map(f64::from).collect()).unwrap();
+        let volume =
+            Trace::uniform(Quantity::Volume, 1.0, (0..=800).map(f64::from).collect()).unwrap();
         let within = within_cycle(volume, 800.0).unwrap();
         assert_eq!(within.n_samples(), 800);
         let few = frames(within.clone(), Some(32)).unwrap();
-        assert_eq!((few.n_samples(), few.time_ms()[1], few.values()[31]), (32, 25.0, 775.0));
+        assert_eq!(
+            (few.n_samples(), few.time_ms()[1], few.values()[31]),
+            (32, 25.0, 775.0)
+        );
         assert_eq!(frames(few.clone(), Some(40)).unwrap(), few);
         assert_eq!(frames(few.clone(), None).unwrap(), few);
     }

@@ -30,11 +30,21 @@ const LOOK: Duration = Duration::from_millis(200);
 pub fn run(spec: &DiscoverSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let measured = measured::read(spec)?;
-    let settings = Settings { seed: spec.seed, effects: spec.effects.clone(), ..Settings::default() };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads.max(1) as usize).build();
+    let settings = Settings {
+        seed: spec.seed,
+        effects: spec.effects.clone(),
+        ..Settings::default()
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(context.threads.max(1) as usize)
+        .build();
     let pool = pool.map_err(TaskError::Threads)?;
     let model = Reduced::new(&measured.data);
-    let watched = Watched { model: model.clone(), n: Arc::default(), stop: StopFlag::default() };
+    let watched = Watched {
+        model: model.clone(),
+        n: Arc::default(),
+        stop: StopFlag::default(),
+    };
     let (n, abandon) = (Arc::clone(&watched.n), watched.stop.clone());
     let (data, search) = (measured.data.clone(), settings.clone());
     let (send, answer) = channel();
@@ -48,7 +58,9 @@ pub fn run(spec: &DiscoverSpec, context: &mut Context) -> Result<TaskResult, Tas
             Err(RecvTimeoutError::Timeout) => {
                 context.check_stop().inspect_err(|_| abandon.raise())?;
                 let beats = n.load(Ordering::Relaxed);
-                context.progress.report("search", beats as f64, None, || format!("{beats} periodic beats simulated"));
+                context.progress.report("search", beats as f64, None, || {
+                    format!("{beats} periodic beats simulated")
+                });
             }
             Err(RecvTimeoutError::Disconnected) => return Err(TaskError::SearchEnded),
         }
@@ -98,12 +110,18 @@ mod tests {
 
     /// A case made by another model than the one that is fitted, with part of the catalogue for speed.
     fn spec() -> DiscoverSpec {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../solver/discover/tests/cases/patients/dev-013");
-        let file: PatientFile = toml::from_str(&std::fs::read_to_string(folder.join("patient.toml")).unwrap()).unwrap();
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../solver/discover/tests/cases/patients/dev-013");
+        let file: PatientFile =
+            toml::from_str(&std::fs::read_to_string(folder.join("patient.toml")).unwrap()).unwrap();
         let input = |name: &str| {
             let path = folder.join(format!("{name}.csv"));
             let sha256 = sha256_hex(&std::fs::read(&path).unwrap());
-            InputFile { name: name.to_owned(), path, sha256 }
+            InputFile {
+                name: name.to_owned(),
+                path,
+                sha256,
+            }
         };
         DiscoverSpec {
             cycle_length_ms: file.cycle_length_ms,
@@ -123,7 +141,8 @@ mod tests {
 
     fn found(spec: &DiscoverSpec) -> Discovered {
         let folder = tempfile::tempdir().unwrap();
-        let TaskResult::Discover(found) = run(spec, &mut Context::plain(folder.path(), 2)).unwrap() else {
+        let TaskResult::Discover(found) = run(spec, &mut Context::plain(folder.path(), 2)).unwrap()
+        else {
             panic!("a search's result")
         };
         *found
@@ -132,18 +151,45 @@ mod tests {
     #[test]
     fn the_answer_is_whole_and_survives_json() {
         let found = found(&spec());
-        assert_eq!((found.none, &found.accepted[..]), (false, &["pv_misalignment".to_owned()][..]));
-        assert!(found.gap_after < found.gap_before && found.gap_heldout_after < found.gap_heldout_before);
+        assert_eq!(
+            (found.none, &found.accepted[..]),
+            (false, &["pv_misalignment".to_owned()][..])
+        );
+        assert!(
+            found.gap_after < found.gap_before
+                && found.gap_heldout_after < found.gap_heldout_before
+        );
         // An artefact corrects the data and adds nothing to the heart.
-        assert!(found.model.effects.is_empty() && found.model.corrections[0].name == "pv_misalignment");
+        assert!(
+            found.model.effects.is_empty() && found.model.corrections[0].name == "pv_misalignment"
+        );
         let delay = found.model.corrections[0].parameters["volume_delay_ms"];
         assert_eq!(delay, found.effects[0].strength["volume_delay_ms"]);
-        assert_eq!(found.settings.effects, ["pv_misalignment", "pressure_offset"]);
-        let whole = found.gaps.iter().filter(|g| g.phase == "beat").map(|g| g.n as usize).collect::<Vec<_>>();
-        assert_eq!(whole, [found.series.pressure.time_ms.len(), found.series.volume.time_ms.len()]);
+        assert_eq!(
+            found.settings.effects,
+            ["pv_misalignment", "pressure_offset"]
+        );
+        let whole = found
+            .gaps
+            .iter()
+            .filter(|g| g.phase == "beat")
+            .map(|g| g.n as usize)
+            .collect::<Vec<_>>();
+        assert_eq!(
+            whole,
+            [
+                found.series.pressure.time_ms.len(),
+                found.series.volume.time_ms.len()
+            ]
+        );
         let share: f64 = found.places.iter().map(|p| p.share).sum();
         assert!((share - 1.0).abs() < 1e-9 && found.places.len() == found.where_after.len());
-        assert!(found.biomarkers.iter().any(|b| b.name == "EDV_mL" && b.before.is_some() && b.after.is_some()));
+        assert!(
+            found
+                .biomarkers
+                .iter()
+                .any(|b| b.name == "EDV_mL" && b.before.is_some() && b.after.is_some())
+        );
         let filling = found.stated_filling.as_ref().unwrap();
         assert!(filling.before_ml.unwrap() > 50.0 && filling.late_filling_after_ml.unwrap() > 0.0);
         let text = serde_json::to_string(&found).unwrap();
@@ -155,10 +201,19 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut context = Context::plain(folder.path(), 1);
         context.stop.raise();
-        assert!(matches!(run(&spec(), &mut context), Err(TaskError::Cancelled)));
-        let kick = DiscoverSpec { effects: vec!["kick".to_owned()], ..spec() };
+        assert!(matches!(
+            run(&spec(), &mut context),
+            Err(TaskError::Cancelled)
+        ));
+        let kick = DiscoverSpec {
+            effects: vec!["kick".to_owned()],
+            ..spec()
+        };
         let refused = run(&kick, &mut Context::plain(folder.path(), 1)).unwrap_err();
         let said = crate::error::chain(&refused);
-        assert!(said.contains("no effect kick") && said.contains("atrial_kick"), "{said}");
+        assert!(
+            said.contains("no effect kick") && said.contains("atrial_kick"),
+            "{said}"
+        );
     }
 }

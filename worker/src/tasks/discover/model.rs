@@ -21,19 +21,39 @@ type Term = (usize, Vec<f64>);
 /// # Errors
 /// [`TaskError::SearchEnded`] when the model has no answer where the search found one.
 pub fn beat(model: &Reduced, found: &Discovery, accepted: bool) -> Result<Prediction, TaskError> {
-    let base = values(if accepted { &found.base } else { &found.base_before })?;
-    let terms = if accepted { terms(model, found) } else { Vec::new() };
+    let base = values(if accepted {
+        &found.base
+    } else {
+        &found.base_before
+    })?;
+    let terms = if accepted {
+        terms(model, found)
+    } else {
+        Vec::new()
+    };
     predict(model, &base, &terms).ok_or(TaskError::SearchEnded)
 }
 
 fn predict(model: &Reduced, base: &[f64], terms: &[Term]) -> Option<Prediction> {
-    let terms: Vec<(usize, &[f64])> = terms.iter().map(|(term, values)| (*term, values.as_slice())).collect();
-    model.predict(&Request { base, terms: &terms, bumps: &[] }, None)
+    let terms: Vec<(usize, &[f64])> = terms
+        .iter()
+        .map(|(term, values)| (*term, values.as_slice()))
+        .collect();
+    model.predict(
+        &Request {
+            base,
+            terms: &terms,
+            bumps: &[],
+        },
+        None,
+    )
 }
 
 /// Base values in the model's order.
 fn values(base: &BTreeMap<String, f64>) -> Result<Vec<f64>, TaskError> {
-    BASE.iter().map(|name| base.get(*name).copied().ok_or(TaskError::SearchEnded)).collect()
+    BASE.iter()
+        .map(|name| base.get(*name).copied().ok_or(TaskError::SearchEnded))
+        .collect()
 }
 
 /// Accepted effects with their fitted values in the model's order.
@@ -42,7 +62,10 @@ fn terms(model: &Reduced, found: &Discovery) -> Vec<Term> {
     let term = |name: &String| {
         let at = candidates.iter().position(|c| c.name == *name)?;
         let effect = found.effects.iter().find(|e| e.name == *name)?;
-        let values = candidates[at].parameters.iter().map(|p| effect.strength.get(&p.name).copied());
+        let values = candidates[at]
+            .parameters
+            .iter()
+            .map(|p| effect.strength.get(&p.name).copied());
         Some((at, values.collect::<Option<Vec<f64>>>()?))
     };
     found.accepted.iter().filter_map(term).collect()
@@ -62,17 +85,29 @@ pub fn accepted(model: &Reduced, found: &Discovery) -> Result<FoundModel, TaskEr
     let law = OneFibrePassive::through(unloaded, Ml(reference), Mmhg(pressure), Ml(wall), exponent)
         .map_err(TaskError::PassiveState)?;
     let terms = terms(model, found);
-    let borrowed: Vec<(usize, &[f64])> = terms.iter().map(|(term, values)| (*term, values.as_slice())).collect();
+    let borrowed: Vec<(usize, &[f64])> = terms
+        .iter()
+        .map(|(term, values)| (*term, values.as_slice()))
+        .collect();
     let settings = model.settings(&borrowed);
     let of = |kind: Kind| -> Vec<EffectSpec> {
-        let chosen = settings.iter().filter(|setting| setting.effect.kind == kind);
-        chosen.map(|s| EffectSpec { name: s.effect.name.to_owned(), parameters: s.parameters() }).collect()
+        let chosen = settings
+            .iter()
+            .filter(|setting| setting.effect.kind == kind);
+        chosen
+            .map(|s| EffectSpec {
+                name: s.effect.name.to_owned(),
+                parameters: s.parameters(),
+            })
+            .collect()
     };
     Ok(FoundModel {
         effects: of(Kind::Physiology),
         corrections: of(Kind::Artefact),
         afterload: WindkesselParameters {
-            characteristic_resistance_mmhg_s_per_ml: base("characteristic_resistance_mmHg_s_per_mL")?,
+            characteristic_resistance_mmhg_s_per_ml: base(
+                "characteristic_resistance_mmHg_s_per_mL",
+            )?,
             peripheral_resistance_mmhg_s_per_ml: base("peripheral_resistance_mmHg_s_per_mL")?,
             compliance_ml_per_mmhg: base("compliance_mL_per_mmHg")?,
         },
@@ -106,13 +141,19 @@ pub fn stated_filling(
     };
     let late = |t: f64| found.series.phases.at(t, data.cycle_ms) >= LATE_FILLING;
     let mean = |inside: &dyn Fn(f64) -> bool, value: &dyn Fn(usize) -> f64| {
-        let chosen: Vec<usize> = (0..series.time_ms.len()).filter(|i| inside(series.time_ms[*i])).collect();
+        let chosen: Vec<usize> = (0..series.time_ms.len())
+            .filter(|i| inside(series.time_ms[*i]))
+            .collect();
         chosen.iter().map(|i| value(*i)).sum::<f64>() / chosen.len().max(1) as f64
     };
-    let compared = |base: &BTreeMap<String, f64>, terms: &[Term]| -> Result<(Option<f64>, Option<f64>), TaskError> {
+    let compared = |base: &BTreeMap<String, f64>,
+                    terms: &[Term]|
+     -> Result<(Option<f64>, Option<f64>), TaskError> {
         let mut base = values(base)?;
         base[0] = left_atrial_pressure_mmhg;
-        let Some(beat) = predict(model, &base, terms) else { return Ok((None, None)) };
+        let Some(beat) = predict(model, &base, terms) else {
+            return Ok((None, None));
+        };
         let at = |i: usize| beat.at(&beat.volume_ml, series.time_ms[i]);
         let square = mean(&late, &|i| (series.measured[i] - at(i)).powi(2));
         Ok((Some(mean(&near, &at)), Some(square.sqrt())))

@@ -8,21 +8,29 @@ use std::path::Path;
 use std::time::Instant;
 
 use cardiotwin_mechanics::newton::LinearSolver;
-use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
+use cardiotwin_mechanics::organ::{
+    ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork,
+};
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
-use cardiotwin_models::effects::{InThreeDimensionsParts, LatePart, Surroundings, in_three_dimensions};
+use cardiotwin_models::effects::{
+    InThreeDimensionsParts, LatePart, Surroundings, in_three_dimensions,
+};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
-use cardiotwin_schemas::finite_element::{EquationSettings, FiniteElementOrgan, FiniteElementSettings};
+use cardiotwin_schemas::finite_element::{
+    EquationSettings, FiniteElementOrgan, FiniteElementSettings,
+};
 use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings};
+use super::{
+    Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings,
+};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
@@ -59,32 +67,64 @@ pub(super) fn run(
 ) -> Result<Ending, TaskError> {
     let begun = Instant::now();
     context.progress.report("setting up", 0.0, None, || {
-        format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
+        format!(
+            "{} nodes, {} tetrahedra",
+            organ.figures.nodes, organ.figures.elements
+        )
     });
     // The session is dropped after the ventricle.
-    let Organ { session: _session, mut ventricle, mut circulation, n_nodes, followed } =
-        assemble(spec, organ, context)?;
+    let Organ {
+        session: _session,
+        mut ventricle,
+        mut circulation,
+        n_nodes,
+        followed,
+    } = assemble(spec, organ, context)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
-    let settings = BeatSettings { record_nodes: false, ..settings(spec) };
-    let task = TaskSpec::OrganBeat(Box::new(spec.clone())).key().to_string();
+    let settings = BeatSettings {
+        record_nodes: false,
+        ..settings(spec)
+    };
+    let task = TaskSpec::OrganBeat(Box::new(spec.clone()))
+        .key()
+        .to_string();
     let earlier = BeatCheckpoint::first_of(&context.checkpoints.earlier_files(FILE), &task);
     let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
     let mut series = begin_series(spec, organ, &ventricle, context)?;
     let mut shapes = Shapes::of(&ventricle, n_nodes);
-    let mut motion = followed.map(|followed| Motion::begin(followed, &shapes, ventricle.unloaded_mm()));
+    let mut motion =
+        followed.map(|followed| Motion::begin(followed, &shapes, ventricle.unloaded_mm()));
     let own = context.checkpoints.own_file(FILE);
     let directory = context.artefacts.directory().to_owned();
-    let rows_folder = own.as_ref().and_then(|file| file.parent()).unwrap_or(&directory);
-    let not_kept = |source| TaskError::Write { file: rows_folder.to_owned(), source };
+    let rows_folder = own
+        .as_ref()
+        .and_then(|file| file.parent())
+        .unwrap_or(&directory);
+    let not_kept = |source| TaskError::Write {
+        file: rows_folder.to_owned(),
+        source,
+    };
     let mut resumed = None;
     let earlier = earlier.filter(|(checkpoint, file)| {
         let traces = &checkpoint.progress.traces;
-        let rows = (file.parent().unwrap_or(file), checkpoint.progress.n_beats, traces.time_ms.len());
-        match NodalRows::resume(rows_folder, rows, ventricle.nodes().len(), has_calcium(spec)) {
+        let rows = (
+            file.parent().unwrap_or(file),
+            checkpoint.progress.n_beats,
+            traces.time_ms.len(),
+        );
+        match NodalRows::resume(
+            rows_folder,
+            rows,
+            ventricle.nodes().len(),
+            has_calcium(spec),
+        ) {
             Ok(rows) => resumed = Some(rows),
-            Err(error) => tracing::warn!("checkpoint {} is left aside: its nodal traces: {error}", file.display()),
+            Err(error) => tracing::warn!(
+                "checkpoint {} is left aside: its nodal traces: {error}",
+                file.display()
+            ),
         }
         resumed.is_some()
     });
@@ -94,11 +134,20 @@ pub(super) fn run(
     };
     let from = match earlier {
         Some((
-            BeatCheckpoint { progress, circulation: blood, ventricle: states, work, shapes: seen, motion: moved },
+            BeatCheckpoint {
+                progress,
+                circulation: blood,
+                ventricle: states,
+                work,
+                shapes: seen,
+                motion: moved,
+            },
             file,
         )) => {
             ventricle.restore(&states).map_err(TaskError::Organ)?;
-            circulation.restore(&blood).map_err(TaskError::Circulation)?;
+            circulation
+                .restore(&blood)
+                .map_err(TaskError::Circulation)?;
             tracing::info!("going on from a checkpoint at {} ms", ventricle.time().0);
             (before, resumed_at_ms) = (work, Some(ventricle.time().0));
             shapes = seen.resumed(&ventricle, n_nodes);
@@ -106,13 +155,21 @@ pub(super) fn run(
                 motion.resume(&shapes, ventricle.unloaded_mm(), &moved);
             }
             if let (Some(series), Some(attempt)) = (&mut series, file.ancestors().nth(2)) {
-                series.resume(attempt, progress.n_beats, ventricle.time().0 - progress.beat_start_ms)?;
+                series.resume(
+                    attempt,
+                    progress.n_beats,
+                    ventricle.time().0 - progress.beat_start_ms,
+                )?;
             }
             Some(progress)
         }
         None => None,
     };
-    let mut due = Due::new(context.checkpoint_ms, context.checkpoint_apart, ventricle.time().0);
+    let mut due = Due::new(
+        context.checkpoint_ms,
+        context.checkpoint_apart,
+        ventricle.time().0,
+    );
     let outcome = run_observed(&mut ventricle, &mut circulation, &settings, from, |seen| {
         let time = seen.ventricle_time_ms();
         let beat = seen.progress.n_beats;
@@ -120,11 +177,14 @@ pub(super) fn run(
         if let Some(motion) = &mut motion {
             motion.observe(&shapes, seen.ventricle.unloaded_mm());
         }
-        if let Err(source) = rows.observe((beat, seen.progress.traces.time_ms.len()), seen.ventricle) {
+        if let Err(source) =
+            rows.observe((beat, seen.progress.traces.time_ms.len()), seen.ventricle)
+        {
             return ControlFlow::Break(not_kept(source));
         }
         if let Some(series) = &mut series
-            && let Err(error) = series.observe(beat, time - seen.progress.beat_start_ms, seen.ventricle)
+            && let Err(error) =
+                series.observe(beat, time - seen.progress.beat_start_ms, seen.ventricle)
         {
             return ControlFlow::Break(error);
         }
@@ -140,7 +200,10 @@ pub(super) fn run(
                 shapes: shapes.clone(),
                 motion: motion.as_ref().map(Motion::numbers).unwrap_or_default(),
             };
-            if let Err(source) = rows.sync().and_then(|()| write(file, &checkpoint.to_bytes(&task))) {
+            if let Err(source) = rows
+                .sync()
+                .and_then(|()| write(file, &checkpoint.to_bytes(&task)))
+            {
                 return ControlFlow::Break(TaskError::Checkpoint(source));
             }
             rows.forget_earlier();
@@ -148,11 +211,16 @@ pub(super) fn run(
         if let Err(stop) = stop {
             return ControlFlow::Break(stop);
         }
-        context.progress.report("simulating", time - seen.progress.beat_start_ms, Some(length), || {
-            let work = seen.ventricle.work();
-            let newton = work.newton_iterations as f64 / work.steps.max(1) as f64;
-            format!("beat {beat}: {time:.0} ms, {newton:.2} Newton iterations a step")
-        });
+        context.progress.report(
+            "simulating",
+            time - seen.progress.beat_start_ms,
+            Some(length),
+            || {
+                let work = seen.ventricle.work();
+                let newton = work.newton_iterations as f64 / work.steps.max(1) as f64;
+                format!("beat {beat}: {time:.0} ms, {newton:.2} Newton iterations a step")
+            },
+        );
         ControlFlow::Continue(())
     });
     let outcome = match outcome {
@@ -177,42 +245,89 @@ pub(super) fn run(
     .into();
     counters.extend(resumed_at_ms.map(|time| ("resumed_at_ms".to_owned(), time)));
     if let Some(series) = &series {
-        context.artefacts.write("series", &format!("{}/{}", series::FOLDER, series::INDEX), &series.index())?;
+        context.artefacts.write(
+            "series",
+            &format!("{}/{}", series::FOLDER, series::INDEX),
+            &series.index(),
+        )?;
     }
     let mut lambda_min = None;
     if let BeatOutcome::Finished(result) = &outcome {
-        let of_nodes = [ventricle.activation_times_ms().to_vec(), ventricle.node_weights().to_vec()];
+        let of_nodes = [
+            ventricle.activation_times_ms().to_vec(),
+            ventricle.node_weights().to_vec(),
+        ];
         let unloaded = ventricle.unloaded_mm();
         let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
-        let drawn = heart::Organ { mesh: &mesh, unloaded, nodes: ventricle.nodes() };
+        let drawn = heart::Organ {
+            mesh: &mesh,
+            unloaded,
+            nodes: ventricle.nodes(),
+        };
         let mut fields = |sample| rows.stress_and_stretch(sample).map_err(not_kept);
-        let fields = [fields(shapes.begin.sample)?, fields(shapes.smallest.sample)?];
+        let fields = [
+            fields(shapes.begin.sample)?,
+            fields(shapes.smallest.sample)?,
+        ];
         if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces, &fields) {
-            context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
+            context.artefacts.write_bytes(
+                "heart",
+                "heart.json",
+                heart::text(&surface).as_bytes(),
+            )?;
         }
         let (time_ms, n_nodes) = (&result.traces.time_ms, of_nodes[0].len());
-        context.artefacts.write_pieces("nodal", "nodal.csv", |out| {
-            nodal::write_csv(out, time_ms, [&of_nodes[0], &of_nodes[1]], has_calcium(spec), |k| {
-                let row = rows.row(k)?;
-                let stretch = row[row.len() - n_nodes..].iter().copied();
-                lambda_min = Some(stretch.fold(lambda_min.unwrap_or(f64::INFINITY), f64::min));
-                Ok(row)
-            })
-        })?;
+        context
+            .artefacts
+            .write_pieces("nodal", "nodal.csv", |out| {
+                nodal::write_csv(
+                    out,
+                    time_ms,
+                    [&of_nodes[0], &of_nodes[1]],
+                    has_calcium(spec),
+                    |k| {
+                        let row = rows.row(k)?;
+                        let stretch = row[row.len() - n_nodes..].iter().copied();
+                        lambda_min =
+                            Some(stretch.fold(lambda_min.unwrap_or(f64::INFINITY), f64::min));
+                        Ok(row)
+                    },
+                )
+            })?;
     }
     // What follows is rank 0's alone: the others need not wait for it.
     drop(ventricle);
     if let BeatOutcome::Finished(result) = &outcome {
-        if let Some(conduction) = spec.finite_element.and_then(|equations| equations.potentials) {
+        if let Some(conduction) = spec
+            .finite_element
+            .and_then(|equations| equations.potentials)
+        {
             let begun = Instant::now();
-            potentials::write(&StoredVentricle::read(&organ.ventricle)?, &conduction, length, context)?;
-            counters.insert("seconds_potentials".to_owned(), begun.elapsed().as_secs_f64());
+            potentials::write(
+                &StoredVentricle::read(&organ.ventricle)?,
+                &conduction,
+                length,
+                context,
+            )?;
+            counters.insert(
+                "seconds_potentials".to_owned(),
+                begun.elapsed().as_secs_f64(),
+            );
         }
         counters.insert("newton_iterations_per_step".to_owned(), {
             result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
         });
     }
-    ending(spec, outcome, counters, Seen { lambda_min, motion: motion.as_ref() }, context)
+    ending(
+        spec,
+        outcome,
+        counters,
+        Seen {
+            lambda_min,
+            motion: motion.as_ref(),
+        },
+        context,
+    )
 }
 
 /// A series of VTU files, where one was asked for; its size is told before the rest of it is written.
@@ -228,10 +343,19 @@ fn begin_series(
     let every_ms = context.vtu_every_ms.max(spec.time_step_ms);
     let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
     let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
-    let (series, bytes) = Series::begin(context.artefacts.directory(), mesh, ventricle, every_ms, with_calcium)?;
+    let (series, bytes) = Series::begin(
+        context.artefacts.directory(),
+        mesh,
+        ventricle,
+        every_ms,
+        with_calcium,
+    )?;
     let n_frames = Series::n_frames_of(every_ms, spec.cycle_length_ms);
     let (frame, all) = (bytes as f64 * 1e-6, (n_frames * bytes) as f64 * 1e-6);
-    tracing::info!("VTU series: {n_frames} frames of {frame:.2} MB, {all:.0} MB in all, in {}/", series::FOLDER);
+    tracing::info!(
+        "VTU series: {n_frames} frames of {frame:.2} MB, {all:.0} MB in all, in {}/",
+        series::FOLDER
+    );
     Ok(Some(series))
 }
 
@@ -269,12 +393,20 @@ pub(super) fn assemble(
     let stored = StoredVentricle::read(&organ.ventricle)?;
     let made = with_parts(spec, organ, &stored, |parts, is_shared| {
         let Some(team) = context.team.as_ref().filter(|team| team.n_ranks() > 1) else {
-            let n_ranks = if is_shared { context.threads.max(1) as usize } else { 1 };
-            let ventricle = FiniteElementVentricle::on_threads(parts, n_ranks, ThreadSettings::default());
+            let n_ranks = if is_shared {
+                context.threads.max(1) as usize
+            } else {
+                1
+            };
+            let ventricle =
+                FiniteElementVentricle::on_threads(parts, n_ranks, ThreadSettings::default());
             return ventricle.map(|ventricle| (None, ventricle));
         };
         if !is_shared {
-            tracing::warn!("one rank of {} computes: the others lack these elements or solver", team.n_ranks());
+            tracing::warn!(
+                "one rank of {} computes: the others lack these elements or solver",
+                team.n_ranks()
+            );
             return FiniteElementVentricle::new(parts).map(|ventricle| (None, ventricle));
         }
         FiniteElementVentricle::check(&parts, team.n_ranks())?;
@@ -290,7 +422,13 @@ pub(super) fn assemble(
     })?;
     let ((session, ventricle), circulation) = (made.0.map_err(TaskError::Organ)?, made.1);
     let (n_nodes, followed) = (stored.mesh.n_nodes(), Followed::of(&stored.mesh));
-    Ok(Organ { session, ventricle, circulation, n_nodes, followed })
+    Ok(Organ {
+        session,
+        ventricle,
+        circulation,
+        n_nodes,
+        followed,
+    })
 }
 
 /// Does what rank 0 wants of this rank in a beat.
@@ -331,7 +469,10 @@ fn effected(
         DEFAULT_EXPONENT,
     )
     .map_err(TaskError::PassiveState)?;
-    let surroundings = Surroundings { heart: left_heart(spec), onset: Ms(figures.onset_ms) };
+    let surroundings = Surroundings {
+        heart: left_heart(spec),
+        onset: Ms(figures.onset_ms),
+    };
     let contraction = contraction(spec)?;
     let effects = effects(&spec.circulation.effects)?;
     let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
@@ -343,7 +484,8 @@ fn effected(
 }
 
 fn equations(spec: &OrganBeatSpec) -> EquationSettings {
-    spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations())
+    spec.finite_element
+        .unwrap_or_else(|| FiniteElementSettings::default().equations())
 }
 
 fn step_settings(spec: &OrganBeatSpec) -> StepSettings {
@@ -360,10 +502,15 @@ fn with_parts<T>(
     let parts = effected(spec, organ, &stored.about)?;
     let restored = stored.restore(parts.cross_fibre_share)?;
     let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
-        .map(|(node, time)| organ.figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
+        .map(|(node, time)| {
+            organ.figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node))
+        })
         .collect();
     let about = &stored.about;
-    let is_shared = is_shared(wall::element(about.element, about.wall.pointwise_share), &equations(spec));
+    let is_shared = is_shared(
+        wall::element(about.element, about.wall.pointwise_share),
+        &equations(spec),
+    );
     let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
         wall: &restored.wall,
@@ -381,7 +528,11 @@ fn with_parts<T>(
 /// The delay of a node in the late part: a sector around the lateral side, opposite the septum at −x.
 fn delay_ms(late: LatePart, [x, y, _]: &[f64; 3]) -> f64 {
     let from_lateral = y.atan2(*x).abs() / std::f64::consts::PI;
-    if from_lateral < late.share { late.delay_ms } else { 0.0 }
+    if from_lateral < late.share {
+        late.delay_ms
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]
@@ -390,13 +541,22 @@ mod tests {
 
     #[test]
     fn the_late_part_is_a_sector_opposite_the_septum() {
-        let late = LatePart { delay_ms: 60.0, share: 0.25 };
+        let late = LatePart {
+            delay_ms: 60.0,
+            share: 0.25,
+        };
         let n = 3600;
         let delayed = (0..n).filter(|k| {
             let angle = std::f64::consts::TAU * (f64::from(*k) + 0.5) / f64::from(n);
             delay_ms(late, &[angle.cos(), angle.sin(), 1.0]) > 0.0
         });
         assert_eq!(delayed.count(), 900);
-        assert_eq!((delay_ms(late, &[30.0, 0.0, 0.0]), delay_ms(late, &[-30.0, 0.0, 0.0])), (60.0, 0.0));
+        assert_eq!(
+            (
+                delay_ms(late, &[30.0, 0.0, 0.0]),
+                delay_ms(late, &[-30.0, 0.0, 0.0])
+            ),
+            (60.0, 0.0)
+        );
     }
 }

@@ -11,7 +11,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats};
+use cardiotwin_models::beat::{
+    BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats,
+};
 use cardiotwin_models::calcium::SampledCalcium;
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
@@ -19,7 +21,8 @@ use cardiotwin_models::contraction::{StretchReference, Tanh, TanhParameters};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
 use cardiotwin_schemas::organ::{
-    self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OrganSpec, StretchOrigin,
+    self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OrganSpec,
+    StretchOrigin,
 };
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
@@ -59,9 +62,18 @@ pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<
 pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskError> {
     context.check_stop()?;
     match &spec.organ {
-        OrganSpec::Reduced { passive, activation } => {
-            let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
-            context.progress.report("simulating", 0.0, None, || format!("{} ms cycle", spec.cycle_length_ms));
+        OrganSpec::Reduced {
+            passive,
+            activation,
+        } => {
+            let Assembled {
+                mut ventricle,
+                mut circulation,
+                ..
+            } = reduced(spec, passive, activation)?;
+            context.progress.report("simulating", 0.0, None, || {
+                format!("{} ms cycle", spec.cycle_length_ms)
+            });
             let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
             ending(spec, outcome, BTreeMap::new(), Seen::default(), context)
         }
@@ -79,10 +91,19 @@ pub fn reduced_beat(
     passive: &organ::OneFibrePassive,
     activation: &ActivationSpec,
 ) -> Result<Option<OrganBeatResult>, TaskError> {
-    let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
-    let settings = BeatSettings { record_nodes: false, ..settings(spec) };
+    let Assembled {
+        mut ventricle,
+        mut circulation,
+        ..
+    } = reduced(spec, passive, activation)?;
+    let settings = BeatSettings {
+        record_nodes: false,
+        ..settings(spec)
+    };
     match run_beats(&mut ventricle, &mut circulation, &settings) {
-        BeatOutcome::Finished(result) => organ_beat_result(spec, &result, Seen::default()).map(Some),
+        BeatOutcome::Finished(result) => {
+            organ_beat_result(spec, &result, Seen::default()).map(Some)
+        }
         BeatOutcome::Diverged { .. } => Ok(None),
     }
 }
@@ -96,12 +117,21 @@ fn ending(
     context: &mut Context,
 ) -> Result<Ending, TaskError> {
     match outcome {
-        BeatOutcome::Diverged { t, reason, traces, .. } => {
-            context.artefacts.write("traces", "traces.csv", &traces_csv(&traces))?;
-            Ok(Ending::Diverged { last_good_ms: t.0, reason: chain(&reason) })
+        BeatOutcome::Diverged {
+            t, reason, traces, ..
+        } => {
+            context
+                .artefacts
+                .write("traces", "traces.csv", &traces_csv(&traces))?;
+            Ok(Ending::Diverged {
+                last_good_ms: t.0,
+                reason: chain(&reason),
+            })
         }
         BeatOutcome::Finished(result) => {
-            context.artefacts.write("traces", "traces.csv", &traces_csv(&result.traces))?;
+            context
+                .artefacts
+                .write("traces", "traces.csv", &traces_csv(&result.traces))?;
             if let Some(nodes) = &result.traces.nodes {
                 let text = nodal::to_csv(&result.traces.time_ms, nodes, has_calcium(spec));
                 context.artefacts.write("nodal", "nodal.csv", &text)?;
@@ -109,7 +139,9 @@ fn ending(
             let mut result = organ_beat_result(spec, &result, seen)?;
             counters.append(&mut result.counters);
             result.counters = counters;
-            Ok(Ending::Succeeded { result: Box::new(TaskResult::OrganBeat(result)) })
+            Ok(Ending::Succeeded {
+                result: Box::new(TaskResult::OrganBeat(result)),
+            })
         }
     }
 }
@@ -124,12 +156,16 @@ fn settings(spec: &OrganBeatSpec) -> BeatSettings {
         cycle_length: Ms(spec.cycle_length_ms),
         beats: match spec.beats {
             BeatCount::Fixed { n } => Beats::Exactly(n as usize),
-            BeatCount::Periodic { max, tolerance } => {
-                Beats::UntilPeriodic { limit: max as usize, volume: Ml(tolerance), pressure: Mmhg(tolerance) }
-            }
+            BeatCount::Periodic { max, tolerance } => Beats::UntilPeriodic {
+                limit: max as usize,
+                volume: Ml(tolerance),
+                pressure: Mmhg(tolerance),
+            },
         },
         step: Ms(spec.time_step_ms),
-        diastolic_step: Ms(spec.finite_element.map_or(0.0, |equations| equations.diastolic_step_ms)),
+        diastolic_step: Ms(spec
+            .finite_element
+            .map_or(0.0, |equations| equations.diastolic_step_ms)),
         shortest_step: Ms(spec.shortest_step_ms),
         record_nodes: true,
     }
@@ -163,7 +199,9 @@ pub fn reduced(
         contraction: contraction(spec)?,
     };
     let mut organ = assemble(base, &effects)?;
-    organ.ventricle.limit_iterations(spec.newton_iterations as usize);
+    organ
+        .ventricle
+        .limit_iterations(spec.newton_iterations as usize);
     Ok(organ)
 }
 
@@ -180,17 +218,32 @@ fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
 fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
     let cycle_length_ms = spec.cycle_length_ms;
     let contraction = match &spec.contraction {
-        ContractionSpec::Tanh { parameters } => {
-            Tanh::new(tanh(parameters)).map(GroupContraction::tanh).map_err(TaskError::Contraction)?
-        }
-        ContractionSpec::Land2017Rice { parameters, lambda_0 } => {
-            land(NamedCell::new(cycle_length_ms, *lambda_0).with(parameters)?.parameters())?
-        }
-        ContractionSpec::Land2017Trace { parameters, lambda_0, calcium } => {
-            let cell = NamedCell::new(cycle_length_ms, *lambda_0).with(parameters)?.parameters();
+        ContractionSpec::Tanh { parameters } => Tanh::new(tanh(parameters))
+            .map(GroupContraction::tanh)
+            .map_err(TaskError::Contraction)?,
+        ContractionSpec::Land2017Rice {
+            parameters,
+            lambda_0,
+        } => land(
+            NamedCell::new(cycle_length_ms, *lambda_0)
+                .with(parameters)?
+                .parameters(),
+        )?,
+        ContractionSpec::Land2017Trace {
+            parameters,
+            lambda_0,
+            calcium,
+        } => {
+            let cell = NamedCell::new(cycle_length_ms, *lambda_0)
+                .with(parameters)?
+                .parameters();
             let samples = calcium::samples(calcium, cycle_length_ms)?;
-            let sampled = SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
-            land(CellParameters { calcium: CalciumInput::Sampled(Arc::new(sampled)), ..cell })?
+            let sampled =
+                SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
+            land(CellParameters {
+                calcium: CalciumInput::Sampled(Arc::new(sampled)),
+                ..cell
+            })?
         }
     };
     Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
@@ -199,7 +252,9 @@ fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
 fn stretch_reference(stretch: CellStretch) -> StretchReference {
     match stretch.origin {
         StretchOrigin::EndDiastole => StretchReference::EndDiastole,
-        StretchOrigin::Unloaded => StretchReference::Unloaded { slack: stretch.slack_stretch },
+        StretchOrigin::Unloaded => StretchReference::Unloaded {
+            slack: stretch.slack_stretch,
+        },
     }
 }
 
@@ -231,7 +286,9 @@ fn heart(spec: &OrganBeatSpec) -> LeftHeart {
         aortic_forward: MmhgSPerMl(spec.valves.r_av_f_mmhg_s_per_ml),
         aortic_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
         windkessel: to_solver(&spec.circulation.afterload),
-        start: StartPressure::DiastolicCuff(Mmhg(spec.circulation.initial_windkessel_pressure_mmhg)),
+        start: StartPressure::DiastolicCuff(Mmhg(
+            spec.circulation.initial_windkessel_pressure_mmhg,
+        )),
         cycle_length: Ms(spec.cycle_length_ms),
     }
 }
@@ -245,9 +302,17 @@ struct Seen<'a> {
     motion: Option<&'a Motion>,
 }
 
-fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) -> Result<OrganBeatResult, TaskError> {
+fn organ_beat_result(
+    spec: &OrganBeatSpec,
+    result: &BeatResult,
+    seen: Seen<'_>,
+) -> Result<OrganBeatResult, TaskError> {
     let traces = &result.traces;
-    let small_change = result.volume_change_ml.abs().max(result.pressure_change_mmhg) <= PERIODIC_CHANGE;
+    let small_change = result
+        .volume_change_ml
+        .abs()
+        .max(result.pressure_change_mmhg)
+        <= PERIODIC_CHANGE;
     // One beat is never taken as periodic: its end says nothing of its start.
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
     let [pressure, volume] = signals(traces, periodic)?;
@@ -262,9 +327,15 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
     let counters = BTreeMap::from([
         ("time_steps".to_owned(), result.work.n_steps as f64),
         ("cut_steps".to_owned(), result.work.n_cut as f64),
-        ("newton_iterations".to_owned(), result.work.n_iterations as f64),
+        (
+            "newton_iterations".to_owned(),
+            result.work.n_iterations as f64,
+        ),
         ("volume_change_mL".to_owned(), result.volume_change_ml),
-        ("pressure_change_mmHg".to_owned(), result.pressure_change_mmhg),
+        (
+            "pressure_change_mmHg".to_owned(),
+            result.pressure_change_mmhg,
+        ),
     ]);
     Ok(OrganBeatResult {
         biomarkers,
@@ -277,8 +348,12 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
         beats: result.n_beats as u32,
         periodic,
         remarks: biomarkers::remarks(&set),
-        motion: seen.motion.and_then(|motion| motion.measures(&time_points, traces)),
-        lambda_min: seen.lambda_min.unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
+        motion: seen
+            .motion
+            .and_then(|motion| motion.measures(&time_points, traces)),
+        lambda_min: seen
+            .lambda_min
+            .unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
         counters,
     })
 }
@@ -289,27 +364,43 @@ pub(crate) fn simulated_biomarkers(
     cycle_length_ms: Option<f64>,
 ) -> Result<BiomarkerSet, TaskError> {
     let [pressure, volume] = signals(traces, cycle_length_ms.is_some())?;
-    let continuation = continuation(cycle_length_ms.is_some(), cycle_length_ms.unwrap_or_default());
-    Ok(BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?)
+    let continuation = continuation(
+        cycle_length_ms.is_some(),
+        cycle_length_ms.unwrap_or_default(),
+    );
+    Ok(BiomarkerSet::of(
+        Some(&pressure),
+        Some(&volume),
+        continuation,
+    )?)
 }
 
 fn continuation(periodic: bool, cycle_length_ms: f64) -> Continuation {
-    if periodic { Continuation::periodic(Ms(cycle_length_ms)) } else { Continuation::Single }
+    if periodic {
+        Continuation::periodic(Ms(cycle_length_ms))
+    } else {
+        Continuation::Single
+    }
 }
 
 /// Pressure and volume of a beat as signals.
 fn signals(traces: &BeatTraces, periodic: bool) -> Result<[Trace; 2], TaskError> {
     // The last sample of a periodic beat is the first of the next.
     let n = traces.time_ms.len() - usize::from(periodic);
-    let trace = |quantity, values: &[f64]| Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec());
-    let pressure = trace(Quantity::Pressure, &traces.pressure_mmhg).map_err(TaskError::SimulatedTrace)?;
+    let trace = |quantity, values: &[f64]| {
+        Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec())
+    };
+    let pressure =
+        trace(Quantity::Pressure, &traces.pressure_mmhg).map_err(TaskError::SimulatedTrace)?;
     let volume = trace(Quantity::Volume, &traces.volume_ml).map_err(TaskError::SimulatedTrace)?;
     Ok([pressure, volume])
 }
 
 /// A trace at the times of [`BeatSamples`].
 pub(crate) fn samples(trace: &Trace, cycle_length_ms: f64) -> Vec<f64> {
-    (0..N_SAMPLES).map(|k| trace.at(k as f64 * cycle_length_ms / N_SAMPLES as f64)).collect()
+    (0..N_SAMPLES)
+        .map(|k| trace.at(k as f64 * cycle_length_ms / N_SAMPLES as f64))
+        .collect()
 }
 
 /// The check as read by a person: `volume_balance_ml` becomes `volume balance`, its value gets the unit.

@@ -28,12 +28,23 @@ pub(super) fn write(
 ) -> Result<(), TaskError> {
     let failed = |error| TaskError::FiniteElement(FiniteElementError::Potentials(error));
     let across = conduction.across_m_per_s;
-    let tissue = Tissue::matching(&Speeds { fibre: conduction.along_m_per_s, sheet: across, normal: across });
+    let tissue = Tissue::matching(&Speeds {
+        fibre: conduction.along_m_per_s,
+        sheet: across,
+        normal: across,
+    });
     let settings = Settings::default();
     let start = rest(&settings.membrane);
     let muscle = [tags::LEFT_VENTRICLE];
-    let mut model = ReactionEikonal::new(&stored.mesh, &muscle, &stored.activation_ms, &tissue, &start, &settings)
-        .map_err(failed)?;
+    let mut model = ReactionEikonal::new(
+        &stored.mesh,
+        &muscle,
+        &stored.activation_ms,
+        &tissue,
+        &start,
+        &settings,
+    )
+    .map_err(failed)?;
     let n_frames = cycle_length_ms.floor() as usize + 1;
     let mut igb = header_mv(stored.mesh.n_nodes(), n_frames, cycle_length_ms.floor());
     let mut csv = "time_ms,median_mV,lower_quartile_mV,upper_quartile_mV\n".to_owned();
@@ -47,8 +58,14 @@ pub(super) fn write(
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| sorted[(share * (sorted.len() - 1) as f64).round() as usize];
         let _ = writeln!(csv, "{t_ms},{:.3},{:.3},{:.3}", at(0.5), at(0.25), at(0.75));
-        context.progress.report("potentials", t_ms, Some(cycle_length_ms), || format!("{t_ms:.0} ms"));
+        context
+            .progress
+            .report("potentials", t_ms, Some(cycle_length_ms), || {
+                format!("{t_ms:.0} ms")
+            });
     }
-    context.artefacts.write_bytes("potentials", "vm.igb", &igb)?;
+    context
+        .artefacts
+        .write_bytes("potentials", "vm.igb", &igb)?;
     context.artefacts.write("potential-traces", "vm.csv", &csv)
 }

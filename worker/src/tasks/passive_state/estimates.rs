@@ -21,7 +21,12 @@ const EJECTION_SHARE: f64 = 1.0 / 3.0;
 /// Wall volume from the end-diastolic volume.
 pub(super) fn wall_volume(end_diastole: EndDiastole, estimates: &mut Vec<Estimate>) -> f64 {
     let value = WALL_SHARE * end_diastole.volume_ml;
-    push(estimates, "anatomy.wall_volume_mL", value, "0.75 of the end-diastolic volume");
+    push(
+        estimates,
+        "anatomy.wall_volume_mL",
+        value,
+        "0.75 of the end-diastolic volume",
+    );
     value
 }
 
@@ -34,9 +39,21 @@ pub(super) struct Loads<'a> {
 }
 
 impl<'a> Loads<'a> {
-    pub(super) fn new(spec: &'a PassiveStateSpec, measured: &'a Measurements, end_diastole: EndDiastole) -> Self {
-        let stroke_volume_ml = measured.biomarkers.sv_ml.unwrap_or(EJECTION_FRACTION * end_diastole.volume_ml);
-        Self { spec, measured, end_diastole, stroke_volume_ml }
+    pub(super) fn new(
+        spec: &'a PassiveStateSpec,
+        measured: &'a Measurements,
+        end_diastole: EndDiastole,
+    ) -> Self {
+        let stroke_volume_ml = measured
+            .biomarkers
+            .sv_ml
+            .unwrap_or(EJECTION_FRACTION * end_diastole.volume_ml);
+        Self {
+            spec,
+            measured,
+            end_diastole,
+            stroke_volume_ml,
+        }
     }
 
     /// Windkessel pressure at the start of a cycle that is periodic with the measured stroke volume.
@@ -55,11 +72,17 @@ impl<'a> Loads<'a> {
     }
 
     /// The load that has the arterial pressures under the measured ejection.
-    pub(super) fn afterload(&self, estimates: &mut Vec<Estimate>) -> Result<WindkesselParameters, TaskError> {
+    pub(super) fn afterload(
+        &self,
+        estimates: &mut Vec<Estimate>,
+    ) -> Result<WindkesselParameters, TaskError> {
         let (systolic, diastolic, origin) = self.arterial_pressures()?;
         let (volume, shape) = match self.measured.quiet_volume(self.spec.cycle_length_ms) {
             Some(volume) => (volume, "measured ejection"),
-            None => (self.assumed_volume(), "an assumed ejection of the stroke volume"),
+            None => (
+                self.assumed_volume(),
+                "an assumed ejection of the stroke volume",
+            ),
         };
         let found = estimate::windkessel(&volume, Ms(1.0), Mmhg(systolic), Mmhg(diastolic))?;
         let load = WindkesselParameters {
@@ -69,9 +92,18 @@ impl<'a> Loads<'a> {
         };
         let method = format!("{}; {shape}, {origin}", found.how);
         for (key, value) in [
-            ("afterload.characteristic_resistance_mmHg_s_per_mL", load.characteristic_resistance_mmhg_s_per_ml),
-            ("afterload.peripheral_resistance_mmHg_s_per_mL", load.peripheral_resistance_mmhg_s_per_ml),
-            ("afterload.compliance_mL_per_mmHg", load.compliance_ml_per_mmhg),
+            (
+                "afterload.characteristic_resistance_mmHg_s_per_mL",
+                load.characteristic_resistance_mmhg_s_per_ml,
+            ),
+            (
+                "afterload.peripheral_resistance_mmHg_s_per_mL",
+                load.peripheral_resistance_mmhg_s_per_ml,
+            ),
+            (
+                "afterload.compliance_mL_per_mmHg",
+                load.compliance_ml_per_mmhg,
+            ),
         ] {
             push(estimates, key, value, &method);
         }
@@ -89,20 +121,35 @@ impl<'a> Loads<'a> {
             0.5 * (1.0 - (std::f64::consts::PI * phase).cos()) - filled
         };
         let samples = 0..length.floor() as usize;
-        samples.map(|idx| self.end_diastole.volume_ml - self.stroke_volume_ml * ejected(idx as f64)).collect()
+        samples
+            .map(|idx| self.end_diastole.volume_ml - self.stroke_volume_ml * ejected(idx as f64))
+            .collect()
     }
 
     /// Systolic and diastolic arterial pressure and where they come from.
     fn arterial_pressures(&self) -> Result<(f64, f64, &'static str), TaskError> {
-        if let (Some(systolic), Some(diastolic)) = (self.spec.aortic_systolic_mmhg, self.spec.aortic_diastolic_mmhg) {
+        if let (Some(systolic), Some(diastolic)) = (
+            self.spec.aortic_systolic_mmhg,
+            self.spec.aortic_diastolic_mmhg,
+        ) {
             return Ok((systolic, diastolic, "measured arterial pressure"));
         }
         // Without a cuff: the ventricle's own peak, and its pressure when ejection begins.
-        let opening = self.measured.pressure.as_ref().zip(self.measured.set.time_points.t4).map(|(p, t)| p.at(t.0));
-        match (self.measured.biomarkers.p_max_mmhg, self.spec.aortic_diastolic_mmhg.or(opening)) {
-            (Some(systolic), Some(diastolic)) => {
-                Ok((systolic, diastolic, "the ventricle's peak pressure and its pressure when ejection begins"))
-            }
+        let opening = self
+            .measured
+            .pressure
+            .as_ref()
+            .zip(self.measured.set.time_points.t4)
+            .map(|(p, t)| p.at(t.0));
+        match (
+            self.measured.biomarkers.p_max_mmhg,
+            self.spec.aortic_diastolic_mmhg.or(opening),
+        ) {
+            (Some(systolic), Some(diastolic)) => Ok((
+                systolic,
+                diastolic,
+                "the ventricle's peak pressure and its pressure when ejection begins",
+            )),
             _ => Err(TaskError::NotMeasured {
                 what: "arterial pressure",
                 remedy: "give [afterload], or [measured.aortic_pressure] with systolic and diastolic pressure",
@@ -111,11 +158,24 @@ impl<'a> Loads<'a> {
     }
 
     /// Filling pressure from end-diastole and diastasis.
-    pub(super) fn left_atrial_pressure(&self, estimates: &mut Vec<Estimate>) -> Result<f64, TaskError> {
-        let diastasis = self.measured.pressure.as_ref().zip(self.spec.diastasis_time_ms);
+    pub(super) fn left_atrial_pressure(
+        &self,
+        estimates: &mut Vec<Estimate>,
+    ) -> Result<f64, TaskError> {
+        let diastasis = self
+            .measured
+            .pressure
+            .as_ref()
+            .zip(self.spec.diastasis_time_ms);
         let pressure = diastasis.map(|(trace, time)| Mmhg(trace.at(time)));
-        let found = estimate::left_atrial_pressure(Mmhg(self.end_diastole.pressure_mmhg), pressure)?;
-        push(estimates, "preload.left_atrial_pressure_mmHg", found.value.0, &found.how);
+        let found =
+            estimate::left_atrial_pressure(Mmhg(self.end_diastole.pressure_mmhg), pressure)?;
+        push(
+            estimates,
+            "preload.left_atrial_pressure_mmHg",
+            found.value.0,
+            &found.how,
+        );
         Ok(found.value.0)
     }
 }
@@ -130,5 +190,9 @@ pub(crate) fn to_solver(load: &WindkesselParameters) -> windkessel::WindkesselPa
 }
 
 fn push(estimates: &mut Vec<Estimate>, key: &str, value: f64, method: &str) {
-    estimates.push(Estimate { key: key.to_owned(), value, method: method.to_owned() });
+    estimates.push(Estimate {
+        key: key.to_owned(),
+        value,
+        method: method.to_owned(),
+    });
 }

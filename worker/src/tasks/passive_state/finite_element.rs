@@ -8,8 +8,8 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, RightPressure, Search, SearchProgress,
-    UnloadingSettings,
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, RightPressure, Search,
+    SearchProgress, UnloadingSettings,
 };
 use cardiotwin_mechanics::tissue::TissueJob;
 use cardiotwin_mesh::eikonal::{Conduction, Speeds};
@@ -21,7 +21,9 @@ use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
 use cardiotwin_models::ventricle::passive_state::klotz_unloaded_volume;
-use cardiotwin_schemas::finite_element::{AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings};
+use cardiotwin_schemas::finite_element::{
+    AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings,
+};
 use cardiotwin_schemas::muscle::MuscleLaw;
 use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::settings::StartMode;
@@ -75,13 +77,23 @@ impl Target {
         }
     }
 
-    fn of(spec: &PassiveStateSpec, measured: &Measurements, end: EndDiastole, remarks: &mut Vec<String>) -> Self {
+    fn of(
+        spec: &PassiveStateSpec,
+        measured: &Measurements,
+        end: EndDiastole,
+        remarks: &mut Vec<String>,
+    ) -> Self {
         let loaded = |volume_ml| Self::loaded(volume_ml, end);
-        let pressure = measured.pressure.as_ref().zip(spec.diastasis_time_ms).map(|(trace, time)| trace.at(time));
+        let pressure = measured
+            .pressure
+            .as_ref()
+            .zip(spec.diastasis_time_ms)
+            .map(|(trace, time)| trace.at(time));
         match (spec.start, spec.diastasis_volume_ml, pressure) {
             (StartMode::Diastasis, Some(volume), _) => loaded(volume),
             (StartMode::EndDiastole, Some(volume), Some(pressure)) => {
-                let unloaded_ml = klotz_unloaded_volume(Ml(end.volume_ml), Mmhg(end.pressure_mmhg)).0;
+                let unloaded_ml =
+                    klotz_unloaded_volume(Ml(end.volume_ml), Mmhg(end.pressure_mmhg)).0;
                 let at_end = (Ml(end.volume_ml), Mmhg(end.pressure_mmhg));
                 if is_before_end_diastole((Ml(volume), Mmhg(pressure)), at_end) {
                     return Self {
@@ -109,7 +121,10 @@ impl Target {
         let end_diastolic_pressure_kpa = kpa(self.end_diastole.pressure_mmhg);
         let unloaded_volume_mm3 = 1e3 * self.unloaded_ml;
         if stiffness_given {
-            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa }
+            PassiveFit::Given {
+                image_pressure_kpa,
+                end_diastolic_pressure_kpa,
+            }
         } else if self.before_end_diastole {
             PassiveFit::ThreePoints {
                 image_pressure_kpa,
@@ -118,7 +133,10 @@ impl Target {
                 unloaded_volume_mm3,
             }
         } else {
-            PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 }
+            PassiveFit::Unloaded {
+                end_diastolic_pressure_kpa,
+                unloaded_volume_mm3,
+            }
         }
     }
 }
@@ -135,18 +153,38 @@ fn mesh(
     seconds: &mut [f64; 3],
 ) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
     let begun = Instant::now();
-    let Taken { mut mesh, times_ms, sites, .. } = match own {
+    let Taken {
+        mut mesh,
+        times_ms,
+        sites,
+        ..
+    } = match own {
         Some(taken) => taken,
         None => {
-            let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
+            let made = generate(&EllipsoidSpec::new(
+                Ml(image_ml),
+                Ml(wall_ml),
+                n_nodes as usize,
+            ))?;
             let mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
             let sites = made.shape.fascicles().to_vec();
-            Taken { mesh, times_ms: None, sites, cavity_ml: image_ml, beside: BTreeSet::new(), right_cavity_ml: None }
+            Taken {
+                mesh,
+                times_ms: None,
+                sites,
+                cavity_ml: image_ml,
+                beside: BTreeSet::new(),
+                right_cavity_ml: None,
+            }
         }
     };
     let meshed = begun.elapsed().as_secs_f64();
     let muscle = vec![tags::LEFT_VENTRICLE];
-    let passive = mesh.tags.iter().copied().filter(|tag| !muscle.contains(tag));
+    let passive = mesh
+        .tags
+        .iter()
+        .copied()
+        .filter(|tag| !muscle.contains(tag));
     passive_tags::check(&anatomy.wall.passive, passive)?;
     sprung_surfaces(&anatomy.wall, &mesh)?;
     let f = &anatomy.fibres;
@@ -158,14 +196,24 @@ fn mesh(
     });
     let speeds = &anatomy.conduction;
     let conduction = times_ms.is_none().then(|| Conduction {
-        speeds: Speeds { fibre: speeds.along_m_per_s, sheet: speeds.across_m_per_s, normal: speeds.across_m_per_s },
+        speeds: Speeds {
+            fibre: speeds.along_m_per_s,
+            sheet: speeds.across_m_per_s,
+            normal: speeds.across_m_per_s,
+        },
         endocardial_speed: (speeds.endocardium_m_per_s > 0.0).then_some(speeds.endocardium_m_per_s),
         tags: muscle.clone(),
         sites,
     });
-    let job = TissueJob { muscle, fibres, conduction };
+    let job = TissueJob {
+        muscle,
+        fibres,
+        conduction,
+    };
     let fibres_done = OnceLock::new();
-    let made = tissue::found(&job, &mesh, workers, &|| _ = fibres_done.set(begun.elapsed().as_secs_f64()))?;
+    let made = tissue::found(&job, &mesh, workers, &|| {
+        _ = fibres_done.set(begun.elapsed().as_secs_f64())
+    })?;
     if job.fibres.is_some() {
         mesh.fibres = made.fibres;
         mesh.frames = frames_at_centroids(&mesh, &job.muscle);
@@ -173,7 +221,10 @@ fn mesh(
     let times = times_ms.map_or(made.activation_ms, from_the_first);
     let fibred = fibres_done.into_inner().unwrap_or(meshed);
     let activated = begun.elapsed().as_secs_f64();
-    for (sum, own) in seconds.iter_mut().zip([meshed, fibred - meshed, activated - fibred]) {
+    for (sum, own) in seconds
+        .iter_mut()
+        .zip([meshed, fibred - meshed, activated - fibred])
+    {
         *sum += own;
     }
     Ok((mesh, times))
@@ -181,10 +232,21 @@ fn mesh(
 
 /// All surfaces with springs of their own are there.
 fn sprung_surfaces(wall: &WallSettings, mesh: &TetMesh) -> Result<(), FiniteElementError> {
-    match wall.surface.keys().find(|name| mesh.surface(name).is_none()) {
+    match wall
+        .surface
+        .keys()
+        .find(|name| mesh.surface(name).is_none())
+    {
         Some(name) => {
-            let found = mesh.surfaces.iter().map(|surface| surface.name.clone()).collect();
-            Err(FiniteElementError::SprungSurface { name: name.clone(), found })
+            let found = mesh
+                .surfaces
+                .iter()
+                .map(|surface| surface.name.clone())
+                .collect();
+            Err(FiniteElementError::SprungSurface {
+                name: name.clone(),
+                found,
+            })
         }
         None => Ok(()),
     }
@@ -200,8 +262,21 @@ fn of_a_stand_in(spec: &AnatomySpec) -> AnatomySpec {
 
 /// Times from the earliest on; nodes without one are never activated.
 fn from_the_first(times: Vec<f64>) -> Vec<f64> {
-    let first = times.iter().copied().filter(|t| t.is_finite()).fold(f64::INFINITY, f64::min);
-    times.into_iter().map(|t| if t.is_finite() { t - first } else { f64::INFINITY }).collect()
+    let first = times
+        .iter()
+        .copied()
+        .filter(|t| t.is_finite())
+        .fold(f64::INFINITY, f64::min);
+    times
+        .into_iter()
+        .map(|t| {
+            if t.is_finite() {
+                t - first
+            } else {
+                f64::INFINITY
+            }
+        })
+        .collect()
 }
 
 /// Factor of the exponents that the patient's effects ask for.
@@ -226,12 +301,14 @@ fn searched(
     let team = context.team.clone();
     let workers = Workers::of(team.as_ref(), context.threads);
     let mut watch = |p: &SearchProgress| {
-        context.progress.report("unloading", p.newton_iterations as f64, None, || {
-            format!(
-                "law {}, pass {}: {:.2} kPa, {} Newton iterations so far",
-                p.trials, p.passes, p.pressure_kpa, p.newton_iterations
-            )
-        });
+        context
+            .progress
+            .report("unloading", p.newton_iterations as f64, None, || {
+                format!(
+                    "law {}, pass {}: {:.2} kPa, {} Newton iterations so far",
+                    p.trials, p.passes, p.pressure_kpa, p.newton_iterations
+                )
+            });
         match context.check_stop() {
             Ok(()) => ControlFlow::Continue(()),
             Err(_) => ControlFlow::Break(()),
@@ -275,12 +352,19 @@ fn build(
         PassiveFit::Unloaded { .. } | PassiveFit::ImageUnloaded { .. } => 1.0,
     };
     let wall = wall::parameters(&spec.wall, first_factor, 0.0);
-    let mut job = PassiveJob { wall, target: goal, slope: None, steepened_by: None };
+    let mut job = PassiveJob {
+        wall,
+        target: goal,
+        slope: None,
+        steepened_by: None,
+    };
     let begun = Instant::now();
     let mut seconds = [0.0; 3];
     let mut sizes = vec![];
     let mut smaller = FIRST_NODES;
-    let last = own.as_ref().map_or(spec.mesh_nodes, |own| own.mesh.n_nodes() as u32);
+    let last = own
+        .as_ref()
+        .map_or(spec.mesh_nodes, |own| own.mesh.n_nodes() as u32);
     while !given && last > 4 * smaller {
         sizes.push(smaller);
         smaller *= 8;
@@ -288,7 +372,9 @@ fn build(
     sizes.push(last);
     for n_nodes in sizes {
         context.check_stop()?;
-        context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
+        context
+            .progress
+            .report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
         let stand_in = (own.is_some() && n_nodes < last).then(|| of_a_stand_in(spec));
         let taken = if n_nodes == last { own.take() } else { None };
         let workers = Workers::of(context.team.as_ref(), context.threads);
@@ -296,10 +382,15 @@ fn build(
         let made_of = stand_in.as_ref().unwrap_or(spec);
         let (mesh, times) = mesh(made_of, taken, n_nodes, volumes, workers, &mut seconds)?;
         let element = wall::element(spec.element, spec.wall.pointwise_share);
-        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], element).map_err(FiniteElementError::from)?;
+        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], element)
+            .map_err(FiniteElementError::from)?;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
         context.progress.report("unloading", 0.0, None, || {
-            format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
+            format!(
+                "{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom",
+                mesh.n_nodes(),
+                mesh.n_tets()
+            )
         });
         if n_nodes < last {
             match searched(&anatomy, &job, &made_of.wall, context) {
@@ -315,11 +406,27 @@ fn build(
         job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
         let state = searched(&anatomy, &job, &spec.wall, context)?;
-        let exponents = state.wall.muscle.exponent().zip(wall::muscle(&spec.wall).exponent());
+        let exponents = state
+            .wall
+            .muscle
+            .exponent()
+            .zip(wall::muscle(&spec.wall).exponent());
         let exponent_factor = exponents.map_or(1.0, |(found, own)| found / own);
         let [meshed, fibres, activation] = seconds;
-        let seconds = [meshed, fibres, activation, begun.elapsed().as_secs_f64() - meshed - fibres - activation];
-        return Ok(Built { mesh, times, degrees_of_freedom, state, exponent_factor, seconds });
+        let seconds = [
+            meshed,
+            fibres,
+            activation,
+            begun.elapsed().as_secs_f64() - meshed - fibres - activation,
+        ];
+        return Ok(Built {
+            mesh,
+            times,
+            degrees_of_freedom,
+            state,
+            exponent_factor,
+            seconds,
+        });
     }
     unreachable!("the last size returns")
 }
@@ -344,21 +451,42 @@ pub(super) fn make(
     let mut adapted = anatomy_spec.clone();
     if let Some(given) = spec.guccione_c_kpa {
         if adapted.wall.muscle_law != MuscleLaw::Guccione {
-            return Err(FiniteElementError::StiffnessOfAnotherLaw { law: wall::muscle(&adapted.wall).name() }.into());
+            return Err(FiniteElementError::StiffnessOfAnotherLaw {
+                law: wall::muscle(&adapted.wall).name(),
+            }
+            .into());
         }
         adapted.wall.guccione_c_kpa = given;
     }
     let given = spec.guccione_c_kpa.is_some();
     let mut target = Target::of(spec, measured, end_diastole, &mut remarks);
     let named = std::mem::take(&mut adapted.wall.passive);
-    let sprung: Vec<&str> = anatomy_spec.wall.surface.keys().map(String::as_str).collect();
-    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml, &named, &sprung)).transpose()?;
-    adapted.wall.passive = own.as_ref().map_or_else(|| named.clone(), |own| passive_tags::renamed(&named, &own.beside));
-    let right = spec.own_mesh.as_ref().and_then(|own| own.right_ventricle.as_ref());
+    let sprung: Vec<&str> = anatomy_spec
+        .wall
+        .surface
+        .keys()
+        .map(String::as_str)
+        .collect();
+    let own = spec
+        .own_mesh
+        .as_ref()
+        .map(|own| take(own, target.image_ml, &named, &sprung))
+        .transpose()?;
+    adapted.wall.passive = own.as_ref().map_or_else(
+        || named.clone(),
+        |own| passive_tags::renamed(&named, &own.beside),
+    );
+    let right = spec
+        .own_mesh
+        .as_ref()
+        .and_then(|own| own.right_ventricle.as_ref());
     if let Some(right) = right
         && let Some(spring) = adapted.wall.surface.remove(&right.surface)
     {
-        adapted.wall.surface.insert(surface_names::RIGHT_VENTRICLE.to_owned(), spring);
+        adapted
+            .wall
+            .surface
+            .insert(surface_names::RIGHT_VENTRICLE.to_owned(), spring);
     }
     if let Some(own) = &own {
         // The image's volume is the mesh's, whatever was measured in other images.
@@ -369,8 +497,12 @@ pub(super) fn make(
         }
     }
     let end_mmhg = target.end_diastole.pressure_mmhg;
-    let right = right.map(|own| right_ventricle::read(&own.pressure, spec.cycle_length_ms, end_mmhg)).transpose()?;
-    if let (Some(right), Some(volume_ml)) = (&right, own.as_ref().and_then(|own| own.right_cavity_ml)) {
+    let right = right
+        .map(|own| right_ventricle::read(&own.pressure, spec.cycle_length_ms, end_mmhg))
+        .transpose()?;
+    if let (Some(right), Some(volume_ml)) =
+        (&right, own.as_ref().and_then(|own| own.right_cavity_ml))
+    {
         count("right_ventricular_volume_mL", volume_ml);
         remarks.push(format!(
             "the right ventricle is passive: {volume_ml:.1} mL in the image, {:.1} mmHg at end-diastole",
@@ -378,19 +510,47 @@ pub(super) fn make(
         ));
     }
     let stored_right = right.as_ref().map(StoredRightPressure::from);
-    let built = match build(&adapted, wall_ml, of_effects, &target, (given, own, right), context) {
+    let built = match build(
+        &adapted,
+        wall_ml,
+        of_effects,
+        &target,
+        (given, own, right),
+        context,
+    ) {
         // A patient's own mesh shows what it shows.
-        Err(TaskError::FiniteElement(error)) if target.before_end_diastole && !given && spec.own_mesh.is_none() => {
-            remarks.push(format!("{error}: the mesh is made for end-diastole, with Klotz's unloaded volume alone"));
+        Err(TaskError::FiniteElement(error))
+            if target.before_end_diastole && !given && spec.own_mesh.is_none() =>
+        {
+            remarks.push(format!(
+                "{error}: the mesh is made for end-diastole, with Klotz's unloaded volume alone"
+            ));
             target = Target::loaded(end_diastole.volume_ml, end_diastole);
-            build(&adapted, wall_ml, of_effects, &target, (given, None, None), context)?
+            build(
+                &adapted,
+                wall_ml,
+                of_effects,
+                &target,
+                (given, None, None),
+                context,
+            )?
         }
         built => built?,
     };
-    let Built { mesh, times, degrees_of_freedom, state, exponent_factor, seconds } = built;
+    let Built {
+        mesh,
+        times,
+        degrees_of_freedom,
+        state,
+        exponent_factor,
+        seconds,
+    } = built;
     let mut activated: Vec<f64> = times.iter().copied().filter(|t| t.is_finite()).collect();
     activated.sort_by(f64::total_cmp);
-    let (middle, spread_ms) = (activated[activated.len() / 2], activated.last().copied().unwrap_or_default());
+    let (middle, spread_ms) = (
+        activated[activated.len() / 2],
+        activated.last().copied().unwrap_or_default(),
+    );
     let onset_ms = onset_ms(spec, measured, 2.0 * middle, estimates);
     if exponent_factor != of_effects {
         estimates.push(Estimate {
@@ -402,7 +562,12 @@ pub(super) fn make(
             ),
         });
     }
-    let names = ["seconds_mesh", "seconds_fibres", "seconds_activation", "seconds_unloading"];
+    let names = [
+        "seconds_mesh",
+        "seconds_fibres",
+        "seconds_activation",
+        "seconds_unloading",
+    ];
     for (name, seconds) in names.into_iter().zip(seconds) {
         count(name, seconds);
     }
@@ -415,7 +580,11 @@ pub(super) fn make(
     count("newton_iterations", state.newton_iterations as f64);
     count("unloading_passes", state.passes as f64);
 
-    let FoundState { end_diastole: found, wall: fitted, .. } = state;
+    let FoundState {
+        end_diastole: found,
+        wall: fitted,
+        ..
+    } = state;
     adapted.wall = wall::with_stiffness(&adapted.wall, fitted.muscle.stiffness_kpa());
     let volumes = (1e-3 * state.unloaded_volume_mm3, 1e-3 * state.volume_mm3);
     let figures = VentricleFigures {
@@ -450,11 +619,20 @@ pub(super) fn make(
         u: found.u,
         mesh,
     };
-    let ventricle = context.artefacts.write_bytes("ventricle", "ventricle.bin", &stored.to_bytes())?;
+    let ventricle =
+        context
+            .artefacts
+            .write_bytes("ventricle", "ventricle.bin", &stored.to_bytes())?;
     let volume_error_ml = volumes.1 - target.end_diastole.volume_ml;
     count("end_diastolic_volume_error_mL", volume_error_ml);
     if volume_error_ml.abs() > 0.01 * target.end_diastole.volume_ml {
-        remarks.push(format!("end-diastolic volume minus the measured one: {volume_error_ml:.1} mL"));
+        remarks.push(format!(
+            "end-diastolic volume minus the measured one: {volume_error_ml:.1} mL"
+        ));
     }
-    Ok(Made { organ: FiniteElementOrgan { ventricle, figures }, counters, remarks })
+    Ok(Made {
+        organ: FiniteElementOrgan { ventricle, figures },
+        counters,
+        remarks,
+    })
 }

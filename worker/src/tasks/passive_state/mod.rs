@@ -10,7 +10,9 @@ mod perturbation;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_models::ventricle::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
+use cardiotwin_models::ventricle::{
+    DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode,
+};
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
@@ -18,7 +20,9 @@ use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample};
+use cardiotwin_signals::{
+    BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
+};
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
 
 use crate::biomarkers;
@@ -63,28 +67,59 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     measured.biomarkers.edp_mmhg = Some(end_diastole.pressure_mmhg);
 
     let accepted = spec.passive_law.as_ref();
-    let wall_volume_ml = accepted.map(|law| law.wall_volume_ml).or(spec.wall_volume_ml);
-    let wall_volume_ml = wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
-    let accepted = accepted.map(|law| accepted_law(law, end_diastole)).transpose()?;
+    let wall_volume_ml = accepted
+        .map(|law| law.wall_volume_ml)
+        .or(spec.wall_volume_ml);
+    let wall_volume_ml =
+        wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
+    let accepted = accepted
+        .map(|law| accepted_law(law, end_diastole))
+        .transpose()?;
     if let Some(law) = &accepted {
         end_diastole.pressure_mmhg = law.pressure(law.end_diastolic_volume).0;
     }
     let made = match &spec.finite_element {
-        None => reduced(spec, &measured, end_diastole, accepted, wall_volume_ml, &mut estimates, &mut remarks)?,
+        None => reduced(
+            spec,
+            &measured,
+            end_diastole,
+            accepted,
+            wall_volume_ml,
+            &mut estimates,
+            &mut remarks,
+        )?,
         Some(anatomy) => {
             if accepted.is_some() {
-                remarks.push("the end-diastolic pressure is that of the passive law that was accepted".to_owned());
+                remarks.push(
+                    "the end-diastolic pressure is that of the passive law that was accepted"
+                        .to_owned(),
+                );
             }
-            let made =
-                finite_element::make(spec, anatomy, &measured, end_diastole, wall_volume_ml, &mut estimates, context)?;
+            let made = finite_element::make(
+                spec,
+                anatomy,
+                &measured,
+                end_diastole,
+                wall_volume_ml,
+                &mut estimates,
+                context,
+            )?;
             remarks.extend(made.remarks);
             let organ = OrganSpec::FiniteElement(Box::new(made.organ));
-            MadeOrgan { organ, diastasis_volume_error_ml: None, counters: made.counters }
+            MadeOrgan {
+                organ,
+                diastasis_volume_error_ml: None,
+                counters: made.counters,
+            }
         }
     };
     let circulation = circulation(spec, &measured, end_diastole, &mut estimates)?;
     if !spec.corrections.is_empty() {
-        context.artefacts.write("measured", "measured.csv", &corrections::csv(&measured.pressure, &measured.volume))?;
+        context.artefacts.write(
+            "measured",
+            "measured.csv",
+            &corrections::csv(&measured.pressure, &measured.volume),
+        )?;
     }
     // Last, so that nothing above rests on anything but the data as measured.
     let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
@@ -97,8 +132,14 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         noise_windows: biomarkers::windows_to_schema(measured.windows),
         time_points: biomarkers::to_schema(&measured.set).1,
         samples: BeatSamples {
-            pressure_mmhg: measured.pressure.as_ref().map_or_else(Vec::new, |p| samples(p, spec.cycle_length_ms)),
-            volume_ml: measured.volume.as_ref().map_or_else(Vec::new, |v| samples(v, spec.cycle_length_ms)),
+            pressure_mmhg: measured
+                .pressure
+                .as_ref()
+                .map_or_else(Vec::new, |p| samples(p, spec.cycle_length_ms)),
+            volume_ml: measured
+                .volume
+                .as_ref()
+                .map_or_else(Vec::new, |v| samples(v, spec.cycle_length_ms)),
         },
         estimates,
         diastasis_volume_error_ml: made.diastasis_volume_error_ml,
@@ -126,7 +167,10 @@ fn reduced(
 ) -> Result<MadeOrgan, TaskError> {
     let (law, diastasis) = match accepted {
         Some(law) => {
-            remarks.push("the passive law is the one that was accepted with the patient's effects".to_owned());
+            remarks.push(
+                "the passive law is the one that was accepted with the patient's effects"
+                    .to_owned(),
+            );
             (law, None)
         }
         None => passive_law(spec, measured, end_diastole, wall_volume_ml)?,
@@ -136,10 +180,19 @@ fn reduced(
         && spec.passive_exponent.is_none()
         && spec.start != StartMode::Diastasis
     {
-        remarks.push("no passive law passes through the diastasis point: the exponent is the default".to_owned());
+        remarks.push(
+            "no passive law passes through the diastasis point: the exponent is the default"
+                .to_owned(),
+        );
     }
-    let ActivationSettings { spread_ms, groups, .. } = spec.activation;
-    let activation = ActivationSpec { spread_ms, groups, onset_ms: onset_ms(spec, measured, spread_ms, estimates) };
+    let ActivationSettings {
+        spread_ms, groups, ..
+    } = spec.activation;
+    let activation = ActivationSpec {
+        spread_ms,
+        groups,
+        onset_ms: onset_ms(spec, measured, spread_ms, estimates),
+    };
     let passive = organ::OneFibrePassive {
         wall_volume_ml,
         unloaded_volume_ml: law.unloaded_volume.0,
@@ -148,26 +201,52 @@ fn reduced(
         stiffness_kpa: law.stiffness.0,
         exponent: law.exponent,
     };
-    let diastasis_volume_error_ml =
-        diastasis.and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0));
-    let organ = OrganSpec::Reduced { passive, activation };
-    Ok(MadeOrgan { organ, diastasis_volume_error_ml, counters: BTreeMap::new() })
+    let diastasis_volume_error_ml = diastasis
+        .and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0));
+    let organ = OrganSpec::Reduced {
+        passive,
+        activation,
+    };
+    Ok(MadeOrgan {
+        organ,
+        diastasis_volume_error_ml,
+        counters: BTreeMap::new(),
+    })
 }
 
 impl Measurements {
     fn read(spec: &PassiveStateSpec) -> Result<Self, TaskError> {
         let periodic = Continuation::periodic(Ms(spec.cycle_length_ms));
         let read = |input: &Option<_>, quantity| -> Result<Option<Trace>, TaskError> {
-            let trace = input.as_ref().map(|file| read_trace(file, quantity)).transpose()?;
-            trace.map(|trace| resample(&trace, periodic, STEP)).transpose().map_err(TaskError::from)
+            let trace = input
+                .as_ref()
+                .map(|file| read_trace(file, quantity))
+                .transpose()?;
+            trace
+                .map(|trace| resample(&trace, periodic, STEP))
+                .transpose()
+                .map_err(TaskError::from)
         };
-        let frames = spec.volume.as_ref().map(|file| read_trace(file, Quantity::Volume)).transpose()?;
+        let frames = spec
+            .volume
+            .as_ref()
+            .map(|file| read_trace(file, Quantity::Volume))
+            .transpose()?;
         let mut pressure = read(&spec.pressure, Quantity::Pressure)?;
         let mut volume = read(&spec.volume, Quantity::Volume)?;
-        let moved_by = corrections::apply(&spec.corrections, spec.cycle_length_ms, &mut pressure, &mut volume)?;
+        let moved_by = corrections::apply(
+            &spec.corrections,
+            spec.cycle_length_ms,
+            &mut pressure,
+            &mut volume,
+        )?;
         // Biomarkers that are given were read by somebody else's rule.
         let given = &spec.biomarkers;
-        let of_pressure = [given.p_max_mmhg, given.dpdt_max_mmhg_per_ms, given.dpdt_min_mmhg_per_ms];
+        let of_pressure = [
+            given.p_max_mmhg,
+            given.dpdt_max_mmhg_per_ms,
+            given.dpdt_min_mmhg_per_ms,
+        ];
         let of_volume = [given.sv_ml, given.tau_vd_ms, given.tau_vr_ms];
         let ours = |given: &[Option<f64>]| given.iter().all(Option::is_none);
         let windows = NoiseWindows::of(
@@ -177,7 +256,14 @@ impl Measurements {
         );
         let set = BiomarkerSet::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
         let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, given);
-        Ok(Self { pressure, volume, set, biomarkers, windows, moved_by })
+        Ok(Self {
+            pressure,
+            volume,
+            set,
+            biomarkers,
+            windows,
+            moved_by,
+        })
     }
 
     /// The volume without the noise that a window takes off.
@@ -190,9 +276,15 @@ impl Measurements {
         })
     }
 
-    fn end_diastole(&self, spec: &PassiveStateSpec, estimates: &mut Vec<Estimate>) -> Result<EndDiastole, TaskError> {
+    fn end_diastole(
+        &self,
+        spec: &PassiveStateSpec,
+        estimates: &mut Vec<Estimate>,
+    ) -> Result<EndDiastole, TaskError> {
         // A stated pressure comes from the same catheter.
-        let stated = spec.end_diastolic_pressure_mmhg.map(|pressure| pressure + self.moved_by.0);
+        let stated = spec
+            .end_diastolic_pressure_mmhg
+            .map(|pressure| pressure + self.moved_by.0);
         let pressure = stated.or(self.biomarkers.edp_mmhg);
         let pressure_mmhg = pressure.ok_or(TaskError::NotMeasured {
             what: "end-diastolic pressure",
@@ -202,9 +294,15 @@ impl Measurements {
         let volume_ml = match (volume, spec.diastasis_volume_ml) {
             (Some(volume), _) => volume,
             (None, Some(image)) => {
-                let method = "volume of the whole-heart image, for lack of a volume at end-diastole".to_owned();
+                let method =
+                    "volume of the whole-heart image, for lack of a volume at end-diastole"
+                        .to_owned();
                 let key = "measured.end_diastolic_volume_mL".to_owned();
-                estimates.push(Estimate { key, value: image, method });
+                estimates.push(Estimate {
+                    key,
+                    value: image,
+                    method,
+                });
                 image
             }
             (None, None) => {
@@ -214,7 +312,10 @@ impl Measurements {
                 });
             }
         };
-        Ok(EndDiastole { volume_ml, pressure_mmhg })
+        Ok(EndDiastole {
+            volume_ml,
+            pressure_mmhg,
+        })
     }
 }
 
@@ -225,12 +326,22 @@ fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
             format!("the measured {trace} is noisy: {what}, measured and simulated, are read over {:.0} ms", window.0)
         })
     };
-    let pressure = said("pressure", windows.pressure, "its largest value and its rates");
-    pressure.into_iter().chain(said("volume", windows.volume, "its biomarkers")).collect()
+    let pressure = said(
+        "pressure",
+        windows.pressure,
+        "its largest value and its rates",
+    );
+    pressure
+        .into_iter()
+        .chain(said("volume", windows.volume, "its biomarkers"))
+        .collect()
 }
 
 /// The accepted law with the active stretch counted from the measured end-diastolic volume.
-fn accepted_law(law: &organ::OneFibrePassive, end_diastole: EndDiastole) -> Result<OneFibrePassive, TaskError> {
+fn accepted_law(
+    law: &organ::OneFibrePassive,
+    end_diastole: EndDiastole,
+) -> Result<OneFibrePassive, TaskError> {
     let reference = OneFibrePassive {
         stiffness: Kpa(law.stiffness_kpa),
         exponent: law.exponent,
@@ -247,7 +358,12 @@ fn accepted_law(law: &organ::OneFibrePassive, end_diastole: EndDiastole) -> Resu
         reference.wall_volume,
         law.exponent,
     );
-    through.map(|law| OneFibrePassive { exponent_fitted: true, ..law }).map_err(TaskError::PassiveState)
+    through
+        .map(|law| OneFibrePassive {
+            exponent_fitted: true,
+            ..law
+        })
+        .map_err(TaskError::PassiveState)
 }
 
 /// The law through the measured points, and the diastasis point where there is one.
@@ -257,16 +373,24 @@ fn passive_law(
     end_diastole: EndDiastole,
     wall_volume_ml: f64,
 ) -> Result<(OneFibrePassive, Option<DiastasisPoint>), TaskError> {
-    let pressure = measured.pressure.as_ref().zip(spec.diastasis_time_ms).map(|(trace, time)| trace.at(time));
+    let pressure = measured
+        .pressure
+        .as_ref()
+        .zip(spec.diastasis_time_ms)
+        .map(|(trace, time)| trace.at(time));
     let known = spec.diastasis_volume_ml.zip(pressure);
-    let mut diastasis = known.map(|(volume, pressure)| DiastasisPoint { volume: Ml(volume), pressure: Mmhg(pressure) });
+    let mut diastasis = known.map(|(volume, pressure)| DiastasisPoint {
+        volume: Ml(volume),
+        pressure: Mmhg(pressure),
+    });
     let mode = match spec.start {
         StartMode::EndDiastole => PassiveStateMode::EndDiastole,
         StartMode::Diastasis => {
             // This start needs the image's volume alone: the pressure then is the end-diastolic one.
-            diastasis = diastasis.or(spec
-                .diastasis_volume_ml
-                .map(|volume| DiastasisPoint { volume: Ml(volume), pressure: Mmhg(end_diastole.pressure_mmhg) }));
+            diastasis = diastasis.or(spec.diastasis_volume_ml.map(|volume| DiastasisPoint {
+                volume: Ml(volume),
+                pressure: Mmhg(end_diastole.pressure_mmhg),
+            }));
             PassiveStateMode::Diastasis
         }
     };
@@ -282,7 +406,8 @@ fn passive_law(
         law.exponent = exponent;
         law.exponent_fitted = false;
         // Pressure is proportional to the stiffness: one evaluation sets the law through the end-diastolic point.
-        law.stiffness = law.stiffness * (end_diastole.pressure_mmhg / law.pressure(law.end_diastolic_volume).0);
+        law.stiffness =
+            law.stiffness * (end_diastole.pressure_mmhg / law.pressure(law.end_diastolic_volume).0);
     }
     Ok((law, diastasis))
 }
@@ -295,20 +420,42 @@ fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
     }
     for _ in 0..60 {
         let middle = 0.5 * (lower + upper);
-        if law.pressure(Ml(middle)).0 < pressure.0 { lower = middle } else { upper = middle }
+        if law.pressure(Ml(middle)).0 < pressure.0 {
+            lower = middle
+        } else {
+            upper = middle
+        }
     }
     Some(0.5 * (lower + upper))
 }
 
 /// First activation, as set or found.
-fn onset_ms(spec: &PassiveStateSpec, measured: &Measurements, spread_ms: f64, estimates: &mut Vec<Estimate>) -> f64 {
+fn onset_ms(
+    spec: &PassiveStateSpec,
+    measured: &Measurements,
+    spread_ms: f64,
+    estimates: &mut Vec<Estimate>,
+) -> f64 {
     spec.activation.onset_ms.unwrap_or_else(|| {
-        let found = measured.pressure.as_ref().and_then(|trace| onset::from_upstroke(trace, spread_ms));
+        let found = measured
+            .pressure
+            .as_ref()
+            .and_then(|trace| onset::from_upstroke(trace, spread_ms));
         let (value, method) = match found {
-            Some(onset) => (onset, "measured pressure upstroke less electromechanical delay and half the spread"),
-            None => (onset::ONSET_WITHOUT_TRACE_MS, "usual place, for lack of a pressure trace"),
+            Some(onset) => (
+                onset,
+                "measured pressure upstroke less electromechanical delay and half the spread",
+            ),
+            None => (
+                onset::ONSET_WITHOUT_TRACE_MS,
+                "usual place, for lack of a pressure trace",
+            ),
         };
-        estimates.push(Estimate { key: "solver.activation.onset_ms".to_owned(), value, method: method.to_owned() });
+        estimates.push(Estimate {
+            key: "solver.activation.onset_ms".to_owned(),
+            value,
+            method: method.to_owned(),
+        });
         value
     })
 }
@@ -328,7 +475,13 @@ fn circulation(
         Some(pressure) => pressure,
         None => loads.left_atrial_pressure(estimates)?,
     };
-    let initial_windkessel_pressure_mmhg =
-        spec.aortic_diastolic_mmhg.unwrap_or_else(|| loads.periodic_windkessel_pressure(&afterload));
-    Ok(CirculationSpec { afterload, initial_windkessel_pressure_mmhg, left_atrial_pressure_mmhg, effects: Vec::new() })
+    let initial_windkessel_pressure_mmhg = spec
+        .aortic_diastolic_mmhg
+        .unwrap_or_else(|| loads.periodic_windkessel_pressure(&afterload));
+    Ok(CirculationSpec {
+        afterload,
+        initial_windkessel_pressure_mmhg,
+        left_atrial_pressure_mmhg,
+        effects: Vec::new(),
+    })
 }

@@ -30,7 +30,12 @@ pub fn from_upstroke(pressure: &Trace, spread_ms: f64) -> Option<f64> {
 /// When the upstroke begins: vertex of the parabola through its lower part.
 fn vertex_ms(time_ms: &[f64], values: &[f64]) -> Option<f64> {
     let peak = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b]))?;
-    let last_below = |level: f64| (0..peak).rev().find(|idx| values[*idx] < level).unwrap_or(0);
+    let last_below = |level: f64| {
+        (0..peak)
+            .rev()
+            .find(|idx| values[*idx] < level)
+            .unwrap_or(0)
+    };
     let level = |before: f64, share: f64| before + share * (values[peak] - before);
     // The pressure before the upstroke, by which the upstroke's beginning is found anew.
     let first = median(&values[..values.len().min(10)]);
@@ -38,7 +43,9 @@ fn vertex_ms(time_ms: &[f64], values: &[f64]) -> Option<f64> {
     let [low, high] = LOWER_UPSTROKE.map(|share| last_below(level(before, share)));
     let range = low..(high + 2).min(peak + 1);
     let n = range.len() as f64;
-    let (t, p) = range.clone().fold((0.0, 0.0), |(t, p), k| (t + time_ms[k] / n, p + values[k] / n));
+    let (t, p) = range.clone().fold((0.0, 0.0), |(t, p), k| {
+        (t + time_ms[k] / n, p + values[k] / n)
+    });
     let (tt, tp) = range.fold((0.0, 0.0), |(tt, tp), k| {
         let dt = time_ms[k] - t;
         (tt + dt * dt, tp + dt * (values[k] - p))
@@ -65,15 +72,28 @@ mod tests {
     fn upstroke(begin_ms: f64) -> Trace {
         let value = |time: f64| {
             let since = (time - begin_ms).max(0.0);
-            if since <= 60.0 { 8.0 + 0.03 * since * since } else { 116.0 - (since - 60.0) }
+            if since <= 60.0 {
+                8.0 + 0.03 * since * since
+            } else {
+                116.0 - (since - 60.0)
+            }
         };
-        Trace::uniform(Quantity::Pressure, 1.0, (0..400).map(|idx| value(f64::from(idx))).collect()).unwrap()
+        Trace::uniform(
+            Quantity::Pressure,
+            1.0,
+            (0..400).map(|idx| value(f64::from(idx))).collect(),
+        )
+        .unwrap()
     }
 
     #[test]
     fn the_onset_moves_with_the_upstroke_and_the_spread() {
         let onset = |begin, spread| from_upstroke(&upstroke(begin), spread).unwrap();
-        assert!((onset(80.0, 40.0) - (80.0 - 15.0 - 20.0)).abs() < 1.5, "{}", onset(80.0, 40.0));
+        assert!(
+            (onset(80.0, 40.0) - (80.0 - 15.0 - 20.0)).abs() < 1.5,
+            "{}",
+            onset(80.0, 40.0)
+        );
         assert!((onset(100.0, 40.0) - onset(80.0, 40.0) - 20.0).abs() < 1e-6);
         assert!((onset(80.0, 20.0) - onset(80.0, 40.0) - 10.0).abs() < 1e-9);
     }

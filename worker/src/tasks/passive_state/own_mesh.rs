@@ -53,10 +53,16 @@ pub(super) fn take(
         read_verified(file)?;
     }
     let refused = |found: String| TaskError::FiniteElement(FiniteElementError::OwnMesh { found });
-    let Some(first) = own.files.first() else { return Err(refused("no file, expected one or more".to_owned())) };
+    let Some(first) = own.files.first() else {
+        return Err(refused("no file, expected one or more".to_owned()));
+    };
     let unit = LengthUnit::from_symbol(&own.unit).ok_or_else(|| {
         let known: Vec<&str> = LengthUnit::ALL.iter().map(|u| u.symbol()).collect();
-        refused(format!("unit {:?}, expected one of {}", own.unit, known.join(", ")))
+        refused(format!(
+            "unit {:?}, expected one of {}",
+            own.unit,
+            known.join(", ")
+        ))
     })?;
     let unreadable = |error: MeshFileError| refused(error.to_string());
     let activation = match &own.activation_times {
@@ -69,7 +75,10 @@ pub(super) fn take(
         MeshFibres::Rule => Fibres::Rule,
     };
     let left_ventricle = &own.left_ventricle;
-    let right = own.right_ventricle.as_ref().map(|right| right.surface.as_str());
+    let right = own
+        .right_ventricle
+        .as_ref()
+        .map(|right| right.surface.as_str());
     let asked = Asked {
         unit,
         left_ventricle,
@@ -83,46 +92,90 @@ pub(super) fn take(
     // `cardiotwin check` looks with the same function, before anything waits in a queue.
     let taken = intake::read(&first.path, &asked).map_err(unreadable)?;
     if !taken.is_sound() {
-        let errors = taken.defects.iter().filter(|defect| defect.severity() == Severity::Error);
+        let errors = taken
+            .defects
+            .iter()
+            .filter(|defect| defect.severity() == Severity::Error);
         let lines: Vec<String> = errors.map(|defect| format!("- {defect}")).collect();
-        return Err(refused(format!("{} cannot be computed with:\n{}", first.path.display(), lines.join("\n"))));
+        return Err(refused(format!(
+            "{} cannot be computed with:\n{}",
+            first.path.display(),
+            lines.join("\n")
+        )));
     }
     let (mut mesh, times) = (taken.mesh, taken.times_ms);
     let contracts = |tag: i32| own.left_ventricle.contains(&tag);
-    passive_tags::check(passive, mesh.tags.iter().copied().filter(|tag| !contracts(*tag)))
-        .map_err(TaskError::FiniteElement)?;
+    passive_tags::check(
+        passive,
+        mesh.tags.iter().copied().filter(|tag| !contracts(*tag)),
+    )
+    .map_err(TaskError::FiniteElement)?;
     let beside = right.map_or_else(BTreeSet::new, |name| beside(&mut mesh, name, contracts));
     for tag in &mut mesh.tags {
-        *tag = if contracts(*tag) { tags::LEFT_VENTRICLE } else { passive_tags::ours(passive, &beside, *tag) };
+        *tag = if contracts(*tag) {
+            tags::LEFT_VENTRICLE
+        } else {
+            passive_tags::ours(passive, &beside, *tag)
+        };
     }
     let order = Renumbering::reverse_cuthill_mckee(&mesh);
     let mesh = order.apply(&mesh);
     let times_ms = times.map(|t| order.nodes.iter().map(|old| t[*old as usize]).collect());
-    let site = |at_mm: &[f64; 3]| Site { at_mm: *at_mm, radius_mm: SITE_RADIUS_MM, time: Ms(0.0) };
+    let site = |at_mm: &[f64; 3]| Site {
+        at_mm: *at_mm,
+        radius_mm: SITE_RADIUS_MM,
+        time: Ms(0.0),
+    };
     let sites = own.activation_sites_mm.iter().map(site).collect();
     let volume_ml = |name: &str| {
-        let triangles = mesh.surface(name).map(|s| s.triangles.as_slice()).unwrap_or_default();
+        let triangles = mesh
+            .surface(name)
+            .map(|s| s.triangles.as_slice())
+            .unwrap_or_default();
         Cavity::behind(triangles)
             .map(|cavity| cavity.volume(&mesh.nodes_mm).0)
             .map_err(|error| refused(error.to_string()))
     };
     let cavity_ml = volume_ml(surface_names::ENDOCARDIUM)?;
-    let right_cavity_ml = right.map(|_| volume_ml(surface_names::RIGHT_VENTRICLE)).transpose()?;
-    Ok(Taken { mesh, times_ms, sites, cavity_ml, beside, right_cavity_ml })
+    let right_cavity_ml = right
+        .map(|_| volume_ml(surface_names::RIGHT_VENTRICLE))
+        .transpose()?;
+    Ok(Taken {
+        mesh,
+        times_ms,
+        sites,
+        cavity_ml,
+        beside,
+        right_cavity_ml,
+    })
 }
 
 /// Gives the right ventricle's surface our name; returns the tags of passive tissue that reaches the left ventricle's cavity nowhere: of
 /// the right one's wall, and not of a ring at the base.
 fn beside(mesh: &mut TetMesh, right: &str, contracts: impl Fn(i32) -> bool) -> BTreeSet<i32> {
-    for surface in mesh.surfaces.iter_mut().filter(|surface| surface.name == right) {
+    for surface in mesh
+        .surfaces
+        .iter_mut()
+        .filter(|surface| surface.name == right)
+    {
         surface.name = surface_names::RIGHT_VENTRICLE.to_owned();
     }
     let mut inner = vec![false; mesh.n_nodes()];
-    for node in mesh.surface(surface_names::ENDOCARDIUM).map(|s| s.nodes()).unwrap_or_default() {
+    for node in mesh
+        .surface(surface_names::ENDOCARDIUM)
+        .map(|s| s.nodes())
+        .unwrap_or_default()
+    {
         inner[node as usize] = true;
     }
     let reaches = |tet: &[u32; 4]| tet.iter().any(|node| inner[*node as usize]);
-    let of_base: BTreeSet<i32> =
-        (mesh.tets.iter().zip(&mesh.tags)).filter(|(tet, _)| reaches(tet)).map(|(_, tag)| *tag).collect();
-    mesh.tags.iter().copied().filter(|tag| !contracts(*tag) && !of_base.contains(tag)).collect()
+    let of_base: BTreeSet<i32> = (mesh.tets.iter().zip(&mesh.tags))
+        .filter(|(tet, _)| reaches(tet))
+        .map(|(_, tag)| *tag)
+        .collect();
+    mesh.tags
+        .iter()
+        .copied()
+        .filter(|tag| !contracts(*tag) && !of_base.contains(tag))
+        .collect()
 }

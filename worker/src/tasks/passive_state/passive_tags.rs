@@ -16,7 +16,10 @@ const FIRST: i32 = 1000;
 ///
 /// # Errors
 /// [`FiniteElementError::PassiveTag`] for the first that does not.
-pub(super) fn check(named: &PassiveTissues, passive: impl Iterator<Item = i32>) -> Result<(), FiniteElementError> {
+pub(super) fn check(
+    named: &PassiveTissues,
+    passive: impl Iterator<Item = i32>,
+) -> Result<(), FiniteElementError> {
     let mut passive: Vec<i32> = passive.collect();
     passive.sort_unstable();
     passive.dedup();
@@ -41,7 +44,10 @@ pub(super) fn ours(named: &PassiveTissues, beside: &BTreeSet<i32>, tag: i32) -> 
 
 /// The same tissues by our tags.
 pub(super) fn renamed(named: &PassiveTissues, beside: &BTreeSet<i32>) -> PassiveTissues {
-    named.iter().map(|(tag, tissue)| (ours(named, beside, *tag), *tissue)).collect()
+    named
+        .iter()
+        .map(|(tag, tissue)| (ours(named, beside, *tag), *tissue))
+        .collect()
 }
 
 #[cfg(test)]
@@ -52,7 +58,10 @@ mod tests {
 
     #[test]
     fn tags_are_checked_and_made_ours() {
-        let tissue = |mu_kpa| PassiveTissueSettings { mu_kpa, kappa_kpa: 100.0 };
+        let tissue = |mu_kpa| PassiveTissueSettings {
+            mu_kpa,
+            kappa_kpa: 100.0,
+        };
         let named = PassiveTissues::from([(1, tissue(3.0)), (7, tissue(9.0))]);
         assert!(check(&named, [7, 1, 9, 7].into_iter()).is_ok());
         let missing = check(&named, [9, 1, 9].into_iter()).unwrap_err();
@@ -62,12 +71,21 @@ mod tests {
         );
         // A passive tag may be the one that muscle has with us.
         let none = BTreeSet::new();
-        assert_eq!([1, 7, 9].map(|tag| ours(&named, &none, tag)), [1000, 1001, tags::AORTIC_ROOT]);
-        assert_eq!(renamed(&named, &none), PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))]));
+        assert_eq!(
+            [1, 7, 9].map(|tag| ours(&named, &none, tag)),
+            [1000, 1001, tags::AORTIC_ROOT]
+        );
+        assert_eq!(
+            renamed(&named, &none),
+            PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))])
+        );
         // Tissue of the right ventricle stays apart from that of the base, whether it has moduli of its own or not.
         let beside = BTreeSet::from([7, 9]);
         let apart = [1, 7, 9, 11].map(|tag| ours(&named, &beside, tag));
-        assert_eq!(apart, [1000, tags::BESIDE + 1001, tags::BESIDE, tags::AORTIC_ROOT]);
+        assert_eq!(
+            apart,
+            [1000, tags::BESIDE + 1001, tags::BESIDE, tags::AORTIC_ROOT]
+        );
         assert_eq!(renamed(&named, &beside)[&apart[1]], tissue(9.0));
     }
 }

@@ -16,11 +16,20 @@ use crate::error::TaskError;
 ///
 /// # Errors
 /// [`TaskError::Factor`] for a key that step 1 does not fit, or a factor that is not positive and finite.
-pub fn apply(factors: &BTreeMap<String, f64>, measured: &mut Biomarkers) -> Result<BTreeMap<String, f64>, TaskError> {
+pub fn apply(
+    factors: &BTreeMap<String, f64>,
+    measured: &mut Biomarkers,
+) -> Result<BTreeMap<String, f64>, TaskError> {
     let mut applied = BTreeMap::new();
     for (name, factor) in factors {
-        let refused = |why| TaskError::Factor { name: name.clone(), factor: *factor, why };
-        let place = measured.step1_target_mut(name).ok_or_else(|| refused("step 1 fits no such biomarker"))?;
+        let refused = |why| TaskError::Factor {
+            name: name.clone(),
+            factor: *factor,
+            why,
+        };
+        let place = measured
+            .step1_target_mut(name)
+            .ok_or_else(|| refused("step 1 fits no such biomarker"))?;
         if !(*factor > 0.0 && factor.is_finite()) {
             return Err(refused("it is not positive and finite"));
         }
@@ -34,9 +43,16 @@ pub fn apply(factors: &BTreeMap<String, f64>, measured: &mut Biomarkers) -> Resu
 
 /// What a reader of the result must know.
 pub fn remark(factors: &BTreeMap<String, f64>) -> Option<String> {
-    let listed: Vec<String> = factors.iter().map(|(name, factor)| format!("{name} × {factor:.4}")).collect();
-    (!listed.is_empty())
-        .then(|| format!("a sample of uncertain data: targets are the measured values with {}", listed.join(", ")))
+    let listed: Vec<String> = factors
+        .iter()
+        .map(|(name, factor)| format!("{name} × {factor:.4}"))
+        .collect();
+    (!listed.is_empty()).then(|| {
+        format!(
+            "a sample of uncertain data: targets are the measured values with {}",
+            listed.join(", ")
+        )
+    })
 }
 
 #[cfg(test)]
@@ -61,9 +77,16 @@ mod tests {
     fn named_targets_change_and_nothing_else() {
         let mut found = measured();
         let absent = factors("tau_VD_ms", 1.1);
-        assert_eq!(apply(&absent, &mut found).unwrap(), BTreeMap::new(), "what was not measured has no factor");
+        assert_eq!(
+            apply(&absent, &mut found).unwrap(),
+            BTreeMap::new(),
+            "what was not measured has no factor"
+        );
         assert_eq!(found, measured());
-        let both = BTreeMap::from([("P_max_mmHg".to_owned(), 1.1), ("dPdt_min_mmHg_per_ms".to_owned(), 0.9)]);
+        let both = BTreeMap::from([
+            ("P_max_mmHg".to_owned(), 1.1),
+            ("dPdt_min_mmHg_per_ms".to_owned(), 0.9),
+        ]);
         assert_eq!(apply(&both, &mut found).unwrap(), both);
         assert!((found.p_max_mmhg.unwrap() - 132.0).abs() < 1e-12);
         assert!((found.dpdt_min_mmhg_per_ms.unwrap() + 1.35).abs() < 1e-12);
@@ -74,10 +97,17 @@ mod tests {
 
     #[test]
     fn what_makes_no_sense_is_refused_by_name() {
-        let refusal = |name: &str, factor: f64| apply(&factors(name, factor), &mut measured()).unwrap_err().to_string();
+        let refusal = |name: &str, factor: f64| {
+            apply(&factors(name, factor), &mut measured())
+                .unwrap_err()
+                .to_string()
+        };
         assert!(refusal("EDV_mL", 1.1).contains("`EDV_mL`"));
         for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(refusal("P_max_mmHg", factor).contains("positive"), "{factor}");
+            assert!(
+                refusal("P_max_mmHg", factor).contains("positive"),
+                "{factor}"
+            );
         }
     }
 }

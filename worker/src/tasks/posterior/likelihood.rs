@@ -38,7 +38,11 @@ impl Discrepancy {
     /// - `noise_variance`: of the data, and in their unit squared
     /// - `correlation`: how long an error of the model lasts, in samples: squares are averaged over twice as long
     fn of(simulated: &[f64], measured: &[f64], noise_variance: f64, correlation: f64) -> Self {
-        let squares: Vec<f64> = simulated.iter().zip(measured).map(|(a, b)| (a - b).powi(2)).collect();
+        let squares: Vec<f64> = simulated
+            .iter()
+            .zip(measured)
+            .map(|(a, b)| (a - b).powi(2))
+            .collect();
         let n = squares.len();
         let reach = (correlation.round() as usize).min(n.saturating_sub(1) / 2);
         let of_sample = |k: usize| {
@@ -47,7 +51,9 @@ impl Discrepancy {
             let mean = around.sum::<f64>() / (2 * reach + 1) as f64;
             (mean - noise_variance).max(0.0).sqrt()
         };
-        Self { of_samples: (0..n).map(of_sample).collect() }
+        Self {
+            of_samples: (0..n).map(of_sample).collect(),
+        }
     }
 
     fn root_mean_square(&self) -> f64 {
@@ -66,19 +72,25 @@ impl Likelihood {
         let beyond = |twin: &[f64], measured: &[f64], noise_rms: f64| {
             Discrepancy::of(twin, measured, noise_rms.powi(2), lasting_ms / spacing_ms)
         };
-        let of_pressure = beyond(&twin.pressure_mmhg, &measured.pressure_mmhg, noise.pressure_rms_mmhg);
+        let of_pressure = beyond(
+            &twin.pressure_mmhg,
+            &measured.pressure_mmhg,
+            noise.pressure_rms_mmhg,
+        );
         let of_volume = beyond(&twin.volume_ml, &measured.volume_ml, noise.volume_rms_ml);
         let deviations = Deviations {
             noise,
             pressure_discrepancy_mmhg: of_pressure.root_mean_square(),
             volume_discrepancy_ml: of_volume.root_mean_square(),
         };
-        let decayed = |i: usize, j: usize, ms: f64| (-(i.abs_diff(j) as f64) * spacing_ms / ms).exp();
+        let decayed =
+            |i: usize, j: usize, ms: f64| (-(i.abs_diff(j) as f64) * spacing_ms / ms).exp();
         let of_model = |found: &Discrepancy, i: usize, j: usize| {
             found.of_samples[i] * found.of_samples[j] * decayed(i, j, lasting_ms)
         };
         let pressure = TraceErrors::new(&measured.pressure_mmhg, |i, j| {
-            let own = noise.pressure_rms_mmhg.powi(2) * decayed(i, j, noise.pressure_correlation_ms);
+            let own =
+                noise.pressure_rms_mmhg.powi(2) * decayed(i, j, noise.pressure_correlation_ms);
             own + of_model(&of_pressure, i, j)
         });
         let volume = TraceErrors::new(&measured.volume_ml, |i, j| {
@@ -92,10 +104,14 @@ impl Likelihood {
             true => volume.is_none(),
             false => pressure.is_none() || is_rate(name),
         };
-        let biomarkers = spec.measured.of_organ().into_iter().filter_map(|(name, value)| {
-            let percent = spec.uncertainty_percent.get(name)?;
-            counts(name).then_some((name, value?, percent / 100.0))
-        });
+        let biomarkers = spec
+            .measured
+            .of_organ()
+            .into_iter()
+            .filter_map(|(name, value)| {
+                let percent = spec.uncertainty_percent.get(name)?;
+                counts(name).then_some((name, value?, percent / 100.0))
+            });
         let biomarkers = biomarkers.collect();
         Self {
             pressure,
@@ -113,14 +129,30 @@ impl Likelihood {
     /// Samples and biomarkers of a beat of the one-fibre ventricle as the organ would have them.
     pub(super) fn corrected(&self, beat: &OrganBeatResult) -> (BeatSamples, Biomarkers) {
         let moved = |own: &[f64], cheap: &[f64], twin: &[f64]| {
-            own.iter().zip(cheap).zip(twin).map(|((own, cheap), twin)| twin + (own - cheap)).collect()
+            own.iter()
+                .zip(cheap)
+                .zip(twin)
+                .map(|((own, cheap), twin)| twin + (own - cheap))
+                .collect()
         };
         let samples = BeatSamples {
-            pressure_mmhg: moved(&beat.samples.pressure_mmhg, &self.cheap.pressure_mmhg, &self.twin.pressure_mmhg),
-            volume_ml: moved(&beat.samples.volume_ml, &self.cheap.volume_ml, &self.twin.volume_ml),
+            pressure_mmhg: moved(
+                &beat.samples.pressure_mmhg,
+                &self.cheap.pressure_mmhg,
+                &self.twin.pressure_mmhg,
+            ),
+            volume_ml: moved(
+                &beat.samples.volume_ml,
+                &self.cheap.volume_ml,
+                &self.twin.volume_ml,
+            ),
         };
-        let [own, cheap, twin] =
-            [&beat.biomarkers, &self.cheap_biomarkers, &self.twin_biomarkers].map(|b| b.of_organ());
+        let [own, cheap, twin] = [
+            &beat.biomarkers,
+            &self.cheap_biomarkers,
+            &self.twin_biomarkers,
+        ]
+        .map(|b| b.of_organ());
         let ratio = |k: usize| Some(twin[k].1? * own[k].1? / cheap[k].1?);
         let biomarkers = Biomarkers::with_organ(std::array::from_fn(ratio));
         (samples, biomarkers)
@@ -129,15 +161,22 @@ impl Likelihood {
     /// Differences to the data over their standard deviations, independent of each other.
     pub(super) fn residuals(&self, samples: &BeatSamples, biomarkers: &Biomarkers) -> Vec<f64> {
         let mut all = Vec::new();
-        for (errors, simulated) in [(&self.pressure, &samples.pressure_mmhg), (&self.volume, &samples.volume_ml)] {
+        for (errors, simulated) in [
+            (&self.pressure, &samples.pressure_mmhg),
+            (&self.volume, &samples.volume_ml),
+        ] {
             all.extend(errors.iter().flat_map(|errors| errors.residuals(simulated)));
         }
         let found = biomarkers.of_organ();
         all.extend(self.biomarkers.iter().map(|(name, measured, sd)| {
-            let simulated = found.iter().find(|(other, _)| other == name).and_then(|(_, value)| *value);
+            let simulated = found
+                .iter()
+                .find(|(other, _)| other == name)
+                .and_then(|(_, value)| *value);
             simulated.map_or(f64::NAN, |simulated| (simulated / measured - 1.0) / sd)
         }));
-        all.iter_mut().for_each(|residual| *residual /= self.error_factor);
+        all.iter_mut()
+            .for_each(|residual| *residual /= self.error_factor);
         all
     }
 }

@@ -51,13 +51,19 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
     let axes = axes(&spec.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
-    let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
+    let beat = OrganBeatSpec {
+        time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
+        ..spec.beat.clone()
+    };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&beat, &passive, &activation)?;
     let simulate = |x: &[f64]| -> Option<OrganBeatResult> {
         let trial = beat.with_parameters(&named(&axes, x));
         let simulated = is_sensitive(&trial).then(|| reduced_beat(&trial, &passive, &activation));
-        simulated?.ok().flatten().filter(|beat| beat.failed_check().is_none())
+        simulated?
+            .ok()
+            .flatten()
+            .filter(|beat| beat.failed_check().is_none())
     };
     let of_twin = point(&axes, &spec.twin.parameters);
     let cheap = simulate(&of_twin).ok_or(TaskError::NoPosterior)?;
@@ -66,12 +72,26 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         let beat = simulate(x)?;
         let (samples, biomarkers) = likelihood.corrected(&beat);
         let residuals = likelihood.residuals(&samples, &biomarkers);
-        Some(Evaluated { residuals, seen: Seen { biomarkers, samples } })
+        Some(Evaluated {
+            residuals,
+            seen: Seen {
+                biomarkers,
+                samples,
+            },
+        })
     };
-    let target = Target { prior: &prior, model: &model };
-    context.progress.report("posterior", 0.0, None, || "finding its mode".to_owned());
-    let mode = mode(&target, &target.standard(&of_twin), MODE_STEPS).ok_or(TaskError::NoPosterior)?;
-    let pool = ThreadPoolBuilder::new().num_threads(context.threads.max(1) as usize).build();
+    let target = Target {
+        prior: &prior,
+        model: &model,
+    };
+    context
+        .progress
+        .report("posterior", 0.0, None, || "finding its mode".to_owned());
+    let mode =
+        mode(&target, &target.standard(&of_twin), MODE_STEPS).ok_or(TaskError::NoPosterior)?;
+    let pool = ThreadPoolBuilder::new()
+        .num_threads(context.threads.max(1) as usize)
+        .build();
     let pool = pool.map_err(TaskError::Threads)?;
     let (stop, fence) = (context.stop.clone(), context.fence.clone());
     let stopped = || stop.is_raised() || fence.as_ref().is_some_and(|fence| fence.exists());
@@ -80,10 +100,20 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
     for first in (0..n).step_by(SLICE) {
         context.check_stop()?;
         let done = draws.len();
-        context.progress.report("posterior", first as f64, Some(n as f64), || format!("{done} of {n} draws"));
+        context
+            .progress
+            .report("posterior", first as f64, Some(n as f64), || {
+                format!("{done} of {n} draws")
+            });
         let indices = first..n.min(first + SLICE as u64);
         draws.extend(pool.install(|| -> Vec<Draw<Seen>> {
-            let one = |index| if stopped() { None } else { draw(&target, &mode, spec.seed, index, DRAW_STEPS) };
+            let one = |index| {
+                if stopped() {
+                    None
+                } else {
+                    draw(&target, &mode, spec.seed, index, DRAW_STEPS)
+                }
+            };
             indices.into_par_iter().filter_map(one).collect()
         }));
     }
@@ -99,7 +129,8 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         asked_for: n,
         left: mode.left(spec.settings.error_factor),
         deviations: likelihood.deviations,
-        evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>()) as u64,
+        evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>())
+            as u64,
     }))))
 }
 

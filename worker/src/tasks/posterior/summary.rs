@@ -17,20 +17,44 @@ const NOT_DETERMINED: f64 = 0.8;
 
 /// The result of draws.
 pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
-    let Sampled { spec, axes, prior, draws, .. } = *sampled;
+    let Sampled {
+        spec,
+        axes,
+        prior,
+        draws,
+        ..
+    } = *sampled;
     // Logarithms, by parameter and draw.
-    let coordinates: Vec<Vec<f64>> =
-        (0..axes.len()).map(|j| draws.iter().map(|draw| prior[j].from_standard(draw.u[j])).collect()).collect();
-    let parameters = axes.iter().zip(prior).zip(&coordinates).map(|((axis, prior), coordinates)| {
-        let twin = spec.twin.parameters.get(&axis.name).copied();
-        (axis.name.clone(), parameter(axis, prior, coordinates, twin))
-    });
+    let coordinates: Vec<Vec<f64>> = (0..axes.len())
+        .map(|j| {
+            draws
+                .iter()
+                .map(|draw| prior[j].from_standard(draw.u[j]))
+                .collect()
+        })
+        .collect();
+    let parameters =
+        axes.iter()
+            .zip(prior)
+            .zip(&coordinates)
+            .map(|((axis, prior), coordinates)| {
+                let twin = spec.twin.parameters.get(&axis.name).copied();
+                (axis.name.clone(), parameter(axis, prior, coordinates, twin))
+            });
     let parameters: BTreeMap<String, ParameterSpread> = parameters.collect();
-    let biomarkers = spec.measured.of_organ().into_iter().enumerate().filter_map(|(k, (name, _))| {
-        // One that not every draw has is no quantity of the beat.
-        let values: Option<Vec<f64>> = draws.iter().map(|draw| draw.seen.biomarkers.of_organ()[k].1).collect();
-        Some((name.to_owned(), spread(values?)))
-    });
+    let biomarkers =
+        spec.measured
+            .of_organ()
+            .into_iter()
+            .enumerate()
+            .filter_map(|(k, (name, _))| {
+                // One that not every draw has is no quantity of the beat.
+                let values: Option<Vec<f64>> = draws
+                    .iter()
+                    .map(|draw| draw.seen.biomarkers.of_organ()[k].1)
+                    .collect();
+                Some((name.to_owned(), spread(values?)))
+            });
     PosteriorResult {
         parameters,
         biomarkers: biomarkers.collect(),
@@ -38,11 +62,17 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
         volume_ml: band(draws, |seen| &seen.samples.volume_ml),
         correlations: correlations(&coordinates),
         draws: (0..draws.len())
-            .map(|d| axes.iter().zip(&coordinates).map(|(axis, coordinates)| axis.value(coordinates[d])).collect())
+            .map(|d| {
+                axes.iter()
+                    .zip(&coordinates)
+                    .map(|(axis, coordinates)| axis.value(coordinates[d]))
+                    .collect()
+            })
             .collect(),
         deviations: sampled.deviations,
         sampling: Sampling {
-            converged_share: draws.iter().filter(|draw| draw.converged).count() as f64 / sampled.asked_for as f64,
+            converged_share: draws.iter().filter(|draw| draw.converged).count() as f64
+                / sampled.asked_for as f64,
             left_over_expected: sampled.left,
             evaluations: sampled.evaluations,
         },
@@ -56,7 +86,12 @@ fn spread(mut values: Vec<f64>) -> Spread {
 }
 
 /// - `coordinates`: draws of the logarithm
-fn parameter(axis: &Axis, prior: &TruncatedNormal, coordinates: &[f64], twin: Option<f64>) -> ParameterSpread {
+fn parameter(
+    axis: &Axis,
+    prior: &TruncatedNormal,
+    coordinates: &[f64],
+    twin: Option<f64>,
+) -> ParameterSpread {
     let of = spread(coordinates.to_vec());
     let [low, middle, high] = [0.05, 0.5, 0.95].map(|share| prior.quantile(share));
     let share = (of.p95 - of.p5) / (high - low);
@@ -68,7 +103,11 @@ fn parameter(axis: &Axis, prior: &TruncatedNormal, coordinates: &[f64], twin: Op
     // Of a negative parameter the logarithm of the magnitude runs the other way.
     let in_units = |low: f64, middle: f64, high: f64| {
         let [a, p50, b] = [low, middle, high].map(|x| axis.value(x));
-        Spread { p5: a.min(b), p50, p95: a.max(b) }
+        Spread {
+            p5: a.min(b),
+            p50,
+            p95: a.max(b),
+        }
     };
     ParameterSpread {
         twin: twin.unwrap_or_else(|| axis.value(middle)),
@@ -79,8 +118,14 @@ fn parameter(axis: &Axis, prior: &TruncatedNormal, coordinates: &[f64], twin: Op
 }
 
 fn band(draws: &[Draw<Seen>], pick: impl Fn(&Seen) -> &Vec<f64>) -> Band {
-    let n = draws.iter().map(|draw| pick(&draw.seen).len()).min().unwrap_or(0);
-    let spreads: Vec<Spread> = (0..n).map(|k| spread(draws.iter().map(|draw| pick(&draw.seen)[k]).collect())).collect();
+    let n = draws
+        .iter()
+        .map(|draw| pick(&draw.seen).len())
+        .min()
+        .unwrap_or(0);
+    let spreads: Vec<Spread> = (0..n)
+        .map(|k| spread(draws.iter().map(|draw| pick(&draw.seen)[k]).collect()))
+        .collect();
     Band {
         p5: spreads.iter().map(|s| s.p5).collect(),
         p50: spreads.iter().map(|s| s.p50).collect(),
@@ -99,7 +144,14 @@ fn correlations(coordinates: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let correlation = |a: &Vec<f64>, b: &Vec<f64>| {
         let scale = (product(a, a) * product(b, b)).sqrt();
-        if scale > 0.0 { (1e4 * product(a, b) / scale).round() / 1e4 } else { 0.0 }
+        if scale > 0.0 {
+            (1e4 * product(a, b) / scale).round() / 1e4
+        } else {
+            0.0
+        }
     };
-    centred.iter().map(|a| centred.iter().map(|b| correlation(a, b)).collect()).collect()
+    centred
+        .iter()
+        .map(|a| centred.iter().map(|b| correlation(a, b)).collect())
+        .collect()
 }

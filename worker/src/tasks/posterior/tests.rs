@@ -13,8 +13,13 @@ use crate::tasks::sweep::organ::tests::beat;
 fn spec(names: &[&str]) -> PosteriorSpec {
     let beat = beat().with_parameters(&BTreeMap::from([("Smax_ref_kPa".to_owned(), 200.0)]));
     let (passive, activation) = one_fibre(&beat.organ).expect("a one-fibre ventricle");
-    let simulated = reduced_beat(&beat, &passive, &activation).expect("parameters").expect("a beat");
-    let step3 = Step3Settings { parameters: names.iter().map(|n| (*n).to_owned()).collect(), ..Default::default() };
+    let simulated = reduced_beat(&beat, &passive, &activation)
+        .expect("parameters")
+        .expect("a beat");
+    let step3 = Step3Settings {
+        parameters: names.iter().map(|n| (*n).to_owned()).collect(),
+        ..Default::default()
+    };
     let cell = beat.contraction.cell_parameters().cloned();
     PosteriorSpec {
         parameters: step3.moved(&ValveParameters::default()),
@@ -25,9 +30,16 @@ fn spec(names: &[&str]) -> PosteriorSpec {
         },
         measured: simulated.biomarkers,
         samples: simulated.samples,
-        noise: Noise { pressure_rms_mmhg: Some(1.0), volume_rms_ml: Some(2.0), ..Noise::default() },
+        noise: Noise {
+            pressure_rms_mmhg: Some(1.0),
+            volume_rms_ml: Some(2.0),
+            ..Noise::default()
+        },
         uncertainty_percent: step3.uncertainty_percent.clone(),
-        settings: PosteriorSettings { draws: 60, ..PosteriorSettings::default() },
+        settings: PosteriorSettings {
+            draws: 60,
+            ..PosteriorSettings::default()
+        },
         seed: 1,
         beat,
     }
@@ -36,7 +48,9 @@ fn spec(names: &[&str]) -> PosteriorSpec {
 fn sampled(spec: &PosteriorSpec, threads: u32) -> PosteriorResult {
     let folder = tempfile::tempdir().expect("a folder");
     let result = run(spec, &mut Context::plain(folder.path(), threads)).expect("a posterior");
-    let TaskResult::Posterior(result) = result else { panic!("a posterior's result") };
+    let TaskResult::Posterior(result) = result else {
+        panic!("a posterior's result")
+    };
     *result
 }
 
@@ -46,18 +60,37 @@ fn traces_determine_the_strength_and_the_draws_do_not_depend_on_threads() {
     let result = sampled(&spec, 1);
     assert_eq!(sampled(&spec, 3), result);
     let strength = &result.parameters["Smax_ref_kPa"];
-    assert_eq!((strength.mark, strength.twin), (Determination::Determined, 200.0));
-    assert!(strength.posterior.p5 < 200.0 && 200.0 < strength.posterior.p95, "{strength:?}");
-    assert!(strength.posterior.p95 / strength.posterior.p5 < 1.2, "{strength:?}");
+    assert_eq!(
+        (strength.mark, strength.twin),
+        (Determination::Determined, 200.0)
+    );
+    assert!(
+        strength.posterior.p5 < 200.0 && 200.0 < strength.posterior.p95,
+        "{strength:?}"
+    );
+    assert!(
+        strength.posterior.p95 / strength.posterior.p5 < 1.2,
+        "{strength:?}"
+    );
     assert_eq!(result.sampling.doubt(), None, "{:?}", result.sampling);
-    assert_eq!((result.draws.len(), result.correlations.len(), result.pressure_mmhg.p50.len()), (60, 2, 40));
+    assert_eq!(
+        (
+            result.draws.len(),
+            result.correlations.len(),
+            result.pressure_mmhg.p50.len()
+        ),
+        (60, 2, 40)
+    );
     let within = (0..40).filter(|k| {
         let (band, twin) = (&result.pressure_mmhg, spec.twin.samples.pressure_mmhg[*k]);
         band.p5[*k] - 0.2 <= twin && twin <= band.p95[*k] + 0.2
     });
     assert_eq!(within.count(), 40, "the twin is the data");
     let pressure = &result.biomarkers["P_max_mmHg"];
-    assert!(pressure.p5 < pressure.p50 && pressure.p50 < pressure.p95, "{pressure:?}");
+    assert!(
+        pressure.p5 < pressure.p50 && pressure.p50 < pressure.p95,
+        "{pressure:?}"
+    );
     assert_eq!(result.deviations.pressure_discrepancy_mmhg, 0.0);
 }
 
@@ -74,7 +107,12 @@ fn a_twin_that_misses_its_traces_is_less_sure() {
         let spread = result.parameters["Smax_ref_kPa"].posterior;
         (spread.p95 / spread.p5).ln()
     };
-    assert!(width(&off) > 1.5 * width(&sure), "{} {}", width(&off), width(&sure));
+    assert!(
+        width(&off) > 1.5 * width(&sure),
+        "{} {}",
+        width(&off),
+        width(&sure)
+    );
 }
 
 #[test]
@@ -83,18 +121,31 @@ fn without_traces_measured_biomarkers_count() {
     spec.samples = BeatSamples::default();
     let result = sampled(&spec, 1);
     let strength = &result.parameters["Smax_ref_kPa"];
-    assert!(strength.posterior.p5 < 200.0 && 200.0 < strength.posterior.p95, "{strength:?}");
+    assert!(
+        strength.posterior.p5 < 200.0 && 200.0 < strength.posterior.p95,
+        "{strength:?}"
+    );
     assert_eq!(strength.mark, Determination::Determined);
     spec.measured = Biomarkers::default();
     let nothing = sampled(&spec, 1).parameters["Smax_ref_kPa"];
-    assert_eq!(nothing.mark, Determination::NotDetermined, "nothing was measured: {nothing:?}");
+    assert_eq!(
+        nothing.mark,
+        Determination::NotDetermined,
+        "nothing was measured: {nothing:?}"
+    );
 }
 
 #[test]
 fn a_twin_without_a_beat_of_the_one_fibre_ventricle_has_no_posterior() {
     let mut spec = spec(&["Smax_ref_kPa", "Ca_res_uM"]);
-    spec.twin.parameters = BTreeMap::from([("Smax_ref_kPa".to_owned(), 40.0), ("Ca_res_uM".to_owned(), 5.0)]);
+    spec.twin.parameters = BTreeMap::from([
+        ("Smax_ref_kPa".to_owned(), 40.0),
+        ("Ca_res_uM".to_owned(), 5.0),
+    ]);
     let folder = tempfile::tempdir().expect("a folder");
     let said = run(&spec, &mut Context::plain(folder.path(), 1)).expect_err("no beat");
-    assert!(said.to_string().contains("posterior cannot be sampled"), "{said}");
+    assert!(
+        said.to_string().contains("posterior cannot be sampled"),
+        "{said}"
+    );
 }

@@ -29,7 +29,10 @@ impl Axis {
             name: name.to_owned(),
             sign: moved.upper.signum(),
             interval,
-            prior: Prior { centre: interval.clamp(centre), width: moved.log_sd },
+            prior: Prior {
+                centre: interval.clamp(centre),
+                width: moved.log_sd,
+            },
         }
     }
 
@@ -49,19 +52,31 @@ impl Axis {
 /// The axes of moved parameters, by name.
 #[must_use]
 pub fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
-    parameters.iter().map(|(name, moved)| Axis::new(name, moved)).collect()
+    parameters
+        .iter()
+        .map(|(name, moved)| Axis::new(name, moved))
+        .collect()
 }
 
 /// Values by name at a point.
 #[must_use]
 pub fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
-    axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
+    axes.iter()
+        .zip(x)
+        .map(|(axis, x)| (axis.name.clone(), axis.value(*x)))
+        .collect()
 }
 
 /// The point of values; the prior's centre where one lacks.
 #[must_use]
 pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
-    axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
+    axes.iter()
+        .map(|axis| {
+            values
+                .get(&axis.name)
+                .map_or(axis.prior.centre, |v| v.abs().ln())
+        })
+        .collect()
 }
 
 /// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
@@ -69,7 +84,10 @@ pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
 #[must_use]
 pub fn is_sensitive(beat: &OrganBeatSpec) -> bool {
     let value = |name: &str| {
-        let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
+        let given = beat
+            .contraction
+            .cell_parameters()
+            .and_then(|cell| cell.get(name).copied());
         given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
     };
     value("Ca50_ref_uM") + value("beta_1_uM") * (LAMBDA_CAP - 1.0) > value("Ca_res_uM")

@@ -18,19 +18,39 @@ use crate::error::TaskError;
 /// # Errors
 /// [`TaskError`] when the organ's figures are outside the model.
 pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
-    let TaskSpec::OrganBeat(beat) = task else { return Ok(task) };
+    let TaskSpec::OrganBeat(beat) = task else {
+        return Ok(task);
+    };
     let (passive, activation) = one_fibre(&beat.organ)?;
-    let organ = OrganSpec::Reduced { passive, activation };
+    let organ = OrganSpec::Reduced {
+        passive,
+        activation,
+    };
     // The budget of a finite-element ventricle says nothing of this one.
-    let SolverSettings { newton_iterations, shortest_step_ms, .. } = SolverSettings::default();
-    let beat = OrganBeatSpec { organ, newton_iterations, shortest_step_ms, finite_element: None, ..*beat };
+    let SolverSettings {
+        newton_iterations,
+        shortest_step_ms,
+        ..
+    } = SolverSettings::default();
+    let beat = OrganBeatSpec {
+        organ,
+        newton_iterations,
+        shortest_step_ms,
+        finite_element: None,
+        ..*beat
+    };
     Ok(TaskSpec::OrganBeat(Box::new(beat)))
 }
 
 /// The one-fibre ventricle, or that of a finite-element one's volumes, pressure and activation.
-pub(crate) fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
+pub(crate) fn one_fibre(
+    organ: &OrganSpec,
+) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
     match organ {
-        OrganSpec::Reduced { passive, activation } => Ok((*passive, *activation)),
+        OrganSpec::Reduced {
+            passive,
+            activation,
+        } => Ok((*passive, *activation)),
         OrganSpec::External(organ) => Ok((organ.passive, organ.activation)),
         OrganSpec::FiniteElement(organ) => {
             let figures = &organ.figures;
@@ -51,7 +71,14 @@ pub(crate) fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, Ac
                 exponent: law.exponent,
             };
             let groups = ActivationSettings::default().groups;
-            Ok((passive, ActivationSpec { spread_ms: figures.spread_ms, groups, onset_ms: figures.onset_ms }))
+            Ok((
+                passive,
+                ActivationSpec {
+                    spread_ms: figures.spread_ms,
+                    groups,
+                    onset_ms: figures.onset_ms,
+                },
+            ))
         }
     }
 }

@@ -22,20 +22,32 @@ const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
 pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let ContractionSpec::Tanh { parameters: tanh } = spec.beat.contraction else {
-        return Err(TaskError::NoProposal("step 1 personalises the Tanh model alone"));
+        return Err(TaskError::NoProposal(
+            "step 1 personalises the Tanh model alone",
+        ));
     };
-    let start = Step1Parameters { tanh, valves: spec.beat.valves };
+    let start = Step1Parameters {
+        tanh,
+        valves: spec.beat.valves,
+    };
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&spec.beat, &passive, &activation)?;
-    let cheap = |p: &Parameters| match reduced_beat(&with(&spec.beat, &step1::with(&start, p)), &passive, &activation) {
+    let cheap = |p: &Parameters| match reduced_beat(
+        &with(&spec.beat, &step1::with(&start, p)),
+        &passive,
+        &activation,
+    ) {
         Ok(Some(beat)) => step1::outcome(&beat),
         Ok(None) | Err(_) => Outcome::Failed,
     };
     let runs: Vec<Step1Run> = (spec.runs.iter())
         .map(|run| Step1Run {
             parameters: step1::parameters(&run.parameters),
-            outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
+            outcome: run
+                .biomarkers
+                .as_ref()
+                .map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
             predicted_misfit: run.predicted_misfit,
         })
         .collect();
@@ -50,8 +62,9 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         },
         &cheap,
     );
-    let (parameters, proposal) = proposal
-        .ok_or(TaskError::NoProposal("no simulation of step 1 ended, nor does a beat of the one-fibre ventricle"))?;
+    let (parameters, proposal) = proposal.ok_or(TaskError::NoProposal(
+        "no simulation of step 1 ended, nor does a beat of the one-fibre ventricle",
+    ))?;
     Ok(TaskResult::Step1Proposal(Step1ProposalResult {
         parameters: step1::with(&start, &parameters),
         predicted: step1::to_schema(&proposal.biomarkers),
@@ -66,5 +79,9 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
 }
 
 fn with(beat: &OrganBeatSpec, p: &Step1Parameters) -> OrganBeatSpec {
-    OrganBeatSpec { contraction: ContractionSpec::Tanh { parameters: p.tanh }, valves: p.valves, ..beat.clone() }
+    OrganBeatSpec {
+        contraction: ContractionSpec::Tanh { parameters: p.tanh },
+        valves: p.valves,
+        ..beat.clone()
+    }
 }

@@ -4,7 +4,9 @@ use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
 use cardiotwin_calibrate::least_squares;
 use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
-use cardiotwin_schemas::organ::{ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters};
+use cardiotwin_schemas::organ::{
+    ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters,
+};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
@@ -17,7 +19,10 @@ use crate::step1;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
 /// The organ's factors are known at the best beat alone: among cells that serve alike the nearest is the surest.
-const NEARNESS: Nearness = Nearness { at_first: 0.0, of_best: 1.0 };
+const NEARNESS: Nearness = Nearness {
+    at_first: 0.0,
+    of_best: 1.0,
+};
 /// How far a beat's biomarker may lie from its measurement, as a logarithm, before step 1's beat says more of its factor:
 /// step 1's is near the measurements, as a twin is (docs/step3.md).
 const REACH: f64 = 0.1;
@@ -28,12 +33,26 @@ const FIRST_RADIUS: f64 = 10.0;
 /// Shortest time step of the one-fibre ventricle in a search: the correction takes up what that changes.
 const TIME_STEP_MS: f64 = 2.0;
 
-const LOCAL: least_squares::Settings =
-    least_squares::Settings { cost_tolerance: 1e-4, step_tolerance: 1e-4, max_steps: 3, difference_step: 5e-3 };
+const LOCAL: least_squares::Settings = least_squares::Settings {
+    cost_tolerance: 1e-4,
+    step_tolerance: 1e-4,
+    max_steps: 3,
+    difference_step: 5e-3,
+};
 /// From step 2's cell.
-const FAR: Effort = Effort::Evolution { evaluations: 6000, candidates: 16, deviation: 0.1, local: LOCAL };
+const FAR: Effort = Effort::Evolution {
+    evaluations: 6000,
+    candidates: 16,
+    deviation: 0.1,
+    local: LOCAL,
+};
 /// From a cell that step 3 has tried.
-const NEARBY: Effort = Effort::Evolution { evaluations: 3000, candidates: 12, deviation: 0.1, local: LOCAL };
+const NEARBY: Effort = Effort::Evolution {
+    evaluations: 3000,
+    candidates: 12,
+    deviation: 0.1,
+    local: LOCAL,
+};
 
 /// Proposes.
 ///
@@ -42,17 +61,27 @@ const NEARBY: Effort = Effort::Evolution { evaluations: 3000, candidates: 12, de
 pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
-    let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
+    let beat = OrganBeatSpec {
+        time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
+        ..spec.beat.clone()
+    };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&beat, &passive, &activation)?;
     let axes = axes(&spec.parameters);
     let named = |x: &[f64]| named(&axes, x);
-    let also =
-        |samples: Option<&BeatSamples>| spec.traces.as_ref().map_or_else(Vec::new, |traces| traces.residuals(samples));
+    let also = |samples: Option<&BeatSamples>| {
+        spec.traces
+            .as_ref()
+            .map_or_else(Vec::new, |traces| traces.residuals(samples))
+    };
     let cheap = |x: &[f64]| {
         let trial = beat.with_parameters(&named(x));
         let sensitive = is_sensitive(&trial);
-        let simulated = if sensitive { reduced_beat(&trial, &passive, &activation).ok().flatten() } else { None };
+        let simulated = if sensitive {
+            reduced_beat(&trial, &passive, &activation).ok().flatten()
+        } else {
+            None
+        };
         Trial {
             outcome: simulated.as_ref().map_or(Outcome::Failed, step1::outcome),
             also: also(simulated.as_ref().map(|beat| &beat.samples)),
@@ -61,7 +90,10 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let runs: Vec<Run> = (spec.runs.iter())
         .map(|Step3Run { run, samples }| Run {
             x: point(&axes, &run.parameters),
-            outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
+            outcome: run
+                .biomarkers
+                .as_ref()
+                .map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
             also: also(samples.as_ref()),
             predicted_misfit: run.predicted_misfit,
         })
@@ -82,13 +114,20 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         prior: &prior,
         nearness: NEARNESS,
         expected,
-        reach: Biomarker::ALL.map(|b| if is_of_relaxation(b) { f64::INFINITY } else { REACH }),
+        reach: Biomarker::ALL.map(|b| {
+            if is_of_relaxation(b) {
+                f64::INFINITY
+            } else {
+                REACH
+            }
+        }),
         first_radius: FIRST_RADIUS,
         effort: if spec.runs.len() > 1 { NEARBY } else { FAR },
         seed: spec.seed,
     };
-    let proposal = propose(&problem, &cheap)
-        .ok_or(TaskError::NoProposal("no beat of step 3 ended, nor does one of the one-fibre ventricle"))?;
+    let proposal = propose(&problem, &cheap).ok_or(TaskError::NoProposal(
+        "no beat of step 3 ended, nor does one of the one-fibre ventricle",
+    ))?;
     Ok(TaskResult::Step3Proposal(Step3ProposalResult {
         parameters: named(&proposal.x),
         predicted: step1::to_schema(&proposal.biomarkers),
@@ -115,9 +154,15 @@ fn expected(
     activation: &ActivationSpec,
 ) -> [f64; Biomarker::ALL.len()] {
     let Step1Parameters { tanh, valves } = of_step1.parameters;
-    let beat = OrganBeatSpec { contraction: ContractionSpec::Tanh { parameters: tanh }, valves, ..beat.clone() };
+    let beat = OrganBeatSpec {
+        contraction: ContractionSpec::Tanh { parameters: tanh },
+        valves,
+        ..beat.clone()
+    };
     let simulated = reduced_beat(&beat, passive, activation).ok().flatten();
-    let one_fibre = simulated.map(|beat| step1::biomarkers(&beat.biomarkers)).unwrap_or_default();
+    let one_fibre = simulated
+        .map(|beat| step1::biomarkers(&beat.biomarkers))
+        .unwrap_or_default();
     let organ = step1::biomarkers(&of_step1.biomarkers);
     Biomarker::ALL.map(|biomarker| match organ.ratio_to(&one_fibre, biomarker) {
         Some(ratio) if !is_of_relaxation(biomarker) => ratio,

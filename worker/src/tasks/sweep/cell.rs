@@ -25,16 +25,31 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    pub(super) fn of(design: &CellDesign, instruction_set: InstructionSet) -> Result<Self, TaskError> {
+    pub(super) fn of(
+        design: &CellDesign,
+        instruction_set: InstructionSet,
+    ) -> Result<Self, TaskError> {
         let engine = CellEngine::new(EngineSettings {
             tolerance: design.tolerance,
             // As the published analysis: the box reaches into it, and the equations hold there.
             negative_kwu: NegativeKwu::Keep,
             ..settings_for(instruction_set)
         })?;
-        let base = NamedCell::new(design.cycle_length_ms, design.lambda_0).with(&design.fixed)?.input();
-        let swept = design.parameters.iter().map(|p| position(&p.name)).collect::<Result<_, _>>()?;
-        Ok(Self { base, swept, engine, workspace: Workspace::new(), outputs: Vec::new() })
+        let base = NamedCell::new(design.cycle_length_ms, design.lambda_0)
+            .with(&design.fixed)?
+            .input();
+        let swept = design
+            .parameters
+            .iter()
+            .map(|p| position(&p.name))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            base,
+            swept,
+            engine,
+            workspace: Workspace::new(),
+            outputs: Vec::new(),
+        })
     }
 
     fn input(&self, row: &[f64]) -> CellInput {
@@ -59,13 +74,24 @@ impl Model for Cells {
         }
     }
 
-    fn lines(&mut self, rows: &[Vec<f64>], pool: Option<&ThreadPool>) -> Result<Vec<String>, TaskError> {
+    fn lines(
+        &mut self,
+        rows: &[Vec<f64>],
+        pool: Option<&ThreadPool>,
+    ) -> Result<Vec<String>, TaskError> {
         let inputs: Vec<CellInput> = rows.iter().map(|row| self.input(row)).collect();
         self.outputs.clear();
         self.outputs.resize(inputs.len(), CellOutput::default());
-        let Self { engine, workspace, outputs, .. } = self;
+        let Self {
+            engine,
+            workspace,
+            outputs,
+            ..
+        } = self;
         match pool {
-            Some(pool) => pool.install(|| engine.evaluate_parallel(&inputs, None, CELLS_AT_ONCE, outputs))?,
+            Some(pool) => {
+                pool.install(|| engine.evaluate_parallel(&inputs, None, CELLS_AT_ONCE, outputs))?
+            }
             None => engine.evaluate(&inputs, workspace, outputs)?,
         }
         Ok(self.outputs.iter().map(line).collect())

@@ -34,7 +34,11 @@ trait Model {
     fn arithmetic(&self) -> &'static str;
 
     /// The samples' lines from `status` on.
-    fn lines(&mut self, rows: &[Vec<f64>], pool: Option<&ThreadPool>) -> Result<Vec<String>, TaskError>;
+    fn lines(
+        &mut self,
+        rows: &[Vec<f64>],
+        pool: Option<&ThreadPool>,
+    ) -> Result<Vec<String>, TaskError>;
 }
 
 /// Computes the chunk.
@@ -44,36 +48,65 @@ trait Model {
 /// sample stands in its line.
 pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     match &spec.design.organ {
-        None => chunk(spec, cell::Cells::of(&spec.design, context.instruction_set)?, context),
+        None => chunk(
+            spec,
+            cell::Cells::of(&spec.design, context.instruction_set)?,
+            context,
+        ),
         Some(organ) => chunk(spec, organ::Beats::of(&spec.design, &organ.beat)?, context),
     }
 }
 
-fn chunk<M: Model>(spec: &CellSweepSpec, mut model: M, context: &mut Context) -> Result<TaskResult, TaskError> {
+fn chunk<M: Model>(
+    spec: &CellSweepSpec,
+    mut model: M,
+    context: &mut Context,
+) -> Result<TaskResult, TaskError> {
     let blocks = spec.first_block as usize..(spec.first_block + spec.n_blocks) as usize;
     let design = design(spec, blocks.end)?;
-    let threads = (context.threads > 1).then(|| ThreadPoolBuilder::new().num_threads(context.threads as usize).build());
+    let threads = (context.threads > 1).then(|| {
+        ThreadPoolBuilder::new()
+            .num_threads(context.threads as usize)
+            .build()
+    });
     let pool = threads.transpose().map_err(TaskError::Threads)?;
     let rows_per_block = design.rows_per_block();
     let mut counts = Counts::default();
-    let (mut log, mut lines) = open_log(spec, model.arithmetic(), rows_per_block, &mut counts, context)?;
+    let (mut log, mut lines) = open_log(
+        spec,
+        model.arithmetic(),
+        rows_per_block,
+        &mut counts,
+        context,
+    )?;
     let step = M::BLOCKS_AT_ONCE * context.threads.max(1) as usize;
     let total = blocks.len() * rows_per_block;
     for first in (blocks.start + lines.len() / rows_per_block..blocks.end).step_by(step) {
         context.check_stop()?;
         let done = lines.len();
-        context.progress.report("samples", done as f64, Some(total as f64), || format!("{done} of {total} samples"));
+        context
+            .progress
+            .report("samples", done as f64, Some(total as f64), || {
+                format!("{done} of {total} samples")
+            });
         // Of a block that was parted by the end of an earlier attempt.
         let there = done - (first - blocks.start) * rows_per_block;
         let rows = design.rows(first..blocks.end.min(first + step));
         for (row, line) in (there..).zip(model.lines(&rows[there..], pool.as_ref())?) {
-            let line = format!("{},{},{line}", first + row / rows_per_block, row % rows_per_block);
+            let line = format!(
+                "{},{},{line}",
+                first + row / rows_per_block,
+                row % rows_per_block
+            );
             counts.count(&line);
             lines.push(line);
         }
-        log.append(lines[done..].iter().map(String::as_str)).map_err(|source| unwritten(context, source))?;
+        log.append(lines[done..].iter().map(String::as_str))
+            .map_err(|source| unwritten(context, source))?;
     }
-    let text = [M::HEADING].into_iter().chain(lines.iter().map(String::as_str));
+    let text = [M::HEADING]
+        .into_iter()
+        .chain(lines.iter().map(String::as_str));
     let text = text.fold(String::new(), |text, line| text + line + "\n");
     context.artefacts.write("samples", "samples.csv", &text)?;
     Ok(TaskResult::CellSweep(counts.result(model.arithmetic())))
@@ -89,28 +122,60 @@ fn open_log(
 ) -> Result<(SampleLog, Vec<String>), TaskError> {
     let key = TaskSpec::CellSweep(Box::new(spec.clone())).key();
     let about = format!("{key} {arithmetic}");
-    let (log, mut lines) =
-        SampleLog::open(&context.checkpoints, &about).map_err(|source| unwritten(context, source))?;
-    let (first, n) = (spec.first_block as usize, spec.n_blocks as usize * rows_per_block);
+    let (log, mut lines) = SampleLog::open(&context.checkpoints, &about)
+        .map_err(|source| unwritten(context, source))?;
+    let (first, n) = (
+        spec.first_block as usize,
+        spec.n_blocks as usize * rows_per_block,
+    );
     let mut expected = |(i, line): &(usize, &String)| {
-        line.starts_with(&format!("{},{},", first + i / rows_per_block, i % rows_per_block)) && counts.count(line)
+        line.starts_with(&format!(
+            "{},{},",
+            first + i / rows_per_block,
+            i % rows_per_block
+        )) && counts.count(line)
     };
-    lines.truncate(lines.iter().take(n).enumerate().take_while(|found| expected(found)).count());
+    lines.truncate(
+        lines
+            .iter()
+            .take(n)
+            .enumerate()
+            .take_while(|found| expected(found))
+            .count(),
+    );
     if !lines.is_empty() {
-        tracing::info!(samples = lines.len(), of = n, "goes on after samples of an earlier attempt");
+        tracing::info!(
+            samples = lines.len(),
+            of = n,
+            "goes on after samples of an earlier attempt"
+        );
     }
     Ok((log, lines))
 }
 
 fn unwritten(context: &Context, source: std::io::Error) -> TaskError {
-    TaskError::Write { file: context.checkpoints.own_file(sample_log::FILE).unwrap_or_default(), source }
+    TaskError::Write {
+        file: context
+            .checkpoints
+            .own_file(sample_log::FILE)
+            .unwrap_or_default(),
+        source,
+    }
 }
 
 /// The design as far as this chunk reaches: its first blocks do not depend on how many follow.
 fn design(spec: &CellSweepSpec, n_blocks: usize) -> Result<SaltelliDesign, TaskError> {
     let of = &spec.design;
-    let intervals: Vec<Interval> = of.parameters.iter().map(|p| Interval::new(p.lower, p.upper)).collect();
-    let settings = DesignSettings { n_blocks, skip_points: of.skip_points, scramble: of.scramble_seed };
+    let intervals: Vec<Interval> = of
+        .parameters
+        .iter()
+        .map(|p| Interval::new(p.lower, p.upper))
+        .collect();
+    let settings = DesignSettings {
+        n_blocks,
+        skip_points: of.skip_points,
+        scramble: of.scramble_seed,
+    };
     Ok(SaltelliDesign::new(&intervals, settings)?)
 }
 
@@ -150,12 +215,18 @@ impl Counts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_cell_engine::{CellEngine, CellInput, CellOutput, EngineSettings, NegativeKwu, Workspace};
+    use cardiotwin_cell_engine::{
+        CellEngine, CellInput, CellOutput, EngineSettings, NegativeKwu, Workspace,
+    };
     use cardiotwin_schemas::sweep::{CellDesign, SAMPLES_HEADING, SweptParameter};
     use std::collections::BTreeMap;
 
     fn spec(first_block: u32, n_blocks: u32) -> CellSweepSpec {
-        let swept = |name: &str, lower, upper| SweptParameter { name: name.into(), lower, upper };
+        let swept = |name: &str, lower, upper| SweptParameter {
+            name: name.into(),
+            lower,
+            upper,
+        };
         CellSweepSpec {
             design: CellDesign {
                 parameters: vec![
@@ -179,7 +250,9 @@ mod tests {
     fn samples(spec: &CellSweepSpec, threads: u32) -> (CellSweepResult, Vec<String>) {
         let folder = tempfile::tempdir().unwrap();
         let mut context = Context::plain(folder.path(), threads);
-        let TaskResult::CellSweep(result) = run(spec, &mut context).unwrap() else { panic!("a sweep's result") };
+        let TaskResult::CellSweep(result) = run(spec, &mut context).unwrap() else {
+            panic!("a sweep's result")
+        };
         let text = std::fs::read_to_string(folder.path().join("samples.csv")).unwrap();
         assert_eq!(context.artefacts.take().len(), 1);
         (result, text.lines().map(str::to_owned).collect())
@@ -188,7 +261,10 @@ mod tests {
     #[test]
     fn chunks_and_threads_change_no_digit() {
         let (result, whole) = samples(&spec(0, 40), 1);
-        assert_eq!((result.n_samples, result.n_periodic + result.n_not_periodic), (320, 320));
+        assert_eq!(
+            (result.n_samples, result.n_periodic + result.n_not_periodic),
+            (320, 320)
+        );
         assert_eq!(samples(&spec(0, 40), 3).1, whole);
         let mut parts = samples(&spec(0, 23), 1).1;
         parts.extend(samples(&spec(23, 17), 2).1.into_iter().skip(1));
@@ -205,13 +281,19 @@ mod tests {
             let directory = root.path().join(format!("abcd-g{generation}"));
             std::fs::create_dir_all(&directory).unwrap();
             let mut context = Context::plain(&directory, 1);
-            context.checkpoints =
-                Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation });
+            context.checkpoints = Checkpoints::of_attempt(
+                &directory,
+                &AttemptId {
+                    task: TaskKey("abcd".into()),
+                    generation,
+                },
+            );
             context.progress = crate::progress::ProgressLog::in_directory(&directory, false);
             let result = run(&spec, &mut context);
             let text = std::fs::read_to_string(directory.join("samples.csv")).unwrap();
             let log = std::fs::read_to_string(directory.join("checkpoint/samples")).unwrap();
-            let begun = std::fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
+            let begun =
+                std::fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
             (result.unwrap(), text, log, begun)
         };
         let (result, text, log, begun) = attempt(1);
@@ -219,12 +301,15 @@ mod tests {
         assert_eq!(log.lines().count(), 1 + 240);
         // Killed within a block, while it wrote a line.
         let path = root.path().join("abcd-g1/checkpoint/samples");
-        let torn: String =
-            log.split_inclusive('\n').take(1 + 99).collect::<String>() + &log[log.len() - 20..log.len() - 5];
+        let torn: String = log.split_inclusive('\n').take(1 + 99).collect::<String>()
+            + &log[log.len() - 20..log.len() - 5];
         std::fs::write(&path, torn).unwrap();
         let (again, text_again, log_again, begun) = attempt(2);
         assert!(begun.contains("\"99 of 240 samples\""), "{begun}");
-        assert_eq!((again, text_again, log_again), (result.clone(), text.clone(), log));
+        assert_eq!(
+            (again, text_again, log_again),
+            (result.clone(), text.clone(), log)
+        );
         // All of them there: nothing is computed.
         let (again, text_again, _, begun) = attempt(3);
         assert_eq!((again, text_again, begun.as_str()), (result, text, ""));
@@ -245,14 +330,29 @@ mod tests {
         {
             input.parameters[names.iter().position(|n| n == name).unwrap()] = value;
         }
-        let settings = EngineSettings { negative_kwu: NegativeKwu::Keep, ..EngineSettings::default() };
+        let settings = EngineSettings {
+            negative_kwu: NegativeKwu::Keep,
+            ..EngineSettings::default()
+        };
         let mut output = [CellOutput::default()];
-        CellEngine::new(settings).unwrap().evaluate(&[input], &mut Workspace::new(), &mut output).unwrap();
+        CellEngine::new(settings)
+            .unwrap()
+            .evaluate(&[input], &mut Workspace::new(), &mut output)
+            .unwrap();
         let fields: Vec<&str> = lines[4].split(',').collect();
         assert_eq!(&fields[..3], ["5", "3", "periodic"]);
         let number = |at: usize| fields[at].parse::<f64>().unwrap();
-        assert_eq!((number(3), number(7)), (output[0].biomarkers.sa_max_kpa, output[0].biomarkers.std90.ms));
-        assert_eq!(number(12), output[0].biomarkers.max_rise_after_peak_kpa_per_ms);
+        assert_eq!(
+            (number(3), number(7)),
+            (
+                output[0].biomarkers.sa_max_kpa,
+                output[0].biomarkers.std90.ms
+            )
+        );
+        assert_eq!(
+            number(12),
+            output[0].biomarkers.max_rise_after_peak_kpa_per_ms
+        );
     }
 
     #[test]
@@ -264,7 +364,9 @@ mod tests {
         assert_eq!(lines[1], "0,0,refused,,,,,,,,,,,0");
         let run = |spec: &CellSweepSpec| {
             let folder = tempfile::tempdir().unwrap();
-            run(spec, &mut Context::plain(folder.path(), 1)).unwrap_err().to_string()
+            run(spec, &mut Context::plain(folder.path(), 1))
+                .unwrap_err()
+                .to_string()
         };
         refused.design.fixed.insert("rS".into(), 0.2);
         assert!(run(&refused).contains("`rS`"));

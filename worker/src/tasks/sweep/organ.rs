@@ -28,19 +28,37 @@ impl Beats {
     /// [`TaskError`] when the beat is outside the models, or a parameter is none of the cell's or of the valves'.
     pub(super) fn of(design: &CellDesign, beat: &OrganBeatSpec) -> Result<Self, TaskError> {
         let swept: Vec<String> = design.parameters.iter().map(|p| p.name.clone()).collect();
-        if let Some(name) = swept.iter().chain(design.fixed.keys()).find(|name| !is_parameter(name)) {
+        if let Some(name) = swept
+            .iter()
+            .chain(design.fixed.keys())
+            .find(|name| !is_parameter(name))
+        {
             return Err(TaskError::UnknownParameter { name: name.clone() });
         }
         let (passive, activation) = one_fibre(&beat.organ)?;
         let beat = beat.with_parameters(&design.fixed);
         // Refused once and for all: an effect that cannot act, loads outside the models.
         reduced(&beat, &passive, &activation)?;
-        Ok(Self { beat, passive, activation, swept })
+        Ok(Self {
+            beat,
+            passive,
+            activation,
+            swept,
+        })
     }
 
     fn line(&self, row: &[f64]) -> String {
-        let parameters: BTreeMap<String, f64> = self.swept.iter().cloned().zip(row.iter().copied()).collect();
-        match reduced_beat(&self.beat.with_parameters(&parameters), &self.passive, &self.activation) {
+        let parameters: BTreeMap<String, f64> = self
+            .swept
+            .iter()
+            .cloned()
+            .zip(row.iter().copied())
+            .collect();
+        match reduced_beat(
+            &self.beat.with_parameters(&parameters),
+            &self.passive,
+            &self.activation,
+        ) {
             Ok(Some(beat)) => finished(&beat),
             Ok(None) => "diverged,,,,,,,,".to_owned(),
             Err(error) => {
@@ -61,7 +79,11 @@ fn finished(beat: &OrganBeatResult) -> String {
             let _ = write!(line, "{value:?}");
         }
     }
-    line + if beat.failed_valve().is_some() { ",1" } else { ",0" }
+    line + if beat.failed_valve().is_some() {
+        ",1"
+    } else {
+        ",0"
+    }
 }
 
 impl Model for Beats {
@@ -74,7 +96,11 @@ impl Model for Beats {
         "portable"
     }
 
-    fn lines(&mut self, rows: &[Vec<f64>], pool: Option<&ThreadPool>) -> Result<Vec<String>, TaskError> {
+    fn lines(
+        &mut self,
+        rows: &[Vec<f64>],
+        pool: Option<&ThreadPool>,
+    ) -> Result<Vec<String>, TaskError> {
         let line = |row: &Vec<f64>| self.line(row);
         Ok(match pool {
             Some(pool) => pool.install(|| rows.par_iter().map(line).collect()),
@@ -109,17 +135,27 @@ pub(crate) mod tests {
     }
 
     fn spec() -> CellSweepSpec {
-        let swept = |name: &str, lower, upper| SweptParameter { name: name.into(), lower, upper };
+        let swept = |name: &str, lower, upper| SweptParameter {
+            name: name.into(),
+            lower,
+            upper,
+        };
         CellSweepSpec {
             design: CellDesign {
-                parameters: vec![swept("Smax_ref_kPa", 100.0, 400.0), swept("R_AV_f_mmHg_s_per_mL", 1e-3, 0.1)],
+                parameters: vec![
+                    swept("Smax_ref_kPa", 100.0, 400.0),
+                    swept("R_AV_f_mmHg_s_per_mL", 1e-3, 0.1),
+                ],
                 skip_points: 0,
                 scramble_seed: None,
                 cycle_length_ms: 700.0,
                 lambda_0: 1.1,
                 fixed: BTreeMap::from([("phi".to_owned(), 2.0)]),
                 tolerance: 1e-4,
-                organ: Some(Box::new(SweptOrgan { patient: "p1".into(), beat: beat() })),
+                organ: Some(Box::new(SweptOrgan {
+                    patient: "p1".into(),
+                    beat: beat(),
+                })),
             },
             first_block: 1,
             n_blocks: 2,
@@ -129,8 +165,13 @@ pub(crate) mod tests {
     fn samples(spec: &CellSweepSpec, threads: u32) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let result = super::super::run(spec, &mut Context::plain(folder.path(), threads)).unwrap();
-        let TaskResult::CellSweep(result) = result else { panic!("a sweep's result") };
-        assert_eq!((result.n_samples, result.n_periodic + result.n_refused), (12, 12));
+        let TaskResult::CellSweep(result) = result else {
+            panic!("a sweep's result")
+        };
+        assert_eq!(
+            (result.n_samples, result.n_periodic + result.n_refused),
+            (12, 12)
+        );
         let text = std::fs::read_to_string(folder.path().join("samples.csv")).unwrap();
         text.lines().map(str::to_owned).collect()
     }
@@ -139,32 +180,71 @@ pub(crate) mod tests {
     fn a_line_holds_the_beat_of_the_row_s_parameters_on_any_number_of_threads() {
         let spec = spec();
         let lines = samples(&spec, 1);
-        assert_eq!((lines[0].as_str(), lines.len()), (ORGAN_SAMPLES_HEADING, 13));
+        assert_eq!(
+            (lines[0].as_str(), lines.len()),
+            (ORGAN_SAMPLES_HEADING, 13)
+        );
         assert_eq!(samples(&spec, 3), lines);
         let organ = spec.design.organ.as_ref().unwrap();
         let (passive, activation) = one_fibre(&organ.beat.organ).unwrap();
         let row = &super::super::design(&spec, 3).unwrap().rows(1..3)[7];
-        let parameters = [("Smax_ref_kPa", row[0]), ("R_AV_f_mmHg_s_per_mL", row[1]), ("phi", 2.0)];
-        let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).into();
-        let beat = reduced_beat(&organ.beat.with_parameters(&parameters), &passive, &activation).unwrap().unwrap();
+        let parameters = [
+            ("Smax_ref_kPa", row[0]),
+            ("R_AV_f_mmHg_s_per_mL", row[1]),
+            ("phi", 2.0),
+        ];
+        let parameters = parameters
+            .map(|(name, value)| (name.to_owned(), value))
+            .into();
+        let beat = reduced_beat(
+            &organ.beat.with_parameters(&parameters),
+            &passive,
+            &activation,
+        )
+        .unwrap()
+        .unwrap();
         let fields: Vec<&str> = lines[8].split(',').collect();
         assert_eq!(&fields[..3], ["2", "1", "finished"]);
         let number = |at: usize| fields[at].parse::<f64>().ok();
-        assert_eq!((number(3), number(9)), (beat.biomarkers.p_max_mmhg, beat.biomarkers.sv_ml));
+        assert_eq!(
+            (number(3), number(9)),
+            (beat.biomarkers.p_max_mmhg, beat.biomarkers.sv_ml)
+        );
     }
 
     #[test]
     fn a_cell_without_meaning_is_a_line_and_an_unknown_parameter_an_error() {
         let mut refused = spec();
         refused.design.fixed.insert("r_S".into(), 1.5);
-        assert!(Beats::of(&refused.design, &refused.design.organ.as_ref().unwrap().beat).is_err(), "no beat at all");
+        assert!(
+            Beats::of(
+                &refused.design,
+                &refused.design.organ.as_ref().unwrap().beat
+            )
+            .is_err(),
+            "no beat at all"
+        );
         let mut some = spec();
-        some.design.parameters[1] = SweptParameter { name: "r_S".into(), lower: 0.2, upper: 1.5 };
+        some.design.parameters[1] = SweptParameter {
+            name: "r_S".into(),
+            lower: 0.2,
+            upper: 1.5,
+        };
         let lines = samples(&some, 1);
-        assert!(lines.iter().any(|line| line.ends_with("refused,,,,,,,,")), "{lines:?}");
-        assert!(lines.iter().any(|line| line.contains("finished")), "{lines:?}");
+        assert!(
+            lines.iter().any(|line| line.ends_with("refused,,,,,,,,")),
+            "{lines:?}"
+        );
+        assert!(
+            lines.iter().any(|line| line.contains("finished")),
+            "{lines:?}"
+        );
         some.design.parameters[0].name = "a_p_kPa".into();
-        let said = super::super::run(&some, &mut Context::plain(tempfile::tempdir().unwrap().path(), 1)).unwrap_err();
+        let said = super::super::run(
+            &some,
+            &mut Context::plain(tempfile::tempdir().unwrap().path(), 1),
+        )
+        .unwrap_err();
         assert!(said.to_string().contains("`a_p_kPa`"), "{said}");
     }
 }

@@ -16,7 +16,9 @@ use crate::discovery::overlay::{self, Change, OverlayError};
 /// [`CliError::Usage`].
 pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
     if source.is_cohort() && !args.all && args.patients.is_empty() {
-        let message = "--accept and --revert change patients: say --all, or name them with --patient".to_owned();
+        let message =
+            "--accept and --revert change patients: say --all, or name them with --patient"
+                .to_owned();
         return Err(CliError::Usage(message));
     }
     Ok(())
@@ -30,7 +32,9 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
     let mut n_written = 0;
     for searched in &source.patients {
         let patient = &searched.patient;
-        let Some(case) = cases.get(&patient.id) else { continue };
+        let Some(case) = cases.get(&patient.id) else {
+            continue;
+        };
         let file = patient.folder.join("model.toml");
         let names = case.found.accepted.join(", ");
         let said = match overlay::accept(&patient.folder, case, &clock::now_utc())? {
@@ -38,15 +42,22 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
                 n_written += 1;
                 format!("accepted: {names}; version {version} of {}", file.display())
             }
-            Change::Same(version) => format!("accepted before: {names}; version {version} of {}", file.display()),
+            Change::Same(version) => format!(
+                "accepted before: {names}; version {version} of {}",
+                file.display()
+            ),
             Change::Nothing | Change::Removed => "nothing to accept".to_owned(),
         };
         talk.say(&format!("{}: {said}", patient.id));
     }
     if n_written > 0 {
         let cohort = source.cohort_folder();
-        let place = cohort.map_or("the cohort".to_owned(), |folder| folder.display().to_string());
-        talk.hint(&format!("`cardiotwin run {place}` personalises with it; --revert undoes it"));
+        let place = cohort.map_or("the cohort".to_owned(), |folder| {
+            folder.display().to_string()
+        });
+        talk.hint(&format!(
+            "`cardiotwin run {place}` personalises with it; --revert undoes it"
+        ));
     }
     Ok(())
 }
@@ -59,9 +70,13 @@ pub fn revert(source: &Source, talk: &Talk) -> Result<Exit, CliError> {
     for searched in &source.patients {
         let patient = &searched.patient;
         let said = match overlay::revert(&patient.folder, &clock::now_utc()) {
-            Ok(Change::Written(version)) => format!("as before the last acceptance; version {version} of model.toml"),
+            Ok(Change::Written(version)) => {
+                format!("as before the last acceptance; version {version} of model.toml")
+            }
             Ok(_) => "as measured; the versions of model.toml are kept".to_owned(),
-            Err(OverlayError::NothingAccepted { .. }) if source.is_cohort() => "nothing was accepted".to_owned(),
+            Err(OverlayError::NothingAccepted { .. }) if source.is_cohort() => {
+                "nothing was accepted".to_owned()
+            }
             Err(error) => return Err(error.into()),
         };
         talk.say(&format!("{}: {said}", patient.id));

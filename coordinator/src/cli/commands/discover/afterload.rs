@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin_calibrate::afterload::{Candidate, Discovery, DiscoverySettings, EFFECTS, Kind, Nameless, discover};
+use cardiotwin_calibrate::afterload::{
+    Candidate, Discovery, DiscoverySettings, EFFECTS, Kind, Nameless, discover,
+};
 use cardiotwin_schemas::afterload::{
     AfterloadCandidate, AfterloadConfusable, AfterloadDiscovery, AfterloadEffect, AfterloadInOrgan,
     AfterloadUnexplained,
@@ -45,29 +47,46 @@ pub struct Request<'a> {
 /// [`CliError::Trace`] for a record that cannot be used, [`CliError::Usage`] for a candidate that there is not, a file that
 /// cannot be written.
 pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
-    if let Some(unknown) = request.effects.iter().find(|name| EFFECTS.iter().all(|effect| effect.name != **name)) {
+    if let Some(unknown) = request
+        .effects
+        .iter()
+        .find(|name| EFFECTS.iter().all(|effect| effect.name != **name))
+    {
         let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.name).collect();
         let known = known.join(", ");
-        return Err(CliError::Usage(format!("`{unknown}` is no candidate of the afterload; those are {known}")));
+        return Err(CliError::Usage(format!(
+            "`{unknown}` is no candidate of the afterload; those are {known}"
+        )));
     }
     let measured = record::read(request.flow, request.pressure, talk)?;
-    let settings = DiscoverySettings { effects: request.effects.to_vec(), ..DiscoverySettings::default() };
+    let settings = DiscoverySettings {
+        effects: request.effects.to_vec(),
+        ..DiscoverySettings::default()
+    };
     let found = discover(&measured.record, &settings)
         .map_err(|error| CliError::Usage(format!("the record cannot be fitted: {error}")))?;
     let answer = answer(&measured, &found);
     if let Some(file) = request.plot {
         let line = |pressure: &[f64]| -> Vec<(f64, f64)> {
-            std::iter::zip(&measured.pressure, pressure).map(|(sample, p)| (sample.0, *p)).collect()
+            std::iter::zip(&measured.pressure, pressure)
+                .map(|(sample, p)| (sample.0, *p))
+                .collect()
         };
-        let (before, after) = (line(&found.pressure_before_mmhg), line(&found.pressure_after_mmhg));
-        let svg = afterload_discovery_svg(&answer, &measured.pressure, &before, &after).unwrap_or_default();
-        atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
+        let (before, after) = (
+            line(&found.pressure_before_mmhg),
+            line(&found.pressure_after_mmhg),
+        );
+        let svg = afterload_discovery_svg(&answer, &measured.pressure, &before, &after)
+            .unwrap_or_default();
+        atomic::write(file, |out| out.write_all(svg.as_bytes()))
+            .map_err(CliError::file("write", file))?;
     }
     match request.json {
         Some(file) if file.as_os_str() == "-" => talk.json(&answer)?,
         Some(file) => {
             let json = serde_json::to_string_pretty(&answer).unwrap_or_default() + "\n";
-            atomic::write(file, |out| out.write_all(json.as_bytes())).map_err(CliError::file("write", file))?;
+            atomic::write(file, |out| out.write_all(json.as_bytes()))
+                .map_err(CliError::file("write", file))?;
             talk.data(&text(&answer, &settings, talk))?;
         }
         None => talk.data(&text(&answer, &settings, talk))?,
@@ -76,18 +95,31 @@ pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
 }
 
 /// Parameters of an effect by name: values, and intervals where there are any.
-type Strength = (std::collections::BTreeMap<String, f64>, std::collections::BTreeMap<String, [f64; 2]>);
+type Strength = (
+    std::collections::BTreeMap<String, f64>,
+    std::collections::BTreeMap<String, [f64; 2]>,
+);
 
 fn strength(of: &[(&'static str, f64, Option<[f64; 2]>)]) -> Strength {
-    let values = of.iter().map(|(name, value, _)| ((*name).to_owned(), *value)).collect();
-    let intervals = of.iter().filter_map(|(name, _, interval)| Some(((*name).to_owned(), (*interval)?))).collect();
+    let values = of
+        .iter()
+        .map(|(name, value, _)| ((*name).to_owned(), *value))
+        .collect();
+    let intervals = of
+        .iter()
+        .filter_map(|(name, _, interval)| Some(((*name).to_owned(), (*interval)?)))
+        .collect();
     (values, intervals)
 }
 
 fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
     let pulse = measured.described.pulse_pressure_mmhg;
     let first = &found.stages[0];
-    let mut deciding: Vec<String> = found.confusable.iter().map(|c| c.separated_by.to_owned()).collect();
+    let mut deciding: Vec<String> = found
+        .confusable
+        .iter()
+        .map(|c| c.separated_by.to_owned())
+        .collect();
     deciding.sort();
     deciding.dedup();
     AfterloadDiscovery {
@@ -95,14 +127,27 @@ fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
         case: measured.described.flow.clone(),
         record: measured.described.clone(),
         none: found.accepted.is_empty(),
-        effects: first.candidates.iter().map(|c| candidate(c, pulse)).collect(),
-        accepted: found.accepted.iter().map(|f| f.effect.name.to_owned()).collect(),
+        effects: first
+            .candidates
+            .iter()
+            .map(|c| candidate(c, pulse))
+            .collect(),
+        accepted: found
+            .accepted
+            .iter()
+            .map(|f| f.effect.name.to_owned())
+            .collect(),
         added: found
             .accepted
             .iter()
             .map(|f| {
                 let (strength, interval) = strength(&f.strength);
-                AfterloadEffect { name: f.effect.name.to_owned(), delta_bic: f.delta_bic, strength, interval }
+                AfterloadEffect {
+                    name: f.effect.name.to_owned(),
+                    delta_bic: f.delta_bic,
+                    strength,
+                    interval,
+                }
             })
             .collect(),
         none_probability: first.none_probability,
@@ -117,7 +162,11 @@ fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
             })
             .collect(),
         deciding_measurement: deciding,
-        not_identifiable: found.not_identifiable.iter().map(|(n, why)| ((*n).to_owned(), why.clone())).collect(),
+        not_identifiable: found
+            .not_identifiable
+            .iter()
+            .map(|(n, why)| ((*n).to_owned(), why.clone()))
+            .collect(),
         unexplained: found.unexplained.as_ref().map(unexplained),
         gap_before: found.gap.before_mmhg / pulse,
         gap_after: found.gap.after_mmhg / pulse,
@@ -157,41 +206,71 @@ fn unexplained(nameless: &Nameless) -> AfterloadUnexplained {
         n_harmonics: nameless.n_harmonics,
         size_mmhg: nameless.root_mean_square_mmhg,
         largest_at_ms: nameless.largest_at_ms,
-        depends_on: nameless.depends_on.iter().map(|d| (d.on.to_owned(), d.share)).collect(),
+        depends_on: nameless
+            .depends_on
+            .iter()
+            .map(|d| (d.on.to_owned(), d.share))
+            .collect(),
     }
 }
 
 /// How the organ takes the load: its catalogue has the lumped reflection alone.
 fn in_organ(found: &Discovery) -> AfterloadInOrgan {
     let names: Vec<&str> = found.accepted.iter().map(|f| f.effect.name).collect();
-    let artefact = found.accepted.iter().any(|f| f.effect.kind == Kind::Artefact);
+    let artefact = found
+        .accepted
+        .iter()
+        .any(|f| f.effect.kind == Kind::Artefact);
     let spec = |values: &[(&'static str, f64, Option<[f64; 2]>)]| EffectSpec {
         name: LUMPED.to_owned(),
         parameters: strength(values).0,
     };
     if let Some(own) = found.accepted.iter().find(|f| f.effect.name == LUMPED) {
         let how = "wave_reflection as it is, with the final three elements".to_owned();
-        return AfterloadInOrgan { afterload: parameters(found.after), effects: vec![spec(&own.strength)], how };
+        return AfterloadInOrgan {
+            afterload: parameters(found.after),
+            effects: vec![spec(&own.strength)],
+            how,
+        };
     }
-    let lumped = found.stages[0].candidates.iter().find(|c| c.effect.name == LUMPED);
+    let lumped = found.stages[0]
+        .candidates
+        .iter()
+        .find(|c| c.effect.name == LUMPED);
     if let (true, Some(lumped)) = (names.contains(&HAS_LUMPED_FORM), lumped) {
         let how = format!(
             "the organ has no tube: its lumped form, wave_reflection as fitted to this record ({} mmHg missed)",
             number(lumped.root_mean_square_mmhg)
         );
-        return AfterloadInOrgan { afterload: parameters(lumped.three), effects: vec![spec(&lumped.strength)], how };
+        return AfterloadInOrgan {
+            afterload: parameters(lumped.three),
+            effects: vec![spec(&lumped.strength)],
+            how,
+        };
     }
     let how = match (names.is_empty(), artefact) {
         (true, _) => "three elements".to_owned(),
         (false, true) => "the final three elements; correct the data".to_owned(),
-        (false, false) => format!("the final three elements; the organ has no {}", names.join(" or ")),
+        (false, false) => format!(
+            "the final three elements; the organ has no {}",
+            names.join(" or ")
+        ),
     };
-    AfterloadInOrgan { afterload: parameters(found.after), effects: Vec::new(), how }
+    AfterloadInOrgan {
+        afterload: parameters(found.after),
+        effects: Vec::new(),
+        how,
+    }
 }
 
 fn summary(answer: &AfterloadDiscovery) -> String {
-    let shrink =
-        |before: f64, after: f64| format!("from {:.1} to {:.1} % of the pulse pressure", 100.0 * before, 100.0 * after);
+    let shrink = |before: f64, after: f64| {
+        format!(
+            "from {:.1} to {:.1} % of the pulse pressure",
+            100.0 * before,
+            100.0 * after
+        )
+    };
     let named = if answer.none {
         match &answer.unexplained {
             Some(gap) => {
@@ -212,10 +291,16 @@ fn summary(answer: &AfterloadDiscovery) -> String {
     } else {
         format!("found: {}", answer.accepted.join(" and "))
     };
-    let held = if answer.held_out == "beats" { "beats held out" } else { "parts of the record held out" };
+    let held = if answer.held_out == "beats" {
+        "beats held out"
+    } else {
+        "parts of the record held out"
+    };
     if answer.none {
         let (all, out) = (100.0 * answer.gap_before, 100.0 * answer.gap_heldout_before);
-        return format!("{named}\nthe gap is {all:.1} % of the pulse pressure, {out:.1} % on {held}\n");
+        return format!(
+            "{named}\nthe gap is {all:.1} % of the pulse pressure, {out:.1} % on {held}\n"
+        );
     }
     format!(
         "{named}\nthe gap falls {}; {} on {held}\n",
@@ -231,7 +316,12 @@ fn strengths(
     let shown: Vec<String> = values
         .iter()
         .map(|(name, value)| match intervals.get(name) {
-            Some([low, high]) => format!("{name} {} ({} to {})", number(*value), number(*low), number(*high)),
+            Some([low, high]) => format!(
+                "{name} {} ({} to {})",
+                number(*value),
+                number(*low),
+                number(*high)
+            ),
             None => format!("{name} {}", number(*value)),
         })
         .collect();
@@ -241,7 +331,17 @@ fn strengths(
 fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) -> String {
     let mut text = summary(answer);
     text.push('\n');
-    let mut ranking = Columns::new(talk, &["EFFECT", ">PROBABILITY", ">DELTA BIC", ">GAP", "STRENGTH (95 %)", "NOTE"]);
+    let mut ranking = Columns::new(
+        talk,
+        &[
+            "EFFECT",
+            ">PROBABILITY",
+            ">DELTA BIC",
+            ">GAP",
+            "STRENGTH (95 %)",
+            "NOTE",
+        ],
+    );
     for effect in answer.effects.iter().take(SHOWN) {
         let accepted = answer.accepted.contains(&effect.name);
         let note = match (accepted, effect.artefact) {
@@ -268,11 +368,30 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
         answer.record.n_samples,
         number(answer.noise.n_effective)
     ));
-    let mut loads =
-        Columns::new(talk, &["LOAD", ">R1 (mmHg s/mL)", ">R2 (mmHg s/mL)", ">C (mL/mmHg)", ">GAP", ">HELD OUT"]);
+    let mut loads = Columns::new(
+        talk,
+        &[
+            "LOAD",
+            ">R1 (mmHg s/mL)",
+            ">R2 (mmHg s/mL)",
+            ">C (mL/mmHg)",
+            ">GAP",
+            ">HELD OUT",
+        ],
+    );
     let rows = [
-        ("three elements", &answer.before, answer.gap_before, answer.gap_heldout_before),
-        ("with what was found", &answer.after, answer.gap_after, answer.gap_heldout_after),
+        (
+            "three elements",
+            &answer.before,
+            answer.gap_before,
+            answer.gap_heldout_before,
+        ),
+        (
+            "with what was found",
+            &answer.after,
+            answer.gap_after,
+            answer.gap_heldout_after,
+        ),
     ];
     for (name, load, gap, held_out) in rows.into_iter().take(if answer.none { 1 } else { 2 }) {
         loads.row([
@@ -287,7 +406,10 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     text.push_str(&loads.text());
     for effect in &answer.added {
         let strength = strengths(&effect.strength, &effect.interval);
-        text.push_str(&format!("{}: {strength}; delta BIC {:.1}\n", effect.name, effect.delta_bic));
+        text.push_str(&format!(
+            "{}: {strength}; delta BIC {:.1}\n",
+            effect.name, effect.delta_bic
+        ));
     }
     text.push_str(&format!("in the organ: {}\n", answer.organ.how));
     let rivals: Vec<&str> = answer.confusable.iter().map(|c| c.rival.as_str()).collect();
@@ -302,7 +424,10 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
         }
     }
     if let (false, Some(gap)) = (answer.none, &answer.unexplained) {
-        text.push_str(&format!("still unexplained: {} mmHg that every beat repeats\n", number(gap.size_mmhg)));
+        text.push_str(&format!(
+            "still unexplained: {} mmHg that every beat repeats\n",
+            number(gap.size_mmhg)
+        ));
     }
     text
 }
@@ -314,9 +439,22 @@ mod tests {
     /// The one-beat record; those of several beats take longer and are in docs/afterload.md.
     #[test]
     fn the_human_record_as_people_see_it() {
-        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
-        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/afterload/human-1999"));
-        let measured = record::read(&folder.join("flow.csv"), &folder.join("pressure.csv"), &talk).unwrap();
+        let talk = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
+        let folder = Path::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../examples/afterload/human-1999"
+        ));
+        let measured = record::read(
+            &folder.join("flow.csv"),
+            &folder.join("pressure.csv"),
+            &talk,
+        )
+        .unwrap();
         let settings = DiscoverySettings::default();
         let answer = answer(&measured, &discover(&measured.record, &settings).unwrap());
         assert_eq!(answer.accepted, ["tube_reflection"]);

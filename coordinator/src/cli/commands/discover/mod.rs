@@ -29,7 +29,9 @@ use source::Source;
 /// Fits the reduced ventricle to pressure and volume, says where they disagree, tries every effect of the catalogue, and
 /// names one only where the data prefer it by more than chance. docs/missing-effects.md explains method and limits.
 #[derive(Debug, Args)]
-#[command(after_help = "The same command goes on where an earlier one stopped. Ctrl-C as in `run`.")]
+#[command(
+    after_help = "The same command goes on where an earlier one stopped. Ctrl-C as in `run`."
+)]
 pub struct DiscoverArgs {
     /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
     #[arg(value_name = "PATIENT_DIR|COHORT", default_value = ".")]
@@ -79,12 +81,23 @@ pub struct DiscoverArgs {
 pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError> {
     if let Some([flow, pressure]) = args.afterload.as_deref() {
         let (json, plot) = (args.json.as_ref(), args.plot.as_ref());
-        return afterload::execute(&afterload::Request { flow, pressure, effects: &args.effects, json, plot }, talk);
+        return afterload::execute(
+            &afterload::Request {
+                flow,
+                pressure,
+                effects: &args.effects,
+                json,
+                plot,
+            },
+            talk,
+        );
     }
     let began = Instant::now();
     let source = Source::read(args, talk)?;
     if source.is_cohort() && args.plot.is_some() {
-        return Err(CliError::Usage("--plot draws one patient: name a patient's folder".to_owned()));
+        return Err(CliError::Usage(
+            "--plot draws one patient: name a patient's folder".to_owned(),
+        ));
     }
     if args.accept || args.revert {
         accept::whose(args, &source)?;
@@ -95,14 +108,23 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     let mut ended = search::run(args, &source, talk).await?;
     add_run(&source, &mut ended.cases).await;
     let cases = &ended.cases;
-    discovery::write(&discovery::cases_file(&ended.run_dir), &discovery::cases_text(cases))
-        .map_err(CliError::file("write", discovery::cases_file(&ended.run_dir)))?;
+    discovery::write(
+        &discovery::cases_file(&ended.run_dir),
+        &discovery::cases_text(cases),
+    )
+    .map_err(CliError::file(
+        "write",
+        discovery::cases_file(&ended.run_dir),
+    ))?;
     let page = ended.run_dir.join(FILE);
     write_discovery(&source.name, cases, &page).map_err(CliError::Report)?;
     if let (Some(file), Some(svg)) = (&args.plot, cases.values().next().and_then(discovery_svg)) {
         discovery::write(file, &svg).map_err(CliError::file("write", file))?;
     }
-    let on_stdout = args.json.as_ref().is_some_and(|file| file.as_os_str() == "-");
+    let on_stdout = args
+        .json
+        .as_ref()
+        .is_some_and(|file| file.as_os_str() == "-");
     if let Some(file) = &args.json {
         let text = json(&source, cases);
         if on_stdout {
@@ -112,7 +134,9 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         }
     }
     if !on_stdout {
-        cases.values().try_for_each(|case| talk.data(&text::case(case, source.is_cohort(), talk)))?;
+        cases
+            .values()
+            .try_for_each(|case| talk.data(&text::case(case, source.is_cohort(), talk)))?;
         if source.is_cohort() {
             talk.data(&text::cohort(cases, talk))?;
         }
@@ -124,22 +148,39 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         talk.say(&format!("{patient} failed: {failure}"));
     }
     let wall = duration(began.elapsed().as_secs_f64());
-    talk.say(&format!("{} searched in {wall}; report: {}", count(cases.len(), "patient"), page.display()));
+    talk.say(&format!(
+        "{} searched in {wall}; report: {}",
+        count(cases.len(), "patient"),
+        page.display()
+    ));
     if ended.stopped {
         talk.say("stopped; nothing finished is lost, and the same command goes on");
         return Ok(Exit::Interrupted);
     }
-    Ok(if ended.failures.is_empty() { Exit::Ok } else { Exit::Problems })
+    Ok(if ended.failures.is_empty() {
+        Exit::Ok
+    } else {
+        Exit::Problems
+    })
 }
 
 /// Adds what the beats of the cohort's run miss; nothing where there is no run, or one that cannot be read.
 async fn add_run(source: &Source, cases: &mut DiscoverCases) {
-    let Some(folders) = source.cohort_folder().map(|cohort| Folders::of(cohort, None)) else { return };
+    let Some(folders) = source
+        .cohort_folder()
+        .map(|cohort| Folders::of(cohort, None))
+    else {
+        return;
+    };
     if !folders.run.join(DATABASE).exists() {
         return;
     }
-    let Ok(reader) = Reader::open(&folders.run).await else { return };
-    let Ok(record) = reader.record().await else { return };
+    let Ok(reader) = Reader::open(&folders.run).await else {
+        return;
+    };
+    let Ok(record) = reader.record().await else {
+        return;
+    };
     for patient in &record.patients {
         if let Some(case) = cases.get_mut(patient.plan.id.0.as_str()) {
             case.run = faults::of_run(patient);

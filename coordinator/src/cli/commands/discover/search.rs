@@ -36,7 +36,12 @@ pub struct Ended {
 pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<Ended, CliError> {
     let run_dir = source.run_dir(args.run_dir.as_deref(), talk);
     if let Some(cases) = known(source, &run_dir).await? {
-        return Ok(Ended { run_dir, cases, failures: Vec::new(), stopped: false });
+        return Ok(Ended {
+            run_dir,
+            cases,
+            failures: Vec::new(),
+            stopped: false,
+        });
     }
     let options = RunOptions {
         run_dir: run_dir.clone(),
@@ -51,18 +56,30 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
         watch: false,
     };
     let summary = drive(options, "patients", talk).await?;
-    let mut ended = Ended { run_dir, cases: BTreeMap::new(), failures: Vec::new(), stopped: summary.stopped };
+    let mut ended = Ended {
+        run_dir,
+        cases: BTreeMap::new(),
+        failures: Vec::new(),
+        stopped: summary.stopped,
+    };
     for member in Reader::open(&ended.run_dir).await?.members().await? {
         let patient = member.plan.id.to_string();
         match (member.task, member.failure) {
             (Some(task), _) => {
                 if let TaskResult::Discover(found) = &task.result {
-                    ended.cases.insert(patient.clone(), discovery::case(&patient, task.key.as_str(), found));
+                    ended.cases.insert(
+                        patient.clone(),
+                        discovery::case(&patient, task.key.as_str(), found),
+                    );
                 }
             }
             (None, Some(failure)) => {
-                let remedy = failure.remedy.map_or(String::new(), |remedy| format!(" ({remedy})"));
-                ended.failures.push((patient, format!("{}{remedy}", failure.message)));
+                let remedy = failure
+                    .remedy
+                    .map_or(String::new(), |remedy| format!(" ({remedy})"));
+                ended
+                    .failures
+                    .push((patient, format!("{}{remedy}", failure.message)));
             }
             (None, None) => {}
         }
@@ -71,7 +88,9 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
 }
 
 fn member(searched: &Searched) -> ResolvedPatient {
-    let workflow = Workflow::Task { task: Box::new(searched.task.clone()) };
+    let workflow = Workflow::Task {
+        task: Box::new(searched.task.clone()),
+    };
     ResolvedPatient::without_data(PatientId(searched.patient.id.clone()), workflow)
 }
 
@@ -81,28 +100,49 @@ fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
         0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get) as u32,
         n => n,
     };
-    let workers = cores.min(u32::try_from(n_patients).unwrap_or(u32::MAX)).max(1);
-    ExecutorSettings { workers, threads: cores.div_ceil(workers), ..ExecutorSettings::default() }
+    let workers = cores
+        .min(u32::try_from(n_patients).unwrap_or(u32::MAX))
+        .max(1);
+    ExecutorSettings {
+        workers,
+        threads: cores.div_ceil(workers),
+        ..ExecutorSettings::default()
+    }
 }
 
 /// The findings, where earlier runs hold all of them: the patient's own, or that of the patient's cohort.
 async fn known(source: &Source, run_dir: &Path) -> Result<Option<DiscoverCases>, CliError> {
-    let cohort = source.cohort.as_ref().map(|cohort| cohort.join(discovery::FOLDER));
+    let cohort = source
+        .cohort
+        .as_ref()
+        .map(|cohort| cohort.join(discovery::FOLDER));
     for folder in std::iter::once(run_dir.to_owned()).chain(cohort) {
         if !folder.join("cardiotwin.db").exists() {
             continue;
         }
         let members = Reader::open(&folder).await?.members().await?;
         let find = |searched: &Searched| -> Option<(String, Box<Discovered>)> {
-            let task = members.iter().filter_map(|m| m.task.as_ref()).find(|task| task.key == searched.key)?;
-            let TaskResult::Discover(found) = &task.result else { return None };
+            let task = members
+                .iter()
+                .filter_map(|m| m.task.as_ref())
+                .find(|task| task.key == searched.key)?;
+            let TaskResult::Discover(found) = &task.result else {
+                return None;
+            };
             Some((searched.patient.id.clone(), found.clone()))
         };
         if let Some(all) = source.patients.iter().map(find).collect::<Option<Vec<_>>>() {
             let case = |searched: &Searched, found: &Discovered| {
-                (searched.patient.id.clone(), discovery::case(&searched.patient.id, searched.key.as_str(), found))
+                (
+                    searched.patient.id.clone(),
+                    discovery::case(&searched.patient.id, searched.key.as_str(), found),
+                )
             };
-            return Ok(Some(std::iter::zip(&source.patients, &all).map(|(s, (_, found))| case(s, found)).collect()));
+            return Ok(Some(
+                std::iter::zip(&source.patients, &all)
+                    .map(|(s, (_, found))| case(s, found))
+                    .collect(),
+            ));
         }
     }
     Ok(None)
@@ -118,6 +158,9 @@ mod tests {
             let settings = executor(jobs, n);
             (settings.workers, settings.threads)
         };
-        assert_eq!([of(2, 1), of(2, 7), of(8, 3), of(1, 5)], [(1, 2), (2, 1), (3, 3), (1, 1)]);
+        assert_eq!(
+            [of(2, 1), of(2, 7), of(8, 3), of(1, 5)],
+            [(1, 2), (2, 1), (3, 3), (1, 1)]
+        );
     }
 }

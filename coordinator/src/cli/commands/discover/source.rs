@@ -47,17 +47,29 @@ impl Source {
         let is = |name: &str| folder.join(name).is_file();
         let (name, patients, one) = match (is("cohort.toml"), is("patient.toml")) {
             (true, _) => {
-                let options = Options { only: args.patients.clone(), ..Options::default() };
+                let options = Options {
+                    only: args.patients.clone(),
+                    ..Options::default()
+                };
                 let cohort = input::load(folder, &options, &mut report);
-                cohort.map_or((String::new(), Vec::new(), false), |cohort| (cohort.name, cohort.patients, false))
+                cohort.map_or((String::new(), Vec::new(), false), |cohort| {
+                    (cohort.name, cohort.patients, false)
+                })
             }
             (false, true) => {
                 if args.all || !args.patients.is_empty() {
-                    let message = format!("{} is a patient: --all and --patient are for a cohort", folder.display());
+                    let message = format!(
+                        "{} is a patient: --all and --patient are for a cohort",
+                        folder.display()
+                    );
                     return Err(CliError::Usage(message));
                 }
                 let patient = input::load_alone(folder, &mut report);
-                (patient.as_ref().map_or(String::new(), |p| p.id.clone()), patient.into_iter().collect(), true)
+                (
+                    patient.as_ref().map_or(String::new(), |p| p.id.clone()),
+                    patient.into_iter().collect(),
+                    true,
+                )
             }
             (false, false) => {
                 let message = format!(
@@ -67,16 +79,27 @@ impl Source {
                 return Err(CliError::Usage(message));
             }
         };
-        let patients = patients.into_iter().filter_map(|patient| searched(patient, args, &mut report)).collect();
+        let patients = patients
+            .into_iter()
+            .filter_map(|patient| searched(patient, args, &mut report))
+            .collect();
         let said = problems::text(&report, talk.colour_err);
         if !said.is_empty() {
             talk.say(said.trim_end());
         }
         if report.n_errors() > 0 {
-            return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+            return Err(CliError::Input {
+                errors: count(report.n_errors(), "error"),
+            });
         }
         let cohort = one.then(|| cohort_of(folder)).flatten();
-        Ok(Self { name, folder: folder.clone(), cohort, patients, one })
+        Ok(Self {
+            name,
+            folder: folder.clone(),
+            cohort,
+            patients,
+            one,
+        })
     }
 
     /// Whether a cohort was named.
@@ -88,7 +111,11 @@ impl Source {
     /// The cohort that was named, or that holds the patient.
     #[must_use]
     pub fn cohort_folder(&self) -> Option<&Path> {
-        if self.one { self.cohort.as_deref() } else { Some(&self.folder) }
+        if self.one {
+            self.cohort.as_deref()
+        } else {
+            Some(&self.folder)
+        }
     }
 
     /// Where the searches are kept: as named, else in the folder that is searched, else, where that cannot be written, in
@@ -103,7 +130,11 @@ impl Source {
             return beside;
         }
         let here = Path::new(FOLDER).join(&self.name);
-        talk.say(&format!("{} cannot be written: the search is kept in {}", beside.display(), here.display()));
+        talk.say(&format!(
+            "{} cannot be written: the search is kept in {}",
+            beside.display(),
+            here.display()
+        ));
         here
     }
 }
@@ -118,7 +149,10 @@ fn is_writable(folder: &Path) -> bool {
 fn cohort_of(folder: &Path) -> Option<PathBuf> {
     let absolute = std::path::absolute(folder).ok()?;
     let cohort = absolute.parent()?.parent()?;
-    cohort.join("cohort.toml").is_file().then(|| cohort.to_owned())
+    cohort
+        .join("cohort.toml")
+        .is_file()
+        .then(|| cohort.to_owned())
 }
 
 fn searched(patient: Patient, args: &DiscoverArgs, report: &mut Report) -> Option<Searched> {

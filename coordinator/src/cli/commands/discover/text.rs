@@ -21,8 +21,17 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     if brief {
         return text;
     }
-    let mut ranking =
-        Columns::new(talk, &["EFFECT", ">PROBABILITY", ">DELTA BIC", ">EVIDENCE", "STRENGTH (95 %)", "NOTE"]);
+    let mut ranking = Columns::new(
+        talk,
+        &[
+            "EFFECT",
+            ">PROBABILITY",
+            ">DELTA BIC",
+            ">EVIDENCE",
+            "STRENGTH (95 %)",
+            "NOTE",
+        ],
+    );
     for effect in found.effects.iter().take(SHOWN) {
         let accepted = found.accepted.contains(&effect.name);
         let note = match (accepted, effect.plausible) {
@@ -56,9 +65,21 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     for (label, list) in lists.iter().filter(|(_, list)| !list.is_empty()) {
         text.push_str(&format!("{label}: {list}\n"));
     }
-    for effect in found.effects.iter().filter(|effect| found.accepted.contains(&effect.name)) {
-        let how = effect.in_3d.how.as_ref().map_or(String::new(), |how| format!(": {how}"));
-        text.push_str(&format!("{} in three dimensions: {}{how}\n", effect.name, effect.in_3d.way.replace('-', " ")));
+    for effect in found
+        .effects
+        .iter()
+        .filter(|effect| found.accepted.contains(&effect.name))
+    {
+        let how = effect
+            .in_3d
+            .how
+            .as_ref()
+            .map_or(String::new(), |how| format!(": {how}"));
+        text.push_str(&format!(
+            "{} in three dimensions: {}{how}\n",
+            effect.name,
+            effect.in_3d.way.replace('-', " ")
+        ));
     }
     text.push('\n');
     text
@@ -66,7 +87,18 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
 
 /// Where the base model and the data disagree.
 fn places(case: &DiscoverCase, talk: &Talk) -> String {
-    let mut table = Columns::new(talk, &["WHERE", ">DATA - MODEL", "", ">Z", ">SHARE", ">Z AFTER", "MOVES"]);
+    let mut table = Columns::new(
+        talk,
+        &[
+            "WHERE",
+            ">DATA - MODEL",
+            "",
+            ">Z",
+            ">SHARE",
+            ">Z AFTER",
+            "MOVES",
+        ],
+    );
     let mut n_left_out = 0;
     for place in &case.found.places {
         if place.z.abs() < Z {
@@ -74,36 +106,80 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
             continue;
         }
         let same = |p: &&Place| p.signal == place.signal && p.phase == place.phase;
-        let after = case.found.where_after.iter().find(same).map(|p| format!("{:+.1}", p.z));
-        let phase = if place.phase == "beat" { String::new() } else { format!(", {}", words::plain(&place.phase)) };
+        let after = case
+            .found
+            .where_after
+            .iter()
+            .find(same)
+            .map(|p| format!("{:+.1}", p.z));
+        let phase = if place.phase == "beat" {
+            String::new()
+        } else {
+            format!(", {}", words::plain(&place.phase))
+        };
         table.row([
             format!("{}{phase}", words::plain(&place.signal)),
             format!("{:+.2}", place.size),
             place.unit.clone(),
             format!("{:+.1}", place.z),
-            if place.share > 0.0 { format!("{:.0} %", 100.0 * place.share) } else { String::new() },
+            if place.share > 0.0 {
+                format!("{:.0} %", 100.0 * place.share)
+            } else {
+                String::new()
+            },
             after.unwrap_or_default(),
             place.biomarkers.join(", "),
         ]);
     }
-    format!("{}{} below one standard deviation left out\n\n", table.text(), count(n_left_out, "place"))
+    format!(
+        "{}{} below one standard deviation left out\n\n",
+        table.text(),
+        count(n_left_out, "place")
+    )
 }
 
 /// The gap before and after.
 fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
     let found = &case.found;
-    let mut table = Columns::new(talk, &["GAP", ">BEFORE", ">AFTER", ">HELD OUT BEFORE", ">HELD OUT AFTER"]);
+    let mut table = Columns::new(
+        talk,
+        &[
+            "GAP",
+            ">BEFORE",
+            ">AFTER",
+            ">HELD OUT BEFORE",
+            ">HELD OUT AFTER",
+        ],
+    );
     let row = |name: &str, values: [Option<f64>; 4]| {
         let mut cells = vec![name.to_owned()];
-        cells.extend(values.map(|value| value.map_or("-".to_owned(), |value| format!("{value:.2}"))));
+        cells.extend(
+            values.map(|value| value.map_or("-".to_owned(), |value| format!("{value:.2}"))),
+        );
         cells
     };
     for gap in found.gaps.iter().filter(|gap| gap.phase == "beat") {
-        table.row(row(&gap.signal, [Some(gap.before), Some(gap.after), gap.heldout_before, gap.heldout_after]));
+        table.row(row(
+            &gap.signal,
+            [
+                Some(gap.before),
+                Some(gap.after),
+                gap.heldout_before,
+                gap.heldout_after,
+            ],
+        ));
     }
-    let all = [Some(found.gap_before), Some(found.gap_after), found.gap_heldout_before, found.gap_heldout_after];
+    let all = [
+        Some(found.gap_before),
+        Some(found.gap_after),
+        found.gap_heldout_before,
+        found.gap_heldout_after,
+    ];
     table.row(row("all", all));
-    format!("{}rms residual over the noise's standard deviation\n\n", table.text())
+    format!(
+        "{}rms residual over the noise's standard deviation\n\n",
+        table.text()
+    )
 }
 
 /// The cohort: who lacks what, and the evidence of all together.
@@ -111,7 +187,16 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
 pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
-        &["PATIENT", "MISSING", ">PROBABILITY", ">GAP", ">AFTER", ">HELD OUT", ">AFTER", "CANNOT BE TOLD FROM"],
+        &[
+            "PATIENT",
+            "MISSING",
+            ">PROBABILITY",
+            ">GAP",
+            ">AFTER",
+            ">HELD OUT",
+            ">AFTER",
+            "CANNOT BE TOLD FROM",
+        ],
     );
     for case in cases.values() {
         let found = &case.found;
@@ -120,7 +205,11 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             (None, true) => "none".to_owned(),
             (None, false) => found.accepted.join(" + "),
         };
-        let first = found.effects.first().filter(|_| !found.none).map(|effect| format!("{:.2}", effect.probability));
+        let first = found
+            .effects
+            .first()
+            .filter(|_| !found.none)
+            .map(|effect| format!("{:.2}", effect.probability));
         table.row([
             case.case.clone(),
             missing,
@@ -133,7 +222,10 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
         ]);
     }
     let mut text = table.text();
-    let mut table = Columns::new(talk, &["EFFECT", ">ACCEPTED IN", ">POOLED EVIDENCE", "A FAULT OF"]);
+    let mut table = Columns::new(
+        talk,
+        &["EFFECT", ">ACCEPTED IN", ">POOLED EVIDENCE", "A FAULT OF"],
+    );
     for pooled in pool(cases.values().map(|case| &case.found)) {
         let fault = match (pooled.of_the_model, pooled.accepted_in) {
             (true, _) => "the organ's model",
@@ -141,7 +233,12 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             (false, _) => "single patients",
         };
         let accepted = format!("{} of {}", pooled.accepted_in, cases.len());
-        table.row([pooled.name.clone(), accepted, number(pooled.log_evidence), fault.to_owned()]);
+        table.row([
+            pooled.name.clone(),
+            accepted,
+            number(pooled.log_evidence),
+            fault.to_owned(),
+        ]);
     }
     text.push('\n');
     text.push_str(&table.text());
@@ -153,16 +250,32 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
 
 /// What the cohort's run misses, and whether the organ's model or the cell does; nothing where it personalised nobody.
 fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
-    let headings =
-        ["PATIENT", "TRACE", ">STEP 1", ">VERIFICATION", ">TWIN", ">ORGAN'S MODEL", ">CELL", "MOSTLY A FAULT OF"];
+    let headings = [
+        "PATIENT",
+        "TRACE",
+        ">STEP 1",
+        ">VERIFICATION",
+        ">TWIN",
+        ">ORGAN'S MODEL",
+        ">CELL",
+        "MOSTLY A FAULT OF",
+    ];
     let mut table = Columns::new(talk, &headings);
-    let personalised = cases.values().filter_map(|case| Some((case, case.run.as_ref()?)));
+    let personalised = cases
+        .values()
+        .filter_map(|case| Some((case, case.run.as_ref()?)));
     let mut any = false;
     for (case, run) in personalised {
         for (name, unit, misses) in faults::traces(run) {
             any = true;
-            let values = [misses.step1, misses.verification, misses.twin, misses.of_organ(), misses.of_cell()]
-                .map(|rms| format!("{rms:.1}"));
+            let values = [
+                misses.step1,
+                misses.verification,
+                misses.twin,
+                misses.of_organ(),
+                misses.of_cell(),
+            ]
+            .map(|rms| format!("{rms:.1}"));
             let mut row = vec![case.case.clone(), format!("{name}, {unit}")];
             row.extend(values);
             row.push(faults::whose(&misses).to_owned());
@@ -181,9 +294,18 @@ fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
 
 /// End-diastolic volumes with the filling pressure of the patient's file; nothing where no file states one.
 fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
-    let headings = ["PATIENT", ">EDV mL", ">ERROR BEFORE", ">AFTER", ">LATE FILLING RMS BEFORE", ">AFTER"];
+    let headings = [
+        "PATIENT",
+        ">EDV mL",
+        ">ERROR BEFORE",
+        ">AFTER",
+        ">LATE FILLING RMS BEFORE",
+        ">AFTER",
+    ];
     let mut table = Columns::new(talk, &headings);
-    let stated = cases.values().filter_map(|case| Some((case, case.found.stated_filling.as_ref()?)));
+    let stated = cases
+        .values()
+        .filter_map(|case| Some((case, case.found.stated_filling.as_ref()?)));
     let mut n_stated = 0;
     for (case, filling) in stated {
         n_stated += 1;
@@ -215,11 +337,27 @@ mod tests {
 
     #[test]
     fn a_patient_and_a_cohort_as_people_see_them() {
-        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
-        let all = [("P1", kick()), ("P2", kick()), ("P3", nothing()), ("P4", unexplained())];
-        let cases: DiscoverCases =
-            all.iter().map(|(id, found)| ((*id).to_owned(), discovery::case(id, "task", found))).collect();
-        insta::assert_snapshot!(format!("{}{}", case(&cases["P1"], false, &talk), cohort(&cases, &talk)));
+        let talk = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
+        let all = [
+            ("P1", kick()),
+            ("P2", kick()),
+            ("P3", nothing()),
+            ("P4", unexplained()),
+        ];
+        let cases: DiscoverCases = all
+            .iter()
+            .map(|(id, found)| ((*id).to_owned(), discovery::case(id, "task", found)))
+            .collect();
+        insta::assert_snapshot!(format!(
+            "{}{}",
+            case(&cases["P1"], false, &talk),
+            cohort(&cases, &talk)
+        ));
         assert_eq!(case(&cases["P3"], true, &talk).lines().count(), 3);
     }
 }

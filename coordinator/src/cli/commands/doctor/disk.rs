@@ -19,7 +19,10 @@ const SLOW_SYNC_S: f64 = 0.05;
 pub async fn look(run: &Path) -> Vec<Finding> {
     let folder = existing(run);
     let mut found = vec![kind(&folder), room(&folder)];
-    match tempfile::Builder::new().prefix(".cardiotwin-doctor-").tempdir_in(&folder) {
+    match tempfile::Builder::new()
+        .prefix(".cardiotwin-doctor-")
+        .tempdir_in(&folder)
+    {
         Err(error) => {
             let words = format!("{}: {error}", folder.display());
             found.push(Finding::bad(
@@ -40,22 +43,32 @@ pub async fn look(run: &Path) -> Vec<Finding> {
 /// The folder itself, or the first above it that is there.
 fn existing(folder: &Path) -> PathBuf {
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/")).to_owned()
+    folder
+        .ancestors()
+        .find(|folder| folder.is_dir())
+        .unwrap_or(Path::new("/"))
+        .to_owned()
 }
 
 fn kind(folder: &Path) -> Finding {
     let at = folder.display();
     match engine::shared_file_system(folder) {
         None => Finding::ok("file system", format!("{at}: local, write-ahead log")),
-        Some(name) => {
-            Finding::ok("file system", format!("{at}: {name}, shared: rollback journal, and readers read a snapshot"))
-        }
+        Some(name) => Finding::ok(
+            "file system",
+            format!("{at}: {name}, shared: rollback journal, and readers read a snapshot"),
+        ),
     }
 }
 
 fn room(folder: &Path) -> Finding {
     match rustix::fs::statvfs(folder) {
-        Err(error) => Finding::bad("room", Level::Note, format!("the file system does not tell: {error}"), ""),
+        Err(error) => Finding::bad(
+            "room",
+            Level::Note,
+            format!("the file system does not tell: {error}"),
+            "",
+        ),
         Ok(told) => {
             let (bytes, inodes) = (told.f_bavail * told.f_frsize, told.f_favail);
             // Some file systems make inodes as they need them, and tell none.
@@ -87,10 +100,17 @@ fn operations(folder: &Path) -> Finding {
         if fs::read(&name)? != b"2" {
             return Err(io::Error::other("a rename did not replace"));
         }
-        let exclusive = || OpenOptions::new().write(true).create_new(true).open(folder.join("once"));
+        let exclusive = || {
+            OpenOptions::new()
+                .write(true)
+                .create_new(true)
+                .open(folder.join("once"))
+        };
         exclusive()?;
         if exclusive().is_ok() {
-            return Err(io::Error::other("a file could be created exclusively twice"));
+            return Err(io::Error::other(
+                "a file could be created exclusively twice",
+            ));
         }
         let began = Instant::now();
         for k in 0..5 {
@@ -117,7 +137,10 @@ fn operations(folder: &Path) -> Finding {
                 "every commit waits for the disk: a local disk is better for the run",
             )
         }
-        Ok(each) => Finding::ok(check, format!("work; a synced write takes {:.1} ms", 1e3 * each)),
+        Ok(each) => Finding::ok(
+            check,
+            format!("work; a synced write takes {:.1} ms", 1e3 * each),
+        ),
     }
 }
 

@@ -46,11 +46,26 @@ pub struct Finding {
 impl Finding {
     /// As it should be.
     pub fn ok(check: &'static str, found: impl Into<String>) -> Self {
-        Self { check, level: Level::Ok, found: found.into(), remedy: String::new() }
+        Self {
+            check,
+            level: Level::Ok,
+            found: found.into(),
+            remedy: String::new(),
+        }
     }
 
     /// With what to do.
-    pub fn bad(check: &'static str, level: Level, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { check, level, found: found.into(), remedy: remedy.into() }
+    pub fn bad(
+        check: &'static str,
+        level: Level,
+        found: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            check,
+            level,
+            found: found.into(),
+            remedy: remedy.into(),
+        }
     }
 }

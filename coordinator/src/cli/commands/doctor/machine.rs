@@ -18,7 +18,8 @@ fn processor() -> Finding {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let value = |key: &str| {
         let line = info.lines().find(|line| line.starts_with(key))?;
-        line.split_once(':').map(|(_, value)| value.trim().to_owned())
+        line.split_once(':')
+            .map(|(_, value)| value.trim().to_owned())
     };
     let model = value("model name").unwrap_or_else(|| std::env::consts::ARCH.to_owned());
     let flags = value("flags").unwrap_or_default();
@@ -30,9 +31,12 @@ fn processor() -> Finding {
     };
     let found = format!("{model}, cores for us: {cores}, cell engine: {best}");
     match best {
-        "portable" => {
-            Finding::bad("processor", Level::Warning, found, "step 2 and sweeps are 2 to 3 times slower without AVX2")
-        }
+        "portable" => Finding::bad(
+            "processor",
+            Level::Warning,
+            found,
+            "step 2 and sweeps are 2 to 3 times slower without AVX2",
+        ),
         _ => Finding::ok("processor", found),
     }
 }
@@ -49,19 +53,36 @@ fn memory() -> Finding {
     let (total, free) = (1.024e-3 * total, 1.024e-3 * free);
     let found = format!("{:.1} GB, {:.1} GB available", 1e-3 * total, 1e-3 * free);
     match free < ENOUGH_MEMORY_MB {
-        true => Finding::bad("memory", Level::Warning, found, "set executor.workers to 1, or a smaller mesh"),
+        true => Finding::bad(
+            "memory",
+            Level::Warning,
+            found,
+            "set executor.workers to 1, or a smaller mesh",
+        ),
         false => Finding::ok("memory", found),
     }
 }
 
 /// Only who builds from source needs them.
 fn compilers() -> Finding {
-    let found: Vec<String> =
-        ["cc", "cargo", "mpicc"].iter().filter_map(|name| first_line(name, &["--version"])).collect();
+    let found: Vec<String> = ["cc", "cargo", "mpicc"]
+        .iter()
+        .filter_map(|name| first_line(name, &["--version"]))
+        .collect();
     let wanted = Path::new("Cargo.toml").exists();
     match (found.is_empty(), wanted) {
         (false, _) => Finding::ok("compilers", found.join("; ")),
-        (true, false) => Finding::bad("compilers", Level::Note, "none", "needed only to build from source"),
-        (true, true) => Finding::bad("compilers", Level::Warning, "none", "`make deps` installs what building needs"),
+        (true, false) => Finding::bad(
+            "compilers",
+            Level::Note,
+            "none",
+            "needed only to build from source",
+        ),
+        (true, true) => Finding::bad(
+            "compilers",
+            Level::Warning,
+            "none",
+            "`make deps` installs what building needs",
+        ),
     }
 }

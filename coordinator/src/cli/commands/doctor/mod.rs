@@ -60,14 +60,28 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
         findings.extend(disk::look(&scratch).await);
     }
     findings.extend(cluster(args).await);
-    let worst = findings.iter().filter(|finding| finding.level == Level::Error).count();
+    let worst = findings
+        .iter()
+        .filter(|finding| finding.level == Level::Error)
+        .count();
     if args.json {
         let version = env!("CARGO_PKG_VERSION");
-        talk.json(&Answer { schema_version: cardiotwin_schemas::SCHEMA_VERSION, version, findings: &findings })?;
+        talk.json(&Answer {
+            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            version,
+            findings: &findings,
+        })?;
     } else {
         talk.data(&table(&findings, talk))?;
-        let doubtful = findings.iter().filter(|finding| finding.level == Level::Warning).count();
-        talk.say(&format!("{}, {}", count(worst, "error"), count(doubtful, "warning")));
+        let doubtful = findings
+            .iter()
+            .filter(|finding| finding.level == Level::Warning)
+            .count();
+        talk.say(&format!(
+            "{}, {}",
+            count(worst, "error"),
+            count(doubtful, "warning")
+        ));
     }
     Ok(if worst > 0 { Exit::Problems } else { Exit::Ok })
 }
@@ -77,7 +91,10 @@ fn scratch_of(folders: &Folders) -> Option<PathBuf> {
     if let Ok(link) = std::fs::read_link(folders.run.join(engine::ATTEMPTS)) {
         return Some(link);
     }
-    let cohort = folders.cohort.as_ref().filter(|cohort| cohort.join("cohort.toml").is_file())?;
+    let cohort = folders
+        .cohort
+        .as_ref()
+        .filter(|cohort| cohort.join("cohort.toml").is_file())?;
     let cohort = input::load(cohort, &Options::default(), &mut Report::default())?;
     cohort.settings.settings.executor.scratch
 }
@@ -92,7 +109,11 @@ fn table(findings: &[Finding], talk: &Talk) -> String {
             Level::Error => Tone::Bad,
         };
         let result = (finding.level.as_str().to_owned(), Some(tone));
-        table.toned([(finding.check.to_owned(), None), result, (finding.found.clone(), None)]);
+        table.toned([
+            (finding.check.to_owned(), None),
+            result,
+            (finding.found.clone(), None),
+        ]);
         if !finding.remedy.is_empty() {
             table.row(["", "", &format!("→ {}", finding.remedy)]);
         }
@@ -104,31 +125,57 @@ fn table(findings: &[Finding], talk: &Talk) -> String {
 async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
     let Some(site) = &args.site else {
         let remedy = "--site NAME looks at a cluster with that profile";
-        return vec![Finding::bad("cluster", Level::Note, "not looked at", remedy)];
+        return vec![Finding::bad(
+            "cluster",
+            Level::Note,
+            "not looked at",
+            remedy,
+        )];
     };
-    let settings = SlurmSettings { site: site.clone(), account: args.account.clone(), ..SlurmSettings::default() };
+    let settings = SlurmSettings {
+        site: site.clone(),
+        account: args.account.clone(),
+        ..SlurmSettings::default()
+    };
     let told = match engine::examine_site(&settings).await {
         Ok(told) => told,
         Err(error) => {
-            let level = if site == "laptop" { Level::Note } else { Level::Error };
-            return vec![Finding::bad("cluster", level, error.to_string(), "correct the profile or the option")];
+            let level = if site == "laptop" {
+                Level::Note
+            } else {
+                Level::Error
+            };
+            return vec![Finding::bad(
+                "cluster",
+                level,
+                error.to_string(),
+                "correct the profile or the option",
+            )];
         }
     };
     let mut found = vec![];
     if let Some(silent) = told.silent {
-        let remedy = "load Slurm's module or run this on a login node; limits below are the profile's alone";
+        let remedy =
+            "load Slurm's module or run this on a login node; limits below are the profile's alone";
         found.push(Finding::bad("Slurm", Level::Error, silent, remedy));
     } else {
         found.push(Finding::ok("Slurm", told.version));
     }
-    found.extend(told.remarks.into_iter().map(|remark| Finding::ok("Slurm's limits", remark)));
+    found.extend(
+        told.remarks
+            .into_iter()
+            .map(|remark| Finding::ok("Slurm's limits", remark)),
+    );
     for queue in told.queues {
         let line = format!("{}: {}", queue.name, queue.limits);
         found.push(match queue.missing {
             None => Finding::ok("queue", line),
-            Some(missing) => {
-                Finding::bad("queue", Level::Warning, format!("{line}; {missing}"), "correct [[queue]] of the profile")
-            }
+            Some(missing) => Finding::bad(
+                "queue",
+                Level::Warning,
+                format!("{line}; {missing}"),
+                "correct [[queue]] of the profile",
+            ),
         });
     }
     found

@@ -14,7 +14,10 @@ const PATIENCE: Duration = Duration::from_secs(60);
 pub fn look(worker: Option<&Path>) -> Vec<Finding> {
     let own = std::env::current_exe().unwrap_or_default();
     let worker = worker.map_or_else(|| own.with_file_name("cardiotwin-worker"), Path::to_owned);
-    vec![same_version(&worker), ranks(&own.with_file_name("cardiotwin-worker-mpi"))]
+    vec![
+        same_version(&worker),
+        ranks(&own.with_file_name("cardiotwin-worker-mpi")),
+    ]
 }
 
 fn same_version(worker: &Path) -> Finding {
@@ -28,7 +31,12 @@ fn same_version(worker: &Path) -> Finding {
     if said.split_ascii_whitespace().any(|word| word == ours) {
         return Finding::ok(check, format!("{at}: {said}"));
     }
-    Finding::bad(check, Level::Error, format!("{at}: {said}, this program is {ours}"), "build or install both together")
+    Finding::bad(
+        check,
+        Level::Error,
+        format!("{at}: {said}, this program is {ours}"),
+        "build or install both together",
+    )
 }
 
 fn ranks(worker: &Path) -> Finding {
@@ -54,7 +62,14 @@ fn ranks(worker: &Path) -> Finding {
         .stderr(Stdio::piped())
         .spawn();
     let mut child = match launched {
-        Err(error) => return Finding::bad(check, Level::Warning, format!("mpirun cannot be started: {error}"), remedy),
+        Err(error) => {
+            return Finding::bad(
+                check,
+                Level::Warning,
+                format!("mpirun cannot be started: {error}"),
+                remedy,
+            );
+        }
         Ok(child) => child,
     };
     let began = Instant::now();
@@ -62,19 +77,35 @@ fn ranks(worker: &Path) -> Finding {
         if began.elapsed() > PATIENCE {
             let _ = child.kill();
             let _ = child.wait();
-            return Finding::bad(check, Level::Warning, format!("no answer within {} s", PATIENCE.as_secs()), remedy);
+            return Finding::bad(
+                check,
+                Level::Warning,
+                format!("no answer within {} s", PATIENCE.as_secs()),
+                remedy,
+            );
         }
         std::thread::sleep(Duration::from_millis(20));
     }
     match child.wait_with_output() {
         Ok(output) if output.status.success() => {
-            let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-            let reduction = said["reduction_us"].as_f64().map(|us| format!(", a reduction takes {us:.1} µs"));
-            Finding::ok(check, format!("found each other{}", reduction.unwrap_or_default()))
+            let said: serde_json::Value =
+                serde_json::from_slice(&output.stdout).unwrap_or_default();
+            let reduction = said["reduction_us"]
+                .as_f64()
+                .map(|us| format!(", a reduction takes {us:.1} µs"));
+            Finding::ok(
+                check,
+                format!("found each other{}", reduction.unwrap_or_default()),
+            )
         }
         Ok(output) => {
             let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            let line = said.lines().find(|line| !line.trim().is_empty()).unwrap_or("no word").trim().to_owned();
+            let line = said
+                .lines()
+                .find(|line| !line.trim().is_empty())
+                .unwrap_or("no word")
+                .trim()
+                .to_owned();
             Finding::bad(check, Level::Warning, line, remedy)
         }
         Err(error) => Finding::bad(check, Level::Warning, error.to_string(), remedy),

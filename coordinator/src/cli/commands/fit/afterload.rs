@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use cardiotwin_calibrate::afterload::{
     self, Estimate, Start, WindkesselFit, WindkesselFitSettings, Worth, fit_windkessel,
 };
-use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined};
+use cardiotwin_schemas::afterload::{
+    AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined,
+};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use clap::Args;
 use serde::Serialize;
@@ -42,7 +44,11 @@ pub struct AfterloadArgs {
     #[arg(long, value_name = "MS", requires = "volume")]
     cycle_length: Option<f64>,
     /// In the place of a pressure: the cuff's in mmHg
-    #[arg(long, value_name = "SYSTOLIC/DIASTOLIC[/MEAN]", conflicts_with = "periodic")]
+    #[arg(
+        long,
+        value_name = "SYSTOLIC/DIASTOLIC[/MEAN]",
+        conflicts_with = "periodic"
+    )]
     pub(super) cuff: Option<super::cuff::Pressures>,
     /// Standard deviation of the cuff's pressures in mmHg [default: 4]
     #[arg(long, value_name = "MMHG", requires = "cuff")]
@@ -70,24 +76,41 @@ pub struct AfterloadArgs {
 /// As [`super::execute`].
 pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.confidence > 0.0 && args.confidence < 1.0) {
-        return Err(CliError::Usage("--confidence lies between 0 and 1".to_owned()));
+        return Err(CliError::Usage(
+            "--confidence lies between 0 and 1".to_owned(),
+        ));
     }
     let (source, pressure) = sources(args)?;
-    let Some(pressure) = pressure else { return super::cuff::execute(args, source, talk) };
+    let Some(pressure) = pressure else {
+        return super::cuff::execute(args, source, talk);
+    };
     let measured = record::read_from(source, pressure, talk)?;
     // One cycle of volume says nothing of what was before it.
     let periodic = args.periodic || args.volume.is_some();
-    let start = if periodic { Start::Periodic } else { Start::Free };
-    let settings = WindkesselFitSettings { start, confidence_level: args.confidence };
+    let start = if periodic {
+        Start::Periodic
+    } else {
+        Start::Free
+    };
+    let settings = WindkesselFitSettings {
+        start,
+        confidence_level: args.confidence,
+    };
     let fit = fit_windkessel(&measured.record, settings)
         .map_err(|error| CliError::Usage(format!("the record cannot be fitted: {error}")))?;
     let answer = answer(&measured, periodic, &fit);
     let plot = || {
         let points = |(sample, residual): (&(f64, f64), &f64)| (sample.0, sample.1 + residual);
-        let fitted: Vec<(f64, f64)> = std::iter::zip(&measured.pressure, &fit.residuals_mmhg).map(points).collect();
+        let fitted: Vec<(f64, f64)> = std::iter::zip(&measured.pressure, &fit.residuals_mmhg)
+            .map(points)
+            .collect();
         afterload_fit_svg(&answer, &measured.pressure, &fitted)
     };
-    let said = Said { toml: &answer.patient_toml, warnings: &answer.warnings, text: text(&answer, talk) };
+    let said = Said {
+        toml: &answer.patient_toml,
+        warnings: &answer.warnings,
+        text: text(&answer, talk),
+    };
     say(args, &answer, &said, plot, talk)
 }
 
@@ -111,7 +134,8 @@ pub(super) fn say(
 ) -> Result<Exit, CliError> {
     if let Some(file) = &args.plot {
         let svg = plot().unwrap_or_default();
-        atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
+        atomic::write(file, |out| out.write_all(svg.as_bytes()))
+            .map_err(CliError::file("write", file))?;
     }
     if args.json {
         talk.json(answer)?;
@@ -122,7 +146,9 @@ pub(super) fn say(
         talk.hint("`--toml` prints the lines for patient.toml");
     }
     if args.json || args.toml {
-        said.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+        said.warnings
+            .iter()
+            .for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
 }
@@ -134,12 +160,32 @@ pub(super) fn estimates(
     determined: impl Fn(&AfterloadQuantity) -> &'static str,
     talk: &Talk,
 ) -> String {
-    let interval = format!(">{} % FROM", number(100.0 * confidence_level).trim_end_matches(".00"));
-    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
+    let interval = format!(
+        ">{} % FROM",
+        number(100.0 * confidence_level).trim_end_matches(".00")
+    );
+    let mut table = Columns::new(
+        talk,
+        &[
+            "PARAMETER",
+            ">VALUE",
+            ">STANDARD ERROR",
+            &interval,
+            ">TO",
+            "DETERMINED",
+        ],
+    );
     for q in estimates {
         let ends = [q.standard_error, q.lower, q.upper].map(optional);
         let [error, lower, upper] = &ends;
-        table.row([&q.name, &number(q.value), error, lower, upper, determined(q)]);
+        table.row([
+            &q.name,
+            &number(q.value),
+            error,
+            lower,
+            upper,
+            determined(q),
+        ]);
     }
     table.text()
 }
@@ -156,24 +202,32 @@ pub(super) fn in_a_word(determined: Determined) -> &'static str {
 /// Where flow and pressure come from; no pressure with a cuff.
 fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliError> {
     let usage = |text: &str| Err(CliError::Usage(text.to_owned()));
-    if args.cycle_length.is_some_and(|ms| !(200.0..=3000.0).contains(&ms)) {
+    if args
+        .cycle_length
+        .is_some_and(|ms| !(200.0..=3000.0).contains(&ms))
+    {
         return usage("--cycle-length is 200 to 3000 ms");
     }
     if args.cuff_sd.is_some_and(|sd| !(0.1..=50.0).contains(&sd)) {
         return usage("--cuff-sd is 0.1 to 50 mmHg");
     }
-    let volume = args.volume.as_deref().map(|file| FlowSource::Ejected(file, args.cycle_length));
+    let volume = args
+        .volume
+        .as_deref()
+        .map(|file| FlowSource::Ejected(file, args.cycle_length));
     match (volume, args.cuff, &args.traces[..]) {
         (None, None, [flow, pressure]) => Ok((FlowSource::Measured(flow), Some(pressure))),
         (Some(volume), None, [pressure]) => Ok((volume, Some(pressure))),
         (None, Some(_), [flow]) => Ok((FlowSource::Measured(flow), None)),
         (Some(volume), Some(_), []) => Ok((volume, None)),
-        (None, None, _) => {
-            usage("give FLOW.csv and PRESSURE.csv; --volume takes the place of the one, --cuff of the other")
-        }
+        (None, None, _) => usage(
+            "give FLOW.csv and PRESSURE.csv; --volume takes the place of the one, --cuff of the other",
+        ),
         (Some(_), None, _) => usage("with --volume give PRESSURE.csv alone, or --cuff"),
         (None, Some(_), _) => usage("with --cuff give FLOW.csv alone, or --volume"),
-        (Some(_), Some(_), _) => usage("--volume and --cuff take the place of both files: give none"),
+        (Some(_), Some(_), _) => {
+            usage("--volume and --cuff take the place of both files: give none")
+        }
     }
 }
 
@@ -199,7 +253,9 @@ pub fn noise(worth: &Worth) -> AfterloadNoise {
 
 /// A file's name in a comment: a line feed in it would end the comment.
 pub(super) fn one_line(name: &str) -> String {
-    name.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+    name.chars()
+        .map(|c| if c.is_control() { '?' } else { c })
+        .collect()
 }
 
 fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> AfterloadFitAnswer {
@@ -223,7 +279,10 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
         record: record.clone(),
         patient_toml: table(&afterload, &from),
         afterload,
-        estimates: named.into_iter().map(|(name, estimate)| quantity(name, estimate)).collect(),
+        estimates: named
+            .into_iter()
+            .map(|(name, estimate)| quantity(name, estimate))
+            .collect(),
         confidence_level: fit.confidence_level,
         correlations: fit.correlations,
         periodic,
@@ -238,29 +297,53 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
 }
 
 fn quantity(name: &str, estimate: &Estimate) -> AfterloadQuantity {
-    let Estimate { value, standard_error, lower, upper, determined } = *estimate;
+    let Estimate {
+        value,
+        standard_error,
+        lower,
+        upper,
+        determined,
+    } = *estimate;
     let determined = match determined {
         afterload::Determined::Well => Determined::Well,
         afterload::Determined::Poorly => Determined::Poorly,
         afterload::Determined::Not => Determined::Not,
     };
-    AfterloadQuantity { name: name.to_owned(), value, standard_error, lower, upper, determined }
+    AfterloadQuantity {
+        name: name.to_owned(),
+        value,
+        standard_error,
+        lower,
+        upper,
+        determined,
+    }
 }
 
 fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
     let mut found = Vec::new();
     if !answer.converged {
-        found.push("the minimisation ended before it met its tolerance: look at the plot".to_owned());
+        found.push(
+            "the minimisation ended before it met its tolerance: look at the plot".to_owned(),
+        );
     }
-    let open: Vec<&str> =
-        answer.estimates.iter().filter(|q| q.determined == Determined::Not).map(|q| q.name.as_str()).collect();
+    let open: Vec<&str> = answer
+        .estimates
+        .iter()
+        .filter(|q| q.determined == Determined::Not)
+        .map(|q| q.name.as_str())
+        .collect();
     if !open.is_empty() {
-        found.push(format!("the record does not determine {}: its interval has no end on a side", open.join(", ")));
+        found.push(format!(
+            "the record does not determine {}: its interval has no end on a side",
+            open.join(", ")
+        ));
     }
     let pairs = ["R1 and R2", "R1 and C", "R2 and C"];
     for (pair, correlation) in pairs.iter().zip(answer.correlations) {
         if correlation.is_some_and(|c| c.abs() > STRONG_CORRELATION) {
-            found.push(format!("{pair} are not told apart: their estimates go together"));
+            found.push(format!(
+                "{pair} are not told apart: their estimates go together"
+            ));
         }
     }
     if answer.share_of_pulse > LARGE_MISFIT {
@@ -274,7 +357,13 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
 
 fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
     let word = |q: &AfterloadQuantity| match q.determined {
-        _ if q.lower.is_none() && q.upper.is_none() && answer.periodic && q.name.starts_with("start") => "-",
+        _ if q.lower.is_none()
+            && q.upper.is_none()
+            && answer.periodic
+            && q.name.starts_with("start") =>
+        {
+            "-"
+        }
         determined => in_a_word(determined),
     };
     let mut text = estimates(&answer.estimates, answer.confidence_level, word, talk);
@@ -285,7 +374,10 @@ fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
         100.0 * answer.share_of_pulse,
         number(record.pulse_pressure_mmhg)
     ));
-    let alike = answer.noise.beat_correlation.map_or(String::new(), |c| format!(", beats alike {c:.2}"));
+    let alike = answer
+        .noise
+        .beat_correlation
+        .map_or(String::new(), |c| format!(", beats alike {c:.2}"));
     text.push_str(&format!(
         "samples: {}, worth {} independent ones (correlation time {} ms{alike}); {} of {} ms, mean flow {} mL/s\n",
         record.n_samples,
@@ -295,8 +387,13 @@ fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
         number(record.cycle_length_ms),
         number(record.mean_flow_ml_per_s)
     ));
-    let shown = answer.correlations.map(|c| c.map_or_else(|| "-".to_owned(), |c| format!("{c:.2}")));
-    text.push_str(&format!("correlations: R1-R2 {}, R1-C {}, R2-C {}\n", shown[0], shown[1], shown[2]));
+    let shown = answer
+        .correlations
+        .map(|c| c.map_or_else(|| "-".to_owned(), |c| format!("{c:.2}")));
+    text.push_str(&format!(
+        "correlations: R1-R2 {}, R1-C {}, R2-C {}\n",
+        shown[0], shown[1], shown[2]
+    ));
     for warning in &answer.warnings {
         text.push_str(&format!("warning: {warning}\n"));
     }
@@ -310,26 +407,44 @@ mod tests {
     use super::*;
 
     fn talk() -> Talk {
-        Talk { colour_out: false, colour_err: false, quiet: true, bars: false }
+        Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        }
     }
 
     fn example(case: &str, part: &str) -> AfterloadFitAnswer {
-        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/afterload")).join(case);
+        let folder = Path::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../examples/afterload"
+        ))
+        .join(case);
         let file = |trace: &str| folder.join(format!("{trace}{part}.csv"));
         let mut measured = record::read(&file("flow"), &file("pressure"), &talk()).unwrap();
-        (measured.described.flow, measured.described.pressure) = ("flow.csv".to_owned(), "pressure.csv".to_owned());
+        (measured.described.flow, measured.described.pressure) =
+            ("flow.csv".to_owned(), "pressure.csv".to_owned());
         let fit = fit_windkessel(&measured.record, WindkesselFitSettings::default()).unwrap();
         answer(&measured, false, &fit)
     }
 
     #[test]
     fn the_examples_as_people_see_them() {
-        let shown: Vec<String> = [("human-1999", ""), ("porcine-in-vivo", "-1"), ("porcine-ex-vivo", "-1")]
-            .map(|(case, part)| {
-                let answer = example(case, part);
-                format!("{case}\n{}\n{}", text(&answer, &talk()), answer.patient_toml)
-            })
-            .into();
+        let shown: Vec<String> = [
+            ("human-1999", ""),
+            ("porcine-in-vivo", "-1"),
+            ("porcine-ex-vivo", "-1"),
+        ]
+        .map(|(case, part)| {
+            let answer = example(case, part);
+            format!(
+                "{case}\n{}\n{}",
+                text(&answer, &talk()),
+                answer.patient_toml
+            )
+        })
+        .into();
         insta::assert_snapshot!(shown.join("\n"));
     }
 }

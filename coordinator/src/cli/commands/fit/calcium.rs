@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin_calibrate::calcium_fit::{self, CalciumFit, CalciumFitError, CalciumFitSettings, Estimate, fit_calcium};
+use cardiotwin_calibrate::calcium_fit::{
+    self, CalciumFit, CalciumFitError, CalciumFitSettings, Estimate, fit_calcium,
+};
 use cardiotwin_schemas::fit::{CalciumFitAnswer, FittedQuantity, TimeConstants};
 use cardiotwin_signals::{Problem, Quantity, Trace};
 use clap::{Args, ValueEnum};
@@ -33,7 +35,12 @@ pub struct CalciumArgs {
     #[arg(value_name = "TRACE.csv")]
     trace: PathBuf,
     /// Time of activation on the trace's clock, from which calcium rises
-    #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     activation: f64,
     /// Probability that an interval covers
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
@@ -42,7 +49,13 @@ pub struct CalciumArgs {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print the result as tables of cohort.toml instead: calcium held at the values, or bounded by the intervals
-    #[arg(long, value_name = "frozen|bounds", value_enum, hide_possible_values = true, conflicts_with = "json")]
+    #[arg(
+        long,
+        value_name = "frozen|bounds",
+        value_enum,
+        hide_possible_values = true,
+        conflicts_with = "json"
+    )]
     toml: Option<Defaults>,
     /// One JSON object instead of a table
     #[arg(long)]
@@ -62,10 +75,15 @@ enum Defaults {
 /// As [`super::execute`].
 pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.activation.is_finite() && args.confidence > 0.0 && args.confidence < 1.0) {
-        return Err(CliError::Usage("--activation is a finite time, --confidence lies between 0 and 1".to_owned()));
+        return Err(CliError::Usage(
+            "--activation is a finite time, --confidence lies between 0 and 1".to_owned(),
+        ));
     }
     let measured = trace::read(&args.trace, Quantity::Calcium, talk)?;
-    let settings = CalciumFitSettings { activation_ms: args.activation, confidence_level: args.confidence };
+    let settings = CalciumFitSettings {
+        activation_ms: args.activation,
+        confidence_level: args.confidence,
+    };
     let fit = fit_calcium(measured.time_ms(), measured.values(), settings)
         .map_err(|error| trace::refused(problem(&args.trace, &error), talk))?;
     let answer = answer(&args.trace.display().to_string(), args.activation, &fit);
@@ -82,7 +100,10 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
         }
     }
     if args.json || args.toml.is_some() {
-        answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+        answer
+            .warnings
+            .iter()
+            .for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
 }
@@ -92,17 +113,31 @@ fn problem(file: &Path, error: &CalciumFitError) -> Problem {
     match error {
         CalciumFitError::Samples { n_times, .. } => {
             let found = format!("{n_times} samples");
-            Problem::error(file, found, "at least 8, over one transient", "export the trace with more of its samples")
+            Problem::error(
+                file,
+                found,
+                "at least 8, over one transient",
+                "export the trace with more of its samples",
+            )
         }
-        CalciumFitError::NoTransient { activation_ms, peak_ms } => {
+        CalciumFitError::NoTransient {
+            activation_ms,
+            peak_ms,
+        } => {
             let found = format!("no peak: the largest value is at {peak_ms} ms");
             let expected = format!("a rise after activation at {activation_ms} ms and a fall");
-            let remedy = "give one whole transient, and --activation where it does not begin at 0 ms";
+            let remedy =
+                "give one whole transient, and --activation where it does not begin at 0 ms";
             Problem::error(file, found, expected, remedy).at_key("calcium_uM")
         }
-        CalciumFitError::Sample { .. } | CalciumFitError::Confidence { .. } | CalciumFitError::LeastSquares(_) => {
-            Problem::error(file, error.to_string(), "a calcium transient", "look at the trace")
-        }
+        CalciumFitError::Sample { .. }
+        | CalciumFitError::Confidence { .. }
+        | CalciumFitError::LeastSquares(_) => Problem::error(
+            file,
+            error.to_string(),
+            "a calcium transient",
+            "look at the trace",
+        ),
     }
 }
 
@@ -122,7 +157,10 @@ fn answer(trace: &str, activation_ms: f64, fit: &CalciumFit) -> CalciumFitAnswer
         ca_max_um: fit.parameters.ca_max_um,
         tau_cr_ms: fit.parameters.tau_cr_ms,
         tau_cd_ms: fit.parameters.tau_cd_ms,
-        estimates: named.into_iter().map(|(name, estimate)| quantity(name, estimate)).collect(),
+        estimates: named
+            .into_iter()
+            .map(|(name, estimate)| quantity(name, estimate))
+            .collect(),
         confidence_level: fit.confidence_level,
         time_constants: match fit.time_constants {
             calcium_fit::TimeConstants::Distinct => TimeConstants::Distinct,
@@ -140,14 +178,27 @@ fn answer(trace: &str, activation_ms: f64, fit: &CalciumFit) -> CalciumFitAnswer
 }
 
 fn quantity(name: &str, estimate: &Estimate) -> FittedQuantity {
-    let Estimate { value, standard_error, lower, upper } = *estimate;
-    FittedQuantity { name: name.to_owned(), value, standard_error, lower, upper }
+    let Estimate {
+        value,
+        standard_error,
+        lower,
+        upper,
+    } = *estimate;
+    FittedQuantity {
+        name: name.to_owned(),
+        value,
+        standard_error,
+        lower,
+        upper,
+    }
 }
 
 fn warnings(fit: &CalciumFit) -> Vec<String> {
     let mut found = Vec::new();
     if !fit.converged {
-        found.push("the minimisation ended before it met its tolerance: look at the plot".to_owned());
+        found.push(
+            "the minimisation ended before it met its tolerance: look at the plot".to_owned(),
+        );
     }
     let rho = fit.residual_correlation;
     if rho > CORRELATED {
@@ -163,8 +214,14 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
 }
 
 fn text(answer: &CalciumFitAnswer, talk: &Talk) -> String {
-    let interval = format!(">{} % FROM", number(100.0 * answer.confidence_level).trim_end_matches(".00"));
-    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO"]);
+    let interval = format!(
+        ">{} % FROM",
+        number(100.0 * answer.confidence_level).trim_end_matches(".00")
+    );
+    let mut table = Columns::new(
+        talk,
+        &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO"],
+    );
     for q in &answer.estimates {
         let ends = [q.standard_error, q.lower, q.upper].map(optional);
         let [error, lower, upper] = &ends;
@@ -177,20 +234,32 @@ fn text(answer: &CalciumFitAnswer, talk: &Talk) -> String {
         answer.n_samples,
         answer.residual_correlation
     ));
-    text.push_str(&format!("time constants: {}\n", answer.time_constants_in_words));
+    text.push_str(&format!(
+        "time constants: {}\n",
+        answer.time_constants_in_words
+    ));
     for warning in &answer.warnings {
         text.push_str(&format!("warning: {warning}\n"));
     }
     text
 }
 
-fn plot(file: &Path, answer: &CalciumFitAnswer, measured: &Trace, fit: &CalciumFit) -> Result<(), CliError> {
+fn plot(
+    file: &Path,
+    answer: &CalciumFitAnswer,
+    measured: &Trace,
+    fit: &CalciumFit,
+) -> Result<(), CliError> {
     let times = measured.time_ms();
     let (first, last) = (times[0], times[times.len() - 1]);
-    let grid: Vec<f64> = (0..=CURVE_POINTS).map(|i| first + (last - first) * i as f64 / CURVE_POINTS as f64).collect();
+    let grid: Vec<f64> = (0..=CURVE_POINTS)
+        .map(|i| first + (last - first) * i as f64 / CURVE_POINTS as f64)
+        .collect();
     let since: Vec<f64> = grid.iter().map(|t| t - answer.activation_ms).collect();
     let fitted: Vec<_> = std::iter::zip(grid, fit.parameters.transient_um(&since)).collect();
-    let samples: Vec<_> = std::iter::zip(times, measured.values()).map(|(t, c)| (*t, *c)).collect();
+    let samples: Vec<_> = std::iter::zip(times, measured.values())
+        .map(|(t, c)| (*t, *c))
+        .collect();
     let svg = calcium_fit_svg(answer, &samples, &fitted).unwrap_or_default();
     atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))
 }
@@ -200,18 +269,32 @@ mod tests {
     use super::*;
 
     fn talk() -> Talk {
-        Talk { colour_out: false, colour_err: false, quiet: true, bars: false }
+        Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        }
     }
 
     fn fitted(text: &str) -> CalciumFit {
-        let trace = cardiotwin_signals::parse_trace(text.as_bytes(), Path::new("t.csv"), Quantity::Calcium).trace;
+        let trace =
+            cardiotwin_signals::parse_trace(text.as_bytes(), Path::new("t.csv"), Quantity::Calcium)
+                .trace;
         let trace = trace.unwrap();
-        fit_calcium(trace.time_ms(), trace.values(), CalciumFitSettings::default()).unwrap()
+        fit_calcium(
+            trace.time_ms(),
+            trace.values(),
+            CalciumFitSettings::default(),
+        )
+        .unwrap()
     }
 
     #[test]
     fn the_example_as_people_see_it() {
-        let fit = fitted(include_str!("../../../../../examples/calcium/transient.csv"));
+        let fit = fitted(include_str!(
+            "../../../../../examples/calcium/transient.csv"
+        ));
         let answer = answer("transient.csv", 0.0, &fit);
         insta::assert_snapshot!(format!(
             "{}\n{}\n{}",
@@ -227,22 +310,36 @@ mod tests {
         let mut csv = "time_ms,calcium_uM\n".to_owned();
         for i in 0..80 {
             let x = f64::from(i) / 6.0;
-            csv.push_str(&format!("{},{}\n", 10 * i, 0.15 + 0.45 * (x / 2.0).powi(2) * (2.0 - x).exp()));
+            csv.push_str(&format!(
+                "{},{}\n",
+                10 * i,
+                0.15 + 0.45 * (x / 2.0).powi(2) * (2.0 - x).exp()
+            ));
         }
         let answer = answer("narrow.csv", 0.0, &fitted(&csv));
         assert_eq!(answer.time_constants, TimeConstants::Equal);
-        assert!(answer.warnings.len() == 1 && answer.warnings[0].contains("misses the trace's shape"), "{answer:?}");
+        assert!(
+            answer.warnings.len() == 1 && answer.warnings[0].contains("misses the trace's shape"),
+            "{answer:?}"
+        );
         let said = text(&answer, &talk());
         assert!(
-            said.contains("time constants: the best time constants are equal") && said.contains("warning:"),
+            said.contains("time constants: the best time constants are equal")
+                && said.contains("warning:"),
             "{said}"
         );
     }
 
     #[test]
     fn what_the_fit_refuses_names_the_file() {
-        let error = CalciumFitError::NoTransient { activation_ms: 0.0, peak_ms: 0.0 };
+        let error = CalciumFitError::NoTransient {
+            activation_ms: 0.0,
+            peak_ms: 0.0,
+        };
         let said = problem(Path::new("t.csv"), &error).to_string();
-        assert!(said.contains("t.csv: calcium_uM: found no peak") && said.contains("--activation"), "{said}");
+        assert!(
+            said.contains("t.csv: calcium_uM: found no peak") && said.contains("--activation"),
+            "{said}"
+        );
     }
 }

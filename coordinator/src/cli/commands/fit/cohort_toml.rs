@@ -17,7 +17,10 @@ fn by_name(fit: &CalciumFit) -> [(&'static str, &Estimate); 4] {
 /// Both ways to use the fit, `trace` being where it came from.
 #[must_use]
 pub fn cohort_defaults(fit: &CalciumFit, trace: &str) -> CohortDefaults {
-    CohortDefaults { frozen: frozen(fit, trace), bounds: bounds(fit, trace) }
+    CohortDefaults {
+        frozen: frozen(fit, trace),
+        bounds: bounds(fit, trace),
+    }
 }
 
 fn frozen(fit: &CalciumFit, trace: &str) -> String {
@@ -29,7 +32,10 @@ fn frozen(fit: &CalciumFit, trace: &str) -> String {
         .collect();
     let mut text = format!(
         "{}[step2]\nparameters = [{}]\n\n[step2.frozen]\n",
-        comment("Calcium is held at what `cardiotwin fit calcium` found in", trace),
+        comment(
+            "Calcium is held at what `cardiotwin fit calcium` found in",
+            trace
+        ),
         others.join(", ")
     );
     for (name, estimate) in by_name(fit) {
@@ -40,23 +46,60 @@ fn frozen(fit: &CalciumFit, trace: &str) -> String {
 
 fn bounds(fit: &CalciumFit, trace: &str) -> String {
     let defaults = CellFitSettings::default().bounds;
-    let mut text = comment("Calcium is fitted within the intervals that `cardiotwin fit calcium` found in", trace);
+    let mut text = comment(
+        "Calcium is fitted within the intervals that `cardiotwin fit calcium` found in",
+        trace,
+    );
     text.push_str("[step2.bounds]\n");
-    for (name, Estimate { value, lower, upper, .. }) in by_name(fit) {
+    for (
+        name,
+        Estimate {
+            value,
+            lower,
+            upper,
+            ..
+        },
+    ) in by_name(fit)
+    {
         // Where the trace sets no end: the usual one, as long as the value lies inside.
-        let usual = defaults.get(name).copied().unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
-        let lower = lower.unwrap_or_else(|| if usual[0] < *value { usual[0] } else { 0.5 * value });
-        let upper = upper.unwrap_or_else(|| if usual[1] > *value { usual[1] } else { 2.0 * value });
+        let usual = defaults
+            .get(name)
+            .copied()
+            .unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
+        let lower = lower.unwrap_or_else(|| {
+            if usual[0] < *value {
+                usual[0]
+            } else {
+                0.5 * value
+            }
+        });
+        let upper = upper.unwrap_or_else(|| {
+            if usual[1] > *value {
+                usual[1]
+            } else {
+                2.0 * value
+            }
+        });
         // An exact trace has intervals narrower than the digits written here.
-        let (lower, upper) = (lower.min(value * (1.0 - 1e-4)), upper.max(value * (1.0 + 1e-4)));
-        text.push_str(&format!("{name} = [{}, {}]\n", rounded(lower), rounded(upper)));
+        let (lower, upper) = (
+            lower.min(value * (1.0 - 1e-4)),
+            upper.max(value * (1.0 + 1e-4)),
+        );
+        text.push_str(&format!(
+            "{name} = [{}, {}]\n",
+            rounded(lower),
+            rounded(upper)
+        ));
     }
     text
 }
 
 fn comment(words: &str, trace: &str) -> String {
     // A line feed in a file's name would end the comment.
-    let name: String = trace.chars().map(|c| if c.is_control() { '?' } else { c }).collect();
+    let name: String = trace
+        .chars()
+        .map(|c| if c.is_control() { '?' } else { c })
+        .collect();
     format!("# {words} {name}.\n")
 }
 
@@ -74,10 +117,20 @@ mod tests {
 
     fn fit(tau_cr_ms: f64, tau_cd_ms: f64, n: u32) -> CalciumFit {
         let times: Vec<f64> = (0..n).map(|i| 10.0 * f64::from(i)).collect();
-        let rice = RiceParameters { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms, tau_cd_ms };
+        let rice = RiceParameters {
+            ca_res_um: 0.15,
+            ca_max_um: 0.6,
+            tau_cr_ms,
+            tau_cd_ms,
+        };
         // Some noise that needs no generator.
         let noise = |i: usize| 0.01 * (i as f64 * 2.3).sin();
-        let trace: Vec<f64> = rice.transient_um(&times).iter().enumerate().map(|(i, c)| c + noise(i)).collect();
+        let trace: Vec<f64> = rice
+            .transient_um(&times)
+            .iter()
+            .enumerate()
+            .map(|(i, c)| c + noise(i))
+            .collect();
         fit_calcium(&times, &trace, CalciumFitSettings::default()).unwrap()
     }
 
@@ -85,8 +138,16 @@ mod tests {
     #[test]
     fn both_texts_are_sound_settings() {
         let folder = tempfile::tempdir().unwrap();
-        let patients = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/coa-seven/patients");
-        for fit in [fit(150.0, 60.0, 100), fit(129.0, 128.0, 100), fit(400.0, 20.0, 30), fit(150.0, 60.0, 22)] {
+        let patients = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../examples/coa-seven/patients"
+        );
+        for fit in [
+            fit(150.0, 60.0, 100),
+            fit(129.0, 128.0, 100),
+            fit(400.0, 20.0, 30),
+            fit(150.0, 60.0, 22),
+        ] {
             let CohortDefaults { frozen, bounds } = cohort_defaults(&fit, "a\nb.csv");
             for text in [&frozen, &bounds] {
                 let file = format!("name = \"x\"\npatients = {patients:?}\n{text}");
@@ -96,10 +157,19 @@ mod tests {
                 assert_eq!(report.findings(), [], "{text}");
                 let step2 = cohort.plans().remove(0).settings.step2;
                 for (name, estimate) in by_name(&fit) {
-                    let held = step2.frozen.get(name).map(|held| [held * 0.9999, held * 1.0001]);
+                    let held = step2
+                        .frozen
+                        .get(name)
+                        .map(|held| [held * 0.9999, held * 1.0001]);
                     let [low, high] = held.unwrap_or(step2.bounds[name]);
-                    assert!(low < estimate.value && estimate.value < high, "{name} in\n{text}");
-                    assert_eq!(step2.parameters.iter().any(|fitted| fitted == name), held.is_none());
+                    assert!(
+                        low < estimate.value && estimate.value < high,
+                        "{name} in\n{text}"
+                    );
+                    assert_eq!(
+                        step2.parameters.iter().any(|fitted| fitted == name),
+                        held.is_none()
+                    );
                 }
             }
         }
@@ -107,6 +177,9 @@ mod tests {
 
     #[test]
     fn numbers_are_floats_of_six_digits() {
-        assert_eq!([rounded(150.0), rounded(0.123_456_789), rounded(1e-7)], ["150.0", "0.123457", "1e-7"]);
+        assert_eq!(
+            [rounded(150.0), rounded(0.123_456_789), rounded(1e-7)],
+            ["150.0", "0.123457", "1e-7"]
+        );
     }
 }

@@ -7,7 +7,9 @@ use cardiotwin_calibrate::normal;
 use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
 use cardiotwin_signals::Problem;
 
-use super::afterload::{AfterloadArgs, Said, estimates, in_a_word, one_line, parameters, say, table};
+use super::afterload::{
+    AfterloadArgs, Said, estimates, in_a_word, one_line, parameters, say, table,
+};
 use super::record::FlowSource;
 use super::trace;
 use crate::cli::error::CliError;
@@ -31,15 +33,23 @@ impl FromStr for Pressures {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let numbers: Result<Vec<f64>, _> = text.split('/').map(|part| part.trim().parse::<f64>()).collect();
+        let numbers: Result<Vec<f64>, _> = text
+            .split('/')
+            .map(|part| part.trim().parse::<f64>())
+            .collect();
         let numbers = numbers.unwrap_or_default();
         let in_range = numbers.iter().all(|p| (10.0..=350.0).contains(p));
         match numbers[..] {
             [systolic_mmhg, diastolic_mmhg, ref mean @ ..] if mean.len() < 2 && in_range => {
                 let mean_mmhg = mean.first().copied();
-                let between = mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
+                let between =
+                    mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
                 if systolic_mmhg > diastolic_mmhg && between {
-                    return Ok(Self { systolic_mmhg, diastolic_mmhg, mean_mmhg });
+                    return Ok(Self {
+                        systolic_mmhg,
+                        diastolic_mmhg,
+                        mean_mmhg,
+                    });
                 }
                 Err("systolic lies above diastolic pressure, and the mean between them".to_owned())
             }
@@ -52,13 +62,21 @@ impl FromStr for Pressures {
 ///
 /// # Errors
 /// [`CliError::Trace`] for a flow that cannot be used or pressures that no load has with it.
-pub fn execute(args: &AfterloadArgs, source: FlowSource<'_>, talk: &Talk) -> Result<Exit, CliError> {
-    let Some(given) = args.cuff else { return Err(CliError::Usage("--cuff is not given".to_owned())) };
+pub fn execute(
+    args: &AfterloadArgs,
+    source: FlowSource<'_>,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
+    let Some(given) = args.cuff else {
+        return Err(CliError::Usage("--cuff is not given".to_owned()));
+    };
     let flow = source.read(talk)?;
     let n = flow.n_samples();
     let step_ms = (flow.end_ms() - flow.time_ms()[0]) / (n - 1) as f64;
     // Samples of any spacing: the load is computed on an even grid.
-    let even: Vec<f64> = (0..n).map(|i| flow.at(flow.time_ms()[0] + i as f64 * step_ms)).collect();
+    let even: Vec<f64> = (0..n)
+        .map(|i| flow.at(flow.time_ms()[0] + i as f64 * step_ms))
+        .collect();
     let cuff = Cuff {
         systolic_mmhg: given.systolic_mmhg,
         diastolic_mmhg: given.diastolic_mmhg,
@@ -74,11 +92,19 @@ pub fn execute(args: &AfterloadArgs, source: FlowSource<'_>, talk: &Talk) -> Res
     })?;
     let answer = answer(&source, &cuff, &fit, args.confidence);
     let plot = || {
-        let points: Vec<(f64, f64)> =
-            fit.pressure_mmhg.iter().enumerate().map(|(i, p)| (i as f64 * step_ms, *p)).collect();
+        let points: Vec<(f64, f64)> = fit
+            .pressure_mmhg
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (i as f64 * step_ms, *p))
+            .collect();
         cuff_fit_svg(&answer, &points)
     };
-    let said = Said { toml: &answer.patient_toml, warnings: &answer.warnings, text: text(&answer, talk) };
+    let said = Said {
+        toml: &answer.patient_toml,
+        warnings: &answer.warnings,
+        text: text(&answer, talk),
+    };
     say(args, &answer, &said, plot, talk)
 }
 
@@ -98,7 +124,11 @@ fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) 
             standard_error: Some(sd),
             lower: Some((value - z * sd).max(0.0)),
             upper: Some(value + z * sd),
-            determined: if z * sd <= POOR * value { Determined::Well } else { Determined::Poorly },
+            determined: if z * sd <= POOR * value {
+                Determined::Well
+            } else {
+                Determined::Poorly
+            },
         }
     };
     let afterload = parameters([fit.values[0], fit.values[1], fit.values[2]]);
@@ -111,7 +141,9 @@ fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) 
         };
         warnings.push(format!("{why}: R1 is 0.06 R2, as in adults at rest"));
     }
-    let shown = cuff.mean_mmhg.map_or(String::new(), |mean| format!(", mean {mean}"));
+    let shown = cuff
+        .mean_mmhg
+        .map_or(String::new(), |mean| format!(", mean {mean}"));
     let from = format!(
         "Through the cuff's {}/{} mmHg{shown} by `cardiotwin fit afterload`, flow: {}.",
         cuff.systolic_mmhg,
@@ -159,7 +191,16 @@ mod tests {
         let read = |text: &str| text.parse::<Pressures>();
         assert_eq!(read("115/70").unwrap().mean_mmhg, None);
         assert_eq!(read("115/70/88").unwrap().mean_mmhg, Some(88.0));
-        for text in ["115", "70/115", "115/70/60", "115/70/80/2", "a/b", "1.15/0.7", "", "115/70/"] {
+        for text in [
+            "115",
+            "70/115",
+            "115/70/60",
+            "115/70/80/2",
+            "a/b",
+            "1.15/0.7",
+            "",
+            "115/70/",
+        ] {
             assert!(read(text).is_err(), "{text}");
         }
     }

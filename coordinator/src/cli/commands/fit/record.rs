@@ -61,12 +61,16 @@ impl FlowSource<'_> {
         let volume = trace::read(file, Quantity::Volume, talk)?;
         let refused = |why: String| {
             let remedy = "give one whole cycle of the ventricle's volume, and its length with --cycle-length";
-            trace::refused(Problem::error(file, why, "a volume that falls in ejection", remedy), talk)
+            trace::refused(
+                Problem::error(file, why, "a volume that falls in ejection", remedy),
+                talk,
+            )
         };
         let usual_step = (volume.end_ms() - volume.time_ms()[0]) / (volume.n_samples() - 1) as f64;
         let cycle_ms = given.unwrap_or(volume.end_ms() - volume.time_ms()[0] + usual_step);
         let flow = ejection_flow(&volume, Ms(cycle_ms)).map_err(refused)?;
-        Trace::uniform(Quantity::Flow, flow.step_ms, flow.flow_ml_per_s).map_err(|error| refused(error.to_string()))
+        Trace::uniform(Quantity::Flow, flow.step_ms, flow.flow_ml_per_s)
+            .map_err(|error| refused(error.to_string()))
     }
 }
 
@@ -82,9 +86,16 @@ pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliEr
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_from(source: FlowSource<'_>, pressure: &Path, talk: &Talk) -> Result<Measured, CliError> {
+pub fn read_from(
+    source: FlowSource<'_>,
+    pressure: &Path,
+    talk: &Talk,
+) -> Result<Measured, CliError> {
     // Both are read before either is refused, so that all problems are said at once.
-    let (q, p) = (source.read(talk), trace::read(pressure, Quantity::Pressure, talk));
+    let (q, p) = (
+        source.read(talk),
+        trace::read(pressure, Quantity::Pressure, talk),
+    );
     let (q, p) = (q?, p?);
     let flow = source.file();
     let record = Record::new(q.time_ms(), q.values(), p.time_ms(), p.values())
@@ -97,7 +108,9 @@ pub fn read_from(source: FlowSource<'_>, pressure: &Path, talk: &Talk) -> Result
     }
     if record.n_dropped() > 0 {
         let left_out = count(record.n_dropped(), "pressure sample");
-        talk.say(&format!("note: {left_out} left out, where no flow was measured"));
+        talk.say(&format!(
+            "note: {left_out} left out, where no flow was measured"
+        ));
     }
     let described = AfterloadRecord {
         flow: source.name(),
@@ -109,7 +122,11 @@ pub fn read_from(source: FlowSource<'_>, pressure: &Path, talk: &Talk) -> Result
         mean_flow_ml_per_s: record.mean_flow_ml_per_s(),
         pulse_pressure_mmhg: record.pulse_pressure_mmhg(),
     };
-    Ok(Measured { pressure: record.pressure_samples(), record, described })
+    Ok(Measured {
+        pressure: record.pressure_samples(),
+        record,
+        described,
+    })
 }
 
 /// What the record refused, as a problem of a file.

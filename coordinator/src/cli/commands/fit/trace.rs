@@ -16,7 +16,10 @@ use crate::input::Report;
 pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliError> {
     let reading = read_trace_from(Origin::CommandLine, file, quantity);
     let n_errors = say(reading.problems, talk);
-    reading.trace.filter(|_| n_errors == 0).ok_or_else(|| unusable(n_errors))
+    reading
+        .trace
+        .filter(|_| n_errors == 0)
+        .ok_or_else(|| unusable(n_errors))
 }
 
 /// Says what a fit refused.
@@ -25,13 +28,17 @@ pub fn refused(problem: Problem, talk: &Talk) -> CliError {
 }
 
 fn unusable(n_errors: usize) -> CliError {
-    CliError::Trace { errors: count(n_errors, "error") }
+    CliError::Trace {
+        errors: count(n_errors, "error"),
+    }
 }
 
 /// Number of errors.
 fn say(found: Vec<Problem>, talk: &Talk) -> usize {
     let mut report = Report::default();
-    found.into_iter().for_each(|problem| report.add(None, problem));
+    found
+        .into_iter()
+        .for_each(|problem| report.add(None, problem));
     let text = problems::text(&report, talk.colour_err);
     if !text.is_empty() {
         talk.say(text.trim_end());

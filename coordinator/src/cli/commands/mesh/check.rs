@@ -24,7 +24,12 @@ pub struct CheckArgs {
     #[command(flatten)]
     source: Source,
     /// Tags of contracting tissue, separated by commas; without them tags are not looked at
-    #[arg(long, value_name = "TAGS", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "TAGS",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
     left_ventricle: Vec<i32>,
     /// Where fibres are to come from
     #[arg(long, value_name = "WHENCE", value_enum, default_value_t = Whence::Auto)]
@@ -73,7 +78,10 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
             Whence::Rule => Fibres::Rule,
         },
         cavity: args.cavity_ml.map(Ml),
-        wall: args.wall_ml.map(Ml).filter(|_| !args.left_ventricle.is_empty()),
+        wall: args
+            .wall_ml
+            .map(Ml)
+            .filter(|_| !args.left_ventricle.is_empty()),
         activation: Activation::Unasked,
         right_ventricle: None,
         sprung: &[],
@@ -89,10 +97,18 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
     if json {
         let defects = intake.defects.iter().map(Told::of).collect();
         let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
-        talk.json(&Answer { schema_version, file, mesh: &figures, defects })?;
+        talk.json(&Answer {
+            schema_version,
+            file,
+            mesh: &figures,
+            defects,
+        })?;
     } else {
         let mut report = Report::default();
-        intake.defects.iter().for_each(|defect| report.add(None, mesh_problem(file, defect)));
+        intake
+            .defects
+            .iter()
+            .for_each(|defect| report.add(None, mesh_problem(file, defect)));
         talk.data(&figures.text())?;
         talk.data(&problems::text(&report, talk.colour_out))?;
         let (errors, warnings) = (report.n_errors(), report.n_warnings());
@@ -103,5 +119,9 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
             talk.data(&format!("{}: {errors}, {warnings}\n", file.display()))?;
         }
     }
-    Ok(if intake.is_sound() { Exit::Ok } else { Exit::Problems })
+    Ok(if intake.is_sound() {
+        Exit::Ok
+    } else {
+        Exit::Problems
+    })
 }

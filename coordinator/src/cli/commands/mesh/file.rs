@@ -105,7 +105,10 @@ pub struct Target {
 }
 
 fn is_carp(file: &Path) -> bool {
-    !matches!(file.extension().and_then(|e| e.to_str()), Some("vtu" | "msh" | "mesh"))
+    !matches!(
+        file.extension().and_then(|e| e.to_str()),
+        Some("vtu" | "msh" | "mesh")
+    )
 }
 
 impl Target {
@@ -119,11 +122,21 @@ impl Target {
                 "gmsh files are read, not written: use .vtu, .mesh or a stem of CARP files".into(),
             ));
         }
-        let there = if is_carp(&self.out) { self.carp_files() } else { vec![self.out.clone()] };
-        match there.into_iter().find(|file| file.exists()).filter(|_| !self.force) {
+        let there = if is_carp(&self.out) {
+            self.carp_files()
+        } else {
+            vec![self.out.clone()]
+        };
+        match there
+            .into_iter()
+            .find(|file| file.exists())
+            .filter(|_| !self.force)
+        {
             Some(file) => {
                 let path = file.display().to_string();
-                Err(CliError::Mesh(Box::new(MeshFileCommandError::Exists { path })))
+                Err(CliError::Mesh(Box::new(MeshFileCommandError::Exists {
+                    path,
+                })))
             }
             None => Ok(()),
         }
@@ -132,13 +145,24 @@ impl Target {
     /// CARP files of the stem, those that are there and those that will be.
     fn carp_files(&self) -> Vec<PathBuf> {
         let stem = readable_path(&self.out);
-        let name = stem.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let folder = stem.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let name = stem
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let folder = stem
+            .parent()
+            .filter(|f| !f.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         let surface = |path: &PathBuf| {
             let file = path.file_name().unwrap_or_default().to_string_lossy();
             file.starts_with(&format!("{name}.")) && file.ends_with(".surf")
         };
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let entries = std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path());
         let mut files: Vec<PathBuf> = entries.filter(surface).collect();
         files.extend(["pts", "elem", "lon"].map(|ending| folder.join(format!("{name}.{ending}"))));
         files
@@ -153,7 +177,10 @@ impl Target {
         let failed = |error: MeshFileError| CliError::Mesh(Box::new(error.into()));
         match self.out.extension().and_then(|e| e.to_str()) {
             Some("vtu") => {
-                let content = vtu::Content { surfaces: true, ..vtu::Content::default() };
+                let content = vtu::Content {
+                    surfaces: true,
+                    ..vtu::Content::default()
+                };
                 vtu::write(&self.out, mesh, &content).map_err(failed)
             }
             Some("mesh") => medit::write(mesh, &self.out).map_err(failed),

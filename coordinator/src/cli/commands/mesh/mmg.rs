@@ -57,8 +57,13 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
     }
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
-    let places = NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
-    places.into_iter().find(|place| place.is_file()).ok_or_else(|| MmgError::Missing.into())
+    let places = NAMES
+        .iter()
+        .flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+    places
+        .into_iter()
+        .find(|place| place.is_file())
+        .ok_or_else(|| MmgError::Missing.into())
 }
 
 /// Another mesh of the same body with edges of about `edge_mm`, its surface within `distance_mm` of the old one: tags and surfaces
@@ -66,25 +71,51 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
 ///
 /// # Errors
 /// [`MmgError`].
-pub fn remesh(program: &Path, old: &TetMesh, edge_mm: f64, distance_mm: f64) -> Result<TetMesh, CliError> {
+pub fn remesh(
+    program: &Path,
+    old: &TetMesh,
+    edge_mm: f64,
+    distance_mm: f64,
+) -> Result<TetMesh, CliError> {
     let folder = tempfile::tempdir().map_err(MmgError::Folder)?;
-    let (given, made) = (folder.path().join("given.mesh"), folder.path().join("made.mesh"));
+    let (given, made) = (
+        folder.path().join("given.mesh"),
+        folder.path().join("made.mesh"),
+    );
     let parts = Parts::of(old);
     medit::write(&parts.mesh, &given).map_err(MmgError::from)?;
     let output = Command::new(program)
-        .args(["-v", "1", "-hsiz", &edge_mm.to_string(), "-hausd", &distance_mm.to_string()])
+        .args([
+            "-v",
+            "1",
+            "-hsiz",
+            &edge_mm.to_string(),
+            "-hausd",
+            &distance_mm.to_string(),
+        ])
         .arg("-in")
         .arg(&given)
         .arg("-out")
         .arg(&made)
         .output()
-        .map_err(|source| MmgError::Start { program: program.to_owned(), source })?;
+        .map_err(|source| MmgError::Start {
+            program: program.to_owned(),
+            source,
+        })?;
     if !output.status.success() || !made.is_file() {
         let said = [output.stdout, output.stderr].concat();
         let said = String::from_utf8_lossy(&said);
-        let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        let lines: Vec<&str> = said
+            .lines()
+            .map(str::trim)
+            .filter(|line| !line.is_empty())
+            .collect();
         let said = lines[lines.len().saturating_sub(SHOWN)..].join("\n");
-        return Err(MmgError::Failed { program: program.to_owned(), said }.into());
+        return Err(MmgError::Failed {
+            program: program.to_owned(),
+            said,
+        }
+        .into());
     }
     let mut mesh = medit::read(&made, LengthUnit::Millimetre).map_err(MmgError::from)?;
     mesh.surfaces = parts.joined(&mesh.surfaces, old);
@@ -105,7 +136,9 @@ impl Parts {
         let mut surfaces_of: BTreeMap<[u32; 3], ([u32; 3], Vec<usize>)> = BTreeMap::new();
         for (i, surface) in old.surfaces.iter().enumerate() {
             for triangle in &surface.triangles {
-                let entry = surfaces_of.entry(sorted(*triangle)).or_insert((*triangle, vec![]));
+                let entry = surfaces_of
+                    .entry(sorted(*triangle))
+                    .or_insert((*triangle, vec![]));
                 if entry.1.last() != Some(&i) {
                     entry.1.push(i);
                 }
@@ -116,17 +149,39 @@ impl Parts {
             parts.entry(surfaces).or_default().push(triangle);
         }
         let (of, triangles): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
-        let surfaces = triangles.into_iter().map(|triangles| Surface { name: String::new(), triangles }).collect();
-        Self { mesh: TetMesh { surfaces, ..old.clone() }, of }
+        let surfaces = triangles
+            .into_iter()
+            .map(|triangles| Surface {
+                name: String::new(),
+                triangles,
+            })
+            .collect();
+        Self {
+            mesh: TetMesh {
+                surfaces,
+                ..old.clone()
+            },
+            of,
+        }
     }
 
     /// The old mesh's surfaces out of the parts that mmg gave back, by their references.
     fn joined(&self, found: &[Surface], old: &TetMesh) -> Vec<Surface> {
-        let empty = |surface: &Surface| Surface { name: surface.name.clone(), triangles: vec![] };
+        let empty = |surface: &Surface| Surface {
+            name: surface.name.clone(),
+            triangles: vec![],
+        };
         let mut surfaces: Vec<Surface> = old.surfaces.iter().map(empty).collect();
         for part in found {
-            let number = part.name.strip_prefix(medit::SURFACE_PREFIX).and_then(|n| n.parse::<usize>().ok());
-            for i in number.and_then(|n| self.of.get(n.wrapping_sub(1))).into_iter().flatten() {
+            let number = part
+                .name
+                .strip_prefix(medit::SURFACE_PREFIX)
+                .and_then(|n| n.parse::<usize>().ok());
+            for i in number
+                .and_then(|n| self.of.get(n.wrapping_sub(1)))
+                .into_iter()
+                .flatten()
+            {
                 surfaces[*i].triangles.extend(&part.triangles);
             }
         }

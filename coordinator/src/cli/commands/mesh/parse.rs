@@ -9,7 +9,11 @@ fn numbers<const N: usize>(text: &str, expected: &str) -> Result<[f64; N], Strin
     let words: [&str; N] = words.try_into().map_err(|_| refuse())?;
     let mut values = [0.0; N];
     for (value, word) in values.iter_mut().zip(words) {
-        *value = word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(refuse)?;
+        *value = word
+            .parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .ok_or_else(refuse)?;
     }
     Ok(values)
 }
@@ -23,13 +27,18 @@ pub fn point(text: &str) -> Result<Vec3, String> {
 pub fn plane(text: &str) -> Result<Plane, String> {
     let [x, y, z, nx, ny, nz] = numbers::<6>(text, "x,y,z,nx,ny,nz: a point in mm and a normal")?;
     let normal = unit([nx, ny, nz]).ok_or("the normal has no length")?;
-    Ok(Plane { point_mm: [x, y, z], normal })
+    Ok(Plane {
+        point_mm: [x, y, z],
+        normal,
+    })
 }
 
 /// `NEW=OLD`.
 pub fn pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
-        Some((new, old)) if !new.is_empty() && !old.is_empty() => Ok((new.to_owned(), old.to_owned())),
+        Some((new, old)) if !new.is_empty() && !old.is_empty() => {
+            Ok((new.to_owned(), old.to_owned()))
+        }
         _ => Err("expected NEW=OLD".to_owned()),
     }
 }
@@ -38,12 +47,18 @@ pub fn pair(text: &str) -> Result<(String, String), String> {
 pub fn tags(text: &str) -> Result<(i32, i32), String> {
     let refuse = || "expected NEW=OLD, two whole numbers".to_owned();
     let (new, old) = text.split_once('=').ok_or_else(refuse)?;
-    Ok((new.trim().parse().map_err(|_| refuse())?, old.trim().parse().map_err(|_| refuse())?))
+    Ok((
+        new.trim().parse().map_err(|_| refuse())?,
+        old.trim().parse().map_err(|_| refuse())?,
+    ))
 }
 
 /// A number above zero.
 pub fn positive(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "expected a number above 0".to_owned())
+    text.parse()
+        .ok()
+        .filter(|v: &f64| *v > 0.0 && v.is_finite())
+        .ok_or_else(|| "expected a number above 0".to_owned())
 }
 
 #[cfg(test)]

@@ -53,7 +53,14 @@ pub fn execute(args: &RemeshArgs, talk: &Talk) -> Result<Exit, CliError> {
     args.target.refuse_existing()?;
     let program = mmg::program(args.mmg3d.as_deref())?;
     let old = args.source.read()?;
-    let call = |edge_mm: f64| mmg::remesh(&program, &old, edge_mm, args.distance_mm.unwrap_or(edge_mm / 20.0));
+    let call = |edge_mm: f64| {
+        mmg::remesh(
+            &program,
+            &old,
+            edge_mm,
+            args.distance_mm.unwrap_or(edge_mm / 20.0),
+        )
+    };
     let mesh = match (args.edge_mm, args.nodes) {
         (Some(edge_mm), _) => call(edge_mm)?,
         (None, Some(wanted)) => {

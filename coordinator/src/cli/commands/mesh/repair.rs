@@ -36,10 +36,20 @@ pub struct RepairArgs {
     #[arg(long = "tag", value_name = "NEW=OLD", value_parser = parse::tags)]
     tag: Vec<(i32, i32)>,
     /// Keep elements with these tags alone; the side towards the others becomes the septum
-    #[arg(long, value_name = "TAGS", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "TAGS",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
     keep_tags: Vec<i32>,
     /// Remove elements with these tags: valve plugs that close the cavity, papillary muscles
-    #[arg(long, value_name = "TAGS", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "TAGS",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
     remove_tags: Vec<i32>,
     /// Cut the base open at a plane: a point in mm, and a normal towards what goes
     #[arg(long, value_name = "x,y,z,nx,ny,nz", value_parser = parse::plane, allow_hyphen_values = true)]
@@ -127,14 +137,32 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
         let left = intake.defects.iter().map(Told::of).collect();
         let (schema_version, unit) = (cardiotwin_schemas::SCHEMA_VERSION, args.target.unit());
         let mesh = Figures::of(&intake);
-        talk.json(&Answer { schema_version, file, out, unit, done: &done.steps, mesh, left })?;
-        return Ok(if intake.is_sound() { Exit::Ok } else { Exit::Problems });
+        talk.json(&Answer {
+            schema_version,
+            file,
+            out,
+            unit,
+            done: &done.steps,
+            mesh,
+            left,
+        })?;
+        return Ok(if intake.is_sound() {
+            Exit::Ok
+        } else {
+            Exit::Problems
+        });
     }
     match done.steps.is_empty() {
         true => talk.data("nothing to mend\n")?,
-        false => done.steps.iter().try_for_each(|step| talk.data(&format!("mended    {step}\n")))?,
+        false => done
+            .steps
+            .iter()
+            .try_for_each(|step| talk.data(&format!("mended    {step}\n")))?,
     }
     let exit = check::tell(&intake, out, false, talk)?;
-    talk.hint(&format!("for patient.toml: [anatomy.mesh] with unit = \"{}\"", args.target.unit()));
+    talk.hint(&format!(
+        "for patient.toml: [anatomy.mesh] with unit = \"{}\"",
+        args.target.unit()
+    ));
     Ok(exit)
 }

@@ -86,11 +86,19 @@ impl Told {
                 Item::Triangle(nodes) => (None, nodes.to_vec()),
                 Item::Piece(_) | Item::Opening(_) | Item::Spot => (None, vec![]),
             };
-            Where { element, nodes, at_mm: place.at_mm }
+            Where {
+                element,
+                nodes,
+                at_mm: place.at_mm,
+            }
         };
         Self {
             name: defect.name(),
-            severity: if defect.severity() == Severity::Error { "error" } else { "warning" },
+            severity: if defect.severity() == Severity::Error {
+                "error"
+            } else {
+                "warning"
+            },
             found: defect.found(),
             expected: defect.expected(),
             remedy: defect.remedy(),
@@ -103,10 +111,18 @@ impl Figures {
     /// Figures of a mesh that was looked at.
     pub fn of(intake: &Intake) -> Self {
         let mesh = &intake.mesh;
-        let readable =
-            |defect: &Defect| !matches!(defect.name(), "no-elements" | "length" | "node-out-of-range" | "not-finite");
+        let readable = |defect: &Defect| {
+            !matches!(
+                defect.name(),
+                "no-elements" | "length" | "node-out-of-range" | "not-finite"
+            )
+        };
         let sound = intake.defects.iter().all(readable);
-        let quality = if sound { Quality::of(mesh) } else { Quality::of(&TetMesh::default()) };
+        let quality = if sound {
+            Quality::of(mesh)
+        } else {
+            Quality::of(&TetMesh::default())
+        };
         let mut tags: BTreeMap<i32, (usize, f64)> = BTreeMap::new();
         for (e, tag) in mesh.tags.iter().enumerate().filter(|_| sound) {
             let sum = tags.entry(*tag).or_default();
@@ -124,15 +140,24 @@ impl Figures {
             long_axis_mm: marks.apex_height_mm,
             usual_activation_sites_mm: marks.usual_sites_mm(mesh),
         });
-        let surfaces =
-            mesh.surfaces.iter().map(|s| NamedSurface { name: s.name.clone(), triangles: s.triangles.len() });
+        let surfaces = mesh.surfaces.iter().map(|s| NamedSurface {
+            name: s.name.clone(),
+            triangles: s.triangles.len(),
+        });
         Self {
             nodes: mesh.n_nodes(),
             elements: mesh.n_tets(),
             mean_edge: quality.mean_edge_mm,
             worst_mean_ratio: quality.min,
             mean_mean_ratio: quality.mean,
-            tags: tags.into_iter().map(|(tag, (elements, volume))| Tag { tag, elements, volume }).collect(),
+            tags: tags
+                .into_iter()
+                .map(|(tag, (elements, volume))| Tag {
+                    tag,
+                    elements,
+                    volume,
+                })
+                .collect(),
             surfaces: surfaces.collect(),
             surfaces_found: intake.surfaces_found,
             fibres: !mesh.frames.is_empty(),
@@ -152,23 +177,55 @@ impl Figures {
             self.mean_mean_ratio,
             self.worst_mean_ratio
         );
-        for Tag { tag, elements, volume } in &self.tags {
-            text += &format!("tag {tag:<5} {}, {volume:.1} mL\n", count(*elements, "element"));
+        for Tag {
+            tag,
+            elements,
+            volume,
+        } in &self.tags
+        {
+            text += &format!(
+                "tag {tag:<5} {}, {volume:.1} mL\n",
+                count(*elements, "element")
+            );
         }
-        let surfaces: Vec<String> = self.surfaces.iter().map(|s| format!("{} ({})", s.name, s.triangles)).collect();
-        let found = if self.surfaces_found { ", found on the mesh" } else { "" };
-        let surfaces = if surfaces.is_empty() { "none".to_owned() } else { surfaces.join(", ") };
+        let surfaces: Vec<String> = self
+            .surfaces
+            .iter()
+            .map(|s| format!("{} ({})", s.name, s.triangles))
+            .collect();
+        let found = if self.surfaces_found {
+            ", found on the mesh"
+        } else {
+            ""
+        };
+        let surfaces = if surfaces.is_empty() {
+            "none".to_owned()
+        } else {
+            surfaces.join(", ")
+        };
         text += &format!("surfaces  {surfaces}{found}\n");
-        text += &format!("fibres    {}\n", if self.fibres { "one for each element" } else { "none" });
+        text += &format!(
+            "fibres    {}\n",
+            if self.fibres {
+                "one for each element"
+            } else {
+                "none"
+            }
+        );
         if let Some(cavity) = self.cavity {
             text += &format!("cavity    {cavity:.1} mL\n");
         }
         if let Some(marks) = &self.landmarks {
             let (base, apex) = (place(&marks.base_mm), place(&marks.apex_mm));
-            text +=
-                &format!("base      {base} mm, apex {apex} mm, {:.1} mm apart along the axis\n", marks.long_axis_mm);
+            text += &format!(
+                "base      {base} mm, apex {apex} mm, {:.1} mm apart along the axis\n",
+                marks.long_axis_mm
+            );
             let sites: Vec<String> = marks.usual_activation_sites_mm.iter().map(place).collect();
-            text += &format!("sites     {} mm: usual places where activation begins\n", sites.join(", "));
+            text += &format!(
+                "sites     {} mm: usual places where activation begins\n",
+                sites.join(", ")
+            );
         }
         text
     }

@@ -44,10 +44,13 @@ pub fn of(
                 return Ok(None);
             }
             match simulate(&beat, AskedFor::OneFibre, worker) {
-                Ok((result, traces)) => Ok(result
-                    .failed_check()
-                    .is_none()
-                    .then(|| indices(&result.biomarkers, &Traces::of(&traces), beat.cycle_length_ms))),
+                Ok((result, traces)) => Ok(result.failed_check().is_none().then(|| {
+                    indices(
+                        &result.biomarkers,
+                        &Traces::of(&traces),
+                        beat.cycle_length_ms,
+                    )
+                })),
                 Err(CliError::Simulation { .. }) => Ok(None),
                 Err(error) => Err(error),
             }
@@ -55,8 +58,12 @@ pub fn of(
         found.filter_map(Result::transpose).collect()
     };
     let found: Vec<Indices> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..n_threads).map(|first| scope.spawn(move || some(first))).collect();
-        let of_all = threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        let threads: Vec<_> = (0..n_threads)
+            .map(|first| scope.spawn(move || some(first)))
+            .collect();
+        let of_all = threads
+            .into_iter()
+            .map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
         of_all.collect::<Result<Vec<_>, _>>()
     })?
     .concat();
@@ -64,7 +71,10 @@ pub fn of(
         return Ok(Bands::new());
     }
     let mut values: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
-    found.into_iter().flatten().for_each(|(name, value)| values.entry(name).or_default().push(value));
+    found
+        .into_iter()
+        .flatten()
+        .for_each(|(name, value)| values.entry(name).or_default().push(value));
     let band = |(name, mut values): (&'static str, Vec<f64>)| {
         values.sort_by(f64::total_cmp);
         (name, [0.05, 0.95].map(|share| quantile_of(&values, share)))

@@ -2,7 +2,9 @@
 
 use std::str::FromStr;
 
-use cardiotwin_schemas::organ::{CELL_PARAMETERS, ContractionSpec, VALVE_PARAMETERS, cell_default, is_parameter};
+use cardiotwin_schemas::organ::{
+    CELL_PARAMETERS, ContractionSpec, VALVE_PARAMETERS, cell_default, is_parameter,
+};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde::Serialize;
 
@@ -19,13 +21,31 @@ const LOADS: [&str; 5] = [
 
 /// Quantities of which the model says nothing, or which are no causes, each with the reason.
 const UNSAYABLE: [(&str, &str); 7] = [
-    ("wall_volume_mL", "the wall stays the patient's: the model does not say how a heart grows"),
-    ("unloaded_volume_mL", "the cavity stays the patient's: the model does not say how a heart remodels"),
-    ("a_p_kPa", "the passive stress of the 0D cell does not act in the organ"),
-    ("stiffness_kPa", "the passive law is fitted together with the unloaded state: neither can be changed alone"),
+    (
+        "wall_volume_mL",
+        "the wall stays the patient's: the model does not say how a heart grows",
+    ),
+    (
+        "unloaded_volume_mL",
+        "the cavity stays the patient's: the model does not say how a heart remodels",
+    ),
+    (
+        "a_p_kPa",
+        "the passive stress of the 0D cell does not act in the organ",
+    ),
+    (
+        "stiffness_kPa",
+        "the passive law is fitted together with the unloaded state: neither can be changed alone",
+    ),
     ("heart_rate", "pacing is given by `cycle_length_ms`"),
-    ("end_diastolic_volume_mL", "filling follows from `left_atrial_pressure_mmHg`"),
-    ("initial_windkessel_pressure_mmHg", "the periodic state does not depend on it"),
+    (
+        "end_diastolic_volume_mL",
+        "filling follows from `left_atrial_pressure_mmHg`",
+    ),
+    (
+        "initial_windkessel_pressure_mmHg",
+        "the periodic state does not depend on it",
+    ),
 ];
 
 /// Quantities that come out of a beat.
@@ -71,19 +91,34 @@ impl FromStr for Change {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (key, amount) = text.split_once('=').ok_or_else(|| format!("`{text}`: expected KEY=VALUE or KEY=±N%"))?;
+        let (key, amount) = text
+            .split_once('=')
+            .ok_or_else(|| format!("`{text}`: expected KEY=VALUE or KEY=±N%"))?;
         let (key, amount) = (key.trim(), amount.trim());
         let number = |text: &str| -> Result<f64, String> {
-            let value = text.trim().parse::<f64>().ok().filter(|value| value.is_finite());
-            value.ok_or_else(|| format!("{key}: `{amount}` is neither a number nor a percentage such as -20%"))
+            let value = text
+                .trim()
+                .parse::<f64>()
+                .ok()
+                .filter(|value| value.is_finite());
+            value.ok_or_else(|| {
+                format!("{key}: `{amount}` is neither a number nor a percentage such as -20%")
+            })
         };
         let amount = match amount.strip_suffix('%') {
             Some(percent) if amount.starts_with(['+', '-']) => Amount::Percent(number(percent)?),
-            Some(_) => return Err(format!("{key}: `{amount}` needs its sign: +N% or -N% of the twin's value")),
+            Some(_) => {
+                return Err(format!(
+                    "{key}: `{amount}` needs its sign: +N% or -N% of the twin's value"
+                ));
+            }
             None => Amount::Value(number(amount)?),
         };
         known(key)?;
-        Ok(Self { key: key.to_owned(), amount })
+        Ok(Self {
+            key: key.to_owned(),
+            amount,
+        })
     }
 }
 
@@ -95,11 +130,22 @@ fn known(key: &str) -> Result<(), String> {
         return Err(format!("{key}: {reason}"));
     }
     if OUTCOMES.contains(&key) {
-        return Err(format!("{key}: comes out of a beat; change what it follows from, such as {}", LOADS[3]));
+        return Err(format!(
+            "{key}: comes out of a beat; change what it follows from, such as {}",
+            LOADS[3]
+        ));
     }
-    let all = LOADS.into_iter().chain(VALVE_PARAMETERS).chain(CELL_PARAMETERS).filter(|name| *name != "a_p_kPa");
-    let meant = nearest(key, all.clone()).map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
-    Err(format!("{key}: the model has no such quantity{meant} It has {}", all.collect::<Vec<_>>().join(", ")))
+    let all = LOADS
+        .into_iter()
+        .chain(VALVE_PARAMETERS)
+        .chain(CELL_PARAMETERS)
+        .filter(|name| *name != "a_p_kPa");
+    let meant = nearest(key, all.clone())
+        .map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+    Err(format!(
+        "{key}: the model has no such quantity{meant} It has {}",
+        all.collect::<Vec<_>>().join(", ")
+    ))
 }
 
 impl Change {
@@ -109,7 +155,9 @@ impl Change {
     /// Which value makes no sense, and why.
     pub fn make(&self, beat: &mut OrganBeatSpec) -> Result<Changed, String> {
         let key = &self.key;
-        let place = self.place(beat).ok_or_else(|| format!("{key}: the twin has no cell"))?;
+        let place = self
+            .place(beat)
+            .ok_or_else(|| format!("{key}: the twin has no cell"))?;
         let before = *place;
         let after = match self.amount {
             Amount::Value(value) => value,
@@ -117,21 +165,31 @@ impl Change {
         };
         if !after.is_finite() || after * before <= 0.0 {
             let sign = if before < 0.0 { "negative" } else { "positive" };
-            return Err(format!("{key}: {after} makes no sense, expected a {sign} value like the twin's {before}"));
+            return Err(format!(
+                "{key}: {after} makes no sense, expected a {sign} value like the twin's {before}"
+            ));
         }
         *place = after;
-        Ok(Changed { key: key.clone(), before, after })
+        Ok(Changed {
+            key: key.clone(),
+            before,
+            after,
+        })
     }
 
     fn place<'a>(&self, beat: &'a mut OrganBeatSpec) -> Option<&'a mut f64> {
         let load = &mut beat.circulation.afterload;
         match self.key.as_str() {
             "cycle_length_ms" => return Some(&mut beat.cycle_length_ms),
-            "left_atrial_pressure_mmHg" => return Some(&mut beat.circulation.left_atrial_pressure_mmhg),
+            "left_atrial_pressure_mmHg" => {
+                return Some(&mut beat.circulation.left_atrial_pressure_mmhg);
+            }
             "characteristic_resistance_mmHg_s_per_mL" => {
                 return Some(&mut load.characteristic_resistance_mmhg_s_per_ml);
             }
-            "peripheral_resistance_mmHg_s_per_mL" => return Some(&mut load.peripheral_resistance_mmhg_s_per_ml),
+            "peripheral_resistance_mmHg_s_per_mL" => {
+                return Some(&mut load.peripheral_resistance_mmhg_s_per_ml);
+            }
             "compliance_mL_per_mmHg" => return Some(&mut load.compliance_ml_per_mmhg),
             _ => {}
         }
@@ -140,7 +198,8 @@ impl Change {
         }
         match &mut beat.contraction {
             ContractionSpec::Tanh { .. } => None,
-            ContractionSpec::Land2017Rice { parameters, .. } | ContractionSpec::Land2017Trace { parameters, .. } => {
+            ContractionSpec::Land2017Rice { parameters, .. }
+            | ContractionSpec::Land2017Trace { parameters, .. } => {
                 let default = cell_default(&self.key)?;
                 Some(parameters.entry(self.key.clone()).or_insert(default))
             }
@@ -179,10 +238,23 @@ mod tests {
         let changed = make("peripheral_resistance_mmHg_s_per_mL=-20%");
         assert_eq!((changed.before, changed.after), (0.9, 0.9 * 0.8));
         assert_eq!(make("Smax_ref_kPa = 150").after, 150.0);
-        assert_eq!(make("phi=+50%").after, 3.0, "a parameter that the twin has of its own");
-        assert_eq!(make("beta_1_uM=-10%").after, -2.4 * 0.9, "negative ones stay negative");
+        assert_eq!(
+            make("phi=+50%").after,
+            3.0,
+            "a parameter that the twin has of its own"
+        );
+        assert_eq!(
+            make("beta_1_uM=-10%").after,
+            -2.4 * 0.9,
+            "negative ones stay negative"
+        );
         make("R_AV_f_mmHg_s_per_mL=0.02");
-        assert_eq!(beat.circulation.afterload.peripheral_resistance_mmhg_s_per_ml, 0.9 * 0.8);
+        assert_eq!(
+            beat.circulation
+                .afterload
+                .peripheral_resistance_mmhg_s_per_ml,
+            0.9 * 0.8
+        );
         assert_eq!(beat.valves.r_av_f_mmhg_s_per_ml, 0.02);
     }
 
@@ -191,11 +263,21 @@ mod tests {
         assert!(said("wall_volume_mL=-10%").contains("does not say how a heart grows"));
         assert!(said("P_max_mmHg=120").contains("comes out of a beat"));
         let unknown = said("peripheral_resistance=-20%");
-        assert!(unknown.contains("did you mean `peripheral_resistance_mmHg_s_per_mL`?"), "{unknown}");
+        assert!(
+            unknown.contains("did you mean `peripheral_resistance_mmHg_s_per_mL`?"),
+            "{unknown}"
+        );
         assert!(said("phi=20%").contains("needs its sign"));
         assert!(said("phi=much").contains("neither a number nor a percentage"));
         assert!(said("phi").contains("expected KEY=VALUE"));
-        let none = "compliance_mL_per_mmHg=-100%".parse::<Change>().unwrap().make(&mut beat()).unwrap_err();
-        assert!(none.contains("expected a positive value like the twin's 1.2"), "{none}");
+        let none = "compliance_mL_per_mmHg=-100%"
+            .parse::<Change>()
+            .unwrap()
+            .make(&mut beat())
+            .unwrap_err();
+        assert!(
+            none.contains("expected a positive value like the twin's 1.2"),
+            "{none}"
+        );
     }
 }

@@ -21,13 +21,21 @@ impl Traces {
         let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
         let mut columns = vec![Vec::new(); names.len()];
         for line in lines {
-            let row: Vec<f64> = line.split(',').map_while(|cell| cell.parse().ok()).collect();
+            let row: Vec<f64> = line
+                .split(',')
+                .map_while(|cell| cell.parse().ok())
+                .collect();
             if row.len() != names.len() {
                 break;
             }
-            columns.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
+            columns
+                .iter_mut()
+                .zip(row)
+                .for_each(|(column, value)| column.push(value));
         }
-        Self { columns: names.into_iter().map(str::to_owned).zip(columns).collect() }
+        Self {
+            columns: names.into_iter().map(str::to_owned).zip(columns).collect(),
+        }
     }
 
     /// A column; empty where there is none.
@@ -37,20 +45,32 @@ impl Traces {
 
     /// Points of one column over another.
     pub fn points(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
-        self.column(x).iter().copied().zip(self.column(y).iter().copied()).collect()
+        self.column(x)
+            .iter()
+            .copied()
+            .zip(self.column(y).iter().copied())
+            .collect()
     }
 
     /// Area of the pressure-volume loop, closed from its last point to its first \[mmHg mL\].
     fn loop_area(&self) -> Option<f64> {
         let points = self.points("volume_mL", "pressure_mmHg");
         let next = points.iter().cycle().skip(1);
-        let area: f64 = points.iter().zip(next).map(|((v, p), (w, q))| 0.5 * (p + q) * (v - w)).sum();
+        let area: f64 = points
+            .iter()
+            .zip(next)
+            .map(|((v, p), (w, q))| 0.5 * (p + q) * (v - w))
+            .sum();
         (points.len() > 2).then_some(area)
     }
 }
 
 /// Indices by name, in the order of the table; those that a beat does not have are left out.
-pub fn indices(biomarkers: &Biomarkers, traces: &Traces, cycle_length_ms: f64) -> Vec<(&'static str, f64)> {
+pub fn indices(
+    biomarkers: &Biomarkers,
+    traces: &Traces,
+    cycle_length_ms: f64,
+) -> Vec<(&'static str, f64)> {
     let aorta = traces.column("aortic_pressure_mmHg");
     let extreme = |of: fn(f64, f64) -> f64| aorta.iter().copied().reduce(of);
     let mean = (!aorta.is_empty()).then(|| aorta.iter().sum::<f64>() / aorta.len() as f64);
@@ -64,9 +84,18 @@ pub fn indices(biomarkers: &Biomarkers, traces: &Traces, cycle_length_ms: f64) -
         ("EDV_mL", biomarkers.edv_ml),
         ("ESV_mL", biomarkers.esv_ml),
         ("SV_mL", sv),
-        ("ejection_fraction", sv.zip(biomarkers.edv_ml).map(|(sv, edv)| sv / edv)),
-        ("cardiac_output_L_per_min", sv.map(|sv| 60.0 * sv / cycle_length_ms)),
-        ("stroke_work_mJ", traces.loop_area().map(|area| MJ_PER_MMHG_ML * area)),
+        (
+            "ejection_fraction",
+            sv.zip(biomarkers.edv_ml).map(|(sv, edv)| sv / edv),
+        ),
+        (
+            "cardiac_output_L_per_min",
+            sv.map(|sv| 60.0 * sv / cycle_length_ms),
+        ),
+        (
+            "stroke_work_mJ",
+            traces.loop_area().map(|area| MJ_PER_MMHG_ML * area),
+        ),
         ("aortic_systolic_mmHg", extreme(f64::max)),
         ("aortic_diastolic_mmHg", extreme(f64::min)),
         ("aortic_mean_mmHg", mean),
@@ -85,12 +114,28 @@ mod tests {
         let text = "time_ms,pressure_mmHg,volume_mL,aortic_pressure_mmHg\n\
                     0,10,120,80\n1,110,120,100\n2,110,50,120\n3,10,50,100\nx,,,\n";
         let traces = Traces::of(text);
-        let biomarkers = Biomarkers { sv_ml: Some(70.0), edv_ml: Some(120.0), ..Biomarkers::default() };
+        let biomarkers = Biomarkers {
+            sv_ml: Some(70.0),
+            edv_ml: Some(120.0),
+            ..Biomarkers::default()
+        };
         let found: BTreeMap<_, _> = indices(&biomarkers, &traces, 700.0).into_iter().collect();
-        assert!((found["stroke_work_mJ"] - 0.133_322_4 * 100.0 * 70.0).abs() < 1e-9, "{found:?}");
-        assert_eq!((found["aortic_systolic_mmHg"], found["aortic_mean_mmHg"]), (120.0, 100.0));
+        assert!(
+            (found["stroke_work_mJ"] - 0.133_322_4 * 100.0 * 70.0).abs() < 1e-9,
+            "{found:?}"
+        );
+        assert_eq!(
+            (found["aortic_systolic_mmHg"], found["aortic_mean_mmHg"]),
+            (120.0, 100.0)
+        );
         assert!((found["ejection_fraction"] - 7.0 / 12.0).abs() < 1e-12);
-        assert!((found["cardiac_output_L_per_min"] - 6.0).abs() < 1e-12, "70 mL at 86 beats a minute");
-        assert!(!found.contains_key("P_max_mmHg"), "what a beat does not have is left out");
+        assert!(
+            (found["cardiac_output_L_per_min"] - 6.0).abs() < 1e-12,
+            "70 mL at 86 beats a minute"
+        );
+        assert!(
+            !found.contains_key("P_max_mmHg"),
+            "what a beat does not have is left out"
+        );
     }
 }

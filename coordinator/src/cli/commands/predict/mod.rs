@@ -28,9 +28,15 @@ use crate::report::prediction::{BeatLines, figure};
 use crate::results::atomic;
 
 /// Most beats to the periodic state of the one-fibre ventricle, and what it is called periodic at (mmHg and mL).
-const PERIODIC: BeatCount = BeatCount::Periodic { max: 100, tolerance: 0.05 };
+const PERIODIC: BeatCount = BeatCount::Periodic {
+    max: 100,
+    tolerance: 0.05,
+};
 /// The same of a finite-element ventricle, whose beats cost seconds to minutes.
-const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic { max: 10, tolerance: 0.5 };
+const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
+    max: 10,
+    tolerance: 0.5,
+};
 
 /// What a change of loads, pacing, cell or valves does to a personalised twin: before against after
 #[derive(Debug, Args)]
@@ -44,7 +50,12 @@ pub struct PredictArgs {
     #[arg(required_unless_present = "scenarios")]
     patient: Option<String>,
     /// A change: to a value, or by a percentage such as -20% (may be given several times)
-    #[arg(long = "set", value_name = "KEY=VALUE", required_unless_present = "scenarios", allow_hyphen_values = true)]
+    #[arg(
+        long = "set",
+        value_name = "KEY=VALUE",
+        required_unless_present = "scenarios",
+        allow_hyphen_values = true
+    )]
     set: Vec<String>,
     /// A file of scenarios, each a table with `set` and, where not every twin is meant, `patients`
     #[arg(long, value_name = "FILE", conflicts_with = "set")]
@@ -127,34 +138,58 @@ pub async fn execute(args: &PredictArgs, talk: &Talk) -> Result<Exit, CliError> 
         predictions.push(predict(args, scenario, &ventricle, &changes, &worker)?);
     }
     if args.json {
-        talk.json(&Answer { schema_version: SCHEMA_VERSION, predictions: &predictions })?;
+        talk.json(&Answer {
+            schema_version: SCHEMA_VERSION,
+            predictions: &predictions,
+        })?;
     } else if args.scenarios.is_some() {
         talk.data(&overview(&predictions, talk))?;
     } else {
-        predictions.iter().try_for_each(|prediction| talk.data(&screen(prediction, talk)))?;
+        predictions
+            .iter()
+            .try_for_each(|prediction| talk.data(&screen(prediction, talk)))?;
     }
-    let whole = predictions.iter().all(|prediction| prediction.personalised && prediction.periodic);
+    let whole = predictions
+        .iter()
+        .all(|prediction| prediction.personalised && prediction.periodic);
     Ok(if whole { Exit::Ok } else { Exit::Problems })
 }
 
 /// Scenario, patient and changes of each prediction.
-async fn asked(args: &PredictArgs, folders: &Folders) -> Result<Vec<(Option<String>, String, Vec<String>)>, CliError> {
+async fn asked(
+    args: &PredictArgs,
+    folders: &Folders,
+) -> Result<Vec<(Option<String>, String, Vec<String>)>, CliError> {
     let Some(file) = &args.scenarios else {
-        return Ok(args.patient.iter().map(|patient| (None, patient.clone(), args.set.clone())).collect());
+        return Ok(args
+            .patient
+            .iter()
+            .map(|patient| (None, patient.clone(), args.set.clone()))
+            .collect());
     };
     let scenarios = scenarios::read(file)?;
     let record = Reader::open(&folders.run).await?.record().await?;
-    let twins: Vec<String> =
-        record.patients.iter().filter(|p| p.twin().is_some()).map(|p| p.plan.id.to_string()).collect();
+    let twins: Vec<String> = record
+        .patients
+        .iter()
+        .filter(|p| p.twin().is_some())
+        .map(|p| p.plan.id.to_string())
+        .collect();
     let mut all = Vec::new();
     for (name, scenario) in scenarios {
-        let patients = args.patient.clone().map(|patient| vec![patient]).or(scenario.patients);
+        let patients = args
+            .patient
+            .clone()
+            .map(|patient| vec![patient])
+            .or(scenario.patients);
         for patient in patients.unwrap_or_else(|| twins.clone()) {
             all.push((Some(name.clone()), patient, scenario.set.clone()));
         }
     }
     if all.is_empty() {
-        return Err(CliError::Usage("no patient of the run has a twin yet: `cardiotwin run` makes them".to_owned()));
+        return Err(CliError::Usage(
+            "no patient of the run has a twin yet: `cardiotwin run` makes them".to_owned(),
+        ));
     }
     Ok(all)
 }
@@ -166,13 +201,21 @@ fn predict(
     changes: &[Change],
     worker: &Path,
 ) -> Result<Prediction, CliError> {
-    let (beats, asked) = if args.in_3d { (PERIODIC_IN_3D, AskedFor::TheOrgan) } else { (PERIODIC, AskedFor::OneFibre) };
+    let (beats, asked) = if args.in_3d {
+        (PERIODIC_IN_3D, AskedFor::TheOrgan)
+    } else {
+        (PERIODIC, AskedFor::OneFibre)
+    };
     let beats = args.beats.map_or(beats, |n| BeatCount::Fixed { n });
     let before = ventricle.beat_of_twin("predict", beats)?;
     let mut after = before.clone();
     let patient = ventricle.plan.id.to_string();
     let refuse = |problem: String| CliError::Usage(format!("{patient}: {problem}"));
-    let made = changes.iter().map(|change| change.make(&mut after)).collect::<Result<Vec<_>, _>>().map_err(refuse)?;
+    let made = changes
+        .iter()
+        .map(|change| change.make(&mut after))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(refuse)?;
     let (result_before, traces_before) = simulate(&before, asked, worker)?;
     let (result_after, traces_after) = simulate(&after, asked, worker)?;
     let (own, own_traces) = ventricle.twin()?;
@@ -192,13 +235,24 @@ fn predict(
     // As the twin's own beat is to the unchanged one, so is a prediction to a draw's changed one.
     for index in &mut indices {
         let band = bands.get(index.name).copied();
-        let scale = index.twin.zip(index.simulated_before).map(|(own, before)| own / before);
-        index.band = band.zip(scale).map(|(band, scale)| band.map(|value| value * scale));
+        let scale = index
+            .twin
+            .zip(index.simulated_before)
+            .map(|(own, before)| own / before);
+        index.band = band
+            .zip(scale)
+            .map(|(band, scale)| band.map(|value| value * scale));
     }
-    let mut remarks: Vec<String> = changes.iter().filter_map(Change::remark).map(str::to_owned).collect();
+    let mut remarks: Vec<String> = changes
+        .iter()
+        .filter_map(Change::remark)
+        .map(str::to_owned)
+        .collect();
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
-        remarks.push(format!("the twin is not personalised ({verdict}): what it predicts is as far off"));
+        remarks.push(format!(
+            "the twin is not personalised ({verdict}): what it predicts is as far off"
+        ));
     }
     if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
         remarks.push(format!("take the intervals for a guess: {doubt}"));
@@ -226,7 +280,9 @@ fn predict(
     };
     if !prediction.periodic {
         let [a, b] = prediction.beats;
-        prediction.remarks.push(format!("no periodic state after {a} and {b} beats: numbers still drift"));
+        prediction.remarks.push(format!(
+            "no periodic state after {a} and {b} beats: numbers still drift"
+        ));
     }
     if let Some(folder) = &args.out {
         write(folder, &mut prediction, &traces_before, &traces_after)?;
@@ -235,11 +291,20 @@ fn predict(
 }
 
 /// Result and `traces.csv` of a beat.
-fn simulate(beat: &OrganBeatSpec, asked: AskedFor, worker: &Path) -> Result<(OrganBeatResult, String), CliError> {
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+fn simulate(
+    beat: &OrganBeatSpec,
+    asked: AskedFor,
+    worker: &Path,
+) -> Result<(OrganBeatResult, String), CliError> {
+    let scratch =
+        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     let task = TaskSpec::OrganBeat(Box::new(beat.clone()));
     let outcome = ask_worker(worker, &task, scratch.path(), 0.0, asked)?;
-    let traces = outcome.artefacts.iter().find(|a| a.name == "traces").map(|a| scratch.path().join(&a.file));
+    let traces = outcome
+        .artefacts
+        .iter()
+        .find(|a| a.name == "traces")
+        .map(|a| scratch.path().join(&a.file));
     match outcome.ending {
         Ending::Succeeded { result } => match (*result, traces) {
             (TaskResult::OrganBeat(result), Some(path)) => {
@@ -248,7 +313,9 @@ fn simulate(beat: &OrganBeatSpec, asked: AskedFor, worker: &Path) -> Result<(Org
             }
             _ => Err(unexpected(worker)),
         },
-        other => Err(CliError::Simulation { message: describe(&other) }),
+        other => Err(CliError::Simulation {
+            message: describe(&other),
+        }),
     }
 }
 
@@ -257,18 +324,41 @@ fn side_by_side(
     before: &[(&'static str, f64)],
     after: &[(&'static str, f64)],
 ) -> Vec<Predicted> {
-    let of = |values: &[(&str, f64)], name: &str| values.iter().find(|(n, _)| *n == name).map(|(_, value)| *value);
+    let of = |values: &[(&str, f64)], name: &str| {
+        values
+            .iter()
+            .find(|(n, _)| *n == name)
+            .map(|(_, value)| *value)
+    };
     let row = |name: &'static str| {
         let (own, a, b) = (of(twin, name), of(before, name), of(after, name));
-        let relative_change = a.zip(b).map(|(a, b)| (b - a) / a).filter(|change| change.is_finite());
-        let predicted = own.zip(relative_change).map(|(own, change)| own * (1.0 + change));
-        Predicted { name, twin: own, relative_change, predicted, band: None, simulated_before: a, simulated_after: b }
+        let relative_change = a
+            .zip(b)
+            .map(|(a, b)| (b - a) / a)
+            .filter(|change| change.is_finite());
+        let predicted = own
+            .zip(relative_change)
+            .map(|(own, change)| own * (1.0 + change));
+        Predicted {
+            name,
+            twin: own,
+            relative_change,
+            predicted,
+            band: None,
+            simulated_before: a,
+            simulated_after: b,
+        }
     };
     before.iter().map(|(name, _)| row(name)).collect()
 }
 
 /// Traces, plot and prediction, all or none of each file.
-fn write(folder: &Path, prediction: &mut Prediction, before: &str, after: &str) -> Result<(), CliError> {
+fn write(
+    folder: &Path,
+    prediction: &mut Prediction,
+    before: &str,
+    after: &str,
+) -> Result<(), CliError> {
     std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
     let stem = match &prediction.scenario {
         Some(scenario) => format!("{scenario}-{}", prediction.patient),
@@ -283,43 +373,80 @@ fn write(folder: &Path, prediction: &mut Prediction, before: &str, after: &str) 
         }
     };
     let said: Vec<String> = prediction.changes.iter().map(words).collect();
-    let headline = format!("{}: twin before and after, periodic states", prediction.patient);
-    let json = serde_json::to_string_pretty(&*prediction)
-        .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
+    let headline = format!(
+        "{}: twin before and after, periodic states",
+        prediction.patient
+    );
+    let json = serde_json::to_string_pretty(&*prediction).map_err(|error| CliError::Io {
+        what: "cannot write JSON",
+        source: error.into(),
+    })?;
     let files = [
         (format!("{stem}-before.csv"), before.to_owned()),
         (format!("{stem}-after.csv"), after.to_owned()),
-        (format!("{stem}.svg"), figure(&headline, &said, &lines(before), &lines(after))),
+        (
+            format!("{stem}.svg"),
+            figure(&headline, &said, &lines(before), &lines(after)),
+        ),
         (format!("{stem}.json"), json + "\n"),
     ];
     for (name, text) in files {
         let path = folder.join(name);
-        atomic::replace(&path, |out| out.write_all(text.as_bytes())).map_err(CliError::file("write", &path))?;
+        atomic::replace(&path, |out| out.write_all(text.as_bytes()))
+            .map_err(CliError::file("write", &path))?;
         prediction.files.push(path);
     }
     Ok(())
 }
 
 fn words(changed: &Changed) -> String {
-    format!("{}: {} → {}", changed.key, optional(Some(changed.before)), optional(Some(changed.after)))
+    format!(
+        "{}: {} → {}",
+        changed.key,
+        optional(Some(changed.before)),
+        optional(Some(changed.after))
+    )
 }
 
 /// One prediction: changes, indices, remarks, files.
 fn screen(prediction: &Prediction, talk: &Talk) -> String {
-    let mut text: String = prediction.changes.iter().map(|changed| words(changed) + "\n").collect();
-    let mut table = Columns::new(talk, &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED", ">5 %", ">95 %"]);
+    let mut text: String = prediction
+        .changes
+        .iter()
+        .map(|changed| words(changed) + "\n")
+        .collect();
+    let mut table = Columns::new(
+        talk,
+        &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED", ">5 %", ">95 %"],
+    );
     for index in &prediction.indices {
         let [low, high] = [0, 1].map(|end| optional(index.band.map(|band| band[end])));
         let (change, predicted) = (percent(index.relative_change), optional(index.predicted));
-        let cells = [index.name.to_owned(), optional(index.twin), change, predicted, low, high];
+        let cells = [
+            index.name.to_owned(),
+            optional(index.twin),
+            change,
+            predicted,
+            low,
+            high,
+        ];
         table.row(cells);
     }
     text += "\n";
     text += &table.text();
     let [a, b] = prediction.beats;
-    text += &format!("{} ventricle, {a} beats before and {b} after\n", prediction.ventricle);
-    prediction.remarks.iter().for_each(|remark| text += &format!("remark: {remark}\n"));
-    prediction.files.iter().for_each(|file| text += &format!("{}\n", file.display()));
+    text += &format!(
+        "{} ventricle, {a} beats before and {b} after\n",
+        prediction.ventricle
+    );
+    prediction
+        .remarks
+        .iter()
+        .for_each(|remark| text += &format!("remark: {remark}\n"));
+    prediction
+        .files
+        .iter()
+        .for_each(|file| text += &format!("{}\n", file.display()));
     text
 }
 
@@ -340,16 +467,29 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
             let found = prediction.indices.iter().find(|index| index.name == name);
             found.map_or_else(
                 || "-".to_owned(),
-                |index| format!("{} ({})", optional(index.predicted), percent(index.relative_change)),
+                |index| {
+                    format!(
+                        "{} ({})",
+                        optional(index.predicted),
+                        percent(index.relative_change)
+                    )
+                },
             )
         };
-        let mut row = vec![prediction.scenario.clone().unwrap_or_default(), prediction.patient.clone()];
+        let mut row = vec![
+            prediction.scenario.clone().unwrap_or_default(),
+            prediction.patient.clone(),
+        ];
         row.extend(SHOWN.map(|(name, _)| cell(name)));
         table.row(row);
     }
-    let mut text = table.text() + "predicted, and in brackets the change between both periodic states\n";
+    let mut text =
+        table.text() + "predicted, and in brackets the change between both periodic states\n";
     for prediction in predictions {
-        prediction.remarks.iter().for_each(|remark| text += &format!("{}: {remark}\n", prediction.patient));
+        prediction
+            .remarks
+            .iter()
+            .for_each(|remark| text += &format!("{}: {remark}\n", prediction.patient));
     }
     text
 }
@@ -365,8 +505,15 @@ mod tests {
             &[("SV_mL", 50.0), ("EDP_mmHg", 8.0)],
             &[("SV_mL", 55.0), ("EDP_mmHg", 9.0)],
         );
-        assert_eq!(found.len(), 2, "what the simulated ventricle does not have is not predicted");
-        assert!((found[0].predicted.unwrap() - 66.0).abs() < 1e-9 && found[0].relative_change == Some(0.1));
+        assert_eq!(
+            found.len(),
+            2,
+            "what the simulated ventricle does not have is not predicted"
+        );
+        assert!(
+            (found[0].predicted.unwrap() - 66.0).abs() < 1e-9
+                && found[0].relative_change == Some(0.1)
+        );
         assert_eq!((found[1].twin, found[1].predicted), (None, None));
     }
 }

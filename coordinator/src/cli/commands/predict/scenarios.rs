@@ -29,9 +29,12 @@ pub struct Scenario {
 pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
     let text = std::fs::read_to_string(path).map_err(CliError::file("read", path))?;
     let refuse = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
-    let found: BTreeMap<String, Scenario> = toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
+    let found: BTreeMap<String, Scenario> =
+        toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
     if found.is_empty() {
-        return Err(refuse("no scenario; expected a table such as [stent] with set = [\"KEY=-20%\"]".to_owned()));
+        return Err(refuse(
+            "no scenario; expected a table such as [stent] with set = [\"KEY=-20%\"]".to_owned(),
+        ));
     }
     for (name, scenario) in &found {
         changes(&scenario.set).map_err(|problem| refuse(format!("[{name}] {problem}")))?;
@@ -62,10 +65,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             read(&path).map_err(|error| error.to_string())
         };
-        let found = said("[stent]\nset = [\"peripheral_resistance_mmHg_s_per_mL=-20%\"]\n").unwrap();
+        let found =
+            said("[stent]\nset = [\"peripheral_resistance_mmHg_s_per_mL=-20%\"]\n").unwrap();
         assert_eq!(found["stent"].patients, None);
         let wrong = said("[stent]\nset = [\"P_max_mmHg=1\"]\n").unwrap_err();
-        assert!(wrong.contains("[stent] P_max_mmHg: comes out of a beat"), "{wrong}");
+        assert!(
+            wrong.contains("[stent] P_max_mmHg: comes out of a beat"),
+            "{wrong}"
+        );
         assert!(said("[stent]\nsets = []\n").unwrap_err().contains("sets"));
         assert!(said("").unwrap_err().contains("no scenario"));
     }

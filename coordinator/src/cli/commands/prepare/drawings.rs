@@ -19,8 +19,13 @@ const ALL_POINTS: f64 = 80_000.0;
 
 /// What some of the steps did, a line each.
 fn steps(answer: &Preparation, wanted: &[&str]) -> Vec<String> {
-    let chosen = answer.steps.iter().filter(|step| wanted.contains(&step.step.as_str()));
-    chosen.map(|step| format!("{}: {}", step.step, step.what)).collect()
+    let chosen = answer
+        .steps
+        .iter()
+        .filter(|step| wanted.contains(&step.step.as_str()));
+    chosen
+        .map(|step| format!("{}: {}", step.step, step.what))
+        .collect()
 }
 
 /// Every beat as it was recorded, and the mean.
@@ -34,27 +39,64 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         let step = (beat.length_ms / points).max(recording.step_ms);
         let n = (beat.length_ms / step) as usize;
         let place = |t: f64| at(pressure, (beat.onset_ms + t) / recording.step_ms);
-        (0..=n).map(|k| k as f64 * step).map(|t| (t, place(t))).filter(|p| p.1.is_finite()).collect()
+        (0..=n)
+            .map(|k| k as f64 * step)
+            .map(|t| (t, place(t)))
+            .filter(|p| p.1.is_finite())
+            .collect()
     };
     let average = &prepared.average;
-    let mean: Line =
-        average.leading_pressure().iter().enumerate().map(|(i, p)| (i as f64 * average.step_ms, *p)).collect();
-    let spread = average.lv_pressure.as_ref().or(average.aortic_pressure.as_ref()).map_or(&[][..], |trace| &trace.sd);
-    let shifted = |sign: f64| mean.iter().zip(spread).map(|((t, p), sd)| (*t, p + sign * sd)).collect::<Line>();
+    let mean: Line = average
+        .leading_pressure()
+        .iter()
+        .enumerate()
+        .map(|(i, p)| (i as f64 * average.step_ms, *p))
+        .collect();
+    let spread = average
+        .lv_pressure
+        .as_ref()
+        .or(average.aortic_pressure.as_ref())
+        .map_or(&[][..], |trace| &trace.sd);
+    let shifted = |sign: f64| {
+        mean.iter()
+            .zip(spread)
+            .map(|((t, p), sd)| (*t, p + sign * sd))
+            .collect::<Line>()
+    };
     let mut found = BeatLines {
-        title: format!("{}: beats from the {}", made.answer.id, made.answer.beats.source),
+        title: format!(
+            "{}: beats from the {}",
+            made.answer.id, made.answer.beats.source
+        ),
         band: [shifted(-1.0), shifted(1.0)],
         ..BeatLines::default()
     };
-    for (idx, (beat, reasons)) in prepared.found.beats.iter().zip(&prepared.reasons).enumerate() {
+    for (idx, (beat, reasons)) in prepared
+        .found
+        .beats
+        .iter()
+        .zip(&prepared.reasons)
+        .enumerate()
+    {
         match reasons.first() {
             None => found.kept.push(line(beat)),
-            Some(reason) => found.left_out.push((format!("beat {}: {reason}", idx + 1), line(beat))),
+            Some(reason) => found
+                .left_out
+                .push((format!("beat {}: {reason}", idx + 1), line(beat))),
         }
     }
-    let kinds: BTreeSet<&str> = prepared.reasons.iter().filter_map(|r| r.first()).map(|r| r.kind()).collect();
+    let kinds: BTreeSet<&str> = prepared
+        .reasons
+        .iter()
+        .filter_map(|r| r.first())
+        .map(|r| r.kind())
+        .collect();
     let named: Vec<&str> = kinds.into_iter().collect();
-    let left_out = if named.is_empty() { String::new() } else { format!(" ({})", named.join(", ")) };
+    let left_out = if named.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", named.join(", "))
+    };
     found.text = vec![format!(
         "{} beats, {} in the mean of {:.0} ms, {} left out{left_out}",
         prepared.found.beats.len(),
@@ -62,7 +104,9 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         average.cycle_length_ms,
         found.left_out.len()
     )];
-    found.text.extend(steps(&made.answer, &["drift", "average"]));
+    found
+        .text
+        .extend(steps(&made.answer, &["drift", "average"]));
     found.mean = mean;
     if let Some(valves) = prepared.valves {
         found.events = vec![
@@ -78,12 +122,25 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
 pub fn volume(folder: &RawFolder, made: &Made) -> Option<VolumeLines> {
     let prepared: &Prepared = &made.prepared;
     let volume = prepared.volume.as_ref()?;
-    let frames = |cine: &Cine| -> Line { cine.time_ms.iter().copied().zip(cine.volume_ml.iter().copied()).collect() };
+    let frames = |cine: &Cine| -> Line {
+        cine.time_ms
+            .iter()
+            .copied()
+            .zip(cine.volume_ml.iter().copied())
+            .collect()
+    };
     let average = &prepared.average;
     let around = |cine: &Cine| -> Line {
-        let Some(lv) = &average.lv_pressure else { return Line::new() };
+        let Some(lv) = &average.lv_pressure else {
+            return Line::new();
+        };
         let time = |i: usize| i as f64 * average.step_ms;
-        let mut line: Line = lv.mean.iter().enumerate().map(|(i, p)| (cine.at(time(i)), *p)).collect();
+        let mut line: Line = lv
+            .mean
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (cine.at(time(i)), *p))
+            .collect();
         line.extend(line.first().copied());
         line
     };
@@ -92,7 +149,11 @@ pub fn volume(folder: &RawFolder, made: &Made) -> Option<VolumeLines> {
         text: steps(&made.answer, &["volume", "cycle", "synchronise"]),
         original: frames(&volume.original),
         adjusted: frames(&volume.adjusted.cine),
-        image: folder.file.whole_heart.as_ref().map(|image| (image.time_ms, image.volume_ml)),
+        image: folder
+            .file
+            .whole_heart
+            .as_ref()
+            .map(|image| (image.time_ms, image.volume_ml)),
         synchronised: frames(&volume.synchronised),
         sheared_loop: around(&volume.sheared),
         synchronised_loop: around(&volume.synchronised),

@@ -59,30 +59,43 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.say(said.trim_end());
     }
     let Some(raw) = raw else {
-        return Err(CliError::Recordings { errors: count(report.n_errors(), "error") });
+        return Err(CliError::Recordings {
+            errors: count(report.n_errors(), "error"),
+        });
     };
     let id = id_of(&raw, args)?;
     if let Some(folder) = &args.patient {
         may_write(folder, &id, args)?;
     }
     let mut made = preparation::make(&raw, &id).map_err(|error| {
-        CliError::Usage(format!("{}: {error}; [steps] of {PREPARE_TOML} can say more", args.raw.display()))
+        CliError::Usage(format!(
+            "{}: {error}; [steps] of {PREPARE_TOML} can say more",
+            args.raw.display()
+        ))
     })?;
     let pictures = draw(&raw, &made);
     made.answer.written = made.files.iter().map(|(name, _)| name.clone()).collect();
-    made.answer.written.extend(pictures.iter().map(|(name, _)| name.clone()));
+    made.answer
+        .written
+        .extend(pictures.iter().map(|(name, _)| name.clone()));
     made.answer.written.push(format!("{PREPARED}/prepare.json"));
     made.files.extend(pictures);
     let folder = args.patient.as_ref().filter(|_| !args.dry_run);
     if let Some(folder) = folder {
-        let text = serde_json::to_string_pretty(&made.answer)
-            .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
-        made.files.push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
+        let text = serde_json::to_string_pretty(&made.answer).map_err(|error| CliError::Io {
+            what: "cannot write JSON",
+            source: error.into(),
+        })?;
+        made.files
+            .push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
         write(folder, &made.files).map_err(CliError::Export)?;
     }
     if args.json {
         talk.json(&made.answer)?;
-        made.answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+        made.answer
+            .warnings
+            .iter()
+            .for_each(|warning| talk.say(&format!("warning: {warning}")));
     } else {
         talk.data(&text(&made.answer, talk))?;
     }
@@ -96,7 +109,9 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
 fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
     let name = |path: &Path| {
         let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        absolute.file_name().map(|name| name.to_string_lossy().into_owned())
+        absolute
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
     };
     let folder = args.patient.as_deref().and_then(name);
     match (&raw.file.id, folder) {
@@ -113,10 +128,17 @@ fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
 fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError> {
     let usage = |text: String| Err(CliError::Usage(text));
     if id.is_empty() || id == ".." || id == "." {
-        return usage(format!("{} is no name of a patient's folder", folder.display()));
+        return usage(format!(
+            "{} is no name of a patient's folder",
+            folder.display()
+        ));
     }
     let inside = |a: &Path, b: &Path| {
-        let real = |p: &Path| p.canonicalize().or_else(|_| std::path::absolute(p)).unwrap_or_else(|_| p.to_owned());
+        let real = |p: &Path| {
+            p.canonicalize()
+                .or_else(|_| std::path::absolute(p))
+                .unwrap_or_else(|_| p.to_owned())
+        };
         real(b).starts_with(real(a))
     };
     if inside(&args.raw, folder) || inside(folder, &args.raw) {
@@ -133,7 +155,10 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     let ours = folder.join(PREPARED).join("prepare.json").is_file();
     match (args.replace, ours) {
         (true, true) => Ok(()),
-        (false, true) => usage(format!("{} is there already; `--replace` makes it anew", folder.display())),
+        (false, true) => usage(format!(
+            "{} is there already; `--replace` makes it anew",
+            folder.display()
+        )),
         (_, false) => usage(format!(
             "{} is there already and was not made by `cardiotwin prepare`; give another folder, nothing was written",
             folder.display()
@@ -143,7 +168,9 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
 
 fn write(folder: &Path, files: &[(String, String)]) -> Result<(), WriteError> {
     let whole = WholeFolder::begin(folder)?;
-    files.iter().try_for_each(|(name, content)| whole.write(name, content.as_bytes()))?;
+    files
+        .iter()
+        .try_for_each(|(name, content)| whole.write(name, content.as_bytes()))?;
     whole.publish()
 }
 
@@ -159,16 +186,30 @@ fn afterwards(folder: &Path, talk: &Talk) {
     let checked = if complaints == 0 {
         "nothing to complain about".to_owned()
     } else {
-        format!("{}, {}", count(report.n_errors(), "error"), count(report.n_warnings(), "warning"))
+        format!(
+            "{}, {}",
+            count(report.n_errors(), "error"),
+            count(report.n_warnings(), "warning")
+        )
     };
-    talk.say(&format!("made {}; checked as `cardiotwin check` does: {checked}", folder.display()));
-    talk.hint(&format!("look at {}", folder.join(PREPARED).join("beats.svg").display()));
+    talk.say(&format!(
+        "made {}; checked as `cardiotwin check` does: {checked}",
+        folder.display()
+    ));
+    talk.hint(&format!(
+        "look at {}",
+        folder.join(PREPARED).join("beats.svg").display()
+    ));
 }
 
 fn draw(raw: &RawFolder, made: &Made) -> Vec<(String, String)> {
-    let beats = beats_svg(&drawings::beats(raw, made)).map(|svg| (format!("{PREPARED}/beats.svg"), svg));
+    let beats =
+        beats_svg(&drawings::beats(raw, made)).map(|svg| (format!("{PREPARED}/beats.svg"), svg));
     let volume = drawings::volume(raw, made).and_then(|lines| volume_svg(&lines));
-    beats.into_iter().chain(volume.map(|svg| (format!("{PREPARED}/volume.svg"), svg))).collect()
+    beats
+        .into_iter()
+        .chain(volume.map(|svg| (format!("{PREPARED}/volume.svg"), svg)))
+        .collect()
 }
 
 fn text(answer: &Preparation, talk: &Talk) -> String {
@@ -179,14 +220,23 @@ fn text(answer: &Preparation, talk: &Talk) -> String {
             StepState::Off | StepState::Unchanged => Some(Tone::Quiet),
             StepState::Lacking => Some(Tone::Doubtful),
         };
-        table.toned([(step.step.clone(), None), (step.state.word().to_owned(), tone), (step.what.clone(), None)]);
+        table.toned([
+            (step.step.clone(), None),
+            (step.state.word().to_owned(), tone),
+            (step.what.clone(), None),
+        ]);
     }
     let mut text = table.text();
     if !answer.beats.left_out.is_empty() {
         let mut table = Columns::new(talk, &[">BEAT", ">AT (s)", "KIND", "WHY"]);
         for beat in answer.beats.left_out.iter().take(MOST_NAMED) {
             let at = format!("{:.2}", 1e-3 * beat.onset_ms);
-            table.row([&beat.number.to_string(), &at, &beat.kind, &beat.reasons.join("; ")]);
+            table.row([
+                &beat.number.to_string(),
+                &at,
+                &beat.kind,
+                &beat.reasons.join("; "),
+            ]);
         }
         text.push_str(&format!("\n{}", table.text()));
         if answer.beats.left_out.len() > MOST_NAMED {

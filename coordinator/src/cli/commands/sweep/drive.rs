@@ -14,11 +14,17 @@ use crate::engine::{self, EngineEvent, RunOptions, RunSummary, StopSignal};
 ///
 /// # Errors
 /// The engine's.
-pub async fn drive(options: RunOptions, members: &'static str, talk: &Talk) -> Result<RunSummary, CliError> {
+pub async fn drive(
+    options: RunOptions,
+    members: &'static str,
+    talk: &Talk,
+) -> Result<RunSummary, CliError> {
     access::apply(&options.executor, &options.run_dir)?;
     take_up_cancelled(&options, members, talk).await?;
-    let stop =
-        StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
+        what: "cannot listen to signals",
+        source,
+    })?;
     let (events, mut received) = tokio::sync::mpsc::unbounded_channel();
     let mut watcher = Watcher::new(talk, members);
     let watching = tokio::spawn(async move {
@@ -36,16 +42,29 @@ pub async fn drive(options: RunOptions, members: &'static str, talk: &Talk) -> R
     Ok(outcome?)
 }
 
-async fn take_up_cancelled(options: &RunOptions, members: &str, talk: &Talk) -> Result<(), CliError> {
+async fn take_up_cancelled(
+    options: &RunOptions,
+    members: &str,
+    talk: &Talk,
+) -> Result<(), CliError> {
     if !options.run_dir.join("cardiotwin.db").exists() {
         return Ok(());
     }
-    let status = engine::Reader::open(&options.run_dir).await?.status().await?;
-    let cancelled = status.patients.into_iter().filter(|member| member.state == "cancelled");
+    let status = engine::Reader::open(&options.run_dir)
+        .await?
+        .status()
+        .await?;
+    let cancelled = status
+        .patients
+        .into_iter()
+        .filter(|member| member.state == "cancelled");
     let cancelled: Vec<PatientId> = cancelled.map(|member| PatientId(member.patient)).collect();
     if !cancelled.is_empty() {
         engine::retry_all(&options.run_dir, &cancelled).await?;
-        talk.say(&format!("{} cancelled {members} are taken up again", cancelled.len()));
+        talk.say(&format!(
+            "{} cancelled {members} are taken up again",
+            cancelled.len()
+        ));
     }
     Ok(())
 }

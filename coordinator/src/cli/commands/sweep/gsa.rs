@@ -40,7 +40,13 @@ pub struct GsaArgs {
     #[arg(long, value_name = "PATIENT", conflicts_with_all = ["cycle_length_ms", "lambda_0", "tolerance"])]
     organ: Option<String>,
     /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or `paper`, Table A5's
-    #[arg(long, value_name = "BOX", requires = "organ", value_enum, hide_possible_values = true)]
+    #[arg(
+        long,
+        value_name = "BOX",
+        requires = "organ",
+        value_enum,
+        hide_possible_values = true
+    )]
     r#box: Option<Intervals>,
     /// Sweep the valves' forward resistances, too
     #[arg(long, requires = "organ")]
@@ -108,7 +114,9 @@ enum Intervals {
 }
 
 fn bounds(text: &str) -> Result<(String, [f64; 2]), String> {
-    let parts = text.split_once('=').and_then(|(name, range)| Some((name, range.split_once(',')?)));
+    let parts = text
+        .split_once('=')
+        .and_then(|(name, range)| Some((name, range.split_once(',')?)));
     let (name, (lower, upper)) = parts.ok_or("expected NAME=LOWER,UPPER")?;
     Ok((name.to_owned(), [number(lower)?, number(upper)?]))
 }
@@ -119,13 +127,19 @@ fn value(text: &str) -> Result<(String, f64), String> {
 }
 
 fn number(text: &str) -> Result<f64, String> {
-    text.trim().parse().map_err(|_| format!("`{text}` is no number"))
+    text.trim()
+        .parse()
+        .map_err(|_| format!("`{text}` is no number"))
 }
 
 impl GsaArgs {
     /// Folder of the sweep.
     fn out(&self) -> PathBuf {
-        let default = || self.organ.as_ref().map_or_else(|| "gsa".into(), |patient| format!("gsa-{patient}").into());
+        let default = || {
+            self.organ
+                .as_ref()
+                .map_or_else(|| "gsa".into(), |patient| format!("gsa-{patient}").into())
+        };
         self.out.clone().unwrap_or_else(default)
     }
 
@@ -135,7 +149,9 @@ impl GsaArgs {
         let mut bounds = match self.r#box {
             None => Vec::new(),
             Some(Intervals::Paper) => spec::of_paper(),
-            Some(Intervals::Twin) => spec::around(beat.and_then(|beat| beat.contraction.cell_parameters())),
+            Some(Intervals::Twin) => {
+                spec::around(beat.and_then(|beat| beat.contraction.cell_parameters()))
+            }
         };
         if self.valves {
             bounds.extend(spec::valves());
@@ -165,12 +181,23 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let (out, spec) = (args.out(), settle(args).await?);
     let n_parameters = spec.design.parameters.len();
-    if args.select.is_some_and(|n| !(1..=n_parameters).contains(&n)) {
+    if args
+        .select
+        .is_some_and(|n| !(1..=n_parameters).contains(&n))
+    {
         let expected = format!("1 to {n_parameters}, the parameters swept");
         let found = args.select.unwrap_or_default().to_string();
-        return Err(SweepError::Setting { name: "--select".into(), found, expected }.into());
+        return Err(SweepError::Setting {
+            name: "--select".into(),
+            found,
+            expected,
+        }
+        .into());
     }
-    let mut executor = ExecutorSettings { workers: args.workers, ..ExecutorSettings::default() };
+    let mut executor = ExecutorSettings {
+        workers: args.workers,
+        ..ExecutorSettings::default()
+    };
     args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: out.clone(),
@@ -194,30 +221,63 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         return Ok(Exit::Unfinished);
     }
     let simulated_s = began.elapsed().as_secs_f64();
-    finish(args, &summary, Phases { simulate_s: simulated_s, ..Phases::default() }, began, talk).await
+    finish(
+        args,
+        &summary,
+        Phases {
+            simulate_s: simulated_s,
+            ..Phases::default()
+        },
+        began,
+        talk,
+    )
+    .await
 }
 
 fn subject(spec: &GsaSpec) -> String {
     let organ = spec.design.organ.as_ref();
-    organ.map_or_else(|| "the 0D cell".to_owned(), |organ| format!("the organ of {}", organ.patient))
+    organ.map_or_else(
+        || "the 0D cell".to_owned(),
+        |organ| format!("the organ of {}", organ.patient),
+    )
 }
 
 /// The design in the patient's ventricle, where one was asked for, else the cell's own.
 async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
-    let Some(patient) = &args.organ else { return Ok(spec::published()) };
+    let Some(patient) = &args.organ else {
+        return Ok(spec::published());
+    };
     let cohort = args.cohort.as_deref().unwrap_or(Path::new("."));
     let folders = Folders::of(cohort, args.run_dir.as_deref());
     let ventricle = Ventricle::of_run(&folders, patient, "--organ").await?;
-    let beats = BeatCount::Fixed { n: ventricle.plan.settings.solver.beats };
+    let beats = BeatCount::Fixed {
+        n: ventricle.plan.settings.solver.beats,
+    };
     let mut beat = ventricle.beat_of_twin("--organ", beats)?;
     let (parameters, lambda_0) = match beat.contraction {
-        ContractionSpec::Land2017Rice { parameters, lambda_0 }
-        | ContractionSpec::Land2017Trace { parameters, lambda_0, .. } => (parameters, lambda_0),
+        ContractionSpec::Land2017Rice {
+            parameters,
+            lambda_0,
+        }
+        | ContractionSpec::Land2017Trace {
+            parameters,
+            lambda_0,
+            ..
+        } => (parameters, lambda_0),
         ContractionSpec::Tanh { .. } => (BTreeMap::new(), 1.0),
     };
     // The calcium's parameters are swept, too: no trace of it.
-    beat.contraction = ContractionSpec::Land2017Rice { parameters, lambda_0 };
-    Ok(spec::of_organ(SweptOrgan { patient: ventricle.plan.id.clone(), beat }, lambda_0))
+    beat.contraction = ContractionSpec::Land2017Rice {
+        parameters,
+        lambda_0,
+    };
+    Ok(spec::of_organ(
+        SweptOrgan {
+            patient: ventricle.plan.id.clone(),
+            beat,
+        },
+        lambda_0,
+    ))
 }
 
 /// The settings of this call, in the folder's file.
@@ -243,10 +303,24 @@ async fn settle(args: &GsaArgs) -> Result<GsaSpec, CliError> {
             let spec = wishes.on(base)?;
             let sweep = SweepSpec::Gsa(Box::new(spec.clone()));
             let version = env!("CARGO_PKG_VERSION").to_owned();
-            (spec, SweepFile { schema_version: SCHEMA_VERSION, version, created: clock::now_utc(), sweep })
+            (
+                spec,
+                SweepFile {
+                    schema_version: SCHEMA_VERSION,
+                    version,
+                    created: clock::now_utc(),
+                    sweep,
+                },
+            )
         }
     };
-    folder::write(&out, &SweepFile { sweep: SweepSpec::Gsa(Box::new(spec.clone())), ..file })?;
+    folder::write(
+        &out,
+        &SweepFile {
+            sweep: SweepSpec::Gsa(Box::new(spec.clone())),
+            ..file
+        },
+    )?;
     Ok(spec)
 }
 
@@ -272,7 +346,11 @@ async fn finish(
         let writing = Instant::now();
         files = outcome::write(&out, record)?;
         if let Some(n) = args.select {
-            files.push(folder::write_result(&out, selection::file(record), &selection::toml(record, n)?)?);
+            files.push(folder::write_result(
+                &out,
+                selection::file(record),
+                &selection::toml(record, n)?,
+            )?);
         }
         phases.write_s = writing.elapsed().as_secs_f64();
     }

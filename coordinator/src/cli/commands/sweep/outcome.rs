@@ -70,7 +70,15 @@ impl<'a> Answer<'a> {
             unfinished: run.unfinished,
             published_now: run.published,
         };
-        Self { schema_version: SCHEMA_VERSION, folder, chunks, stopped: run.stopped, phases, files, sensitivity }
+        Self {
+            schema_version: SCHEMA_VERSION,
+            folder,
+            chunks,
+            stopped: run.stopped,
+            phases,
+            files,
+            sensitivity,
+        }
     }
 }
 
@@ -78,11 +86,17 @@ impl<'a> Answer<'a> {
 ///
 /// # Errors
 /// [`SweepError`](crate::sweep::SweepError) when there is no sweep, too little of it, or an artefact is damaged.
-pub async fn analysed(folder: &Path, blocks: Option<u32>, phases: &mut Phases) -> Result<SensitivityRecord, CliError> {
+pub async fn analysed(
+    folder: &Path,
+    blocks: Option<u32>,
+    phases: &mut Phases,
+) -> Result<SensitivityRecord, CliError> {
     let spec = spec::of(folder::read(folder)?)?;
     let began = Instant::now();
     let members = Reader::open(folder).await?.members().await?;
-    let chunks = members.iter().map(|member| (&member.plan, member.task.as_ref()));
+    let chunks = members
+        .iter()
+        .map(|member| (&member.plan, member.task.as_ref()));
     let samples = read_first(&spec, blocks.unwrap_or(u32::MAX), chunks)?;
     phases.read_s = began.elapsed().as_secs_f64();
     let began = Instant::now();
@@ -97,8 +111,10 @@ pub async fn analysed(folder: &Path, blocks: Option<u32>, phases: &mut Phases) -
 /// # Errors
 /// Whatever the file system says.
 pub fn write(folder: &Path, record: &SensitivityRecord) -> Result<Vec<PathBuf>, CliError> {
-    let json = serde_json::to_string_pretty(record)
-        .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
+    let json = serde_json::to_string_pretty(record).map_err(|error| CliError::Io {
+        what: "cannot write JSON",
+        source: error.into(),
+    })?;
     let files = [
         ("indices.csv", tables::indices(record)),
         ("second_order.csv", tables::second_order(record)),
@@ -107,5 +123,8 @@ pub fn write(folder: &Path, record: &SensitivityRecord) -> Result<Vec<PathBuf>, 
         ("sensitivity.svg", sensitivity::figure(record)),
         ("report.html", sensitivity::page(record)),
     ];
-    Ok(files.iter().map(|(name, text)| write_result(folder, name, text)).collect::<Result<_, _>>()?)
+    Ok(files
+        .iter()
+        .map(|(name, text)| write_result(folder, name, text))
+        .collect::<Result<_, _>>()?)
 }

@@ -41,8 +41,17 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
     let mut files = outcome::write(&args.folder, &record)?;
     if let Some(n) = args.select {
-        files.push(folder::write_result(&args.folder, selection::file(&record), &selection::toml(&record, n)?)?);
+        files.push(folder::write_result(
+            &args.folder,
+            selection::file(&record),
+            &selection::toml(&record, n)?,
+        )?);
     }
-    talk.data(&files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
+    talk.data(
+        &files
+            .iter()
+            .map(|file| format!("{}\n", file.display()))
+            .collect::<String>(),
+    )?;
     Ok(Exit::Ok)
 }

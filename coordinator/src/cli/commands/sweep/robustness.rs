@@ -33,7 +33,11 @@ const STOP: &str = "step1.stop=";
 /// Over guesses, step 1 goes on until nothing is gained any more: else the guess decides where within the tolerance it
 /// stops, and that would be taken for its effect. Over data it stops as in the paper: beyond, parameters that uncertain
 /// targets hardly determine pay for the last thousandth (docs/robustness.md).
-const TO_THE_END: [&str; 3] = ["step1.stop=best-of-limit", "step1.max_iterations=30", "step1.stall_iterations=6"];
+const TO_THE_END: [&str; 3] = [
+    "step1.stop=best-of-limit",
+    "step1.max_iterations=30",
+    "step1.stall_iterations=6",
+];
 
 /// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
@@ -109,10 +113,11 @@ impl Kind {
 /// [`CliError::Input`] when anything is wrong with the cohort; the sweep's, the engine's and the report's.
 pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
-    let out = args
-        .out
-        .clone()
-        .unwrap_or_else(|| args.cohort.join("sweeps").join(format!("robustness-{}", args.kind.over().word())));
+    let out = args.out.clone().unwrap_or_else(|| {
+        args.cohort
+            .join("sweeps")
+            .join(format!("robustness-{}", args.kind.over().word()))
+    });
     let before = before(args.kind.over(), &out)?;
     let cohort = load(args, before.as_ref(), talk)?;
     let spec = specification(args, before.as_ref(), &cohort, &out)?;
@@ -144,11 +149,17 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
 ///
 /// # Errors
 /// The store's; [`SweepError::Empty`] before the first member is known.
-pub(super) async fn stored(out: &Path, spec: &RobustnessSpec) -> Result<(RobustnessResult, RunRecord), CliError> {
+pub(super) async fn stored(
+    out: &Path,
+    spec: &RobustnessSpec,
+) -> Result<(RobustnessResult, RunRecord), CliError> {
     let record = Reader::open(out).await?.record().await?;
     let plans = robustness::patients(spec, &record);
     if plans.is_empty() {
-        return Err(SweepError::Empty { path: out.to_owned() }.into());
+        return Err(SweepError::Empty {
+            path: out.to_owned(),
+        }
+        .into());
     }
     let result = robustness::result(spec, &plans, &record).map_err(SweepError::from)?;
     Ok((result, record))
@@ -161,20 +172,32 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
         Some(SweepSpec::Robustness(spec)) if spec.over == over => Ok(Some(*spec)),
         Some(other) => {
             let changes = format!("it is a sweep of {}", described(&other));
-            Err(SweepError::Changed { path: out.to_owned(), changes }.into())
+            Err(SweepError::Changed {
+                path: out.to_owned(),
+                changes,
+            }
+            .into())
         }
     }
 }
 
 /// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
-fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
+fn load(
+    args: &RobustnessArgs,
+    before: Option<&RobustnessSpec>,
+    talk: &Talk,
+) -> Result<Cohort, CliError> {
     let mut set = args.set.clone();
-    if matches!(args.kind.over(), Uncertainty::Guess) && !set.iter().any(|setting| setting.starts_with(STOP)) {
+    if matches!(args.kind.over(), Uncertainty::Guess)
+        && !set.iter().any(|setting| setting.starts_with(STOP))
+    {
         // First, so that what the caller sets wins.
         set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
-    let mut only: Vec<String> = before.map_or(Vec::new(), |s| s.patients.iter().map(ToString::to_string).collect());
+    let mut only: Vec<String> = before.map_or(Vec::new(), |s| {
+        s.patients.iter().map(ToString::to_string).collect()
+    });
     only.extend(
         args.patients
             .iter()
@@ -185,14 +208,24 @@ fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> 
         only.clear();
     }
     let mut report = Report::default();
-    let cohort = input::load(&args.cohort, &Options { set, only, ..Options::default() }, &mut report);
+    let cohort = input::load(
+        &args.cohort,
+        &Options {
+            set,
+            only,
+            ..Options::default()
+        },
+        &mut report,
+    );
     let said = problems::text(&report, talk.colour_err);
     if !said.is_empty() {
         talk.say(said.trim_end());
     }
     cohort
         .filter(|_| report.n_errors() == 0)
-        .ok_or_else(|| CliError::Input { errors: count(report.n_errors(), "error") })
+        .ok_or_else(|| CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        })
 }
 
 /// What was asked for; what was not is as the folder has it, else as in the paper.
@@ -209,18 +242,37 @@ fn specification(
     };
     let spec = RobustnessSpec {
         over,
-        patients: cohort.patients.iter().map(|p| PatientId(p.id.clone())).collect(),
-        n_samples: args.samples.or(before.map(|s| s.n_samples)).unwrap_or(paper.0),
+        patients: cohort
+            .patients
+            .iter()
+            .map(|p| PatientId(p.id.clone()))
+            .collect(),
+        n_samples: args
+            .samples
+            .or(before.map(|s| s.n_samples))
+            .unwrap_or(paper.0),
         n_seeds: args.seeds.or(before.map(|s| s.n_seeds)).unwrap_or(paper.1),
         range: args.range.or(before.map(|s| s.range)).unwrap_or(paper.2),
         seed: args.seed.or(before.map(|s| s.seed)).unwrap_or(1),
     };
     if !(spec.range > 0.0 && spec.range < 1.0) {
         let expected = "a share above 0 and below 1, for example 0.1 for ±10 %".to_owned();
-        return Err(SweepError::Setting { name: "--range".into(), found: spec.range.to_string(), expected }.into());
+        return Err(SweepError::Setting {
+            name: "--range".into(),
+            found: spec.range.to_string(),
+            expected,
+        }
+        .into());
     }
-    match before.map(|before| changes(before, &spec)).filter(|changes| !changes.is_empty()) {
-        Some(changes) => Err(SweepError::Changed { path: out.to_owned(), changes: changes.join(", ") }.into()),
+    match before
+        .map(|before| changes(before, &spec))
+        .filter(|changes| !changes.is_empty())
+    {
+        Some(changes) => Err(SweepError::Changed {
+            path: out.to_owned(),
+            changes: changes.join(", "),
+        }
+        .into()),
         None => Ok(spec),
     }
 }
@@ -240,14 +292,21 @@ fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
             changes.push(format!("{name} {before} then, {now} now"));
         }
     };
-    compare("--samples", before.n_samples.to_string(), now.n_samples.to_string());
+    compare(
+        "--samples",
+        before.n_samples.to_string(),
+        now.n_samples.to_string(),
+    );
     compare("--range", before.range.to_string(), now.range.to_string());
     compare("--seed", before.seed.to_string(), now.seed.to_string());
     changes
 }
 
 /// All members of all patients.
-fn members(spec: &RobustnessSpec, plans: &[ResolvedPatient]) -> Result<Vec<ResolvedPatient>, CliError> {
+fn members(
+    spec: &RobustnessSpec,
+    plans: &[ResolvedPatient],
+) -> Result<Vec<ResolvedPatient>, CliError> {
     let mut all = Vec::new();
     for plan in plans {
         let members = robustness::members(plan, spec).map_err(SweepError::from)?;
@@ -297,7 +356,11 @@ async fn run(
 }
 
 /// Writes all files; tells the page.
-pub(super) fn write(result: &RobustnessResult, record: &RunRecord, out: &Path) -> Result<PathBuf, CliError> {
+pub(super) fn write(
+    result: &RobustnessResult,
+    record: &RunRecord,
+    out: &Path,
+) -> Result<PathBuf, CliError> {
     let json = serde_json::to_string_pretty(result).expect("a result is JSON") + "\n";
     for (name, text) in [
         ("robustness.json", json),
@@ -320,7 +383,10 @@ fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
         duration(began.elapsed().as_secs_f64()),
         summary.done,
         summary.unfinished,
-        count(usize::try_from(summary.published).unwrap_or(usize::MAX), "task"),
+        count(
+            usize::try_from(summary.published).unwrap_or(usize::MAX),
+            "task"
+        ),
     ));
     if summary.stopped {
         talk.say("stopped; nothing finished is lost, and the same command goes on");

@@ -1,6 +1,8 @@
 //! Tables 3 to 10 for a terminal.
 
-use cardiotwin_schemas::robustness::{Condition, PatientRobustness, QuantitySpread, RobustnessResult, Uncertainty};
+use cardiotwin_schemas::robustness::{
+    Condition, PatientRobustness, QuantitySpread, RobustnessResult, Uncertainty,
+};
 
 use crate::cli::table::{Columns, number, optional};
 use crate::cli::talk::{Talk, Tone, count, paint};
@@ -33,7 +35,11 @@ fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) 
         text += &errors(patient, talk);
     }
     for member in patient.members.iter().filter(|m| m.failure.is_some()) {
-        text += &format!("\n{} failed: {}\n", member.id, member.failure.as_deref().unwrap_or_default());
+        text += &format!(
+            "\n{} failed: {}\n",
+            member.id,
+            member.failure.as_deref().unwrap_or_default()
+        );
     }
     text += "\n";
     text += &conditions(&patient.conditions, talk);
@@ -43,14 +49,27 @@ fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) 
 fn spreads(quantities: &[QuantitySpread], talk: &Talk) -> String {
     let paper = quantities.iter().any(|q| q.paper.is_some());
     let amplified = quantities.iter().any(|q| q.amplification.is_some());
-    let mut headings = vec!["QUANTITY", ">ORIGINAL", ">MEAN", ">SD", ">MIN", ">MAX", ">DIFF MEAN (SD; MAX) %"];
+    let mut headings = vec![
+        "QUANTITY",
+        ">ORIGINAL",
+        ">MEAN",
+        ">SD",
+        ">MIN",
+        ">MAX",
+        ">DIFF MEAN (SD; MAX) %",
+    ];
     headings.extend(paper.then_some(">PAPER'S"));
     headings.push(">SPREAD %");
     headings.extend(amplified.then_some(">OF INPUT'S"));
     let mut table = Columns::new(talk, &headings);
     for q in quantities {
         let difference = q.relative_differences.map_or_else(dash, |d| {
-            format!("{} ({}; {})", percent(Some(d.mean)), percent(d.standard_deviation), percent(Some(d.maximum)))
+            format!(
+                "{} ({}; {})",
+                percent(Some(d.mean)),
+                percent(d.standard_deviation),
+                percent(Some(d.maximum))
+            )
         });
         let mut row = vec![
             q.name.clone(),
@@ -69,7 +88,11 @@ fn spreads(quantities: &[QuantitySpread], talk: &Talk) -> String {
         }
         row.push(percent(q.spread));
         if amplified {
-            row.push(q.amplification.as_ref().map_or_else(dash, |a| format!("{:.2}", a.ratio)));
+            row.push(
+                q.amplification
+                    .as_ref()
+                    .map_or_else(dash, |a| format!("{:.2}", a.ratio)),
+            );
         }
         table.row(row);
     }
@@ -79,7 +102,13 @@ fn spreads(quantities: &[QuantitySpread], talk: &Talk) -> String {
 fn errors(patient: &PatientRobustness, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
-        &["RESULTS", "BIOMARKER", ">ORIGINAL TO MEASURED", ">SAMPLES TO PERTURBED", ">SAMPLES TO MEASURED"],
+        &[
+            "RESULTS",
+            "BIOMARKER",
+            ">ORIGINAL TO MEASURED",
+            ">SAMPLES TO PERTURBED",
+            ">SAMPLES TO MEASURED",
+        ],
     );
     for e in &patient.target_errors {
         let pair = |m: &cardiotwin_schemas::robustness::Moments| {
@@ -104,7 +133,13 @@ fn conditions(conditions: &[Condition], talk: &Talk) -> String {
             Some(false) => ("missed", Tone::Doubtful),
             None => ("open  ", Tone::Quiet),
         };
-        format!("{}  {}: {} (asked: {})\n", paint(talk.colour_out, tone, word), c.name, c.found, c.limit)
+        format!(
+            "{}  {}: {} (asked: {})\n",
+            paint(talk.colour_out, tone, word),
+            c.name,
+            c.found,
+            c.limit
+        )
     };
     conditions.iter().map(line).collect()
 }
@@ -122,11 +157,17 @@ mod tests {
     use super::*;
     use cardiotwin_schemas::ids::PatientId;
     use cardiotwin_schemas::robustness::{
-        Amplification, Moments, PaperSpread, Printed, RobustnessSpec, RobustnessTable, TableKind, TargetError,
+        Amplification, Moments, PaperSpread, Printed, RobustnessSpec, RobustnessTable, TableKind,
+        TargetError,
     };
 
     fn moments(mean: f64, standard_deviation: Option<f64>, minimum: f64, maximum: f64) -> Moments {
-        Moments { mean, standard_deviation, minimum, maximum }
+        Moments {
+            mean,
+            standard_deviation,
+            minimum,
+            maximum,
+        }
     }
 
     fn quantity(name: &str, printed: bool) -> QuantitySpread {
@@ -160,7 +201,11 @@ mod tests {
 
     #[test]
     fn tables_say_what_was_found_beside_what_is_printed() {
-        let table = |table, quantities| RobustnessTable { table, paper_table: 3, quantities };
+        let table = |table, quantities| RobustnessTable {
+            table,
+            paper_table: 3,
+            quantities,
+        };
         let error = TargetError {
             table: TableKind::Step1Biomarkers,
             biomarker: "P_max_mmHg".into(),
@@ -183,9 +228,16 @@ mod tests {
                 TableKind::Step1Parameters,
                 vec![quantity("Smax_ref_kPa", true), quantity("a_p_kPa", false)],
             )],
-            seed_tables: vec![table(TableKind::Step2Parameters, vec![quantity("n_Tm", false)])],
+            seed_tables: vec![table(
+                TableKind::Step2Parameters,
+                vec![quantity("n_Tm", false)],
+            )],
             target_errors: vec![error],
-            conditions: vec![condition("a", Some(true)), condition("b", Some(false)), condition("c", None)],
+            conditions: vec![
+                condition("a", Some(true)),
+                condition("b", Some(false)),
+                condition("c", None),
+            ],
         };
         let result = RobustnessResult {
             schema_version: 1,
@@ -201,7 +253,12 @@ mod tests {
             },
             patients: vec![patient],
         };
-        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+        let talk = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
         insta::assert_snapshot!(tables(&result, &talk));
     }
 }

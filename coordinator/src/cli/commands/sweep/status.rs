@@ -60,7 +60,10 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     } else {
         talk.data(&text(&status))?;
         if status.blocks_complete >= 2 {
-            talk.hint(&format!("`cardiotwin sweep show {}` shows the indices so far", args.folder.display()));
+            talk.hint(&format!(
+                "`cardiotwin sweep show {}` shows the indices so far",
+                args.folder.display()
+            ));
         }
     }
     Ok(Exit::Ok)
@@ -81,7 +84,11 @@ struct RobustnessStatus {
     failed: Vec<PatientStatus>,
 }
 
-async fn robustness(args: &StatusArgs, spec: &RobustnessSpec, talk: &Talk) -> Result<Exit, CliError> {
+async fn robustness(
+    args: &StatusArgs,
+    spec: &RobustnessSpec,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
     let status = Reader::open(&args.folder).await?.status().await?;
     let found = RobustnessStatus {
         schema_version: SCHEMA_VERSION,
@@ -91,7 +98,11 @@ async fn robustness(args: &StatusArgs, spec: &RobustnessSpec, talk: &Talk) -> Re
         coordinator_running: status.coordinator_running,
         patients: spec.patients.len(),
         members: status.counts,
-        failed: status.patients.into_iter().filter(|member| member.state == "failed").collect(),
+        failed: status
+            .patients
+            .into_iter()
+            .filter(|member| member.state == "failed")
+            .collect(),
     };
     if args.json {
         talk.json(&found)?;
@@ -99,7 +110,10 @@ async fn robustness(args: &StatusArgs, spec: &RobustnessSpec, talk: &Talk) -> Re
     }
     let ending = ending(&found.members, found.coordinator_running, &found.as_of);
     let patients = count(found.patients, "patient");
-    let line = format!("robustness, {}: {patients}; personalisations: {ending}", found.over);
+    let line = format!(
+        "robustness, {}: {patients}; personalisations: {ending}",
+        found.over
+    );
     talk.data(&(failures(&found.failed) + &line))?;
     let folder = args.folder.display();
     talk.hint(&format!(
@@ -116,7 +130,11 @@ async fn read(folder: &Path) -> Result<SweepStatus, CliError> {
     let status = reader.status().await?;
     let members = reader.members().await?;
     let complete = members.iter().take_while(|member| member.task.is_some());
-    let blocks_complete = complete.filter_map(|member| chunks::blocks(&member.plan)).map(|b| b.end).max().unwrap_or(0);
+    let blocks_complete = complete
+        .filter_map(|member| chunks::blocks(&member.plan))
+        .map(|b| b.end)
+        .max()
+        .unwrap_or(0);
     Ok(SweepStatus {
         schema_version: SCHEMA_VERSION,
         kind,
@@ -124,9 +142,14 @@ async fn read(folder: &Path) -> Result<SweepStatus, CliError> {
         coordinator_running: status.coordinator_running,
         blocks: spec.n_blocks,
         blocks_complete,
-        samples_complete: u64::from(blocks_complete) * (2 * spec.design.parameters.len() as u64 + 2),
+        samples_complete: u64::from(blocks_complete)
+            * (2 * spec.design.parameters.len() as u64 + 2),
         chunks: status.counts,
-        failed: status.patients.into_iter().filter(|member| member.state == "failed").collect(),
+        failed: status
+            .patients
+            .into_iter()
+            .filter(|member| member.state == "failed")
+            .collect(),
     })
 }
 
@@ -150,7 +173,15 @@ fn failures(failed: &[PatientStatus]) -> String {
 
 /// Members by state, who is at work, and when.
 fn ending(counts: &BTreeMap<String, u64>, coordinator_running: bool, as_of: &str) -> String {
-    let counts: Vec<String> = counts.iter().filter(|(_, n)| **n > 0).map(|(state, n)| format!("{n} {state}")).collect();
-    let coordinator = if coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
+    let counts: Vec<String> = counts
+        .iter()
+        .filter(|(_, n)| **n > 0)
+        .map(|(state, n)| format!("{n} {state}"))
+        .collect();
+    let coordinator = if coordinator_running {
+        "a coordinator is running"
+    } else {
+        "no coordinator is running"
+    };
     format!("{}; {coordinator}; as of {as_of}\n", counts.join(", "))
 }

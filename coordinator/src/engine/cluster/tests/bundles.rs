@@ -18,10 +18,16 @@ fn in_3d(n: usize) -> Vec<ResolvedPatient> {
 }
 
 fn demand(lab: &Lab) -> Vec<String> {
-    let folders = std::fs::read_dir(lab.run_dir().join("slurm")).unwrap().flatten();
-    let scripts = folders.map(|folder| std::fs::read_to_string(folder.path().join("job.sh")).unwrap());
-    let line =
-        |script: String| script.lines().find_map(|line| line.strip_prefix("#SBATCH --nodes=").map(str::to_owned));
+    let folders = std::fs::read_dir(lab.run_dir().join("slurm"))
+        .unwrap()
+        .flatten();
+    let scripts =
+        folders.map(|folder| std::fs::read_to_string(folder.path().join("job.sh")).unwrap());
+    let line = |script: String| {
+        script
+            .lines()
+            .find_map(|line| line.strip_prefix("#SBATCH --nodes=").map(str::to_owned))
+    };
     scripts.filter_map(line).collect()
 }
 
@@ -36,7 +42,11 @@ async fn a_node_is_filled_before_another_is_taken() {
     lab.assert_published_once().await;
     let (claimed, ended) = lab.attempts();
     assert_eq!(claimed, ended, "nothing was begun twice");
-    assert_eq!(lab.slurm.model.lock().unwrap().runs().len(), 1, "one job of several nodes, one wait in the queue");
+    assert_eq!(
+        lab.slurm.model.lock().unwrap().runs().len(),
+        1,
+        "one job of several nodes, one wait in the queue"
+    );
 }
 
 /// One of several nodes is lost: what its driver had not brought to an end goes on in another job.

@@ -20,7 +20,9 @@ use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
 use crate::engine::crash::CrashPoints;
 use crate::engine::driver::{DriverPlace, drive_job};
 use crate::engine::tests::scripted::Script;
-use crate::engine::{EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick};
+use crate::engine::{
+    EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick,
+};
 
 /// Slurm, as the tick meets it.
 #[derive(Debug, Clone)]
@@ -35,11 +37,17 @@ impl Scheduler for Modelled {
     async fn ask(&mut self, command: &Command) -> Output {
         self.asked.lock().unwrap().push(command.program);
         if matches!(command.program, "scontrol" | "sacctmgr") {
-            return Output { exit: Exit::Code(0), stdout: String::new(), stderr: String::new() };
+            return Output {
+                exit: Exit::Code(0),
+                stdout: String::new(),
+                stderr: String::new(),
+            };
         }
         let mut faults = self.faults.lock().unwrap();
         let fault = match faults.front() {
-            Some((program, _)) if *program == command.program => faults.pop_front().map(|(_, fault)| fault),
+            Some((program, _)) if *program == command.program => {
+                faults.pop_front().map(|(_, fault)| fault)
+            }
             _ => None,
         };
         let mut model = self.model.lock().unwrap();
@@ -78,7 +86,10 @@ impl Executor for OnDisk {
         }
         self.begun += 1;
         let attempt = order.spec.attempt.clone();
-        let claimed = fs::File::options().write(true).create_new(true).open(order.directory.join("started.json"));
+        let claimed = fs::File::options()
+            .write(true)
+            .create_new(true)
+            .open(order.directory.join("started.json"));
         if claimed.is_err() || order.directory.join(dispatch::FENCE).exists() {
             return Err(died(&order.directory));
         }
@@ -86,8 +97,12 @@ impl Executor for OnDisk {
             return Err(died(&order.directory)); // claimed, and nothing came of it
         }
         fs::write(order.directory.join("nodal.csv"), "x").unwrap();
-        let nodal =
-            Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256: attempt.task.to_string(), bytes: 1 };
+        let nodal = Artefact {
+            name: "nodal".into(),
+            file: "nodal.csv".into(),
+            sha256: attempt.task.to_string(),
+            bytes: 1,
+        };
         let outcome = TaskOutcome {
             schema_version: SCHEMA_VERSION,
             attempt: attempt.clone(),
@@ -95,7 +110,11 @@ impl Executor for OnDisk {
             artefacts: vec![nodal],
             provenance: Provenance::default(),
         };
-        fs::write(order.directory.join("outcome.json"), serde_json::to_string(&outcome).unwrap()).unwrap();
+        fs::write(
+            order.directory.join("outcome.json"),
+            serde_json::to_string(&outcome).unwrap(),
+        )
+        .unwrap();
         self.directories.insert(attempt.clone(), order.directory);
         self.ended.push_back(attempt);
         Ok(ExternalId::from("1"))
@@ -110,17 +129,26 @@ impl Executor for OnDisk {
     }
 
     async fn news(&mut self) -> Vec<News> {
-        let Some(attempt) = self.ended.pop_front() else { return std::future::pending().await };
+        let Some(attempt) = self.ended.pop_front() else {
+            return std::future::pending().await;
+        };
         let directory = self.directories.remove(&attempt).unwrap();
         let evidence = dispatch::outcome(&directory).unwrap().unwrap();
-        vec![News::Ended { attempt, evidence, claim: None }]
+        vec![News::Ended {
+            attempt,
+            evidence,
+            claim: None,
+        }]
     }
 }
 
 /// Nodes of each element of a job: on each of them its script starts a driver.
 fn n_nodes(folder: &Path) -> u32 {
     let script = fs::read_to_string(folder.join("job.sh")).unwrap();
-    script.lines().find_map(|line| line.strip_prefix("#SBATCH --nodes=")?.parse().ok()).unwrap()
+    script
+        .lines()
+        .find_map(|line| line.strip_prefix("#SBATCH --nodes=")?.parse().ok())
+        .unwrap()
 }
 
 pub struct Lab {
@@ -147,13 +175,30 @@ impl Lab {
             asked: Arc::default(),
         };
         let site = site.to_string_lossy().into_owned();
-        let settings = SlurmSettings { site, grace_s: 0, job_s: 1, ..SlurmSettings::default() };
-        Self { dir, slurm, script: Arc::default(), patients, settings, site_retries: 2, driven: HashSet::new() }
+        let settings = SlurmSettings {
+            site,
+            grace_s: 0,
+            job_s: 1,
+            ..SlurmSettings::default()
+        };
+        Self {
+            dir,
+            slurm,
+            script: Arc::default(),
+            patients,
+            settings,
+            site_retries: 2,
+            driven: HashSet::new(),
+        }
     }
 
     /// Where whole nodes are given.
     pub fn with_whole_nodes(self) -> Self {
-        fs::write(&self.settings.site, SITE.replace("unit = 'core'", "unit = 'node'")).unwrap();
+        fs::write(
+            &self.settings.site,
+            SITE.replace("unit = 'core'", "unit = 'node'"),
+        )
+        .unwrap();
         self
     }
 
@@ -185,7 +230,16 @@ impl Lab {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         let (_lock, lease, run_dir) = enter_with_lease(&self.run_dir())?;
         let programs = (PathBuf::from("/w"), PathBuf::from("/p"));
-        tick(options, (run_dir, lease), self.slurm.clone(), programs, crash, events, StopSignal::new()).await
+        tick(
+            options,
+            (run_dir, lease),
+            self.slurm.clone(),
+            programs,
+            crash,
+            events,
+            StopSignal::new(),
+        )
+        .await
     }
 
     pub fn pass(&self, seconds: i64) {
@@ -203,10 +257,21 @@ impl Lab {
             let folder = self.run_dir().join("slurm").join(&run.name);
             for node in 0..n_nodes(&folder) {
                 let id = Some(n.to_string());
-                let place = DriverPlace { folder: folder.clone(), element, node, id, leave_at_ms: None };
+                let place = DriverPlace {
+                    folder: folder.clone(),
+                    element,
+                    node,
+                    id,
+                    leave_at_ms: None,
+                };
                 let (script, dies) = (Arc::clone(&self.script), dies());
-                let executor =
-                    |_: &_| OnDisk { script, ended: VecDeque::new(), dies, begun: 0, directories: BTreeMap::new() };
+                let executor = |_: &_| OnDisk {
+                    script,
+                    ended: VecDeque::new(),
+                    dies,
+                    begun: 0,
+                    directories: BTreeMap::new(),
+                };
                 // A driver that dies says nothing; its job ends all the same.
                 let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
             }
@@ -223,7 +288,10 @@ impl Lab {
             self.pass(30);
             self.drive(|| None).await;
         }
-        panic!("it does not end: {:#?}", self.slurm.model.lock().unwrap().runs());
+        panic!(
+            "it does not end: {:#?}",
+            self.slurm.model.lock().unwrap().runs()
+        );
     }
 
     pub async fn reader(&self) -> Reader {
@@ -237,9 +305,17 @@ impl Lab {
     /// Every task that was published was published once, and was not begun again afterwards.
     pub async fn assert_published_once(&self) {
         let mut published: HashSet<String> = HashSet::new();
-        for event in self.events().await.into_iter().filter(|event| event.machine == "task") {
+        for event in self
+            .events()
+            .await
+            .into_iter()
+            .filter(|event| event.machine == "task")
+        {
             let task = event.task.as_ref().unwrap().to_string();
-            assert!(!published.contains(&task), "task {task} went on after it was published: {event:?}");
+            assert!(
+                !published.contains(&task),
+                "task {task} went on after it was published: {event:?}"
+            );
             if event.event["event"] == "ended" && event.event["how"]["how"] == "succeeded" {
                 published.insert(task);
             }
@@ -249,9 +325,14 @@ impl Lab {
     /// How many attempts were claimed by a worker, and how many left an outcome.
     pub fn attempts(&self) -> (usize, usize) {
         let folders = |path: &Path| -> Vec<PathBuf> {
-            fs::read_dir(path).map(|entries| entries.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+            fs::read_dir(path)
+                .map(|entries| entries.flatten().map(|e| e.path()).collect())
+                .unwrap_or_default()
         };
-        let all: Vec<PathBuf> = folders(&self.run_dir().join("attempts")).iter().flat_map(|p| folders(p)).collect();
+        let all: Vec<PathBuf> = folders(&self.run_dir().join("attempts"))
+            .iter()
+            .flat_map(|p| folders(p))
+            .collect();
         let with = |name: &str| all.iter().filter(|path| path.join(name).exists()).count();
         (with("started.json"), with("outcome.json"))
     }

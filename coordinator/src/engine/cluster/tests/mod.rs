@@ -18,7 +18,9 @@ use crate::engine::{EventRecord, tests};
 use lab::Lab;
 
 fn noops(n: usize) -> Vec<ResolvedPatient> {
-    (1..=n).map(|i| noop_patient(&format!("P{i:02}"), 0)).collect()
+    (1..=n)
+        .map(|i| noop_patient(&format!("P{i:02}"), 0))
+        .collect()
 }
 
 /// Events as they are compared: without times, numbers of processes and jobs.
@@ -32,7 +34,10 @@ fn told(events: Vec<EventRecord>) -> Vec<String> {
             }
             let who = event.patient.map(|p| p.to_string()).unwrap_or_default();
             let task = event.task.map(|t| t.to_string()).unwrap_or_default();
-            format!("{} {who} {task} {:?} {body}", event.machine, event.generation)
+            format!(
+                "{} {who} {task} {:?} {body}",
+                event.machine, event.generation
+            )
         })
         .collect()
 }
@@ -43,8 +48,15 @@ async fn a_patient_leaves_the_same_store_on_a_cluster_and_on_this_machine() {
     assert_eq!(here.run().await.0.done, 1);
     let mut there = Lab::new(vec![personalised("P1", 8.0)], Settings::default());
     assert_eq!(there.finish().await.done, 1);
-    assert_eq!(told(there.events().await), told(here.reader().await.history(None).await.unwrap()));
-    assert_eq!(there.slurm.model.lock().unwrap().runs().len(), 1, "it waited in the queue once");
+    assert_eq!(
+        told(there.events().await),
+        told(here.reader().await.history(None).await.unwrap())
+    );
+    assert_eq!(
+        there.slurm.model.lock().unwrap().runs().len(),
+        1,
+        "it waited in the queue once"
+    );
     let record = |mut record: cardiotwin_schemas::record::PatientRecord| {
         record.status.for_s = 0.0;
         let mut value = serde_json::to_value(&record).unwrap();
@@ -64,7 +76,13 @@ async fn a_patient_leaves_the_same_store_on_a_cluster_and_on_this_machine() {
 
 #[tokio::test]
 async fn a_tick_asks_two_commands_at_the_most() {
-    let mut lab = Lab::new(noops(30), Settings { n_nodes: 2, ..Settings::default() });
+    let mut lab = Lab::new(
+        noops(30),
+        Settings {
+            n_nodes: 2,
+            ..Settings::default()
+        },
+    );
     lab.settings.job_s = 1;
     lab.tick(None).await.unwrap();
     lab.slurm.asked.lock().unwrap().clear();
@@ -76,7 +94,10 @@ async fn a_tick_asks_two_commands_at_the_most() {
     lab.pass(400);
     lab.tick(None).await.unwrap();
     let asked = lab.slurm.asked.lock().unwrap().clone();
-    assert!(asked.iter().filter(|p| **p != "sbatch").count() <= 2, "{asked:?}");
+    assert!(
+        asked.iter().filter(|p| **p != "sbatch").count() <= 2,
+        "{asked:?}"
+    );
     lab.finish().await;
     lab.assert_published_once().await;
 }
@@ -87,9 +108,19 @@ async fn a_tick_killed_at_any_point_is_continued() {
     let mut deaths = 0;
     for faulty in [false, true] {
         for point in 1..200 {
-            let mut lab = Lab::new(noops(3), Settings { n_nodes: 2, ..Settings::default() });
+            let mut lab = Lab::new(
+                noops(3),
+                Settings {
+                    n_nodes: 2,
+                    ..Settings::default()
+                },
+            );
             if faulty {
-                lab.slurm.faults.lock().unwrap().push_back(("sbatch", Fault::TimeoutAfter));
+                lab.slurm
+                    .faults
+                    .lock()
+                    .unwrap()
+                    .push_back(("sbatch", Fault::TimeoutAfter));
             }
             let mut left = point;
             let mut died = false;
@@ -111,54 +142,112 @@ async fn a_tick_killed_at_any_point_is_continued() {
             let summary = lab.finish().await;
             assert_eq!((summary.done, summary.failed), (3, 0), "point {point}");
             lab.assert_published_once().await;
-            assert_eq!(lab.attempts(), (9, 9), "nothing was done twice: point {point}, faulty {faulty}");
+            assert_eq!(
+                lab.attempts(),
+                (9, 9),
+                "nothing was done twice: point {point}, faulty {faulty}"
+            );
             if point > 40 {
                 break;
             }
         }
     }
-    assert!(deaths > 40, "only {deaths} deaths: are the crash points still there?");
+    assert!(
+        deaths > 40,
+        "only {deaths} deaths: are the crash points still there?"
+    );
 }
 
 #[tokio::test]
 async fn a_doubtful_submission_is_adopted_and_not_repeated() {
-    for fault in [Fault::TimeoutAfter, Fault::KilledAfter, Fault::Garbage("motd\n".into()), Fault::Cut(0)] {
+    for fault in [
+        Fault::TimeoutAfter,
+        Fault::KilledAfter,
+        Fault::Garbage("motd\n".into()),
+        Fault::Cut(0),
+    ] {
         let mut lab = Lab::new(noops(1), Settings::default());
-        lab.slurm.faults.lock().unwrap().push_back(("sbatch", fault.clone()));
+        lab.slurm
+            .faults
+            .lock()
+            .unwrap()
+            .push_back(("sbatch", fault.clone()));
         lab.tick(None).await.unwrap();
         std::thread::sleep(std::time::Duration::from_millis(2));
         let summary = lab.finish().await;
         assert_eq!(summary.done, 1);
-        let submissions = lab.slurm.asked.lock().unwrap().iter().filter(|p| **p == "sbatch").count();
+        let submissions = lab
+            .slurm
+            .asked
+            .lock()
+            .unwrap()
+            .iter()
+            .filter(|p| **p == "sbatch")
+            .count();
         assert_eq!((submissions, lab.attempts()), (1, (3, 3)), "{fault:?}");
     }
     let mut lab = Lab::new(noops(1), Settings::default());
-    lab.slurm.faults.lock().unwrap().push_back(("sbatch", Fault::TimeoutBefore));
+    lab.slurm
+        .faults
+        .lock()
+        .unwrap()
+        .push_back(("sbatch", Fault::TimeoutBefore));
     lab.tick(None).await.unwrap();
     std::thread::sleep(std::time::Duration::from_millis(2));
     assert_eq!(lab.finish().await.done, 1);
-    let submissions = lab.slurm.asked.lock().unwrap().iter().filter(|p| **p == "sbatch").count();
-    assert_eq!(submissions, 2, "it never arrived: after the lookup it is asked for again, under another name");
+    let submissions = lab
+        .slurm
+        .asked
+        .lock()
+        .unwrap()
+        .iter()
+        .filter(|p| **p == "sbatch")
+        .count();
+    assert_eq!(
+        submissions, 2,
+        "it never arrived: after the lookup it is asked for again, under another name"
+    );
 }
 
 #[tokio::test]
 async fn a_full_queue_is_waited_for_and_told() {
-    let mut settings = Settings { n_nodes: 1, ..Settings::default() };
-    settings.qos.insert("normal".into(), Limits { max_queued: Some(1), ..Limits::default() });
+    let mut settings = Settings {
+        n_nodes: 1,
+        ..Settings::default()
+    };
+    settings.qos.insert(
+        "normal".into(),
+        Limits {
+            max_queued: Some(1),
+            ..Limits::default()
+        },
+    );
     let mut lab = Lab::new(noops(1), settings);
     // Another job of the user's; the site's profile knows nothing of the limit, so that Slurm itself refuses.
     let filler = "#!/bin/bash\n#SBATCH --job-name=filler\n#SBATCH --hold\n#SBATCH --qos=normal\n";
     let submit = cardiotwin_slurm::commands::submit("filler.sh");
-    lab.slurm.model.lock().unwrap().answer(&submit, |_| Some(filler.into()), None);
+    lab.slurm
+        .model
+        .lock()
+        .unwrap()
+        .answer(&submit, |_| Some(filler.into()), None);
     for _ in 0..3 {
         lab.tick(None).await.unwrap();
         let status = lab.reader().await.status().await.unwrap();
         let holds = status.cluster.unwrap().holds.unwrap();
         assert!(holds.contains("QOSMaxSubmitJobPerUserLimit"), "{holds}");
-        assert!(status.patients[0].note.contains("refused for now"), "{:?}", status.patients[0]);
+        assert!(
+            status.patients[0].note.contains("refused for now"),
+            "{:?}",
+            status.patients[0]
+        );
     }
     let filler = cardiotwin_slurm::job::JobName::new("filler").unwrap();
-    lab.slurm.model.lock().unwrap().answer(&cardiotwin_slurm::commands::cancel_name(&filler), |_| None, None);
+    lab.slurm.model.lock().unwrap().answer(
+        &cardiotwin_slurm::commands::cancel_name(&filler),
+        |_| None,
+        None,
+    );
     assert_eq!(lab.finish().await.done, 1);
     assert_eq!(lab.attempts(), (3, 3));
 }
@@ -167,7 +256,14 @@ async fn a_full_queue_is_waited_for_and_told() {
 #[tokio::test]
 async fn what_follows_from_a_failure_is_bounded_and_named() {
     for (signal, cause) in [(125, SiteCause::OutOfMemory), (9, SiteCause::Unexplained)] {
-        let settings = Settings { behaviour: Behaviour { seconds: 10, code: 0, signal }, ..Settings::default() };
+        let settings = Settings {
+            behaviour: Behaviour {
+                seconds: 10,
+                code: 0,
+                signal,
+            },
+            ..Settings::default()
+        };
         let mut lab = Lab::new(noops(1), settings);
         let mut ended = None;
         for _ in 0..60 {
@@ -180,7 +276,12 @@ async fn what_follows_from_a_failure_is_bounded_and_named() {
             lab.drive(|| Some((0, true))).await;
         }
         assert_eq!(ended.expect("it ends").failed, 1);
-        let record = lab.reader().await.patient_record(&PatientId::from("P01")).await.unwrap();
+        let record = lab
+            .reader()
+            .await
+            .patient_record(&PatientId::from("P01"))
+            .await
+            .unwrap();
         let failure = record.failure.unwrap();
         assert_eq!(failure.cause, Some(cause), "{}", failure.message);
     }
@@ -197,14 +298,21 @@ async fn a_node_that_is_lost_publishes_nothing_and_is_avoided() {
     assert_eq!(lab.attempts(), (0, 0), "a revoked job begins nothing");
     assert_eq!(lab.finish().await.done, 1);
     let scripts: Vec<String> = walk_scripts(&lab);
-    assert!(scripts.iter().any(|script| script.contains("--exclude=n1")), "{scripts:#?}");
+    assert!(
+        scripts.iter().any(|script| script.contains("--exclude=n1")),
+        "{scripts:#?}"
+    );
     lab.assert_published_once().await;
     assert_eq!(lab.attempts(), (3, 3));
 }
 
 fn walk_scripts(lab: &Lab) -> Vec<String> {
-    let folders = std::fs::read_dir(lab.run_dir().join("slurm")).unwrap().flatten();
-    folders.filter_map(|folder| std::fs::read_to_string(folder.path().join("job.sh")).ok()).collect()
+    let folders = std::fs::read_dir(lab.run_dir().join("slurm"))
+        .unwrap()
+        .flatten();
+    folders
+        .filter_map(|folder| std::fs::read_to_string(folder.path().join("job.sh")).ok())
+        .collect()
 }
 
 /// A small generator: the crate has no random numbers, and runs are to be repeated by their seed.
@@ -223,14 +331,23 @@ impl Dice {
 /// kills there are at least (docs/slurm.md has the figures of 10,000).
 #[tokio::test]
 async fn random_kills_lose_nothing_and_publish_nothing_twice() {
-    let wanted: u64 = std::env::var("CARDIOTWIN_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(60);
+    let wanted: u64 = std::env::var("CARDIOTWIN_KILLS")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(60);
     let (mut kills, mut seed, mut claims, mut tasks) = (0, 0_u64, 0, 0);
     let mut kinds: BTreeMap<&str, u64> = BTreeMap::new();
     while kills < wanted {
         seed += 1;
         let mut dice = Dice(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
         let n_patients = 1 + dice.roll(4) as usize;
-        let mut lab = Lab::new(noops(n_patients), Settings { n_nodes: 3, ..Settings::default() });
+        let mut lab = Lab::new(
+            noops(n_patients),
+            Settings {
+                n_nodes: 3,
+                ..Settings::default()
+            },
+        );
         (lab.settings.free_repeats, lab.site_retries) = (1000, 1000);
         for _ in 0..12 {
             let mut kill = |kind| {
@@ -270,7 +387,11 @@ async fn random_kills_lose_nothing_and_publish_nothing_twice() {
                         ("squeue", Fault::Garbage("???".into())),
                     ];
                     kill("command");
-                    lab.slurm.faults.lock().unwrap().push_back(faults[dice.roll(6) as usize].clone());
+                    lab.slurm
+                        .faults
+                        .lock()
+                        .unwrap()
+                        .push_back(faults[dice.roll(6) as usize].clone());
                     let _ = lab.tick(None).await;
                 }
                 _ => lab.drive(|| None).await,
@@ -282,7 +403,12 @@ async fn random_kills_lose_nothing_and_publish_nothing_twice() {
         }
         let summary = lab.finish().await;
         let said = (summary.done, summary.failed, summary.cancelled);
-        assert_eq!(said, (n_patients, 0, 0), "seed {seed}: {:#?}", lab.reader().await.status().await.unwrap());
+        assert_eq!(
+            said,
+            (n_patients, 0, 0),
+            "seed {seed}: {:#?}",
+            lab.reader().await.status().await.unwrap()
+        );
         lab.assert_published_once().await;
         let (claimed, _) = lab.attempts();
         claims += claimed;

@@ -10,7 +10,12 @@ use crate::linear::Pattern;
 pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
     const FREE: u32 = u32::MAX;
     let n = pattern.n_rows();
-    let around = |row: usize| pattern.row(row).map(|k| pattern.column[k] as usize).filter(|other| *other < n);
+    let around = |row: usize| {
+        pattern
+            .row(row)
+            .map(|k| pattern.column[k] as usize)
+            .filter(|other| *other < n)
+    };
     let mut group = vec![FREE; n];
     let mut n_groups = 0;
     for root in 0..n {
@@ -32,10 +37,12 @@ pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
                 None => counts.push((of, 1)),
             }
         }
-        let most = counts.iter().fold(None, |best: Option<(u32, u32)>, c| match best {
-            Some(b) if b.1 >= c.1 => Some(b),
-            _ => Some(*c),
-        });
+        let most = counts
+            .iter()
+            .fold(None, |best: Option<(u32, u32)>, c| match best {
+                Some(b) if b.1 >= c.1 => Some(b),
+                _ => Some(*c),
+            });
         group[node] = match most {
             Some((g, _)) => g,
             // Without a neighbour in a group: a part of the mesh of its own.

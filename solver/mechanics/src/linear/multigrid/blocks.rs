@@ -16,7 +16,13 @@ pub(super) struct Blocks<const W: usize, const C: usize> {
 impl<const W: usize, const C: usize> Blocks<W, C> {
     /// Without rows.
     pub(super) fn empty() -> Self {
-        Self { pattern: Pattern { row_start: vec![0], column: vec![] }, blocks: vec![] }
+        Self {
+            pattern: Pattern {
+                row_start: vec![0],
+                column: vec![],
+            },
+            blocks: vec![],
+        }
     }
 
     /// Without rows, with room for so many and their blocks.
@@ -24,7 +30,10 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         let mut row_start = Vec::with_capacity(n_rows + 1);
         row_start.push(0);
         Self {
-            pattern: Pattern { row_start, column: Vec::with_capacity(n_blocks) },
+            pattern: Pattern {
+                row_start,
+                column: Vec::with_capacity(n_blocks),
+            },
             blocks: Vec::with_capacity(n_blocks),
         }
     }
@@ -41,8 +50,14 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         for (row, y) in y.iter_mut().enumerate() {
             let mut sum = [0.0_f32; W];
             let range = self.pattern.row(row);
-            prefetch(self.blocks.as_flattened(), &(range.start * C..range.end * C));
-            for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
+            prefetch(
+                self.blocks.as_flattened(),
+                &(range.start * C..range.end * C),
+            );
+            for (block, column) in self.blocks[range.clone()]
+                .iter()
+                .zip(&self.pattern.column[range])
+            {
                 let v = &x[*column as usize];
                 for j in 0..C {
                     for i in 0..W {
@@ -62,8 +77,14 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         y.fill([0.0; V]);
         for (row, v) in x.iter().enumerate() {
             let range = self.pattern.row(row);
-            prefetch(self.blocks.as_flattened(), &(range.start * C..range.end * C));
-            for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
+            prefetch(
+                self.blocks.as_flattened(),
+                &(range.start * C..range.end * C),
+            );
+            for (block, column) in self.blocks[range.clone()]
+                .iter()
+                .zip(&self.pattern.column[range])
+            {
                 let y = &mut y[*column as usize];
                 for j in 0..C {
                     y[j] += (0..W).map(|i| block[j][i] * v[i]).sum::<f32>();
@@ -81,7 +102,10 @@ pub(super) struct Row<const W: usize, const C: usize> {
 
 impl<const W: usize, const C: usize> Row<W, C> {
     pub(super) fn new() -> Self {
-        Self { columns: vec![], blocks: vec![] }
+        Self {
+            columns: vec![],
+            blocks: vec![],
+        }
     }
 
     pub(super) fn clear(&mut self) {
@@ -129,7 +153,8 @@ impl<const W: usize, const C: usize> Row<W, C> {
 
 /// Inverse of a symmetric positive definite block of `B` rows, in double precision; of its diagonal alone where it is not.
 pub(super) fn inverse<const W: usize, const B: usize>(block: &Block<W, B>) -> Block<W, B> {
-    let matrix = nalgebra::SMatrix::<f64, B, B>::from_fn(|i, j| f64::from(block[j][i] + block[i][j]) * 0.5);
+    let matrix =
+        nalgebra::SMatrix::<f64, B, B>::from_fn(|i, j| f64::from(block[j][i] + block[i][j]) * 0.5);
     let mut out = [[0.0; W]; B];
     match matrix.cholesky() {
         Some(factor) => {
@@ -168,7 +193,12 @@ pub(super) fn add_times<const W: usize, const V: usize, const K: usize, const C:
 
 /// `to += aᵀ b`.
 #[inline(always)]
-pub(super) fn add_transposed_times<const W: usize, const V: usize, const R: usize, const C: usize>(
+pub(super) fn add_transposed_times<
+    const W: usize,
+    const V: usize,
+    const R: usize,
+    const C: usize,
+>(
     a: &Block<W, R>,
     b: &Block<W, C>,
     to: &mut Block<V, C>,

@@ -25,7 +25,11 @@ pub(super) fn smoothed<const W: usize, const B: usize>(
         row.clear();
         for slot in matrix.pattern.row(k) {
             let other = matrix.pattern.column[slot] as usize;
-            add_times(&matrix.blocks[slot], &tentative[other], row.at(group[other]));
+            add_times(
+                &matrix.blocks[slot],
+                &tentative[other],
+                row.at(group[other]),
+            );
         }
         for block in row.blocks_mut() {
             let mut scaled = [[0.0; W]; 6];
@@ -54,12 +58,20 @@ fn pack<const W: usize>(column: u32, block: &Block<W, 6>, to: &mut Vec<f64>) {
 fn unpack<const W: usize>(from: &[f64]) -> (u32, Block<W, 6>, &[f64]) {
     let (own, rest) = from.split_at(1 + 6 * W);
     let mut block = [[0.0; W]; 6];
-    block.as_flattened_mut().iter_mut().zip(&own[1..]).for_each(|(to, from)| *to = *from as f32);
+    block
+        .as_flattened_mut()
+        .iter_mut()
+        .zip(&own[1..])
+        .for_each(|(to, from)| *to = *from as f32);
     (own[0] as u32, block, rest)
 }
 
 /// Rows of ghosts, in their order. Collective.
-fn of_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<W, 6>) -> Blocks<W, 6> {
+fn of_ghosts<const W: usize>(
+    comm: &dyn Communicator,
+    halo: &Halo,
+    p: &Blocks<W, 6>,
+) -> Blocks<W, 6> {
     let lists: Vec<Vec<f64>> = halo
         .sent()
         .map(|nodes| {
@@ -113,9 +125,17 @@ pub(super) fn galerkin<const W: usize, const B: usize>(
         product.clear();
         for slot in matrix.pattern.row(k) {
             let column = matrix.pattern.column[slot] as usize;
-            let (p, row) = if column < n { (p, column) } else { (&ghosts, column - n) };
+            let (p, row) = if column < n {
+                (p, column)
+            } else {
+                (&ghosts, column - n)
+            };
             for q in p.pattern.row(row) {
-                add_times(&matrix.blocks[slot], &p.blocks[q], product.at(p.pattern.column[q]));
+                add_times(
+                    &matrix.blocks[slot],
+                    &p.blocks[q],
+                    product.at(p.pattern.column[q]),
+                );
             }
         }
         for slot in p.pattern.row(k) {
@@ -134,9 +154,13 @@ pub(super) fn galerkin<const W: usize, const B: usize>(
     let mut lists: Vec<Vec<f64>> = vec![vec![]; halo.neighbours().len()];
     for (c, row) in of_others {
         let owner = owner_of(first, c);
-        let to = halo.neighbours().binary_search(&owner).expect("own nodes reach groups of neighbours alone");
+        let to = halo
+            .neighbours()
+            .binary_search(&owner)
+            .expect("own nodes reach groups of neighbours alone");
         lists[to].extend([f64::from(c), row.len() as f64]);
-        row.iter().for_each(|(column, block)| pack(column, block, &mut lists[to]));
+        row.iter()
+            .for_each(|(column, block)| pack(column, block, &mut lists[to]));
     }
     for list in halo.exchange(comm, &lists) {
         let mut rest = &list[..];
@@ -146,7 +170,9 @@ pub(super) fn galerkin<const W: usize, const B: usize>(
             for _ in 0..*n as usize {
                 let (column, block, others) = unpack::<8>(rest);
                 let to = row.at(column).as_flattened_mut();
-                to.iter_mut().zip(block.as_flattened()).for_each(|(to, x)| *to += x);
+                to.iter_mut()
+                    .zip(block.as_flattened())
+                    .for_each(|(to, x)| *to += x);
                 rest = others;
             }
         }

@@ -22,13 +22,42 @@ pub(super) struct Halo {
 impl Halo {
     pub(super) fn new(layout: &Layout) -> Self {
         let ranks: Vec<usize> = layout.neighbours.iter().map(|n| n.rank).collect();
-        let send: Vec<u32> = layout.neighbours.iter().flat_map(|n| &n.send).copied().collect();
-        let receive: Vec<u32> = layout.neighbours.iter().flat_map(|n| &n.receive).copied().collect();
-        let sizes: Vec<[usize; 2]> = layout.neighbours.iter().map(|n| [n.send.len(), n.receive.len()]).collect();
+        let send: Vec<u32> = layout
+            .neighbours
+            .iter()
+            .flat_map(|n| &n.send)
+            .copied()
+            .collect();
+        let receive: Vec<u32> = layout
+            .neighbours
+            .iter()
+            .flat_map(|n| &n.receive)
+            .copied()
+            .collect();
+        let sizes: Vec<[usize; 2]> = layout
+            .neighbours
+            .iter()
+            .map(|n| [n.send.len(), n.receive.len()])
+            .collect();
         let forth = within_buffer(&ranks, &sizes);
-        let turned = |n: &Neighbour| Neighbour { rank: n.rank, send: n.receive.clone(), receive: n.send.clone() };
-        let back = Layout { neighbours: forth.neighbours.iter().map(turned).collect(), ..forth.clone() };
-        Self { n_owned: layout.n_owned, n_local: layout.n_local, ranks, send, receive, forth, back }
+        let turned = |n: &Neighbour| Neighbour {
+            rank: n.rank,
+            send: n.receive.clone(),
+            receive: n.send.clone(),
+        };
+        let back = Layout {
+            neighbours: forth.neighbours.iter().map(turned).collect(),
+            ..forth.clone()
+        };
+        Self {
+            n_owned: layout.n_owned,
+            n_local: layout.n_local,
+            ranks,
+            send,
+            receive,
+            forth,
+            back,
+        }
     }
 
     fn is_alone(&self) -> bool {
@@ -51,7 +80,12 @@ impl Halo {
     }
 
     /// Ghosts become what their owners have: the first `width` of each node's numbers. Collective.
-    pub(super) fn update<const W: usize>(&self, comm: &dyn Communicator, width: usize, values: &mut [[f32; W]]) {
+    pub(super) fn update<const W: usize>(
+        &self,
+        comm: &dyn Communicator,
+        width: usize,
+        values: &mut [[f32; W]],
+    ) {
         if self.is_alone() {
             return;
         }
@@ -59,7 +93,10 @@ impl Halo {
         comm.update_ghosts(&self.forth, width, &mut buffer);
         let arrived = &buffer[width * self.send.len()..];
         for (node, from) in self.receive.iter().zip(arrived.chunks_exact(width)) {
-            values[*node as usize].iter_mut().zip(from).for_each(|(to, from)| *to = *from as f32);
+            values[*node as usize]
+                .iter_mut()
+                .zip(from)
+                .for_each(|(to, from)| *to = *from as f32);
         }
     }
 
@@ -77,22 +114,46 @@ impl Halo {
     }
 
     /// Adds what ghosts have to their owners' values, neighbour by neighbour. Collective.
-    pub(super) fn add_back<const W: usize>(&self, comm: &dyn Communicator, width: usize, values: &mut [[f32; W]]) {
+    pub(super) fn add_back<const W: usize>(
+        &self,
+        comm: &dyn Communicator,
+        width: usize,
+        values: &mut [[f32; W]],
+    ) {
         if self.is_alone() {
             return;
         }
-        let mut buffer = self.packed(width, |node, k| f64::from(values[node][k]), &self.receive, self.send.len());
+        let mut buffer = self.packed(
+            width,
+            |node, k| f64::from(values[node][k]),
+            &self.receive,
+            self.send.len(),
+        );
         comm.update_ghosts(&self.back, width, &mut buffer);
         for (node, from) in self.send.iter().zip(buffer.chunks_exact(width)) {
-            values[*node as usize].iter_mut().zip(from).for_each(|(to, from)| *to += *from as f32);
+            values[*node as usize]
+                .iter_mut()
+                .zip(from)
+                .for_each(|(to, from)| *to += *from as f32);
         }
     }
 
     /// The buffer with values of `nodes` from place `first` on.
-    fn packed(&self, width: usize, value: impl Fn(usize, usize) -> f64, nodes: &[u32], first: usize) -> Vec<f64> {
+    fn packed(
+        &self,
+        width: usize,
+        value: impl Fn(usize, usize) -> f64,
+        nodes: &[u32],
+        first: usize,
+    ) -> Vec<f64> {
         let mut buffer = vec![0.0; width * (self.send.len() + self.receive.len())];
-        for (node, to) in nodes.iter().zip(buffer[width * first..].chunks_exact_mut(width)) {
-            to.iter_mut().enumerate().for_each(|(k, to)| *to = value(*node as usize, k));
+        for (node, to) in nodes
+            .iter()
+            .zip(buffer[width * first..].chunks_exact_mut(width))
+        {
+            to.iter_mut()
+                .enumerate()
+                .for_each(|(k, to)| *to = value(*node as usize, k));
         }
         buffer
     }
@@ -105,11 +166,20 @@ impl Halo {
         let n = self.ranks.len();
         let mut lengths: Vec<f64> = lists.iter().map(|list| list.len() as f64).collect();
         lengths.resize(2 * n, 0.0);
-        comm.update_ghosts(&within_buffer(&self.ranks, &vec![[1, 1]; n]), 1, &mut lengths);
-        let sizes: Vec<[usize; 2]> = (0..n).map(|k| [lists[k].len(), lengths[n + k] as usize]).collect();
+        comm.update_ghosts(
+            &within_buffer(&self.ranks, &vec![[1, 1]; n]),
+            1,
+            &mut lengths,
+        );
+        let sizes: Vec<[usize; 2]> = (0..n)
+            .map(|k| [lists[k].len(), lengths[n + k] as usize])
+            .collect();
         let mut buffer = lists.concat();
         let sent = buffer.len();
-        buffer.resize(sent + sizes.iter().map(|[_, arriving]| arriving).sum::<usize>(), 0.0);
+        buffer.resize(
+            sent + sizes.iter().map(|[_, arriving]| arriving).sum::<usize>(),
+            0.0,
+        );
         comm.update_ghosts(&within_buffer(&self.ranks, &sizes), 1, &mut buffer);
         let mut rest = &buffer[sent..];
         let mut next = |[_, arriving]: &[usize; 2]| {
@@ -127,15 +197,26 @@ fn within_buffer(ranks: &[usize], sizes: &[[usize; 2]]) -> Layout {
     let all = sent + sizes.iter().map(|[_, receive]| receive).sum::<usize>();
     let (mut from, mut to) = (0, sent);
     let mut range = |[send, receive]: &[usize; 2]| {
-        let ranges = ((from as u32..(from + send) as u32).collect(), (to as u32..(to + receive) as u32).collect());
+        let ranges = (
+            (from as u32..(from + send) as u32).collect(),
+            (to as u32..(to + receive) as u32).collect(),
+        );
         (from, to) = (from + send, to + receive);
         ranges
     };
     let neighbour = |(rank, sizes): (&usize, &[usize; 2])| {
         let (send, receive) = range(sizes);
-        Neighbour { rank: *rank, send, receive }
+        Neighbour {
+            rank: *rank,
+            send,
+            receive,
+        }
     };
-    Layout { n_owned: sent, n_local: all, neighbours: ranks.iter().zip(sizes).map(neighbour).collect() }
+    Layout {
+        n_owned: sent,
+        n_local: all,
+        neighbours: ranks.iter().zip(sizes).map(neighbour).collect(),
+    }
 }
 
 /// How many nodes each rank owns, as the first number of each and of what follows the last. Collective.
@@ -144,7 +225,9 @@ pub(super) fn first_numbers(comm: &dyn Communicator, n_owned: usize) -> Vec<u32>
     counts[comm.rank()] = n_owned as f64;
     comm.sum(&mut counts);
     let mut first = vec![0];
-    counts.iter().for_each(|n| first.push(first[first.len() - 1] + *n as u32));
+    counts
+        .iter()
+        .for_each(|n| first.push(first[first.len() - 1] + *n as u32));
     first
 }
 
@@ -159,12 +242,20 @@ pub(super) fn owner_of(first: &[u32], node: u32) -> usize {
 pub(super) fn localised(pattern: &mut Pattern, first: &[u32], rank: usize) -> (Layout, Vec<u32>) {
     let (begin, end) = (first[rank], first[rank + 1]);
     let is_own = |c: u32| (begin..end).contains(&c);
-    let mut ghosts: Vec<u32> = pattern.column.iter().copied().filter(|c| !is_own(*c)).collect();
+    let mut ghosts: Vec<u32> = pattern
+        .column
+        .iter()
+        .copied()
+        .filter(|c| !is_own(*c))
+        .collect();
     ghosts.sort_unstable();
     ghosts.dedup();
     let mut sent: Vec<(usize, u32)> = vec![];
     for row in 0..pattern.n_rows() {
-        let others = pattern.row(row).map(|k| pattern.column[k]).filter(|c| !is_own(*c));
+        let others = pattern
+            .row(row)
+            .map(|k| pattern.column[k])
+            .filter(|c| !is_own(*c));
         sent.extend(others.map(|c| (owner_of(first, c), row as u32)));
     }
     sent.sort_unstable();
@@ -177,8 +268,15 @@ pub(super) fn localised(pattern: &mut Pattern, first: &[u32], rank: usize) -> (L
         receive: ghosts.iter().map(|c| local(*c)).collect(),
     };
     let of_ranks = ghosts.chunk_by(|a, b| owner_of(first, *a) == owner_of(first, *b));
-    let neighbours = of_ranks.zip(sent.chunk_by(|a, b| a.0 == b.0)).map(neighbour).collect();
-    let layout = Layout { n_owned, n_local: n_owned + ghosts.len(), neighbours };
+    let neighbours = of_ranks
+        .zip(sent.chunk_by(|a, b| a.0 == b.0))
+        .map(neighbour)
+        .collect();
+    let layout = Layout {
+        n_owned,
+        n_local: n_owned + ghosts.len(),
+        neighbours,
+    };
     pattern.column.iter_mut().for_each(|c| *c = local(*c));
     (layout, ghosts)
 }

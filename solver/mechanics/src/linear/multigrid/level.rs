@@ -97,7 +97,10 @@ impl<const W: usize, const B: usize> Level<W, B> {
         let n = halo.n_owned;
         let inverses: Vec<_> = (0..n)
             .map(|row| {
-                let slot = matrix.pattern.row(row).find(|k| matrix.pattern.column[*k] as usize == row);
+                let slot = matrix
+                    .pattern
+                    .row(row)
+                    .find(|k| matrix.pattern.column[*k] as usize == row);
                 inverse(slot.map_or(&[[0.0; W]; B], |slot| &matrix.blocks[slot]))
             })
             .collect();
@@ -113,22 +116,40 @@ impl<const W: usize, const B: usize> Level<W, B> {
             *to = [f64::from(begin + g), x, y, z];
         }
         halo.update_double(comm, 4, groups.as_flattened_mut());
-        let tentative: Vec<Block<W, 6>> =
-            places.iter().zip(&groups).map(|(place, [_, x, y, z])| rigid(place, &[*x, *y, *z], per_mm)).collect();
+        let tentative: Vec<Block<W, 6>> = places
+            .iter()
+            .zip(&groups)
+            .map(|(place, [_, x, y, z])| rigid(place, &[*x, *y, *z], per_mm))
+            .collect();
         let group: Vec<u32> = groups.iter().map(|[number, ..]| *number as u32).collect();
-        let mut prolongation = smoothed(&matrix, &inverses, 4.0 / (3.0 * largest), &group, &tentative);
+        let mut prolongation = smoothed(
+            &matrix,
+            &inverses,
+            4.0 / (3.0 * largest),
+            &group,
+            &tentative,
+        );
         let mut next = galerkin(comm, &halo, &matrix, &prolongation, &first);
         let mut n_fine = [n as f64];
         comm.sum(&mut n_fine);
         let is_last = 6 * n_coarse <= DIRECT || n_coarse == n_fine[0] as usize;
         let dense = is_last.then(|| factorised(comm, &next, &first)).flatten();
         let (layout, ghosts) = localised(&mut next.pattern, &first, comm.rank());
-        prolongation.pattern.column.iter_mut().for_each(|c| *c = place_of(begin, n_groups, &ghosts, *c));
+        prolongation
+            .pattern
+            .column
+            .iter_mut()
+            .for_each(|c| *c = place_of(begin, n_groups, &ghosts, *c));
         let below = Halo::new(&layout);
         let coarse = match dense {
             Some((factor, all)) => {
                 let numbers = (begin..begin + n_groups as u32).chain(ghosts).collect();
-                Coarse::Direct(Box::new(Factor { factor, all, numbers, n_owned: n_groups }))
+                Coarse::Direct(Box::new(Factor {
+                    factor,
+                    all,
+                    numbers,
+                    n_owned: n_groups,
+                }))
             }
             None if is_last => Coarse::Nothing,
             None => {
@@ -137,7 +158,8 @@ impl<const W: usize, const B: usize> Level<W, B> {
                 below.update_double(comm, 3, places.as_flattened_mut());
                 // A coarse node's unknowns are a translation and a rotation in units of its own level.
                 let of_node = move |place: &[f64; 3], centre: &[f64; 3], next_per_mm: f64| {
-                    let [x, y, z]: [f32; 3] = std::array::from_fn(|i| ((place[i] - centre[i]) * next_per_mm) as f32);
+                    let [x, y, z]: [f32; 3] =
+                        std::array::from_fn(|i| ((place[i] - centre[i]) * next_per_mm) as f32);
                     let turn = (next_per_mm / per_mm) as f32;
                     [
                         [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -148,10 +170,23 @@ impl<const W: usize, const B: usize> Level<W, B> {
                         [-y, x, 0.0, 0.0, 0.0, turn, 0.0, 0.0],
                     ]
                 };
-                Coarse::Level(Box::new(Level::<8, 6>::new(comm, &layout, next, &places, &of_node)))
+                Coarse::Level(Box::new(Level::<8, 6>::new(
+                    comm, &layout, next, &places, &of_node,
+                )))
             }
         };
-        (Self { halo, matrix, inverses, largest, prolongation, below, arch }, coarse)
+        (
+            Self {
+                halo,
+                matrix,
+                inverses,
+                largest,
+                prolongation,
+                below,
+                arch,
+            },
+            coarse,
+        )
     }
 
     pub(super) fn n(&self) -> usize {
@@ -159,19 +194,27 @@ impl<const W: usize, const B: usize> Level<W, B> {
     }
 
     /// One V-cycle from zero, for own nodes; what ghosts hold of the result is of no use. Collective.
-    pub(super) fn cycle(&self, comm: &dyn Communicator, right: &[[f32; W]], below: &Coarse) -> Vec<[f32; W]> {
+    pub(super) fn cycle(
+        &self,
+        comm: &dyn Communicator,
+        right: &[[f32; W]],
+        below: &Coarse,
+    ) -> Vec<[f32; W]> {
         let n = self.n();
         let mut x = vec![[0.0; W]; self.halo.n_local];
         let mut residual = right.to_vec();
         self.smooth(comm, &mut x, &mut residual, true);
         let mut coarse = vec![[0.0; 8]; self.below.n_local];
-        self.arch.dispatch(Restriction(&self.prolongation, &residual, &mut coarse));
+        self.arch
+            .dispatch(Restriction(&self.prolongation, &residual, &mut coarse));
         self.below.add_back(comm, 6, &mut coarse);
         let correction = below.solve(comm, &self.below, &coarse[..self.below.n_owned]);
-        self.arch.dispatch(Product(1.0, &self.prolongation, &correction, &mut x[..n]));
+        self.arch
+            .dispatch(Product(1.0, &self.prolongation, &correction, &mut x[..n]));
         self.halo.update(comm, B, &mut x);
         residual.copy_from_slice(right);
-        self.arch.dispatch(Product(-1.0, &self.matrix, &x, &mut residual));
+        self.arch
+            .dispatch(Product(-1.0, &self.matrix, &x, &mut residual));
         self.smooth(comm, &mut x, &mut residual, false);
         x
     }
@@ -179,13 +222,23 @@ impl<const W: usize, const B: usize> Level<W, B> {
     /// Chebyshev's iteration; `residual` is that of `x`, before, and after where it `is_wanted`. Collective.
     ///
     /// Source: Saad 2003, Iterative Methods for Sparse Linear Systems, algorithm 12.1.
-    fn smooth(&self, comm: &dyn Communicator, x: &mut [[f32; W]], residual: &mut [[f32; W]], is_wanted: bool) {
+    fn smooth(
+        &self,
+        comm: &dyn Communicator,
+        x: &mut [[f32; W]],
+        residual: &mut [[f32; W]],
+        is_wanted: bool,
+    ) {
         let (low, high) = (SMOOTHED_SHARE * self.largest, self.largest);
         let (theta, delta) = (0.5 * (high + low), 0.5 * (high - low));
         let sigma = theta / delta;
         let mut rho = 1.0 / sigma;
-        let mut d: Vec<[f32; W]> =
-            self.inverses.iter().zip(&*residual).map(|(m, r)| apply(m, r).map(|z| z / theta)).collect();
+        let mut d: Vec<[f32; W]> = self
+            .inverses
+            .iter()
+            .zip(&*residual)
+            .map(|(m, r)| apply(m, r).map(|z| z / theta))
+            .collect();
         d.resize(x.len(), [0.0; W]);
         for step in 1.. {
             self.halo.update(comm, B, &mut d);
@@ -195,7 +248,8 @@ impl<const W: usize, const B: usize> Level<W, B> {
             if step == DEGREE && !is_wanted {
                 return;
             }
-            self.arch.dispatch(Product(-1.0, &self.matrix, &d, residual));
+            self.arch
+                .dispatch(Product(-1.0, &self.matrix, &d, residual));
             if step == DEGREE {
                 return;
             }
@@ -216,7 +270,9 @@ impl Coarse {
                 out.push(6 * level.0.n());
                 level.1.sizes(out);
             }
-            Self::Direct(factor) => out.push(faer::linalg::solvers::ShapeCore::nrows(&factor.factor)),
+            Self::Direct(factor) => {
+                out.push(faer::linalg::solvers::ShapeCore::nrows(&factor.factor))
+            }
             Self::Nothing => {}
         }
     }
@@ -244,7 +300,15 @@ impl Factor {
         self.all.update_double(comm, 6, &mut all);
         let mut x = faer::Col::from_fn(all.len(), |k| all[k]);
         self.factor.solve_in_place(&mut x);
-        let of = |number: &u32| std::array::from_fn(|i| if i < 6 { x[6 * *number as usize + i] as f32 } else { 0.0 });
+        let of = |number: &u32| {
+            std::array::from_fn(|i| {
+                if i < 6 {
+                    x[6 * *number as usize + i] as f32
+                } else {
+                    0.0
+                }
+            })
+        };
         self.numbers.iter().map(of).collect()
     }
 }
@@ -259,17 +323,31 @@ fn largest_eigenvalue<const W: usize, const B: usize>(
 ) -> f32 {
     let n = inverses.len();
     let rough = |k: usize| (((k as f64) * 12.9898).sin() * 43_758.547).fract() as f32;
-    let of_node = |k: usize| std::array::from_fn(|i| if i < B && k < n { rough(k * B + i) } else { 0.0 });
+    let of_node = |k: usize| {
+        std::array::from_fn(|i| {
+            if i < B && k < n {
+                rough(k * B + i)
+            } else {
+                0.0
+            }
+        })
+    };
     let mut v: Vec<[f32; W]> = (0..halo.n_local).map(of_node).collect();
     let norm = |v: &[[f32; W]]| {
-        let mut square = [v[..n].as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum::<f64>()];
+        let mut square = [v[..n]
+            .as_flattened()
+            .iter()
+            .map(|x| f64::from(*x).powi(2))
+            .sum::<f64>()];
         comm.sum(&mut square);
         square[0].sqrt()
     };
     let mut size = 1.0;
     for _ in 0..POWER_STEPS {
         let scale = norm(&v).max(f64::MIN_POSITIVE);
-        v.as_flattened_mut().iter_mut().for_each(|x| *x = (f64::from(*x) / scale) as f32);
+        v.as_flattened_mut()
+            .iter_mut()
+            .for_each(|x| *x = (f64::from(*x) / scale) as f32);
         halo.update(comm, B, &mut v);
         let mut product = vec![[0.0; W]; n];
         arch.dispatch(Product(1.0, matrix, &v, &mut product));
@@ -282,7 +360,12 @@ fn largest_eigenvalue<const W: usize, const B: usize>(
 }
 
 /// Mean place of each group's nodes, and one over the mean radius of the groups of all ranks. Collective.
-fn centres(comm: &dyn Communicator, places: &[[f64; 3]], group: &[u32], n_groups: usize) -> (Vec<[f64; 3]>, f64) {
+fn centres(
+    comm: &dyn Communicator,
+    places: &[[f64; 3]],
+    group: &[u32],
+    n_groups: usize,
+) -> (Vec<[f64; 3]>, f64) {
     let mut centres = vec![[0.0; 3]; n_groups];
     let mut counts = vec![0.0; n_groups];
     for (x, g) in places.iter().zip(group) {
@@ -295,7 +378,11 @@ fn centres(comm: &dyn Communicator, places: &[[f64; 3]], group: &[u32], n_groups
     let squares: f64 = places
         .iter()
         .zip(group)
-        .map(|(x, g)| (0..3).map(|i| (x[i] - centres[*g as usize][i]).powi(2)).sum::<f64>())
+        .map(|(x, g)| {
+            (0..3)
+                .map(|i| (x[i] - centres[*g as usize][i]).powi(2))
+                .sum::<f64>()
+        })
         .sum();
     let mut sums = [squares, places.len() as f64];
     comm.sum(&mut sums);
@@ -305,21 +392,41 @@ fn centres(comm: &dyn Communicator, places: &[[f64; 3]], group: &[u32], n_groups
 
 /// A dense factorisation of the rows of all ranks, on each of them; `None` where there is none. A hundred-thousandth of the
 /// diagonal is added, which holds rotations that a small group cannot make. Collective.
-fn factorised(comm: &dyn Communicator, matrix: &Blocks<8, 6>, first: &[u32]) -> Option<(Llt<f64>, Halo)> {
+fn factorised(
+    comm: &dyn Communicator,
+    matrix: &Blocks<8, 6>,
+    first: &[u32],
+) -> Option<(Llt<f64>, Halo)> {
     let (rank, n) = (comm.rank(), first[first.len() - 1]);
     let own: Vec<u32> = (first[rank]..first[rank + 1]).collect();
     let other = |other: usize| {
         let receive = (first[other]..first[other + 1]).collect();
-        Neighbour { rank: other, send: own.clone(), receive }
+        Neighbour {
+            rank: other,
+            send: own.clone(),
+            receive,
+        }
     };
-    let neighbours = (0..comm.n_ranks()).filter(|r| *r != rank).map(other).collect();
-    let all = Halo::new(&Layout { n_owned: own.len(), n_local: n as usize, neighbours });
+    let neighbours = (0..comm.n_ranks())
+        .filter(|r| *r != rank)
+        .map(other)
+        .collect();
+    let all = Halo::new(&Layout {
+        n_owned: own.len(),
+        n_local: n as usize,
+        neighbours,
+    });
     // Row, column, block; one after the other.
     let mut entries = vec![];
     for (row, number) in own.iter().enumerate() {
         for slot in matrix.pattern.row(row) {
             entries.extend([f64::from(*number), f64::from(matrix.pattern.column[slot])]);
-            entries.extend(matrix.blocks[slot].iter().flat_map(|column| &column[..6]).map(|x| f64::from(*x)));
+            entries.extend(
+                matrix.blocks[slot]
+                    .iter()
+                    .flat_map(|column| &column[..6])
+                    .map(|x| f64::from(*x)),
+            );
         }
     }
     let mut lists = all.exchange(comm, &vec![entries.clone(); all.neighbours().len()]);

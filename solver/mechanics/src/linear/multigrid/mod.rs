@@ -40,9 +40,13 @@ impl Multigrid {
             std::array::from_fn(|j| [block[0][j], block[1][j], block[2][j], 0.0])
         };
         let blocks = (0..pattern.column.len()).map(padded).collect();
-        let matrix = Blocks { pattern: Pattern::clone(pattern), blocks };
+        let matrix = Blocks {
+            pattern: Pattern::clone(pattern),
+            blocks,
+        };
         let rigid = |place: &[f64; 3], centre: &[f64; 3], per_mm: f64| {
-            let [x, y, z]: [f32; 3] = std::array::from_fn(|i| ((place[i] - centre[i]) * per_mm) as f32);
+            let [x, y, z]: [f32; 3] =
+                std::array::from_fn(|i| ((place[i] - centre[i]) * per_mm) as f32);
             [
                 [1.0, 0.0, 0.0, 0.0],
                 [0.0, 1.0, 0.0, 0.0],
@@ -52,7 +56,13 @@ impl Multigrid {
                 [-y, x, 0.0, 0.0],
             ]
         };
-        let (fine, coarse) = Level::new(space.comm, space.layout, matrix, points.as_chunks::<3>().0, &rigid);
+        let (fine, coarse) = Level::new(
+            space.comm,
+            space.layout,
+            matrix,
+            points.as_chunks::<3>().0,
+            &rigid,
+        );
         Self { fine, coarse }
     }
 
@@ -71,10 +81,18 @@ impl Preconditioner for Multigrid {
         // Scaled to one, so that nothing is too small for single precision.
         let mut largest = [r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()))];
         space.comm.max(&mut largest);
-        let scale = if largest[0] > 0.0 { 1.0 / largest[0] } else { 1.0 };
+        let scale = if largest[0] > 0.0 {
+            1.0 / largest[0]
+        } else {
+            1.0
+        };
         let single = |r: f64| (scale * r) as f32;
-        let right: Vec<[f32; 4]> =
-            r[..n].as_chunks::<3>().0.iter().map(|r| [single(r[0]), single(r[1]), single(r[2]), 0.0]).collect();
+        let right: Vec<[f32; 4]> = r[..n]
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|r| [single(r[0]), single(r[1]), single(r[2]), 0.0])
+            .collect();
         let solution = self.fine.cycle(space.comm, &right, &self.coarse);
         for (z, s) in z[..n].as_chunks_mut::<3>().0.iter_mut().zip(&solution) {
             *z = [s[0], s[1], s[2]].map(|s| f64::from(s) / scale);

@@ -53,7 +53,10 @@ impl Series {
     /// Begins with the shape at end-diastole.
     #[must_use]
     pub fn new(begin: Shape) -> Self {
-        Self { shapes: vec![(0, begin)], volume_ratios: [f64::INFINITY, f64::NEG_INFINITY] }
+        Self {
+            shapes: vec![(0, begin)],
+            volume_ratios: [f64::INFINITY, f64::NEG_INFINITY],
+        }
     }
 
     /// Takes note of the shape after a sample of the beat's traces.
@@ -63,7 +66,10 @@ impl Series {
 
     /// Takes note of the smallest and the largest volume ratio at an instant.
     pub fn strained(&mut self, [least, most]: [f64; 2]) {
-        self.volume_ratios = [self.volume_ratios[0].min(least), self.volume_ratios[1].max(most)];
+        self.volume_ratios = [
+            self.volume_ratios[0].min(least),
+            self.volume_ratios[1].max(most),
+        ];
     }
 
     /// The last sample that is known.
@@ -75,7 +81,10 @@ impl Series {
     /// As numbers.
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
-        let shapes = self.shapes.iter().flat_map(|(sample, shape)| [*sample as f64].into_iter().chain(shape.numbers()));
+        let shapes = self
+            .shapes
+            .iter()
+            .flat_map(|(sample, shape)| [*sample as f64].into_iter().chain(shape.numbers()));
         self.volume_ratios.into_iter().chain(shapes).collect()
     }
 
@@ -84,22 +93,37 @@ impl Series {
     pub fn of_numbers(numbers: &[f64]) -> Option<Self> {
         let (volume_ratios, shapes) = numbers.split_first_chunk::<2>()?;
         let (shapes, rest) = shapes.as_chunks::<{ Shape::N + 1 }>();
-        let shape = |[sample, shape @ ..]: &[f64; Shape::N + 1]| (*sample as usize, Shape::of_numbers(*shape));
+        let shape = |[sample, shape @ ..]: &[f64; Shape::N + 1]| {
+            (*sample as usize, Shape::of_numbers(*shape))
+        };
         let shapes: Vec<_> = shapes.iter().map(shape).collect();
-        (rest.is_empty() && !shapes.is_empty()).then_some(Self { shapes, volume_ratios: *volume_ratios })
+        (rest.is_empty() && !shapes.is_empty()).then_some(Self {
+            shapes,
+            volume_ratios: *volume_ratios,
+        })
     }
 
     /// The shape at a time, linear between samples, the first or last beyond the ends.
     fn at(&self, time_ms: f64, sample_times_ms: &[f64]) -> Shape {
-        let time = |k: usize| sample_times_ms.get(self.shapes[k].0).copied().unwrap_or(f64::INFINITY);
-        let after = self
-            .shapes
-            .partition_point(|(sample, _)| sample_times_ms.get(*sample).is_some_and(|time| *time <= time_ms));
+        let time = |k: usize| {
+            sample_times_ms
+                .get(self.shapes[k].0)
+                .copied()
+                .unwrap_or(f64::INFINITY)
+        };
+        let after = self.shapes.partition_point(|(sample, _)| {
+            sample_times_ms
+                .get(*sample)
+                .is_some_and(|time| *time <= time_ms)
+        });
         if after == 0 || after == self.shapes.len() {
             return self.shapes[after.saturating_sub(1)].1;
         }
         let share = (time_ms - time(after - 1)) / (time(after) - time(after - 1));
-        let (from, to) = (self.shapes[after - 1].1.numbers(), self.shapes[after].1.numbers());
+        let (from, to) = (
+            self.shapes[after - 1].1.numbers(),
+            self.shapes[after].1.numbers(),
+        );
         Shape::of_numbers(std::array::from_fn(|i| from[i] + share * (to[i] - from[i])))
     }
 
@@ -113,11 +137,23 @@ impl Series {
         let change = |now: f64, before: f64| 100.0 * (now / before - 1.0);
         let [peak_endo, peak_epi] = self.shapes.iter().fold([0.0f64; 2], |peak, (_, shape)| {
             let twist = shape.twist_deg();
-            std::array::from_fn(|k| if twist[k].abs() > peak[k].abs() { twist[k] } else { peak[k] })
+            std::array::from_fn(|k| {
+                if twist[k].abs() > peak[k].abs() {
+                    twist[k]
+                } else {
+                    peak[k]
+                }
+            })
         });
         let undone = |filling_ms| systole.twist_deg()[1] - at(filling_ms).twist_deg()[1];
         // Without a twist nothing is undone.
-        let untwisting = |filling_ms| if peak_epi.abs() > 1e-9 { 100.0 * undone(filling_ms) / peak_epi } else { 0.0 };
+        let untwisting = |filling_ms| {
+            if peak_epi.abs() > 1e-9 {
+                100.0 * undone(filling_ms) / peak_epi
+            } else {
+                0.0
+            }
+        };
         Measures {
             base_descent_mm: systole.base_mm - begin.base_mm,
             apex_rise_mm: begin.apex_mm - systole.apex_mm,
@@ -126,7 +162,10 @@ impl Series {
             wall_thickening_percent: change(systole.wall_mm(), begin.wall_mm()),
             twist_epi_deg: peak_epi,
             twist_endo_deg: peak_endo,
-            isovolumic_lengthening_percent: change(at(phases.ejection_ms).cavity_length_mm, begin.cavity_length_mm),
+            isovolumic_lengthening_percent: change(
+                at(phases.ejection_ms).cavity_length_mm,
+                begin.cavity_length_mm,
+            ),
             isovolumic_untwisting_percent: phases.filling_ms.map(untwisting),
             least_volume_ratio: self.volume_ratios[0],
             largest_volume_ratio: self.volume_ratios[1],

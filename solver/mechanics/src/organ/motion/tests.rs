@@ -13,12 +13,22 @@ fn about(origin: Vec3, axis: Vec3, x: Vec3) -> [Vec3; 2] {
 fn moved(x: &[Vec3]) -> Vec<Vec3> {
     let axis = unit([0.3, -0.8, 0.5]).expect("a direction");
     let (s, c) = 2.1f64.sin_cos();
-    let turned = |v: Vec3| axpy(axpy(scale(v, c), s, cross(axis, v)), (1.0 - c) * dot(axis, v), axis);
-    x.iter().map(|v| add(turned(*v), [120.0, -35.0, 7.0])).collect()
+    let turned = |v: Vec3| {
+        axpy(
+            axpy(scale(v, c), s, cross(axis, v)),
+            (1.0 - c) * dot(axis, v),
+            axis,
+        )
+    };
+    x.iter()
+        .map(|v| add(turned(*v), [120.0, -35.0, 7.0]))
+        .collect()
 }
 
 fn mesh(n_nodes: usize) -> TetMesh {
-    generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes)).expect("a mesh").mesh
+    generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes))
+        .expect("a mesh")
+        .mesh
 }
 
 /// The mesh wherever it lies, its landmarks, its apex and its axis.
@@ -26,7 +36,10 @@ fn lying(n_nodes: usize) -> (TetMesh, Landmarks, Vec3, Vec3) {
     let mut mesh = mesh(n_nodes);
     mesh.nodes_mm = moved(&mesh.nodes_mm);
     let landmarks = Landmarks::of(&mesh).expect("landmarks");
-    let (axis, apex) = (landmarks.axis(&mesh.nodes_mm).0, landmarks.apex[0].mean(&mesh.nodes_mm));
+    let (axis, apex) = (
+        landmarks.axis(&mesh.nodes_mm).0,
+        landmarks.apex[0].mean(&mesh.nodes_mm),
+    );
     (mesh, landmarks, apex, axis)
 }
 
@@ -36,9 +49,15 @@ fn the_axis_of_an_ellipsoid_is_its_own_on_any_mesh() {
         let mesh = mesh(n_nodes);
         let landmarks = Landmarks::of(&mesh).expect("landmarks");
         let (axis, _) = landmarks.axis(&mesh.nodes_mm);
-        assert!(axis[2] < -0.9999, "the apex lies at the lower end: {axis:?}");
+        assert!(
+            axis[2] < -0.9999,
+            "the apex lies at the lower end: {axis:?}"
+        );
         let shape = landmarks.shape(&mesh.nodes_mm, &mesh.nodes_mm);
-        assert!(shape.wall_mm() > 5.0 && shape.cavity_length_mm > 2.0 * shape.radius_mm[0], "{shape:?}");
+        assert!(
+            shape.wall_mm() > 5.0 && shape.cavity_length_mm > 2.0 * shape.radius_mm[0],
+            "{shape:?}"
+        );
     }
 }
 
@@ -50,7 +69,10 @@ fn a_rigid_motion_changes_no_shape() {
     assert!((a.cavity_length_mm - b.cavity_length_mm).abs() < 1e-9);
     assert!((0..2).all(|k| (a.radius_mm[k] - b.radius_mm[k]).abs() < 1e-9));
     // Levels turn alike: a rigid rotation has no twist, whatever part of it is about the axis.
-    assert!(b.twist_deg().iter().all(|twist| twist.abs() < 1e-9), "{b:?}");
+    assert!(
+        b.twist_deg().iter().all(|twist| twist.abs() < 1e-9),
+        "{b:?}"
+    );
     let [least, most] = volume_ratios(&mesh.tets, x, &moved(x));
     assert!((least - 1.0).abs() < 1e-9 && (most - 1.0).abs() < 1e-9);
 }
@@ -70,7 +92,11 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
     let mut series = Series::new(landmarks.shape(x, x));
     series.push(10, landmarks.shape(x, &squeezed));
     series.strained(volume_ratios(&mesh.tets, x, &squeezed));
-    let phases = Phases { ejection_ms: 5.0, end_systole_ms: 10.0, filling_ms: None };
+    let phases = Phases {
+        ejection_ms: 5.0,
+        end_systole_ms: 10.0,
+        filling_ms: None,
+    };
     let times: Vec<f64> = (0..=10).map(f64::from).collect();
     let m = series.measures(&phases, &times);
     let length = landmarks.axis(x).1;
@@ -85,12 +111,18 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
         (m.least_volume_ratio, 0.85 * 0.81),
         (m.largest_volume_ratio, 0.85 * 0.81),
     ] {
-        assert!((found - expected).abs() < 1e-6, "{found} for {expected}: {m:?}");
+        assert!(
+            (found - expected).abs() < 1e-6,
+            "{found} for {expected}: {m:?}"
+        );
     }
     assert_eq!(m.isovolumic_untwisting_percent, None);
     // The epicardial apex lies a wall's thickness beyond the endocardial one, which stays.
     let wall = dot(sub(landmarks.apex[1].mean(x), apex), axis);
-    assert!((m.apex_rise_mm - 0.15 * wall).abs() < 1e-6 && wall > 3.0, "{m:?}");
+    assert!(
+        (m.apex_rise_mm - 0.15 * wall).abs() < 1e-6 && wall > 3.0,
+        "{m:?}"
+    );
 }
 
 #[test]
@@ -105,22 +137,47 @@ fn a_torsion_is_twist_with_the_sense_of_the_literature() {
                 let [along, across] = about(apex, axis, *x);
                 let height = -dot(along, axis) / length;
                 let (s, c) = (whole_deg * (1.0 - height)).to_radians().sin_cos();
-                add(apex, add(along, axpy(scale(across, c), s, cross(axis, across))))
+                add(
+                    apex,
+                    add(along, axpy(scale(across, c), s, cross(axis, across))),
+                )
             };
             x.iter().map(point).collect()
         };
         let shape = landmarks.shape(x, &turned(40.0));
         for rotation in [shape.endo_rotation_deg, shape.epi_rotation_deg] {
-            assert!((rotation[0] - 30.0).abs() < 2.0 && (rotation[1] - 10.0).abs() < 2.0, "{n_nodes}: {shape:?}");
+            assert!(
+                (rotation[0] - 30.0).abs() < 2.0 && (rotation[1] - 10.0).abs() < 2.0,
+                "{n_nodes}: {shape:?}"
+            );
         }
-        assert!(shape.twist_deg().iter().all(|twist| (twist - 20.0).abs() < 2.0), "{n_nodes}: {shape:?}");
+        assert!(
+            shape
+                .twist_deg()
+                .iter()
+                .all(|twist| (twist - 20.0).abs() < 2.0),
+            "{n_nodes}: {shape:?}"
+        );
         let mut series = Series::new(landmarks.shape(x, x));
         series.push(10, landmarks.shape(x, &turned(40.0)));
         series.push(20, landmarks.shape(x, &turned(28.0)));
         let times: Vec<f64> = (0..=20).map(f64::from).collect();
-        let m = series.measures(&Phases { ejection_ms: 3.0, end_systole_ms: 10.0, filling_ms: Some(20.0) }, &times);
-        assert!((m.isovolumic_untwisting_percent.unwrap_or_default() - 30.0).abs() < 0.5, "{m:?}");
-        assert!(m.shortening_percent.abs() < 1e-6 && m.base_descent_mm.abs() < 1e-6, "{m:?}");
+        let m = series.measures(
+            &Phases {
+                ejection_ms: 3.0,
+                end_systole_ms: 10.0,
+                filling_ms: Some(20.0),
+            },
+            &times,
+        );
+        assert!(
+            (m.isovolumic_untwisting_percent.unwrap_or_default() - 30.0).abs() < 0.5,
+            "{m:?}"
+        );
+        assert!(
+            m.shortening_percent.abs() < 1e-6 && m.base_descent_mm.abs() < 1e-6,
+            "{m:?}"
+        );
     }
 }
 
@@ -131,12 +188,24 @@ fn a_series_survives_as_numbers() {
     series.push(3, landmarks.shape(&mesh.nodes_mm, &moved(&mesh.nodes_mm)));
     series.strained([0.9, 1.1]);
     assert_eq!(Series::of_numbers(&series.numbers()), Some(series.clone()));
-    assert_eq!((series.last_sample(), Series::of_numbers(&series.numbers()[1..])), (3, None));
+    assert_eq!(
+        (
+            series.last_sample(),
+            Series::of_numbers(&series.numbers()[1..])
+        ),
+        (3, None)
+    );
 }
 
 #[test]
 fn a_mesh_without_a_rim_has_no_landmarks() {
     let mut mesh = mesh(500);
-    mesh.surfaces.retain(|surface| surface.name != surface_names::RIM);
-    assert_eq!(Landmarks::of(&mesh), Err(LandmarkError::NoSurface { name: surface_names::RIM }));
+    mesh.surfaces
+        .retain(|surface| surface.name != surface_names::RIM);
+    assert_eq!(
+        Landmarks::of(&mesh),
+        Err(LandmarkError::NoSurface {
+            name: surface_names::RIM
+        })
+    );
 }

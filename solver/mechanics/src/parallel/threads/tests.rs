@@ -8,7 +8,8 @@ use super::*;
 #[test]
 fn reductions_give_all_ranks_the_same_bits_in_the_order_of_ranks() {
     for n_ranks in [1, 2, 3, 5, 8] {
-        let value = |rank: usize, round: usize, k: usize| ((rank * 7 + round * 3 + k) as f64 * 0.37).sin();
+        let value =
+            |rank: usize, round: usize, k: usize| ((rank * 7 + round * 3 + k) as f64 * 0.37).sin();
         let got = on_threads(n_ranks, ThreadSettings::default(), |comm| {
             let mut seen = vec![];
             for round in 0..300 {
@@ -27,10 +28,13 @@ fn reductions_give_all_ranks_the_same_bits_in_the_order_of_ranks() {
         assert!(got.iter().all(|of| *of == got[0]));
         for (round, seen) in got[0].chunks(24).enumerate() {
             for k in 0..20 {
-                let want = (1..n_ranks).fold(value(0, round, k), |sum, rank| sum + value(rank, round, k));
+                let want =
+                    (1..n_ranks).fold(value(0, round, k), |sum, rank| sum + value(rank, round, k));
                 assert_eq!(seen[k], want);
             }
-            let want = (0..n_ranks).map(|rank| value(rank, round, 0)).fold(f64::MIN, f64::max);
+            let want = (0..n_ranks)
+                .map(|rank| value(rank, round, 0))
+                .fold(f64::MIN, f64::max);
             assert_eq!(seen[20..], [want, -1.0, 1.0, round as f64]);
         }
     }
@@ -53,17 +57,35 @@ fn ghosts_gathers_and_scatters_bring_what_others_hold() {
     let got = on_threads(n_ranks, ThreadSettings::default(), |comm| {
         let (rank, n) = (comm.rank(), comm.n_ranks());
         let mut neighbours = vec![
-            Neighbour { rank: (rank + n - 1) % n, send: vec![0], receive: vec![2] },
-            Neighbour { rank: (rank + 1) % n, send: vec![1], receive: vec![3] },
+            Neighbour {
+                rank: (rank + n - 1) % n,
+                send: vec![0],
+                receive: vec![2],
+            },
+            Neighbour {
+                rank: (rank + 1) % n,
+                send: vec![1],
+                receive: vec![3],
+            },
         ];
         neighbours.sort_by_key(|neighbour| neighbour.rank);
-        let layout = Layout { n_owned: 2, n_local: 4, neighbours };
+        let layout = Layout {
+            n_owned: 2,
+            n_local: 4,
+            neighbours,
+        };
         let mut seen = vec![];
         for round in 0..200 {
             let own = |rank: usize, node: usize| [(rank * 10 + node) as f64, round as f64];
             let mut values = [own(rank, 0), own(rank, 1), [-1.0; 2], [-1.0; 2]].concat();
             comm.update_ghosts(&layout, 2, &mut values);
-            let want = [own(rank, 0), own(rank, 1), own((rank + n - 1) % n, 1), own((rank + 1) % n, 0)].concat();
+            let want = [
+                own(rank, 0),
+                own(rank, 1),
+                own((rank + n - 1) % n, 1),
+                own((rank + 1) % n, 0),
+            ]
+            .concat();
             assert_eq!(values, want);
             let all = comm.gather(&values[..rank + 1]);
             assert_eq!(all.is_some(), rank == 0);
@@ -89,7 +111,10 @@ fn a_panic_on_one_rank_ends_all_with_its_name_and_reason() {
             }
         });
         let failure = got.expect_err("one rank fails");
-        assert_eq!(failure.to_string(), format!("rank {failing} of 4: element 7 is torn"));
+        assert_eq!(
+            failure.to_string(),
+            format!("rank {failing} of 4: element 7 is torn")
+        );
     }
 }
 
@@ -100,7 +125,10 @@ fn a_rank_that_leaves_early_is_told() {
             comm.sum(&mut [1.0]);
         }
     });
-    assert_eq!(got.expect_err("it waits").to_string(), "rank 0 of 2: rank 1 has left, and will not do its part");
+    assert_eq!(
+        got.expect_err("it waits").to_string(),
+        "rank 0 of 2: rank 1 has left, and will not do its part"
+    );
 }
 
 #[test]
@@ -108,7 +136,9 @@ fn a_rank_that_makes_no_progress_ends_the_group() {
     let (word, stuck) = channel::<()>();
     let stuck = Mutex::new(stuck);
     let word = Mutex::new(Some(word));
-    let short = ThreadSettings { patience: Duration::from_millis(50) };
+    let short = ThreadSettings {
+        patience: Duration::from_millis(50),
+    };
     let got = on_threads(3, short, |comm| match comm.rank() {
         // Does nothing until rank 0 gives up.
         1 => drop(locked(&stuck).recv()),
@@ -120,7 +150,10 @@ fn a_rank_that_makes_no_progress_ends_the_group() {
         _ => {}
     });
     let failure = got.expect_err("rank 1 is stuck");
-    assert_eq!(failure.to_string(), "rank 0 of 3: no progress: waited 0.05 s for rank 1");
+    assert_eq!(
+        failure.to_string(),
+        "rank 0 of 3: no progress: waited 0.05 s for rank 1"
+    );
 }
 
 #[test]
@@ -161,7 +194,8 @@ fn rank_0_unwinds_with_the_failure_of_its_crew() {
     })
     .expect("threads");
     first.sum(&mut [1.0]);
-    let payload = catch_unwind(AssertUnwindSafe(|| first.sum(&mut [1.0]))).expect_err("rank 1 fails");
+    let payload =
+        catch_unwind(AssertUnwindSafe(|| first.sum(&mut [1.0]))).expect_err("rank 1 fails");
     assert_eq!(text(payload.as_ref()), "rank 1 of 2: out of luck");
     assert_eq!(crew.failure().map(|f| f.rank), Some(1));
 }

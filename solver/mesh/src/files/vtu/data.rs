@@ -21,7 +21,11 @@ pub fn compress(bytes: &[u8]) -> String {
     }
     let partial = bytes.len() % BLOCK;
     let header = [sizes.len() as u64, BLOCK as u64, partial as u64];
-    let header: Vec<u8> = header.iter().chain(&sizes).flat_map(|n| n.to_le_bytes()).collect();
+    let header: Vec<u8> = header
+        .iter()
+        .chain(&sizes)
+        .flat_map(|n| n.to_le_bytes())
+        .collect();
     format!("{}{}", STANDARD.encode(header), STANDARD.encode(packed))
 }
 
@@ -49,7 +53,10 @@ impl Encoding {
 
     /// The array's bytes out of base64 text, from its beginning; what follows the array is not looked at.
     pub fn base64(self, text: &str) -> Option<Vec<u8>> {
-        let text: Vec<u8> = text.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
+        let text: Vec<u8> = text
+            .bytes()
+            .filter(|byte| !byte.is_ascii_whitespace())
+            .collect();
         let decode = |from: usize, n_bytes: usize| {
             let end = from + n_bytes.div_ceil(3) * 4;
             let mut bytes = STANDARD.decode(text.get(from..end)?).ok()?;
@@ -63,9 +70,14 @@ impl Encoding {
             return Some(bytes[self.header_size..].to_vec());
         }
         let (head, _) = decode(0, self.header_size)?;
-        let n_header = self.header_size.checked_mul(self.integer(&head)?.checked_add(3)?)?;
+        let n_header = self
+            .header_size
+            .checked_mul(self.integer(&head)?.checked_add(3)?)?;
         let (header, end) = decode(0, n_header)?;
-        let total = self.packed_sizes(&header)?.iter().try_fold(0usize, |sum, size| sum.checked_add(*size))?;
+        let total = self
+            .packed_sizes(&header)?
+            .iter()
+            .try_fold(0usize, |sum, size| sum.checked_add(*size))?;
         let (packed, _) = decode(end, total)?;
         self.unpack(&header, &packed)
     }
@@ -74,14 +86,20 @@ impl Encoding {
     pub fn raw(self, bytes: &[u8]) -> Option<Vec<u8>> {
         let first = self.integer(bytes)?;
         if !self.compressed {
-            return bytes.get(self.header_size..self.header_size.checked_add(first)?).map(<[u8]>::to_vec);
+            return bytes
+                .get(self.header_size..self.header_size.checked_add(first)?)
+                .map(<[u8]>::to_vec);
         }
         let n_header = self.header_size.checked_mul(first.checked_add(3)?)?;
         self.unpack(bytes.get(..n_header)?, &bytes[n_header..])
     }
 
     fn packed_sizes(self, header: &[u8]) -> Option<Vec<usize>> {
-        header.chunks_exact(self.header_size).skip(3).map(|n| self.integer(n)).collect()
+        header
+            .chunks_exact(self.header_size)
+            .skip(3)
+            .map(|n| self.integer(n))
+            .collect()
     }
 
     fn unpack(self, header: &[u8], packed: &[u8]) -> Option<Vec<u8>> {
@@ -89,7 +107,9 @@ impl Encoding {
         let mut at = 0usize;
         for size in self.packed_sizes(header)? {
             let end = at.checked_add(size)?;
-            flate2::read::ZlibDecoder::new(packed.get(at..end)?).read_to_end(&mut bytes).ok()?;
+            flate2::read::ZlibDecoder::new(packed.get(at..end)?)
+                .read_to_end(&mut bytes)
+                .ok()?;
             at = end;
         }
         Some(bytes)
@@ -107,7 +127,11 @@ pub fn numbers(kind: &str, bytes: &[u8], big_endian: bool) -> Option<Vec<f64>> {
             let number = |chunk: &[u8]| {
                 let mut wide = [0; SIZE];
                 wide.copy_from_slice(chunk);
-                (if big_endian { <$type>::from_be_bytes(wide) } else { <$type>::from_le_bytes(wide) }) as f64
+                (if big_endian {
+                    <$type>::from_be_bytes(wide)
+                } else {
+                    <$type>::from_le_bytes(wide)
+                }) as f64
             };
             Some(bytes.chunks_exact(SIZE).map(number).collect())
         }};

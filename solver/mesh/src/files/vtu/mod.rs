@@ -32,13 +32,21 @@ impl Field {
     /// A number for each.
     #[must_use]
     pub fn scalar(name: &str, values: Vec<f64>) -> Self {
-        Self { name: name.to_owned(), n_components: 1, values }
+        Self {
+            name: name.to_owned(),
+            n_components: 1,
+            values,
+        }
     }
 
     /// A vector for each.
     #[must_use]
     pub fn vector(name: &str, values: &[[f64; 3]]) -> Self {
-        Self { name: name.to_owned(), n_components: 3, values: values.iter().flatten().copied().collect() }
+        Self {
+            name: name.to_owned(),
+            n_components: 3,
+            values: values.iter().flatten().copied().collect(),
+        }
     }
 }
 

@@ -30,8 +30,13 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
     let (xml, appended) = split_appended(bytes);
     let xml = std::str::from_utf8(&xml)
         .map_err(|_| MeshFileError::content(file, "bytes that are not text", "a VTU file (XML)"))?;
-    let document = Document::parse(xml)
-        .map_err(|cause| MeshFileError::content(file, format!("text that is not XML ({cause})"), "a VTU file (XML)"))?;
+    let document = Document::parse(xml).map_err(|cause| {
+        MeshFileError::content(
+            file,
+            format!("text that is not XML ({cause})"),
+            "a VTU file (XML)",
+        )
+    })?;
     let reader = Reader::new(file, &document, appended)?;
     reader.grid(unit)
 }
@@ -39,16 +44,25 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
 /// Cuts the appended data out of the file: raw bytes are no XML.
 fn split_appended(bytes: &[u8]) -> (Vec<u8>, &[u8]) {
     let find = |from: usize, what: &[u8]| {
-        bytes.get(from..)?.windows(what.len()).position(|window| window == what).map(|at| at + from)
+        bytes
+            .get(from..)?
+            .windows(what.len())
+            .position(|window| window == what)
+            .map(|at| at + from)
     };
     let cut = || {
         let open = find(0, b"<AppendedData")?;
         let begin = find(open, b"_")?;
-        let end = bytes.windows(15).rposition(|window| window == b"</AppendedData>")?;
+        let end = bytes
+            .windows(15)
+            .rposition(|window| window == b"</AppendedData>")?;
         (end > begin).then_some((begin, end))
     };
     match cut() {
-        Some((begin, end)) => ([&bytes[..begin], &bytes[end..]].concat(), &bytes[begin + 1..end]),
+        Some((begin, end)) => (
+            [&bytes[..begin], &bytes[end..]].concat(),
+            &bytes[begin + 1..end],
+        ),
         None => (bytes.to_vec(), &[]),
     }
 }
@@ -62,26 +76,47 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn new(file: &'a Path, document: &'a Document<'a>, appended: &'a [u8]) -> Result<Self, MeshFileError> {
+    fn new(
+        file: &'a Path,
+        document: &'a Document<'a>,
+        appended: &'a [u8],
+    ) -> Result<Self, MeshFileError> {
         let root = document.root_element();
         let mut reader = Self {
             file,
             document,
-            encoding: Encoding { big_endian: false, header_size: 4, compressed: false },
+            encoding: Encoding {
+                big_endian: false,
+                header_size: 4,
+                compressed: false,
+            },
             appended,
             appended_raw: false,
         };
-        if root.tag_name().name() != "VTKFile" || root.attribute("type") != Some("UnstructuredGrid") {
-            return Err(reader.error(root, "another document", "<VTKFile type=\"UnstructuredGrid\">"));
+        if root.tag_name().name() != "VTKFile" || root.attribute("type") != Some("UnstructuredGrid")
+        {
+            return Err(reader.error(
+                root,
+                "another document",
+                "<VTKFile type=\"UnstructuredGrid\">",
+            ));
         }
         reader.encoding.big_endian = root.attribute("byte_order") == Some("BigEndian");
-        reader.encoding.header_size = if root.attribute("header_type") == Some("UInt64") { 8 } else { 4 };
+        reader.encoding.header_size = if root.attribute("header_type") == Some("UInt64") {
+            8
+        } else {
+            4
+        };
         reader.encoding.compressed = match root.attribute("compressor") {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
             Some(other) => {
                 let found = format!("the compressor {other}");
-                return Err(reader.error(root, found, "zlib or none (save again with another compressor)"));
+                return Err(reader.error(
+                    root,
+                    found,
+                    "zlib or none (save again with another compressor)",
+                ));
             }
         };
         reader.appended_raw = reader
@@ -92,7 +127,12 @@ impl<'a> Reader<'a> {
         Ok(reader)
     }
 
-    fn error(&self, at: Node, found: impl Into<String>, expected: impl Into<String>) -> MeshFileError {
+    fn error(
+        &self,
+        at: Node,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MeshFileError {
         let line = self.document.text_pos_at(at.range().start).row as usize;
         MeshFileError::line(self.file, line, found, expected)
     }
@@ -105,7 +145,9 @@ impl<'a> Reader<'a> {
 
     fn count(&self, piece: Node, name: &str) -> Result<usize, MeshFileError> {
         let text = piece.attribute(name).unwrap_or_default();
-        text.trim().parse().map_err(|_| self.error(piece, format!("{name}=\"{text}\""), "a whole number"))
+        text.trim()
+            .parse()
+            .map_err(|_| self.error(piece, format!("{name}=\"{text}\""), "a whole number"))
     }
 
     /// The numbers of an array, so many of them.
@@ -113,14 +155,22 @@ impl<'a> Reader<'a> {
         let name = node.attribute("Name").unwrap_or("?");
         let kind = node.attribute("type").unwrap_or_default();
         let bad = |why: &str| {
-            self.error(node, format!("the array {name} {why}"), format!("{n_expected} numbers of type {kind}"))
+            self.error(
+                node,
+                format!("the array {name} {why}"),
+                format!("{n_expected} numbers of type {kind}"),
+            )
         };
         let decoded = |bytes: Option<Vec<u8>>| {
             let bytes = bytes.ok_or_else(|| bad("that cannot be decoded"))?;
             numbers(kind, &bytes, self.encoding.big_endian).ok_or_else(|| bad("of another type"))
         };
         // VTK puts keys of its own between or behind the numbers
-        let text: String = node.children().filter(|part| part.is_text()).filter_map(|part| part.text()).collect();
+        let text: String = node
+            .children()
+            .filter(|part| part.is_text())
+            .filter_map(|part| part.text())
+            .collect();
         let values = match node.attribute("format") {
             Some("ascii") | None => text
                 .split_ascii_whitespace()
@@ -129,11 +179,18 @@ impl<'a> Reader<'a> {
             Some("binary") => decoded(self.encoding.base64(&text))?,
             Some("appended") => {
                 let offset = self.count(node, "offset")?;
-                let rest = self.appended.get(offset..).ok_or_else(|| bad("beyond the appended data"))?;
+                let rest = self
+                    .appended
+                    .get(offset..)
+                    .ok_or_else(|| bad("beyond the appended data"))?;
                 if self.appended_raw {
                     decoded(self.encoding.raw(rest))?
                 } else {
-                    decoded(std::str::from_utf8(rest).ok().and_then(|rest| self.encoding.base64(rest)))?
+                    decoded(
+                        std::str::from_utf8(rest)
+                            .ok()
+                            .and_then(|rest| self.encoding.base64(rest)),
+                    )?
                 }
             }
             Some(other) => return Err(bad(&format!("of the format {other}"))),
@@ -151,53 +208,103 @@ impl<'a> Reader<'a> {
         section
             .children()
             .find(|node| node.has_tag_name("DataArray") && node.attribute("Name") == Some(name))
-            .ok_or_else(|| self.error(section, format!("no array {name}"), format!("a DataArray called {name}")))
+            .ok_or_else(|| {
+                self.error(
+                    section,
+                    format!("no array {name}"),
+                    format!("a DataArray called {name}"),
+                )
+            })
     }
 
     /// All arrays of numbers of a section, for so many nodes or cells.
-    fn fields(&self, piece: Node<'a, 'a>, section: &str, n: usize) -> Result<Vec<Field>, MeshFileError> {
-        let Some(section) = piece.children().find(|node| node.has_tag_name(section)) else { return Ok(Vec::new()) };
+    fn fields(
+        &self,
+        piece: Node<'a, 'a>,
+        section: &str,
+        n: usize,
+    ) -> Result<Vec<Field>, MeshFileError> {
+        let Some(section) = piece.children().find(|node| node.has_tag_name(section)) else {
+            return Ok(Vec::new());
+        };
         section
             .children()
-            .filter(|node| node.has_tag_name("DataArray") && node.attribute("type") != Some("String"))
+            .filter(|node| {
+                node.has_tag_name("DataArray") && node.attribute("type") != Some("String")
+            })
             .map(|node| {
-                let n_components = node.attribute("NumberOfComponents").and_then(|n| n.parse().ok()).unwrap_or(1);
+                let n_components = node
+                    .attribute("NumberOfComponents")
+                    .and_then(|n| n.parse().ok())
+                    .unwrap_or(1);
                 let name = node.attribute("Name").unwrap_or_default().to_owned();
-                Ok(Field { name, n_components, values: self.array(node, n * n_components)? })
+                Ok(Field {
+                    name,
+                    n_components,
+                    values: self.array(node, n * n_components)?,
+                })
             })
             .collect()
     }
 
     fn grid(&self, unit: LengthUnit) -> Result<Grid, MeshFileError> {
         let grid = self.child(self.document.root_element(), "UnstructuredGrid")?;
-        let pieces: Vec<_> = grid.children().filter(|node| node.has_tag_name("Piece")).collect();
+        let pieces: Vec<_> = grid
+            .children()
+            .filter(|node| node.has_tag_name("Piece"))
+            .collect();
         let [piece] = pieces[..] else {
-            return Err(self.error(grid, format!("{} pieces", pieces.len()), "one piece (merge blocks before saving)"));
+            return Err(self.error(
+                grid,
+                format!("{} pieces", pieces.len()),
+                "one piece (merge blocks before saving)",
+            ));
         };
-        let (n_points, n_cells) = (self.count(piece, "NumberOfPoints")?, self.count(piece, "NumberOfCells")?);
+        let (n_points, n_cells) = (
+            self.count(piece, "NumberOfPoints")?,
+            self.count(piece, "NumberOfCells")?,
+        );
         let points = self.child(piece, "Points")?;
         let points = self.array(self.child(points, "DataArray")?, 3 * n_points)?;
-        let nodes_mm = points.chunks_exact(3).map(|p| unit.to_mm([p[0], p[1], p[2]])).collect();
+        let nodes_mm = points
+            .chunks_exact(3)
+            .map(|p| unit.to_mm([p[0], p[1], p[2]]))
+            .collect();
         let cells = self.cells(self.child(piece, "Cells")?, n_points, n_cells)?;
         let mut grid = Grid {
-            mesh: TetMesh { nodes_mm, ..TetMesh::default() },
+            mesh: TetMesh {
+                nodes_mm,
+                ..TetMesh::default()
+            },
             point_fields: self.fields(piece, "PointData", n_points)?,
             cell_fields: Vec::new(),
         };
-        let tets: Vec<usize> = (0..n_cells).filter(|cell| cells[*cell].len() == 4).collect();
-        grid.mesh.tets = tets.iter().map(|cell| [0, 1, 2, 3].map(|i| cells[*cell][i])).collect();
+        let tets: Vec<usize> = (0..n_cells)
+            .filter(|cell| cells[*cell].len() == 4)
+            .collect();
+        grid.mesh.tets = tets
+            .iter()
+            .map(|cell| [0, 1, 2, 3].map(|i| cells[*cell][i]))
+            .collect();
         grid.mesh.tags = vec![0; tets.len()];
         let (mut fibres, mut sheets) = (None, None);
         for field in self.fields(piece, "CellData", n_cells)? {
             let width = field.n_components;
             if let Some(name) = field.name.strip_prefix(SURFACE_PREFIX) {
-                let on = (0..n_cells).filter(|cell| cells[*cell].len() == 3 && field.values[*cell] != 0.0);
+                let on = (0..n_cells)
+                    .filter(|cell| cells[*cell].len() == 3 && field.values[*cell] != 0.0);
                 let triangles = on.map(|cell| [0, 1, 2].map(|i| cells[cell][i])).collect();
-                grid.mesh.surfaces.push(Surface { name: name.to_owned(), triangles });
+                grid.mesh.surfaces.push(Surface {
+                    name: name.to_owned(),
+                    triangles,
+                });
                 continue;
             }
-            let values: Vec<f64> =
-                tets.iter().flat_map(|cell| &field.values[cell * width..(cell + 1) * width]).copied().collect();
+            let values: Vec<f64> = tets
+                .iter()
+                .flat_map(|cell| &field.values[cell * width..(cell + 1) * width])
+                .copied()
+                .collect();
             match (field.name.as_str(), width) {
                 ("tag", 1) => grid.mesh.tags = values.iter().map(|tag| *tag as i32).collect(),
                 ("fibre", 3) => fibres = Some(vectors(&values)),
@@ -212,30 +319,50 @@ impl<'a> Reader<'a> {
             })
         };
         let mut at_nodes = |name: &str| {
-            let at = grid.point_fields.iter().position(|field| field.name == name && field.n_components == 3)?;
+            let at = grid
+                .point_fields
+                .iter()
+                .position(|field| field.name == name && field.n_components == 3)?;
             Some(vectors(&grid.point_fields.remove(at).values))
         };
         if let (None, Some(fibres)) = (&fibres, at_nodes("fibre")) {
             let sheets = at_nodes("sheet");
             let frames = (fibres.into_iter().enumerate())
-                .map(|(node, fibre)| found(format!("node {node}"), fibre, sheets.as_ref().map(|sheets| sheets[node])))
+                .map(|(node, fibre)| {
+                    found(
+                        format!("node {node}"),
+                        fibre,
+                        sheets.as_ref().map(|sheets| sheets[node]),
+                    )
+                })
                 .collect::<Result<_, _>>()?;
             grid.mesh.fibres = NodeFibres::Frames(frames);
-            let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+            let none = Frame {
+                fibre: [0.0; 3],
+                sheet: [0.0; 3],
+                normal: [0.0; 3],
+            };
             let middle = |tet: &[u32; 4]| grid.mesh.fibres.frame(tet, &[0.25; 4]).unwrap_or(none);
             grid.mesh.frames = grid.mesh.tets.iter().map(middle).collect();
         }
         if let Some(fibres) = fibres {
             for (e, fibre) in fibres.into_iter().enumerate() {
                 let sheet = sheets.as_ref().map(|sheets| sheets[e]);
-                grid.mesh.frames.push(found(format!("element {e}"), fibre, sheet)?);
+                grid.mesh
+                    .frames
+                    .push(found(format!("element {e}"), fibre, sheet)?);
             }
         }
         Ok(grid)
     }
 
     /// Corners of each cell: four or three nodes.
-    fn cells(&self, section: Node<'a, 'a>, n_points: usize, n_cells: usize) -> Result<Vec<Vec<u32>>, MeshFileError> {
+    fn cells(
+        &self,
+        section: Node<'a, 'a>,
+        n_points: usize,
+        n_cells: usize,
+    ) -> Result<Vec<Vec<u32>>, MeshFileError> {
         let kinds = self.array(self.named(section, "types")?, n_cells)?;
         let offsets_node = self.named(section, "offsets")?;
         let offsets = self.array(offsets_node, n_cells)?;
@@ -254,13 +381,26 @@ impl<'a> Reader<'a> {
                 }
             };
             let end = *end as usize;
-            let corners = (end >= begin && end - begin == size).then(|| connectivity.get(begin..end)).flatten();
+            let corners = (end >= begin && end - begin == size)
+                .then(|| connectivity.get(begin..end))
+                .flatten();
             let corners = corners.ok_or_else(|| {
-                self.error(offsets_node, format!("the offset {end} of cell {cell}"), format!("{}", begin + size))
+                self.error(
+                    offsets_node,
+                    format!("the offset {end} of cell {cell}"),
+                    format!("{}", begin + size),
+                )
             })?;
-            if let Some(node) = corners.iter().find(|node| **node < 0.0 || **node >= n_points as f64) {
+            if let Some(node) = corners
+                .iter()
+                .find(|node| **node < 0.0 || **node >= n_points as f64)
+            {
                 let found = format!("node {node} in cell {cell}");
-                return Err(self.error(connectivity_node, found, format!("one of {n_points} nodes, numbered from 0")));
+                return Err(self.error(
+                    connectivity_node,
+                    found,
+                    format!("one of {n_points} nodes, numbered from 0"),
+                ));
             }
             cells.push(corners.iter().map(|node| *node as u32).collect());
             begin = end;

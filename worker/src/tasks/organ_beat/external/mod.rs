@@ -41,17 +41,29 @@ const MOVED_ML: f64 = 0.5;
 ///
 /// # Errors
 /// [`TaskError`] when it cannot be started, or files cannot be read or written.
-pub(super) fn run(spec: &OrganBeatSpec, organ: &ExternalOrgan, context: &mut Context) -> Result<Ending, TaskError> {
+pub(super) fn run(
+    spec: &OrganBeatSpec,
+    organ: &ExternalOrgan,
+    context: &mut Context,
+) -> Result<Ending, TaskError> {
     let folder = context.artefacts.directory().join(FOLDER);
     // What an earlier try left, of a simulation without an attempt's own directory.
     let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).map_err(|source| TaskError::Write { file: folder.clone(), source })?;
-    let folder = folder.canonicalize().map_err(|source| TaskError::Write { file: folder, source })?;
+    fs::create_dir_all(&folder).map_err(|source| TaskError::Write {
+        file: folder.clone(),
+        source,
+    })?;
+    let folder = folder.canonicalize().map_err(|source| TaskError::Write {
+        file: folder,
+        source,
+    })?;
     let handed = parameters::of(spec, organ);
     prepare(spec, organ, &handed, &folder)?;
     let command = command(organ, &folder, context.threads)?;
     let log = folder.join(LOG);
-    context.progress.report("external solver", 0.0, None, || command.join(" "));
+    context
+        .progress
+        .report("external solver", 0.0, None, || command.join(" "));
     let status = process::run(&command, &folder, &log, context)?;
     if let Some(failure) = failure_of(status, organ, &log) {
         return Ok(failure);
@@ -62,14 +74,28 @@ pub(super) fn run(spec: &OrganBeatSpec, organ: &ExternalOrgan, context: &mut Con
             let remedy = "correct solver.external.results, or what the solver writes".to_owned();
             let message = with_last_words(&message, &log);
             Ok(Ending::Failed {
-                failure: Failure { class: FailureClass::Input, message, remedy: Some(remedy), cause: None },
+                failure: Failure {
+                    class: FailureClass::Input,
+                    message,
+                    remedy: Some(remedy),
+                    cause: None,
+                },
             })
         }
-        Err(Unusable::Diverged { last_good_ms, reason, traces }) => {
+        Err(Unusable::Diverged {
+            last_good_ms,
+            reason,
+            traces,
+        }) => {
             if !traces.time_ms.is_empty() {
-                context.artefacts.write("traces", "traces.csv", &traces_csv(&traces))?;
+                context
+                    .artefacts
+                    .write("traces", "traces.csv", &traces_csv(&traces))?;
             }
-            Ok(Ending::Diverged { last_good_ms, reason: with_last_words(&reason, &log) })
+            Ok(Ending::Diverged {
+                last_good_ms,
+                reason: with_last_words(&reason, &log),
+            })
         }
     }
 }
@@ -86,7 +112,10 @@ fn prepare(
         let file = folder.join(name);
         write_synced(&file, text).map_err(|source| TaskError::Write { file, source })
     };
-    write(settings.parameters.file(), parameters::text(handed, settings.parameters).as_bytes())?;
+    write(
+        settings.parameters.file(),
+        parameters::text(handed, settings.parameters).as_bytes(),
+    )?;
     if let ContractionSpec::Land2017Trace { calcium, .. } = &spec.contraction {
         write(parameters::CALCIUM_FILE, &read_verified(calcium)?)?;
     }
@@ -102,13 +131,24 @@ fn prepare(
     for (made, template) in &settings.templates {
         // Models have parameters of their own: a template may have a twin for one of them.
         let twin = format!("{template}@{}", handed.contraction.model);
-        let content = contents.get(twin.as_str()).or_else(|| contents.get(template.as_str()));
+        let content = contents
+            .get(twin.as_str())
+            .or_else(|| contents.get(template.as_str()));
         let (path, bytes) = content.ok_or_else(|| {
-            TaskError::External(format!("templates.{made}: `{template}` is no name of solver.external.files"))
+            TaskError::External(format!(
+                "templates.{made}: `{template}` is no name of solver.external.files"
+            ))
         })?;
-        let text = expand(&String::from_utf8_lossy(bytes), |name| values.get(name).cloned()).map_err(|error| {
+        let text = expand(&String::from_utf8_lossy(bytes), |name| {
+            values.get(name).cloned()
+        })
+        .map_err(|error| {
             let known: Vec<&str> = values.keys().map(String::as_str).collect();
-            TaskError::External(format!("{}: {error}; there is {}", path.display(), known.join(", ")))
+            TaskError::External(format!(
+                "{}: {error}; there is {}",
+                path.display(),
+                known.join(", ")
+            ))
         })?;
         write(made, text.as_bytes())?;
     }
@@ -117,21 +157,33 @@ fn prepare(
 
 fn command(organ: &ExternalOrgan, folder: &Path, threads: u32) -> Result<Vec<String>, TaskError> {
     let value = |name: &str| match name {
-        "parameters" => Some(folder.join(organ.settings.parameters.file()).display().to_string()),
+        "parameters" => Some(
+            folder
+                .join(organ.settings.parameters.file())
+                .display()
+                .to_string(),
+        ),
         "out" => Some(folder.display().to_string()),
         "threads" => Some(threads.to_string()),
-        name => organ.files.iter().find(|file| file.name == name).map(|file| file.path.display().to_string()),
+        name => organ
+            .files
+            .iter()
+            .find(|file| file.name == name)
+            .map(|file| file.path.display().to_string()),
     };
-    let expanded =
-        organ.settings.command.iter().map(|word| {
-            expand(word, value).map_err(|error| TaskError::External(format!("command, `{word}`: {error}")))
-        });
+    let expanded = organ.settings.command.iter().map(|word| {
+        expand(word, value)
+            .map_err(|error| TaskError::External(format!("command, `{word}`: {error}")))
+    });
     expanded.collect()
 }
 
 fn with_last_words(message: &str, log: &Path) -> String {
     match process::last_line(log) {
-        Some(line) => format!("{message}; its last words: {line} (all of them: {})", log.display()),
+        Some(line) => format!(
+            "{message}; its last words: {line} (all of them: {})",
+            log.display()
+        ),
         None => message.to_owned(),
     }
 }
@@ -142,22 +194,35 @@ fn failure_of(status: ExitStatus, organ: &ExternalOrgan, log: &Path) -> Option<E
         return None;
     }
     let (class, what) = match (status.code(), status.signal()) {
-        (Some(code), _) => {
-            (organ.settings.exit_codes.class_of(code), format!("the external solver ended with exit code {code}"))
-        }
+        (Some(code), _) => (
+            organ.settings.exit_codes.class_of(code),
+            format!("the external solver ended with exit code {code}"),
+        ),
         (None, signal) => {
             let signal = signal.unwrap_or_default();
-            (FailureClass::Site, format!("the external solver was killed by signal {signal}"))
+            (
+                FailureClass::Site,
+                format!("the external solver was killed by signal {signal}"),
+            )
         }
     };
     let remedy = match class {
         FailureClass::Input => "correct what the solver names, then run again",
         FailureClass::Site => "mend what stopped it, then retry",
-        FailureClass::Numerics => "rerun from step1 with damping or bounds; another class: solver.external.exit_codes",
+        FailureClass::Numerics => {
+            "rerun from step1 with damping or bounds; another class: solver.external.exit_codes"
+        }
         FailureClass::Bug => "ask whoever keeps the solver",
     };
     let (message, remedy) = (with_last_words(&what, log), Some(remedy.to_owned()));
-    Some(Ending::Failed { failure: Failure { class, message, remedy, cause: None } })
+    Some(Ending::Failed {
+        failure: Failure {
+            class,
+            message,
+            remedy,
+            cause: None,
+        },
+    })
 }
 
 /// Results in the form of our own solvers.
@@ -173,12 +238,19 @@ fn answer(
         Err(unusable) => return Ok(Err(unusable)),
     };
     let estimated = outflow::fill(&mut traces, &spec.circulation);
-    let (time_ms, nodes, has_calcium) = match results::nodes(folder, results, organ.activation.onset_ms) {
-        Ok(nodes) => nodes,
-        Err(unusable) => return Ok(Err(unusable)),
-    };
-    context.artefacts.write("traces", "traces.csv", &traces_csv(&traces))?;
-    context.artefacts.write("nodal", "nodal.csv", &nodal::to_csv(&time_ms, &nodes, has_calcium))?;
+    let (time_ms, nodes, has_calcium) =
+        match results::nodes(folder, results, organ.activation.onset_ms) {
+            Ok(nodes) => nodes,
+            Err(unusable) => return Ok(Err(unusable)),
+        };
+    context
+        .artefacts
+        .write("traces", "traces.csv", &traces_csv(&traces))?;
+    context.artefacts.write(
+        "nodal",
+        "nodal.csv",
+        &nodal::to_csv(&time_ms, &nodes, has_calcium),
+    )?;
     let lambda_min = nodes.lambda.iter().copied().fold(f64::INFINITY, f64::min);
     let last = traces.volume_ml.len() - 1;
     let result = BeatResult {
@@ -190,24 +262,49 @@ fn answer(
         work: BeatWork::default(),
         traces,
     };
-    let mut result = organ_beat_result(spec, &result, Seen { lambda_min: Some(lambda_min), motion: None })?;
+    let mut result = organ_beat_result(
+        spec,
+        &result,
+        Seen {
+            lambda_min: Some(lambda_min),
+            motion: None,
+        },
+    )?;
     result.remarks.extend(estimated);
     // They count our own time steps.
-    result.counters.retain(|name, _| name.ends_with("mL") || name.ends_with("mmHg"));
-    Ok(Ok(Ending::Succeeded { result: Box::new(TaskResult::OrganBeat(result)) }))
+    result
+        .counters
+        .retain(|name, _| name.ends_with("mL") || name.ends_with("mmHg"));
+    Ok(Ok(Ending::Succeeded {
+        result: Box::new(TaskResult::OrganBeat(result)),
+    }))
 }
 
 /// Success of a beat (SPEC section 5) as far as pressure and volume tell: what valves do is read from the volume.
 fn checks(traces: &BeatTraces) -> Vec<BeatCheck> {
     let largest = |volume: &[f64]| volume.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let low = traces.volume_ml.iter().copied().fold(f64::INFINITY, f64::min);
+    let low = traces
+        .volume_ml
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
     let smallest = traces.volume_ml.iter().position(|v| *v <= low).unwrap_or(0);
     let ejected = largest(&traces.volume_ml[..=smallest]) - low;
     let filled = largest(&traces.volume_ml[smallest..]) - low;
-    let valve = |name: &str, moved: f64, expected: &str| BeatCheck::new(name, moved > MOVED_ML, moved, expected);
+    let valve = |name: &str, moved: f64, expected: &str| {
+        BeatCheck::new(name, moved > MOVED_ML, moved, expected)
+    };
     let mut checks = vec![
-        valve("aortic_valve_opened_and_closed", ejected, "more than 0.5 mL ejected"),
-        valve("mitral_valve_opened_and_closed", filled, "more than 0.5 mL filled"),
+        valve(
+            "aortic_valve_opened_and_closed",
+            ejected,
+            "more than 0.5 mL ejected",
+        ),
+        valve(
+            "mitral_valve_opened_and_closed",
+            filled,
+            "more than 0.5 mL filled",
+        ),
     ];
     checks.extend(traces.plausible());
     checks

@@ -28,14 +28,18 @@ pub(super) fn fill(traces: &mut BeatTraces, circulation: &CirculationSpec) -> Op
             .map(|(time, flow)| {
                 let share = 1e-3 * (time - before) / load.compliance_ml_per_mmhg;
                 before = *time;
-                stored = (stored + share * flow) / (1.0 + share / load.peripheral_resistance_mmhg_s_per_ml);
+                stored = (stored + share * flow)
+                    / (1.0 + share / load.peripheral_resistance_mmhg_s_per_ml);
                 stored + load.characteristic_resistance_mmhg_s_per_ml * flow
             })
             .collect();
         named.push("aortic pressure");
     }
     (!named.is_empty()).then(|| {
-        format!("{}: not the external solver's, but from its volume and the patient's Windkessel", named.join(", "))
+        format!(
+            "{}: not the external solver's, but from its volume and the patient's Windkessel",
+            named.join(", ")
+        )
     })
 }
 
@@ -43,7 +47,8 @@ pub(super) fn fill(traces: &mut BeatTraces, circulation: &CirculationSpec) -> Op
 fn rates(time_ms: &[f64], volume_ml: &[f64]) -> Vec<f64> {
     let last = time_ms.len().saturating_sub(1);
     let at = |k: usize| (k.saturating_sub(1), (k + 1).min(last));
-    let rate = |(a, b): (usize, usize)| 1e3 * (volume_ml[b] - volume_ml[a]) / (time_ms[b] - time_ms[a]);
+    let rate =
+        |(a, b): (usize, usize)| 1e3 * (volume_ml[b] - volume_ml[a]) / (time_ms[b] - time_ms[a]);
     (0..time_ms.len()).map(|k| rate(at(k))).collect()
 }
 
@@ -76,9 +81,21 @@ mod tests {
             ..BeatTraces::default()
         };
         let said = fill(&mut traces, &circulation).unwrap();
-        assert!(said.starts_with("aortic flow, mitral flow, aortic pressure: not the external"), "{said}");
-        assert!(traces.aortic_flow_ml_per_s.iter().all(|q| (q - 100.0).abs() < 1e-9));
-        assert!((traces.aortic_pressure_mmhg[1000] - 100.0).abs() < 0.01, "{}", traces.aortic_pressure_mmhg[1000]);
+        assert!(
+            said.starts_with("aortic flow, mitral flow, aortic pressure: not the external"),
+            "{said}"
+        );
+        assert!(
+            traces
+                .aortic_flow_ml_per_s
+                .iter()
+                .all(|q| (q - 100.0).abs() < 1e-9)
+        );
+        assert!(
+            (traces.aortic_pressure_mmhg[1000] - 100.0).abs() < 0.01,
+            "{}",
+            traces.aortic_pressure_mmhg[1000]
+        );
         assert_eq!(fill(&mut traces, &circulation), None, "what is there stays");
     }
 }

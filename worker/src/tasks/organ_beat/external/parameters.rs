@@ -4,8 +4,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use cardiotwin_schemas::SCHEMA_VERSION;
-use cardiotwin_schemas::external::{ExternalContraction, ExternalOrgan, ExternalParameters, ParametersFormat};
-use cardiotwin_schemas::organ::{BeatCount, CELL_DEFAULTS, CELL_PARAMETERS, ContractionSpec, RICE_PARAMETERS};
+use cardiotwin_schemas::external::{
+    ExternalContraction, ExternalOrgan, ExternalParameters, ParametersFormat,
+};
+use cardiotwin_schemas::organ::{
+    BeatCount, CELL_DEFAULTS, CELL_PARAMETERS, ContractionSpec, RICE_PARAMETERS,
+};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde_json::Value;
 
@@ -35,8 +39,14 @@ fn contraction(spec: &ContractionSpec) -> ExternalContraction {
         ContractionSpec::Tanh { parameters } => {
             let named = serde_json::to_value(parameters).unwrap_or_default();
             let named = named.as_object().into_iter().flatten();
-            let parameters = named.filter_map(|(name, value)| Some((name.clone(), value.as_f64()?))).collect();
-            ExternalContraction { model: "tanh".into(), parameters, calcium_file: None }
+            let parameters = named
+                .filter_map(|(name, value)| Some((name.clone(), value.as_f64()?)))
+                .collect();
+            ExternalContraction {
+                model: "tanh".into(),
+                parameters,
+                calcium_file: None,
+            }
         }
         ContractionSpec::Land2017Rice { parameters, .. } => ExternalContraction {
             model: "land2017-rice".into(),
@@ -54,8 +64,16 @@ fn contraction(spec: &ContractionSpec) -> ExternalContraction {
 /// Land's active parameters and, where asked for, Rice's: the patient's, else the defaults. `a_p_kPa` is the 0D cell's.
 fn cell(fitted: &BTreeMap<String, f64>, with_rice: bool) -> BTreeMap<String, f64> {
     let known = CELL_PARAMETERS.into_iter().zip(CELL_DEFAULTS);
-    let wanted = known.filter(|(name, _)| *name != "a_p_kPa" && (with_rice || !RICE_PARAMETERS.contains(name)));
-    wanted.map(|(name, default)| (name.to_owned(), fitted.get(name).copied().unwrap_or(default))).collect()
+    let wanted = known
+        .filter(|(name, _)| *name != "a_p_kPa" && (with_rice || !RICE_PARAMETERS.contains(name)));
+    wanted
+        .map(|(name, default)| {
+            (
+                name.to_owned(),
+                fitted.get(name).copied().unwrap_or(default),
+            )
+        })
+        .collect()
 }
 
 /// The file's text.
@@ -63,7 +81,9 @@ pub(super) fn text(parameters: &ExternalParameters, format: ParametersFormat) ->
     match format {
         // Plain values of types that both formats have.
         ParametersFormat::Toml => toml::to_string(parameters).unwrap_or_default(),
-        ParametersFormat::Json => serde_json::to_string_pretty(parameters).unwrap_or_default() + "\n",
+        ParametersFormat::Json => {
+            serde_json::to_string_pretty(parameters).unwrap_or_default() + "\n"
+        }
     }
 }
 
@@ -82,10 +102,13 @@ fn collect(value: &Value, key: &str, found: &mut BTreeMap<String, String>) {
             if let (Some(Value::String(name)), Some(Value::Object(parameters))) =
                 (map.get("name"), map.get("parameters"))
             {
-                parameters.iter().for_each(|(key, value)| collect(value, &format!("{name}.{key}"), found));
+                parameters
+                    .iter()
+                    .for_each(|(key, value)| collect(value, &format!("{name}.{key}"), found));
                 return;
             }
-            map.iter().for_each(|(key, value)| collect(value, key, found));
+            map.iter()
+                .for_each(|(key, value)| collect(value, key, found));
         }
         Value::Array(items) => items.iter().for_each(|item| collect(item, key, found)),
         Value::Number(number) => {

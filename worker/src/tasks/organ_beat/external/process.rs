@@ -30,9 +30,17 @@ pub(super) fn run(
     log: &Path,
     context: &mut Context,
 ) -> Result<ExitStatus, TaskError> {
-    let (program, arguments) = command.split_first().ok_or(TaskError::External("no command".into()))?;
-    let refused = |source| TaskError::ExternalStart { program: program.clone(), source };
-    let out = File::create(log).map_err(|source| TaskError::Write { file: log.to_owned(), source })?;
+    let (program, arguments) = command
+        .split_first()
+        .ok_or(TaskError::External("no command".into()))?;
+    let refused = |source| TaskError::ExternalStart {
+        program: program.clone(),
+        source,
+    };
+    let out = File::create(log).map_err(|source| TaskError::Write {
+        file: log.to_owned(),
+        source,
+    })?;
     let errors = out.try_clone().map_err(refused)?;
     let mut child = dying_with_us(program)
         .args(arguments)
@@ -56,7 +64,12 @@ pub(super) fn run(
         if told.elapsed() >= TELL_EVERY {
             told = Instant::now();
             let line = last_line(log).unwrap_or_default();
-            context.progress.report("external solver", begun.elapsed().as_secs_f64(), None, || line);
+            context.progress.report(
+                "external solver",
+                begun.elapsed().as_secs_f64(),
+                None,
+                || line,
+            );
         }
         std::thread::sleep(LOOK_EVERY);
     }
@@ -68,7 +81,11 @@ fn dying_with_us(program: &str) -> Command {
     match found("setpriv").zip(found(program)) {
         Some((setpriv, program)) => {
             let mut command = Command::new(setpriv);
-            command.arg("--pdeathsig").arg("KILL").arg("--").arg(program);
+            command
+                .arg("--pdeathsig")
+                .arg("KILL")
+                .arg("--")
+                .arg(program);
             command
         }
         None => Command::new(program),
@@ -81,7 +98,9 @@ fn found(program: &str) -> Option<PathBuf> {
         return Path::new(program).is_file().then(|| program.into());
     }
     let folders = std::env::var_os("PATH")?;
-    std::env::split_paths(&folders).map(|folder| folder.join(program)).find(|path| path.is_file())
+    std::env::split_paths(&folders)
+        .map(|folder| folder.join(program))
+        .find(|path| path.is_file())
 }
 
 fn end(child: &mut Child) {
@@ -111,6 +130,10 @@ pub(super) fn last_line(log: &Path) -> Option<String> {
         Ok(bytes)
     };
     let text = String::from_utf8_lossy(&tail().ok()?).into_owned();
-    let last = text.lines().rev().map(str::trim).find(|line| !line.is_empty())?;
+    let last = text
+        .lines()
+        .rev()
+        .map(str::trim)
+        .find(|line| !line.is_empty())?;
     Some(last.chars().take(300).collect())
 }
