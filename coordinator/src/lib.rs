@@ -6,7 +6,6 @@ pub mod dispatch;
 pub mod engine;
 pub mod export;
 pub mod input;
-pub mod machine;
 pub mod preparation;
 pub mod report;
 pub mod results;

@@ -103,8 +103,14 @@ pub const CRATES: &[Rule] = &[
             "mesh",
             "calibrate",
             "slurm",
+            "workflow",
         ],
-        why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small; meshes are checked and mended, not computed with",
+        why: "keeps books and reaches the world, never simulates: it builds where MPI is absent and stays small; meshes are checked and mended, not computed with",
+    },
+    Rule {
+        who: "workflow",
+        may: &["schemas", "calibrate"],
+        why: "decisions are pure functions, tested without the world",
     },
     Rule {
         who: "slurm",
@@ -113,7 +119,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "tests",
-        may: &["schemas", "coordinator"],
+        may: &["schemas", "workflow", "coordinator"],
         why: "the system is tested from outside, through its binaries and files",
     },
 ];
@@ -123,12 +129,7 @@ pub const ROOMS: &[Rule] = &[
     Rule {
         who: "clock",
         may: &["schemas"],
-        why: "one place reads the wall clock; machine and report get it as an argument",
-    },
-    Rule {
-        who: "machine",
-        may: &["schemas"],
-        why: "decisions are pure functions, tested without the world",
+        why: "one place reads the wall clock; workflow and report get it as an argument",
     },
     Rule {
         who: "dispatch",
@@ -137,7 +138,7 @@ pub const ROOMS: &[Rule] = &[
     },
     Rule {
         who: "store",
-        may: &["schemas", "machine", "clock"],
+        may: &["schemas", "workflow", "clock"],
         why: "SQL in one place",
     },
     Rule {
@@ -186,7 +187,7 @@ pub const ROOMS: &[Rule] = &[
         who: "engine",
         may: &[
             "schemas",
-            "machine",
+            "workflow",
             "store",
             "dispatch",
             "calibrate",
@@ -249,7 +250,7 @@ pub const REFUSALS: &[Refusal] = &[
         why: "a worker never opens the database",
     },
     Refusal {
-        folder: "coordinator/src/machine",
+        folder: "coordinator/workflow/src",
         paths: &[
             "tokio",
             "sqlx",
@@ -327,7 +328,7 @@ pub const NOT_FOR_SOLVERS: &[&str] = &[
 pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
 /// Longest source file, in lines: past about 400 it wants a name for its second half, past this the test fails.
-pub const LONGEST_FILE: usize = 900;
+pub const LONGEST_FILE: usize = 840;
 
 /// Both tables as docs/architecture.md shows them.
 pub fn markdown() -> String {

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use cardiotwin::engine::{AttemptRecord, EventRecord, Reader};
-use cardiotwin::machine::job::Attempt;
-use cardiotwin::machine::patient::Patient;
-use cardiotwin::machine::task::Task;
 use cardiotwin_schemas::status::Status;
+use cardiotwin_workflow::attempt::Attempt;
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
 
 use crate::scene::Scene;
 

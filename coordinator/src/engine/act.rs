@@ -4,6 +4,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
+use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
 use super::cores;
 use super::decide::Circumstance;
@@ -13,7 +14,6 @@ use super::world::AttemptEntry;
 use super::{EngineError, StopLevel, overlay};
 use crate::clock;
 use crate::dispatch::{DispatchError, Evidence, Executor, Order};
-use crate::machine::job::{Attempt, AttemptEvent};
 use crate::store::outbox::Action;
 
 impl<E: Executor> Drive<E> {

@@ -3,13 +3,13 @@
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
+use cardiotwin_workflow::task::{Task, TaskEvent};
 
 use super::decide::Decider;
 use super::requests::Request;
 use super::world::World;
-use super::{EngineError, PatientEnding, settings, step1};
-use crate::machine::patient::{Patient, PatientEvent, Stage, Step};
-use crate::machine::task::{Task, TaskEvent};
+use super::{EngineError, PatientEnding, settings};
 
 impl Decider {
     /// Makes a requested change; tells what it did, a line each.
@@ -94,7 +94,7 @@ impl Decider {
             serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
         let plan = settings::plan(&given, &layer)
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
-        step1::settings(&plan.settings.step1, plan.settings.step1_update())
+        cardiotwin_workflow::adapter::settings(&plan.settings.step1, plan.settings.step1_update())
             .and_then(|s| s.validate().map_err(|error| error.to_string()))
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         let mut changes = Vec::new();

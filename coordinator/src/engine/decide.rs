@@ -7,15 +7,15 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_workflow::attempt::{Attempt, AttemptEnding, AttemptEvent};
+use cardiotwin_workflow::derivation::{self, Next};
+use cardiotwin_workflow::judge::judge;
+use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
+use cardiotwin_workflow::task::{Task, TaskEvent};
 
-use super::workflow::{self, Next};
 use super::world::World;
 use super::{EngineError, EngineEvent, PatientEnding, settings};
 use crate::dispatch::Evidence;
-use crate::machine::job::{Attempt, AttemptEnding, AttemptEvent};
-use crate::machine::judge::judge;
-use crate::machine::patient::{Patient, PatientEvent, Stage, Step};
-use crate::machine::task::{Task, TaskEvent};
 use crate::store::outbox::Action;
 use crate::store::patients::PlanRow;
 
@@ -149,7 +149,7 @@ impl Decider {
         let evaluation = loop {
             let patient = &world.patients[i];
             let evaluation =
-                workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
+                derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
             // Each time round a published task is opened, so that it ends.
             if !self.open_purged(world, i, &evaluation.next)? {
                 break evaluation;

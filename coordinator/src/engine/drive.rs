@@ -15,6 +15,9 @@ use std::time::{Duration, Instant};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
 use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
 
 use super::cores;
 use super::crash::CrashPoints;
@@ -24,9 +27,6 @@ use super::world::{AttemptEntry, World};
 use super::{EngineError, EngineEvent, EventSender, RunSummary, StopLevel, StopSignal, requests};
 use crate::clock;
 use crate::dispatch::{Evidence, Executor, Found, News};
-use crate::machine::job::{Attempt, AttemptEvent};
-use crate::machine::patient::Patient;
-use crate::machine::task::Task;
 use crate::store::Writer;
 use crate::store::outbox::Action;
 

@@ -1,7 +1,7 @@
 //! The driver inside an allocation: walks patients' chains by the same decisions as the coordinator, without its
 //! database.
 //!
-//! A patient waits in the queue once: what follows from a simulation is derived here ([`workflow::evaluate`]) and begun
+//! A patient waits in the queue once: what follows from a simulation is derived here ([`derivation::evaluate`]) and begun
 //! at once. Every simulation is an attempt in a directory of its own, as if the coordinator had begun it; the coordinator
 //! finds these directories and writes its books from them. What the time left does not hold is not begun.
 
@@ -19,17 +19,17 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
+use cardiotwin_workflow::attempt::AttemptEnding;
+use cardiotwin_workflow::derivation::{self, Next, Settled};
+use cardiotwin_workflow::judge::judge;
+use cardiotwin_workflow::task::{Task, TaskEvent};
 use tokio::signal::unix::{SignalKind, signal};
 
-use super::workflow::{self, Next, Settled};
 use super::world::attempt_directory;
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock;
 use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
-use crate::machine::job::AttemptEnding;
-use crate::machine::judge::judge;
-use crate::machine::task::{Task, TaskEvent};
 
 /// How often fence and clock are looked at.
 const TICK: Duration = Duration::from_millis(500);
@@ -246,7 +246,7 @@ impl<E: Executor> Driver<'_, E> {
         loop {
             let of = &self.order.patients[patient];
             let next =
-                workflow::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
+                derivation::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
             let Next::Run { key, spec, .. } = next else {
                 return Ok(());
             };

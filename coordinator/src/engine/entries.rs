@@ -8,11 +8,11 @@ use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::progress::Claim;
+use cardiotwin_workflow::attempt::Attempt;
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::Step;
+use cardiotwin_workflow::task::Task;
 
-use crate::machine::chain::Chain;
-use crate::machine::job::Attempt;
-use crate::machine::patient::Step;
-use crate::machine::task::Task;
 use crate::store::Batch;
 use crate::store::attempts::{AttemptChange, NewAttempt};
 use crate::store::patients::{PatientRow, PlanRow};

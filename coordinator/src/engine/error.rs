@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_workflow::IllegalTransition;
+
 use crate::dispatch::DispatchError;
-use crate::machine::IllegalTransition;
 use crate::store::StoreError;
 use crate::store::lock::LockError;
 

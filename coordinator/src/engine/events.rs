@@ -3,8 +3,7 @@
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::Step1Summary;
-
-use crate::machine::patient::Patient;
+use cardiotwin_workflow::patient::Patient;
 
 /// Where events go; the engine never waits for a reader, and goes on when there is none.
 pub type EventSender = tokio::sync::mpsc::UnboundedSender<EngineEvent>;

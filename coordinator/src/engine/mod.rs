@@ -11,7 +11,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 
-pub use crate::machine::patient::Stage;
+pub use cardiotwin_workflow::patient::Stage;
 
 use crate::clock;
 use crate::dispatch::slurm::{Installed, Scheduler};
@@ -48,15 +48,12 @@ mod purged;
 mod requests;
 mod settings;
 mod show;
-mod step1;
-mod step2;
-mod step3;
+
 mod stop;
 #[cfg(test)]
 mod tests;
 mod watch;
 mod worker_identity;
-mod workflow;
 mod world;
 mod world_jobs;
 
@@ -67,6 +64,7 @@ pub use crate::store::{
     StoreError,
 };
 pub use crate::store::{back_up, try_locks};
+pub use cardiotwin_workflow::cell_fit::contraction;
 pub use cluster::{
     ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport,
     SiteReport, TickCost, examine_site, measure as measure_cluster, preview,
@@ -77,7 +75,6 @@ pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
 pub use notices::tell;
 pub use programs::first_line;
-pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};
 pub use world::ATTEMPTS;
 

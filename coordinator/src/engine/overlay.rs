@@ -8,14 +8,14 @@ use std::path::Path;
 use cardiotwin_schemas::organ::{OrganSpec, VALVE_PARAMETERS};
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
+use cardiotwin_workflow::cell_fit::cell_parameters;
+use cardiotwin_workflow::derivation::Settled;
+use cardiotwin_workflow::patient::Stage;
+use cardiotwin_workflow::patient::Step;
 
 use super::EngineError;
-use super::step2::cell_parameters;
-use super::workflow::Settled;
 use super::world::World;
 use crate::clock;
-use crate::machine::patient::Stage;
-use crate::machine::patient::Step;
 
 /// What is learned about a patient so far, without version and time; `None` before step 0.
 pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_workflow::derivation::Next;
+use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde_json::Value;
 
 use super::decide::Decider;
-use super::workflow::Next;
 use super::world::{ATTEMPTS, World};
 use super::{EngineError, EngineEvent};
-use crate::machine::task::{Task, TaskEvent};
 
 /// A task that was tried so often is not made again by itself, should its files be missed each time: whoever reads them says so.
 const MOST_GENERATIONS: u32 = 10;

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_workflow::patient::Stage;
 use serde::{Deserialize, Serialize};
 
 use super::decide::Decider;
 use super::world::World;
 use super::{EngineError, EngineEvent};
 use crate::clock;
-use crate::machine::patient::Stage;
 
 const FOLDER: &str = "requests";
 

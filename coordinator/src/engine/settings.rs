@@ -2,9 +2,8 @@
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_workflow::patient::Stage;
 use serde_json::Value;
-
-use crate::machine::patient::Stage;
 
 /// `given` with the overrides' tables laid over its settings, key by key.
 ///

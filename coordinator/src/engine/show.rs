@@ -1,13 +1,13 @@
 //! What tables show of a patient.
 
 use super::world::World;
-use crate::machine::job::Attempt;
-use crate::machine::patient::{Patient, Stage, Step};
-use crate::machine::task::Task;
 use crate::store::patients::Shown;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::record::Step1Quality;
+use cardiotwin_workflow::attempt::Attempt;
+use cardiotwin_workflow::patient::{Patient, Stage, Step};
+use cardiotwin_workflow::task::Task;
 
 impl World {
     /// Brings the shown columns of a patient's row up to date with its state.

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_workflow::task::Task;
 
 use super::EngineError;
 use super::programs::first_line;
 use super::world::World;
-use crate::machine::task::Task;
 use crate::store::Writer;
 
 /// Keys among the single values.

@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
+use cardiotwin_workflow::cluster_job::{ClusterJob, Element, JobAction, JobEvent};
+use cardiotwin_workflow::task::Task;
 use serde_json::json;
 
 use super::EngineError;
 use super::world::World;
-use crate::machine::cluster_job::{ClusterJob, Element, JobAction, JobEvent};
-use crate::machine::job::{Attempt, AttemptEvent};
-use crate::machine::task::Task;
 use crate::store::Batch;
 use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, JobSpec, SeenElement, id_text};
 use crate::store::outbox::Action;

@@ -1,8 +1,7 @@
 //! Tables `attempts` (one try at a task) and `allocations` (what a scheduler gave for it).
 
+use cardiotwin_workflow::attempt::Attempt;
 use serde::Serialize;
-
-use crate::machine::job::Attempt;
 
 /// A new row.
 #[derive(Debug, Serialize)]

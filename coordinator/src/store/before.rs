@@ -8,9 +8,9 @@ use cardiotwin_schemas::outcome::{OrganBeatResult, PassiveStateResult, TaskResul
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{BeforeEffects, TaskRecord};
 use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_workflow::patient::Stage;
 
 use super::record::Settled;
-use crate::machine::patient::Stage;
 
 /// What a step once was.
 #[derive(Debug)]

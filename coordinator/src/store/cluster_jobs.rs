@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 
 use cardiotwin_schemas::status::{ClusterStatus, JobStatus};
+use cardiotwin_workflow::cluster_job::{ClusterJob, Element, Submission};
 use serde::{Deserialize, Serialize};
 
 use crate::clock;
-use crate::machine::cluster_job::{ClusterJob, Element, Submission};
 
 /// A row of `jobs`.
 #[derive(Debug, Clone, PartialEq, Serialize)]

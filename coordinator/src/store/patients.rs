@@ -2,10 +2,9 @@
 
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::Patient;
 use serde::{Deserialize, Serialize};
-
-use crate::machine::chain::Chain;
-use crate::machine::patient::Patient;
 
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]

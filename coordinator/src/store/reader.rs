@@ -10,6 +10,8 @@ use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, Status};
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 use tokio::sync::Mutex;
@@ -26,8 +28,6 @@ use super::{
     StoreError, attempts, events, lease, lock, notable, open, patients, screen, steps, writer,
 };
 use crate::clock;
-use crate::machine::chain::Chain;
-use crate::machine::patient::{Patient, Stage, Step};
 
 /// A read-only view of a run's database; works while a coordinator writes and where we may not write.
 pub struct Reader {

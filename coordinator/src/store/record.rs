@@ -11,13 +11,13 @@ use cardiotwin_schemas::record::{
     IterationRecord, PatientRecord, Step3IterationRecord, TaskRecord,
 };
 use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::task::Task;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
 use super::StoreError;
 use super::writer::parse;
-use crate::machine::chain::Chain;
-use crate::machine::task::Task;
 
 /// An element of a sweep and what came of it.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,7 @@
 //! Table `steps`: which task a step of a patient's chain is, and was before.
 
+use cardiotwin_workflow::patient::Stage;
 use serde::Serialize;
-
-use crate::machine::patient::Stage;
 
 /// A new row.
 #[derive(Debug, Serialize)]

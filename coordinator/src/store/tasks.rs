@@ -1,8 +1,7 @@
 //! Table `tasks`: what is wanted, with its state and, once settled, the outcome that settled it.
 
+use cardiotwin_workflow::task::Task;
 use serde::{Deserialize, Serialize};
-
-use crate::machine::task::Task;
 
 /// A new row.
 #[derive(Debug, Serialize)]

@@ -8,8 +8,8 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
 use super::patients::{PatientRow, PlanRow, Shown};
 use super::{Batch, DATABASE_FILE, Reader, StoreError, Writer};
-use crate::machine::patient::Patient;
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_workflow::patient::Patient;
 
 fn patient(id: i64, version: i64) -> PatientRow {
     PatientRow {

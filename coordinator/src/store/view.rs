@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_workflow::attempt::Attempt;
+use cardiotwin_workflow::patient::Step;
+use cardiotwin_workflow::task::Task;
 use serde::Serialize;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -13,9 +16,6 @@ use sqlx::sqlite::SqliteRow;
 use super::StoreError;
 use super::writer::parse;
 use crate::clock;
-use crate::machine::job::Attempt;
-use crate::machine::patient::Step;
-use crate::machine::task::Task;
 
 /// One line of the append-only log.
 #[derive(Debug, Clone, PartialEq, Serialize)]

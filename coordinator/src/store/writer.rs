@@ -4,6 +4,8 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::{Stage, Step};
 use serde::de::DeserializeOwned;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Connection as _, Row as _};
@@ -20,8 +22,6 @@ use super::{
     StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks,
 };
 use crate::clock;
-use crate::machine::chain::Chain;
-use crate::machine::patient::{Stage, Step};
 
 /// The writing end of a run's database. Its owner holds the run's lock.
 #[derive(Debug)]
@@ -353,7 +353,7 @@ pub(super) fn parse<T: DeserializeOwned>(
 pub(super) fn job_row(row: &SqliteRow) -> Result<JobRow, StoreError> {
     let name: String = row.get("name");
     let column = |column: &'static str| -> String { row.get(column) };
-    let state: crate::machine::cluster_job::ClusterJob =
+    let state: cardiotwin_workflow::cluster_job::ClusterJob =
         parse(&column("state"), "jobs", "state", &name)?;
     Ok(JobRow {
         version: row.get("version"),

@@ -8,13 +8,13 @@ use std::path::Path;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::Fidelity;
+use cardiotwin_workflow::task::Task;
 use serde::Serialize;
 
 use super::expect::rest;
 use super::mesh_size;
 use crate::engine::EngineError;
 use crate::engine::world::{ATTEMPTS, World};
-use crate::machine::task::Task;
 
 /// So many measured attempts of a kind tell enough.
 const ENOUGH: usize = 20;

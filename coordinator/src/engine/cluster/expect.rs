@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Update};
 use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::task::Task;
 
 use super::mesh_size;
 use crate::engine::world::World;
-use crate::machine::chain::Chain;
-use crate::machine::task::Task;
 
 /// So many measured tasks of a kind tell enough.
 const ENOUGH: usize = 20;

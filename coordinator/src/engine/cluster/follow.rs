@@ -2,6 +2,7 @@
 //! nothing needs to be told.
 
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_workflow::task::Task;
 
 use super::Cluster;
 use super::place::present_task;
@@ -9,7 +10,6 @@ use crate::dispatch::slurm::{Scheduler, folder};
 use crate::dispatch::{self, Evidence};
 use crate::engine::EngineError;
 use crate::engine::decide::Circumstance;
-use crate::machine::task::Task;
 
 impl<S: Scheduler> Cluster<S> {
     /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.

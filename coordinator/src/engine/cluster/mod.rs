@@ -38,11 +38,11 @@ use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
 use crate::clock;
 use crate::dispatch::slurm::Scheduler;
-use crate::machine::cluster_job::Element;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
 pub use bench::{ClusterBenchOptions, ClusterBenchResult, TickCost, cluster as measure};
+use cardiotwin_workflow::cluster_job::Element;
 pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;

@@ -14,6 +14,7 @@ use cardiotwin_slurm::failure::{Class, Evidence, classify, is_open};
 use cardiotwin_slurm::job::JobName;
 use cardiotwin_slurm::state::SlurmState;
 use cardiotwin_slurm::truth::{self, Alive, Ended, Truth, Unknown, Wanted};
+use cardiotwin_workflow::cluster_job::{Element, Ending, JobEvent, Submission};
 
 use super::Cluster;
 use super::place::wants_place;
@@ -21,7 +22,6 @@ use crate::dispatch;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::engine::EngineError;
-use crate::machine::cluster_job::{Element, Ending, JobEvent, Submission};
 use crate::store::cluster_jobs::SeenElement;
 
 /// More names than this are not listed to sacct: all of the user's jobs are asked for.

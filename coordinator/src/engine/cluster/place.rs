@@ -14,10 +14,10 @@ use super::{Cluster, Expectations, mesh_size};
 use crate::dispatch::slurm::Scheduler;
 use crate::engine::world::World;
 use crate::engine::{EngineError, cores};
-use crate::machine::patient::Patient;
-use crate::machine::task::Task;
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
 use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
 
 /// A job that would be submitted.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,7 +92,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn intended(&self) -> u32 {
-        use crate::machine::cluster_job::Submission;
+        use cardiotwin_workflow::cluster_job::Submission;
         let rows = self
             .world
             .jobs

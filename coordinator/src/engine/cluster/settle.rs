@@ -3,6 +3,10 @@
 use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
 use cardiotwin_schemas::ids::{AttemptId, PatientId};
 use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
+use cardiotwin_workflow::attempt::AttemptEnding;
+use cardiotwin_workflow::cluster_job::{Element, Ending, JobEvent, Submission};
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
 
 use super::Cluster;
 use super::place::present_task;
@@ -11,10 +15,6 @@ use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::engine::EngineError;
 use crate::engine::requests::Request;
-use crate::machine::cluster_job::{Element, Ending, JobEvent, Submission};
-use crate::machine::job::AttemptEnding;
-use crate::machine::patient::Patient;
-use crate::machine::task::Task;
 use crate::store::cluster_jobs::{JobRow, Placed, id_text};
 
 impl<S: Scheduler> Cluster<S> {

@@ -15,11 +15,11 @@ use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::engine::world::World;
 use crate::engine::{EngineError, overlay};
-use crate::machine::cluster_job::{JobEvent, Submission};
-use crate::machine::task::Task;
 use crate::store::cluster_jobs::{JobRow, JobSpec};
 use crate::store::outbox::Action;
 use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_workflow::cluster_job::{JobEvent, Submission};
+use cardiotwin_workflow::task::Task;
 use std::path::Path;
 
 /// Whether submitting goes on in this tick.

@@ -15,13 +15,13 @@ use cardiotwin_schemas::outcome::TaskOutcome;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
+use cardiotwin_workflow::task::Task;
 pub use classes::Class;
 use classes::Standing;
 
 use super::world::{ATTEMPTS, World, attempt_directory};
 use super::{EngineError, enter};
 use crate::clock;
-use crate::machine::task::Task;
 use crate::store::{DATABASE_FILE, Writer, back_up};
 
 /// Files and bytes.

@@ -651,8 +651,11 @@ async fn requests_that_make_no_sense_are_refused_with_the_reason() {
 
 #[test]
 fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
-    let (a, b) = (workflow::stream(1, "01-CoA"), workflow::stream(1, "02-CoA"));
-    assert!(a != b && a != workflow::stream(2, "01-CoA"));
+    let (a, b) = (
+        cardiotwin_workflow::derivation::stream(1, "01-CoA"),
+        cardiotwin_workflow::derivation::stream(1, "02-CoA"),
+    );
+    assert!(a != b && a != cardiotwin_workflow::derivation::stream(2, "01-CoA"));
     assert!(a < 1 << 53 && b < 1 << 53);
 }
 

@@ -15,7 +15,7 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
-use super::job::AttemptEnding;
+use super::attempt::AttemptEnding;
 
 /// Where a task stands. Generations count from 1 and never go back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

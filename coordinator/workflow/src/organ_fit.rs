@@ -10,7 +10,7 @@ use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::task::{ProposalRun, Step3Run};
 use cardiotwin_schemas::verdict::Verdict;
 
-use super::step1;
+use crate::adapter;
 
 /// A beat that is already personalised is bettered only where another promises to take away this share of its misfit.
 const PROMISED_SHARE: f64 = 0.2;
@@ -85,8 +85,8 @@ pub fn misfit(
 ) -> f64 {
     let weights = Weights::of_uncertainty_percent(&settings.uncertainty_percent);
     let of_biomarkers = weights.misfit(
-        &step1::biomarkers(&step0.measured),
-        &step1::biomarkers(&simulated.biomarkers),
+        &adapter::biomarkers(&step0.measured),
+        &adapter::biomarkers(&simulated.biomarkers),
     );
     let traces = settings.traces(step0, cycle_length_ms);
     let of_traces = traces

@@ -5,7 +5,7 @@ use cardiotwin_schemas::ids::{ExternalId, TaskKey};
 use proptest::prelude::*;
 
 use super::IllegalTransition;
-use super::job::{Attempt, AttemptAction, AttemptEnding, AttemptEvent};
+use super::attempt::{Attempt, AttemptAction, AttemptEnding, AttemptEvent};
 use super::patient::{Patient, PatientEvent, Stage, Step};
 use super::task::{Task, TaskEvent};
 

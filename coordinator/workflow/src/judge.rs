@@ -15,7 +15,7 @@ use cardiotwin_schemas::outcome::{
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
-use super::job::AttemptEnding;
+use super::attempt::AttemptEnding;
 
 /// How an attempt at a task of `kind` ended, judged by what it left.
 #[must_use]

@@ -1,0 +1,265 @@
+//! What follows from a plan and the outcomes so far: the next task, or how the chain ended. Pure.
+//!
+//! Nothing is remembered from one decision to the next: the whole chain is derived anew, each task found by its key.
+//! A changed input or setting leads to another key and so to another task, from there on and nowhere before; a resumed
+//! run is the same derivation.
+
+mod step1;
+mod step2;
+mod step3;
+
+use std::borrow::Cow;
+use std::path::PathBuf;
+
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::organ::{
+    BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
+};
+use cardiotwin_schemas::outcome::{Artefact, PassiveStateResult, TaskResult};
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::settings::LastStep;
+use cardiotwin_schemas::task::{CellInOrgan, NoopSpec, Step1Beat, TaskSpec};
+
+use crate::chain::Chain;
+use crate::patient::{Stage, Step};
+use crate::{adapter, cell_fit};
+
+/// A settled task, as the chain sees it.
+#[derive(Debug, Clone)]
+pub enum Settled<'a> {
+    /// Its result stands.
+    Published {
+        /// What was computed.
+        result: &'a TaskResult,
+        /// Its files.
+        artefacts: &'a [Artefact],
+        /// Where they lie, absolute.
+        directory: PathBuf,
+    },
+    /// It failed for good.
+    Failed(&'a Failure),
+}
+
+/// What follows.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// This task is wanted.
+    Run {
+        /// Where in the chain.
+        step: Step,
+        /// The task.
+        key: TaskKey,
+        /// Its specification.
+        spec: Box<TaskSpec>,
+    },
+    /// Nothing is left to do.
+    Finished,
+    /// The chain cannot go on.
+    Failed {
+        /// Where.
+        step: Step,
+        /// Why.
+        failure: Failure,
+    },
+}
+
+/// The chain so far and what follows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// Settled tasks.
+    pub chain: Chain,
+    /// What follows.
+    pub next: Next,
+}
+
+/// Derives a patient's chain.
+///
+/// - `carried`: step 1's parameters that were simulated under earlier settings, oldest first
+/// - `settled`: finds a settled task by its key
+#[must_use]
+pub fn evaluate<'a>(
+    plan: &ResolvedPatient,
+    carried: &[Step1Parameters],
+    settled: &dyn Fn(&TaskKey) -> Option<Settled<'a>>,
+) -> Evaluation {
+    let mut derivation = Derivation {
+        plan,
+        carried,
+        settled,
+        chain: Chain::default(),
+    };
+    let next = match &plan.workflow {
+        Workflow::Personalise => derivation.personalise(),
+        Workflow::Noop { sleep_ms } => derivation.noops(*sleep_ms),
+        Workflow::Task { task } => derivation.one_task(task),
+    };
+    Evaluation {
+        next: next.err().unwrap_or(Next::Finished),
+        chain: derivation.chain,
+    }
+}
+
+struct Derivation<'a, 'b> {
+    plan: &'b ResolvedPatient,
+    carried: &'b [Step1Parameters],
+    settled: &'b dyn Fn(&TaskKey) -> Option<Settled<'a>>,
+    chain: Chain,
+}
+
+/// A result in the chain.
+struct Published<'a> {
+    key: TaskKey,
+    result: &'a TaskResult,
+    artefacts: &'a [Artefact],
+    directory: PathBuf,
+}
+
+/// Ends the derivation early: with what is wanted, or with what holds it.
+type Derived<T> = Result<T, Next>;
+
+fn broken(step: Step, class: FailureClass, message: String) -> Next {
+    Next::Failed {
+        step,
+        failure: Failure::new(class, message),
+    }
+}
+
+impl<'a> Derivation<'a, '_> {
+    fn noops(&mut self, sleep_ms: u64) -> Derived<()> {
+        for number in 1..=3 {
+            let label = format!("{}/{number}", self.plan.id);
+            let spec = TaskSpec::Noop(NoopSpec { label, sleep_ms });
+            let done = self.result(
+                Step {
+                    stage: Stage::Noop,
+                    number,
+                },
+                spec,
+            )?;
+            self.chain.noops.push(done.key);
+        }
+        Ok(())
+    }
+
+    fn one_task(&mut self, task: &TaskSpec) -> Derived<()> {
+        let done = self.result(Step::only(Stage::Task), task.clone())?;
+        self.chain.task = Some(done.key);
+        Ok(())
+    }
+
+    fn personalise(&mut self) -> Derived<()> {
+        let step0 = self.step0()?;
+        let (best, summary) = self.step1(&step0)?;
+        let parameters = summary.parameters;
+        self.chain.step1 = Some(summary);
+        let (targets, calcium) = self.targets(&best)?;
+        let TaskResult::OrganBeat(beat) = best.result else {
+            return Err(wrong_kind(Step::only(Stage::Targets), best.result));
+        };
+        let of_step1 = Step1Beat {
+            parameters,
+            biomarkers: adapter::of_step1(&beat.biomarkers),
+        };
+        let fit = self.step2(targets, calcium.clone())?;
+        if self.plan.settings.verification.enabled {
+            let contraction = cell_fit::contraction(self.plan, fit, calcium);
+            let beat = self.cell_beat(&step0, contraction, parameters.valves);
+            let verified = self.verification(&step0, &beat)?;
+            if self.plan.settings.workflow.until == LastStep::Step3 {
+                let cell = CellInOrgan {
+                    beat,
+                    step1: Some(of_step1),
+                };
+                let twin = self.step3(&step0, &cell, verified)?;
+                self.posterior(&step0, &cell, twin)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The result of a task, if it is published; else the derivation ends here.
+    fn result(&self, step: Step, spec: TaskSpec) -> Derived<Published<'a>> {
+        let key = spec.key();
+        match (self.settled)(&key) {
+            Some(Settled::Published {
+                result,
+                artefacts,
+                directory,
+            }) => Ok(Published {
+                key,
+                result,
+                artefacts,
+                directory,
+            }),
+            Some(Settled::Failed(failure)) => Err(Next::Failed {
+                step,
+                failure: failure.clone(),
+            }),
+            None => Err(Next::Run {
+                step,
+                key,
+                spec: Box::new(spec),
+            }),
+        }
+    }
+
+    fn step0(&mut self) -> Derived<Cow<'a, PassiveStateResult>> {
+        let step = Step::only(Stage::Step0);
+        let done = self.result(
+            step,
+            TaskSpec::PassiveState(Box::new(self.plan.step0_spec())),
+        )?;
+        let TaskResult::PassiveState(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        self.chain.step0 = Some(done.key);
+        let mut result = Cow::Borrowed(result);
+        if let OrganSpec::FiniteElement(organ) = &result.organ {
+            // Where the run lies now; it may have been moved since.
+            let mut organ = organ.clone();
+            if let Some(file) = done
+                .artefacts
+                .iter()
+                .find(|a| a.name == organ.ventricle.name)
+            {
+                organ.ventricle.path = done.directory.join(&file.file);
+            }
+            result.to_mut().organ = OrganSpec::FiniteElement(organ);
+        }
+        Ok(result)
+    }
+
+    fn beat(
+        &self,
+        step0: &PassiveStateResult,
+        contraction: ContractionSpec,
+        valves: ValveParameters,
+    ) -> TaskSpec {
+        let beats = BeatCount::Fixed {
+            n: self.plan.settings.solver.beats,
+        };
+        TaskSpec::OrganBeat(Box::new(self.plan.beat_spec(
+            step0,
+            contraction,
+            valves,
+            beats,
+        )))
+    }
+}
+
+fn wrong_kind(step: Step, result: &TaskResult) -> Next {
+    broken(
+        step,
+        FailureClass::Bug,
+        format!("the result found for {step} is of another kind: {result:.80?}"),
+    )
+}
+
+/// A patient's own stream of random numbers: 53 bits, so that every reader of JSON gets the same number.
+#[must_use]
+pub fn stream(seed: u64, patient: &str) -> u64 {
+    let digest = sha256_hex(format!("{seed}/{patient}").as_bytes());
+    u64::from_str_radix(&digest[..16], 16).expect("a digest is hexadecimal") >> 11
+}

@@ -1,0 +1,329 @@
+//! Step 1 of the chain: simulations with the phenomenological active stress until biomarkers match.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_calibrate::fixed_point;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
+use cardiotwin_schemas::outcome::{PassiveStateResult, Step1ProposalResult, TaskResult};
+use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
+use cardiotwin_schemas::settings::Update;
+use cardiotwin_schemas::task::{Step1Run, TaskSpec};
+
+use super::{Derivation, Derived, Next, Published, Settled, broken, wrong_kind};
+use crate::adapter;
+use crate::chain::{ChainIteration, ChainProposal};
+use crate::patient::{Stage, Step};
+
+impl<'a> Derivation<'a, '_> {
+    fn step1_beat(&self, step0: &PassiveStateResult, parameters: &Step1Parameters) -> TaskSpec {
+        self.beat(
+            step0,
+            ContractionSpec::Tanh {
+                parameters: parameters.tanh,
+            },
+            parameters.valves,
+        )
+    }
+
+    pub(super) fn step1(
+        &mut self,
+        step0: &PassiveStateResult,
+    ) -> Derived<(Published<'a>, Step1Summary)> {
+        let settings = &self.plan.settings.step1;
+        let measured = adapter::biomarkers(&step0.measured);
+        let start = Step1Parameters {
+            tanh: settings.initial,
+            valves: settings.valves,
+        };
+        let invalid = |number, message| {
+            broken(
+                Step {
+                    stage: Stage::Step1,
+                    number,
+                },
+                FailureClass::Input,
+                message,
+            )
+        };
+        let fixed_settings = adapter::settings(settings, self.plan.settings.step1_update())
+            .map_err(|message| invalid(1, message))?;
+        let mut history = fixed_point::History::new(adapter::parameters(&start));
+        let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
+        for parameters in self.carried {
+            // Kept only as far as the same organ would be simulated again.
+            let parameters = start.with_updated(parameters.updated());
+            let spec = self.step1_beat(step0, &parameters);
+            if let Ok(run) = self.iteration(
+                runs.len() as u32 + 1,
+                spec,
+                &parameters,
+                &measured,
+                &mut history,
+            )? {
+                runs.push(run);
+            }
+        }
+        history.resumed_at = history.iterations.len();
+        loop {
+            let number = runs.len() as u32 + 1;
+            let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
+                match fixed_point::ended(&fixed_settings, &measured, &history) {
+                    Ok(None) => match self
+                        .proposal(step0, &start, &runs)?
+                        .filter(|(next, _)| history.lacks(next))
+                    {
+                        Some((parameters, promised)) => {
+                            let content = fixed_point::content(
+                                &fixed_settings,
+                                &measured,
+                                &history,
+                                promised,
+                            );
+                            let next = fixed_point::Decision::Next {
+                                parameters,
+                                from: None,
+                            };
+                            content.map(|ended| ended.unwrap_or(next))
+                        }
+                        None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
+                    },
+                    Ok(Some(ended)) => Ok(ended),
+                    Err(error) => Err(error),
+                }
+            } else {
+                fixed_point::decide(&fixed_settings, &measured, &history)
+            };
+            let decision = decision.map_err(|error| invalid(number, error.to_string()))?;
+            match decision {
+                fixed_point::Decision::Next { parameters, .. } => {
+                    let parameters = start.with_updated(adapter::values(&parameters));
+                    let spec = self.step1_beat(step0, &parameters);
+                    let run = self.iteration(number, spec, &parameters, &measured, &mut history)?;
+                    runs.push(run.map_err(|wanted| *wanted)?);
+                }
+                fixed_point::Decision::Ended {
+                    quality,
+                    because,
+                    best,
+                } => {
+                    return self.step1_ended(runs, quality, because, best, settings.tolerance);
+                }
+            }
+        }
+    }
+
+    /// The next parameters by space mapping with the misfit that they promise; none if nothing is left to try.
+    fn proposal(
+        &mut self,
+        step0: &PassiveStateResult,
+        start: &Step1Parameters,
+        runs: &[Result<Published<'a>, Failure>],
+    ) -> Derived<Option<(fixed_point::Parameters, f64)>> {
+        let number = runs.len() as u32 + 1;
+        let step = Step {
+            stage: Stage::Step1Proposal,
+            number,
+        };
+        let told =
+            runs.iter()
+                .zip(&self.chain.iterations)
+                .zip(1..)
+                .map(|((run, iteration), number)| Step1Run {
+                    parameters: iteration.parameters,
+                    biomarkers: match run.as_ref().map(|run| run.result) {
+                        Ok(TaskResult::OrganBeat(beat)) => {
+                            Some(adapter::of_step1(&beat.biomarkers))
+                        }
+                        _ => None,
+                    },
+                    whole_beat: run.is_ok() && !iteration.no_whole_beat,
+                    predicted_misfit: self
+                        .chain
+                        .proposal(number)
+                        .map(|proposal| proposal.predicted_misfit),
+                });
+        let told = told.collect();
+        let spec = self.plan.step1_proposal_spec(step0, start, told);
+        let done = match self.result(step, TaskSpec::Step1Proposal(Box::new(spec))) {
+            Ok(done) => done,
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok(None);
+            }
+            Err(next) => return Err(next),
+        };
+        let TaskResult::Step1Proposal(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        let Step1ProposalResult {
+            predicted_cost,
+            predicted_misfit,
+            ..
+        } = *result;
+        self.chain.proposals.push(ChainProposal {
+            iteration: number,
+            task: done.key,
+            predicted_cost,
+            predicted_misfit,
+        });
+        Ok(Some((
+            adapter::parameters(&result.parameters),
+            predicted_misfit,
+        )))
+    }
+
+    /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
+    fn iteration(
+        &mut self,
+        number: u32,
+        spec: TaskSpec,
+        parameters: &Step1Parameters,
+        measured: &fixed_point::Biomarkers,
+        history: &mut fixed_point::History,
+    ) -> Derived<Result<Result<Published<'a>, Failure>, Box<Next>>> {
+        let step = Step {
+            stage: Stage::Step1,
+            number,
+        };
+        let key = spec.key();
+        let fixed_parameters = adapter::parameters(parameters);
+        let mut iteration = ChainIteration {
+            parameters: *parameters,
+            task: key.clone(),
+            cost: None,
+            no_whole_beat: false,
+            relative_differences: BTreeMap::new(),
+        };
+        let run = match (self.settled)(&key) {
+            None => {
+                return Ok(Err(Box::new(Next::Run {
+                    step,
+                    key,
+                    spec: Box::new(spec),
+                })));
+            }
+            Some(Settled::Published {
+                result,
+                artefacts,
+                directory,
+            }) => {
+                let TaskResult::OrganBeat(beat) = result else {
+                    return Err(wrong_kind(step, result));
+                };
+                let outcome = adapter::outcome(beat);
+                if let fixed_point::Outcome::Simulated(found)
+                | fixed_point::Outcome::NoWholeBeat(found) = &outcome
+                {
+                    let cost = fixed_point::Cost::of(measured, found);
+                    iteration.cost = Some(cost.total);
+                    iteration.relative_differences = adapter::relative_differences(&cost);
+                }
+                iteration.no_whole_beat = matches!(outcome, fixed_point::Outcome::NoWholeBeat(_));
+                history.push(fixed_parameters, outcome);
+                Ok(Published {
+                    key,
+                    result,
+                    artefacts,
+                    directory,
+                })
+            }
+            // A failed simulation is an answer of the model; any other failure holds the patient.
+            Some(Settled::Failed(failure)) if failure.class == FailureClass::Numerics => {
+                history.push(fixed_parameters, fixed_point::Outcome::Failed);
+                Err(failure.clone())
+            }
+            Some(Settled::Failed(failure)) => {
+                return Err(Next::Failed {
+                    step,
+                    failure: failure.clone(),
+                });
+            }
+        };
+        self.chain.iterations.push(iteration);
+        Ok(Ok(run))
+    }
+
+    fn step1_ended(
+        &self,
+        mut runs: Vec<Result<Published<'a>, Failure>>,
+        quality: fixed_point::Quality,
+        because: fixed_point::Ending,
+        best: Option<usize>,
+        tolerance: f64,
+    ) -> Derived<(Published<'a>, Step1Summary)> {
+        let last = Step {
+            stage: Stage::Step1,
+            number: runs.len().max(1) as u32,
+        };
+        let Some(best) = best else {
+            let failure = Failure {
+                class: FailureClass::Numerics,
+                message: format!("no simulation of step 1 succeeded: {}", why_none(&runs)),
+                remedy: Some("rerun from step1 with other initial values or bounds".into()),
+                cause: None,
+            };
+            return Err(Next::Failed {
+                step: last,
+                failure,
+            });
+        };
+        let iterations = &self.chain.iterations;
+        let summary = Step1Summary {
+            quality: match quality {
+                fixed_point::Quality::Converged => Step1Quality::Converged,
+                fixed_point::Quality::FailedAt(_) => Step1Quality::Stalled {
+                    reason: StallReason::SimulationFailed,
+                },
+                fixed_point::Quality::LimitReached => Step1Quality::Stalled {
+                    reason: StallReason::IterationLimit,
+                },
+                fixed_point::Quality::Stalled if because == fixed_point::Ending::Failure => {
+                    Step1Quality::Stalled {
+                        reason: StallReason::SimulationFailed,
+                    }
+                }
+                fixed_point::Quality::Stalled => Step1Quality::Stalled {
+                    reason: StallReason::Stagnation,
+                },
+            },
+            best_iteration: best as u32 + 1,
+            cost: iterations[best].cost.unwrap_or(f64::INFINITY),
+            first_converged: iterations
+                .iter()
+                .zip(1..)
+                .find(|(i, _)| !i.no_whole_beat && i.cost.is_some_and(|c| c <= tolerance))
+                .map(|x| x.1),
+            parameters: iterations[best].parameters,
+        };
+        match runs.swap_remove(best) {
+            Ok(run) => Ok((run, summary)),
+            Err(failure) => Err(Next::Failed {
+                step: last,
+                failure,
+            }),
+        }
+    }
+}
+
+/// Why none of step 1's simulations can be the result.
+fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
+    let failed = runs
+        .iter()
+        .rev()
+        .find_map(|run| run.as_ref().err())
+        .map(|failure| failure.message.clone());
+    let shut = || {
+        let last = runs.last()?.as_ref().ok()?;
+        let TaskResult::OrganBeat(beat) = last.result else {
+            return None;
+        };
+        Some(format!(
+            "after {} iterations still no whole beat, {}",
+            runs.len(),
+            beat.failed_valve()?
+        ))
+    };
+    failed
+        .or_else(shut)
+        .unwrap_or_else(|| "none lies within the bounds".to_owned())
+}

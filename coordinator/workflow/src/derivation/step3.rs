@@ -1,0 +1,160 @@
+//! Step 3 of the chain: the cell moved in the organ, and how sure the twin is.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::outcome::{PassiveStateResult, Step3ProposalResult, TaskResult};
+use cardiotwin_schemas::posterior::TwinBeat;
+use cardiotwin_schemas::record::{Step3Ending, Step3Summary};
+use cardiotwin_schemas::task::{CellInOrgan, TaskSpec};
+
+use super::{Derivation, Derived, Next, broken, wrong_kind};
+use crate::chain::{ChainProposal, Step3ChainIteration};
+use crate::organ_fit;
+use crate::patient::{Stage, Step};
+
+impl<'a> Derivation<'a, '_> {
+    pub(super) fn step3(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        verified: organ_fit::Beat,
+    ) -> Derived<organ_fit::Beat> {
+        let settings = &self.plan.settings.step3;
+        let traces = settings.traces(step0, self.plan.step0.cycle_length_ms);
+        let n_measured = settings.n_measured(&step0.measured, traces.as_ref());
+        let mut beats = vec![verified];
+        let ending = loop {
+            if organ_fit::content(&beats, n_measured) {
+                break Step3Ending::WithinUncertainty;
+            }
+            let number = beats.len() as u32;
+            if number > settings.max_iterations {
+                break Step3Ending::IterationLimit;
+            }
+            let Some((parameters, promised)) = self.step3_proposal(step0, cell, &beats)? else {
+                break Step3Ending::NoPromise;
+            };
+            if !organ_fit::worth_it(&beats, promised) {
+                break Step3Ending::NoPromise;
+            }
+            let step = Step {
+                stage: Stage::Step3,
+                number,
+            };
+            let spec = cell.beat.with_parameters(&parameters);
+            let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), step0)?;
+            let simulated =
+                simulated.unwrap_or_else(|_| organ_fit::Beat::failed(parameters.clone()));
+            self.chain.step3_iterations.push(Step3ChainIteration {
+                parameters,
+                task,
+                misfit: simulated.misfit,
+                whole_beat: simulated.is_whole(),
+                verdict: simulated.verdict.clone(),
+            });
+            beats.push(organ_fit::Beat {
+                predicted_misfit: Some(promised),
+                ..simulated
+            });
+        };
+        let Some(best) = organ_fit::best(&beats) else {
+            let step = Step {
+                stage: Stage::Step3,
+                number: beats.len().max(2) as u32 - 1,
+            };
+            let message = match beats.last().and_then(|beat| beat.shut.as_ref()) {
+                Some(valve) => format!("no cell makes a whole beat of the organ: {valve}"),
+                None => "no simulation of the organ with a cell ended".to_owned(),
+            };
+            return Err(broken(step, FailureClass::Numerics, message));
+        };
+        let taken = beats.swap_remove(best);
+        self.chain.verdict = taken.whole_verdict();
+        self.chain.step3 = Some(Step3Summary {
+            ending,
+            best_iteration: best as u32,
+            misfit: taken.misfit.unwrap_or(f64::INFINITY),
+            parameters: taken.parameters.clone(),
+        });
+        Ok(taken)
+    }
+
+    /// How sure the twin is. A posterior that cannot be sampled leaves the twin as it is.
+    pub(super) fn posterior(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        twin: organ_fit::Beat,
+    ) -> Derived<()> {
+        let organ_fit::Beat {
+            parameters,
+            biomarkers: Some(biomarkers),
+            samples: Some(samples),
+            ..
+        } = twin
+        else {
+            return Ok(());
+        };
+        if !self.plan.settings.posterior.enabled {
+            return Ok(());
+        }
+        let spec = self.plan.posterior_spec(
+            step0,
+            cell,
+            TwinBeat {
+                parameters,
+                biomarkers,
+                samples,
+            },
+        );
+        let step = Step::only(Stage::Posterior);
+        match self.result(step, TaskSpec::Posterior(Box::new(spec))) {
+            Ok(done) => self.chain.posterior = Some(done.key),
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {}
+            Err(next) => return Err(next),
+        }
+        Ok(())
+    }
+
+    /// The next parameters of step 3 with the misfit that they promise; none if nothing is left to try.
+    fn step3_proposal(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: &CellInOrgan,
+        beats: &[organ_fit::Beat],
+    ) -> Derived<Option<(BTreeMap<String, f64>, f64)>> {
+        let number = beats.len() as u32;
+        let step = Step {
+            stage: Stage::Step3Proposal,
+            number,
+        };
+        let runs = beats.iter().map(organ_fit::Beat::told).collect();
+        let spec = self.plan.step3_proposal_spec(step0, cell, runs);
+        let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
+            Ok(done) => done,
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok(None);
+            }
+            Err(next) => return Err(next),
+        };
+        let TaskResult::Step3Proposal(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        let Step3ProposalResult {
+            predicted_cost,
+            predicted_misfit,
+            ..
+        } = *result;
+        self.chain.step3_proposals.push(ChainProposal {
+            iteration: number,
+            task: done.key,
+            predicted_cost,
+            predicted_misfit,
+        });
+        let lacks = beats
+            .iter()
+            .all(|beat| beat.parameters != result.parameters);
+        Ok(lacks.then(|| (result.parameters.clone(), predicted_misfit)))
+    }
+}
