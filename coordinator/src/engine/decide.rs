@@ -13,6 +13,7 @@ use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
+use super::program_identity::{self, DECIDED_BY};
 use super::world::World;
 use super::{EngineError, EngineEvent, PatientEnding, settings};
 use crate::dispatch::Evidence;
@@ -135,6 +136,29 @@ impl Decider {
                     reason: reason.to_owned(),
                 },
             )?;
+        }
+        Ok(())
+    }
+
+    /// Decides for every patient, and for those that are settled where another program decided last.
+    ///
+    /// - `program`: which decided last
+    /// - `is_settled`: needs no new decision by the same program
+    pub fn decide_all(
+        &mut self,
+        world: &mut World,
+        program: Option<&String>,
+        is_settled: impl Fn(&Patient) -> bool,
+    ) -> Result<(), EngineError> {
+        let is_the_same = program_identity::is_this_program(program);
+        for i in 0..world.patients.len() {
+            if !(is_the_same && is_settled(&world.patients[i].row.state)) {
+                self.decide(world, i)?;
+            }
+        }
+        // Patients that are not worked on today were not decided: the next run of the whole cohort does it.
+        if !is_the_same && world.patients.iter().all(|p| p.selected || !p.row.active) {
+            world.put_meta(DECIDED_BY, program_identity::of_this_program());
         }
         Ok(())
     }

@@ -22,6 +22,7 @@ use cardiotwin_workflow::task::Task;
 use super::cores;
 use super::crash::CrashPoints;
 use super::decide::{Circumstance, Decider};
+use super::program_identity::DECIDED_BY;
 use super::watch::Tail;
 use super::world::{AttemptEntry, World};
 use super::{EngineError, EngineEvent, EventSender, RunSummary, StopLevel, StopSignal, requests};
@@ -121,13 +122,11 @@ impl<E: Executor> Drive<E> {
         }
         self.take_requests().await?;
         let adopted = self.adopt_all()?;
-        let proof = self.proven_patient()?;
-        for i in 0..self.world.patients.len() {
-            let settled = matches!(self.world.patients[i].row.state, Patient::Done) && proof;
-            if !settled {
-                self.decider.decide(&mut self.world, i)?;
-            }
-        }
+        let program = self.writer.meta().await?.remove(DECIDED_BY);
+        let is_settled = |patient: &Patient| matches!(patient, Patient::Done);
+        self.decider
+            .decide_all(&mut self.world, program.as_ref(), is_settled)?;
+        self.world.need_a_worker()?;
         self.cancel_unwanted()?;
         let settled = self.decider.over;
         let started = EngineEvent::Started {
@@ -139,18 +138,6 @@ impl<E: Executor> Drive<E> {
         self.take_stop()?;
         self.begin_ready()?;
         self.commit().await
-    }
-
-    /// Whether the chains of patients that are done may be taken as they are: another version of the program may want
-    /// other tasks, and then already the first of them says so.
-    fn proven_patient(&mut self) -> Result<bool, EngineError> {
-        let done =
-            |p: &super::entries::PatientEntry| p.selected && matches!(p.row.state, Patient::Done);
-        let Some(i) = self.world.patients.iter().position(done) else {
-            return Ok(true);
-        };
-        self.decider.decide(&mut self.world, i)?;
-        Ok(matches!(self.world.patients[i].row.state, Patient::Done))
     }
 
     fn adopt_all(&mut self) -> Result<usize, EngineError> {

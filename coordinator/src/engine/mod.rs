@@ -43,6 +43,7 @@ mod housekeeping;
 mod leave;
 mod notices;
 mod overlay;
+mod program_identity;
 mod programs;
 mod purged;
 mod requests;
@@ -184,7 +185,9 @@ async fn drive<E: Executor>(
 ) -> Result<RunSummary, EngineError> {
     let (mut writer, mut world, decider) = open(&options, run_dir).await?;
     if let Some(worker) = worker {
-        worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
+        let kept =
+            worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
+        world.refused_worker = kept;
     }
     if !world.jobs.rows.is_empty() {
         let jobs = world
@@ -229,7 +232,9 @@ async fn tick<S: Scheduler>(
     let site = load_site(&options.executor.slurm)?;
     let mut opened = open(&options, &run_dir).await?;
     opened.0.under(lease);
-    worker_identity::keep(&mut opened.0, &opened.1, &programs.0, options.adopt_version).await?;
+    let (writer, world, _) = &mut opened;
+    let kept = worker_identity::keep(writer, world, &programs.0, options.adopt_version).await?;
+    world.refused_worker = kept;
     let mut cluster = Cluster::new(
         opened,
         scheduler,
@@ -240,7 +245,7 @@ async fn tick<S: Scheduler>(
         crash,
     )
     .await?;
-    cluster.begin()?;
+    cluster.begin().await?;
     if options.watch {
         cluster.watch(&stop).await?;
     } else {
@@ -293,7 +298,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         crash,
     )
     .await?;
-    cluster.begin()?;
+    cluster.begin().await?;
     cluster.end_jobs(&stop).await?;
     Ok(cluster.writer.close_file().await?)
 }

@@ -14,7 +14,8 @@ use crate::store::Writer;
 const VERSION: &str = "worker_version";
 const SHA256: &str = "worker_sha256";
 
-/// Records the worker where the run has none yet, and refuses another one while there is something left to do.
+/// Records the worker where the run has none yet, and refuses another one while there is something left to do. Where nothing is,
+/// the refusal is returned: it holds if decisions find that a finished patient wants other tasks now.
 ///
 /// - `adopts`: go on with this worker, whatever it is
 ///
@@ -25,10 +26,10 @@ pub async fn keep(
     world: &World,
     worker: &Path,
     adopts: bool,
-) -> Result<(), EngineError> {
+) -> Result<Option<EngineError>, EngineError> {
     let bytes = match std::fs::read(worker) {
         Ok(bytes) => bytes,
-        Err(_) if adopts => return Ok(()),
+        Err(_) if adopts => return Ok(None),
         Err(source) => {
             return Err(EngineError::File {
                 what: "read",
@@ -41,7 +42,7 @@ pub async fn keep(
     let meta = writer.meta().await?;
     let before = meta.get(SHA256);
     if before == Some(&sha256) {
-        return Ok(());
+        return Ok(None);
     }
     let version = first_line(worker, &["--version"]).filter(|said| !said.is_empty());
     let version = version.unwrap_or_else(|| "unknown".to_owned());
@@ -58,25 +59,28 @@ pub async fn keep(
         && has_results
         && !adopts
     {
-        if is_over {
-            // Nothing will be computed: the record stays.
-            return Ok(());
-        }
         let name = |version: &str, sha256: &str| {
             format!("{version} ({})", &sha256[..12.min(sha256.len())])
         };
-        return Err(EngineError::OtherWorker {
+        let refusal = EngineError::OtherWorker {
             began: name(
                 meta.get(VERSION).map_or("an unknown one", String::as_str),
                 before,
             ),
             found: name(&version, &sha256),
-        });
+        };
+        // Nothing will be computed: the record stays.
+        return if is_over {
+            Ok(Some(refusal))
+        } else {
+            Err(refusal)
+        };
     }
     if before.is_some() && has_results {
         tracing::warn!(%version, sha256, "the run goes on with another worker than it began with");
     }
-    Ok(writer
+    writer
         .set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())])
-        .await?)
+        .await?;
+    Ok(None)
 }

@@ -44,6 +44,8 @@ pub struct World {
     pub by_id: HashMap<i64, usize>,
     pub allocation: i64,
     pub now_ms: i64,
+    /// The refusal of another worker than the run's: raised where a patient that was finished wants something computed.
+    pub refused_worker: Option<EngineError>,
     fresh_actions: Vec<Action>,
     next_action: i64,
     next_patient: i64,
@@ -74,6 +76,18 @@ impl World {
             .iter()
             .filter(|p| p.selected)
             .map(|p| &p.row.state)
+    }
+
+    /// Raises the refusal of the worker at hand where a patient that is worked on is not finished.
+    pub fn need_a_worker(&mut self) -> Result<(), EngineError> {
+        let all_final = self.selected_states().all(Patient::is_final);
+        let refused = self.refused_worker.take().filter(|_| !all_final);
+        refused.map_or(Ok(()), Err)
+    }
+
+    /// Puts a single value into the next batch.
+    pub fn put_meta(&mut self, key: &str, value: &str) {
+        self.batch.put_meta(key, value);
     }
 
     /// From what the store holds.
@@ -155,6 +169,7 @@ impl World {
             ready: BTreeSet::new(),
             allocation: 0,
             now_ms,
+            refused_worker: None,
             fresh_actions: Vec::new(),
             dirty_patients: BTreeSet::new(),
             dirty_tasks: HashSet::new(),

@@ -31,9 +31,11 @@ use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::answers::Table;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::site::Site;
+use cardiotwin_workflow::patient::Patient;
 
 use super::crash::CrashPoints;
 use super::decide::Decider;
+use super::program_identity::DECIDED_BY;
 use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
 use crate::clock;
@@ -143,16 +145,15 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     /// What every coordinator does first: who waits for what, and a decision for every patient that is not over.
-    pub fn begin(&mut self) -> Result<(), EngineError> {
+    pub async fn begin(&mut self) -> Result<(), EngineError> {
         for i in 0..self.world.patients.len() {
             self.world.await_present_task(i);
         }
         let settled = self.decider.over;
-        for i in 0..self.world.patients.len() {
-            if !self.world.patients[i].row.state.is_final() {
-                self.decider.decide(&mut self.world, i)?;
-            }
-        }
+        let program = self.writer.meta().await?.remove(DECIDED_BY);
+        self.decider
+            .decide_all(&mut self.world, program.as_ref(), Patient::is_final)?;
+        self.world.need_a_worker()?;
         let started = super::EngineEvent::Started {
             patients: self.decider.of,
             settled,

@@ -79,12 +79,31 @@ impl Bench {
         events: EventSender,
         stop: StopSignal,
     ) -> (RunSummary, Vec<&'static str>) {
+        let patients = Some(self.patients.clone());
+        let summary = self.driven(patients, None, events, stop).await.unwrap();
+        (summary, self.script.lock().unwrap().submitted.clone())
+    }
+
+    /// Goes on with the stored plans and a worker, and tells what was submitted.
+    async fn resume(&self, worker: Option<&Path>) -> Result<Vec<&'static str>, EngineError> {
+        let (events, _) = tokio::sync::mpsc::unbounded_channel();
+        self.driven(None, worker, events, StopSignal::new()).await?;
+        Ok(self.script.lock().unwrap().submitted.clone())
+    }
+
+    async fn driven(
+        &self,
+        patients: Option<Vec<ResolvedPatient>>,
+        worker: Option<&Path>,
+        events: EventSender,
+        stop: StopSignal,
+    ) -> Result<RunSummary, EngineError> {
         let options = RunOptions {
             run_dir: self.path().to_owned(),
             cohort_name: "test".into(),
             description: String::new(),
             cohort_dir: self.path().to_owned(),
-            patients: Some(self.patients.clone()),
+            patients,
             only: vec![],
             executor: ExecutorSettings::default(),
             worker: None,
@@ -93,17 +112,8 @@ impl Bench {
         };
         self.script(|s| s.submitted.clear());
         let (_lock, run_dir) = enter(self.path()).unwrap();
-        let summary = drive(
-            options,
-            &run_dir,
-            None,
-            Scripted::new(&self.script),
-            events,
-            stop,
-        )
-        .await
-        .unwrap();
-        (summary, self.script.lock().unwrap().submitted.clone())
+        let executor = Scripted::new(&self.script);
+        drive(options, &run_dir, worker, executor, events, stop).await
     }
 
     pub(super) async fn reader(&self) -> Reader {
@@ -659,6 +669,23 @@ fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
     assert!(a < 1 << 53 && b < 1 << 53);
 }
 
+/// Leaves the store as if its last coordinator, another build, had derived another task for a patient: one whose number `key`
+/// has no 8 in front.
+pub(super) async fn decided_otherwise(run_dir: &Path, patient: &str, key: &str) {
+    use sqlx::Connection as _;
+    let file = sqlx::sqlite::SqliteConnectOptions::new().filename(run_dir.join("cardiotwin.db"));
+    let mut store = sqlx::SqliteConnection::connect_with(&file).await.unwrap();
+    let change = "UPDATE plans SET given = replace(given, ?, ? || '8') \
+                  WHERE patient_id = (SELECT id FROM patients WHERE patient = ?)";
+    let name = format!("\"{key}\":");
+    let change = sqlx::query(change).bind(&name).bind(&name).bind(patient);
+    assert_eq!(change.execute(&mut store).await.unwrap().rows_affected(), 1);
+    let build = "UPDATE meta SET value = 'another build' WHERE key = 'decided_by'";
+    let build = sqlx::query(build).execute(&mut store).await.unwrap();
+    assert_eq!(build.rows_affected(), 1);
+    store.close().await.unwrap();
+}
+
 fn element(number: u32) -> ResolvedPatient {
     let task = TaskSpec::CellSweep(Box::new(CellSweepSpec {
         design: CellDesign {
@@ -685,6 +712,38 @@ fn element(number: u32) -> ResolvedPatient {
             task: Box::new(task),
         },
     )
+}
+
+#[tokio::test]
+async fn another_build_decides_for_all_finished_patients_and_not_the_first_alone() {
+    let bench = Bench::new((0..3).map(element).collect());
+    assert_eq!(bench.run().await.0.done, 3);
+    decided_otherwise(bench.path(), "chunk-1", "first_block").await;
+    assert_eq!(bench.resume(None).await.unwrap(), ["cell-sweep"]);
+    assert_eq!(bench.resume(None).await.unwrap(), [""; 0]);
+}
+
+#[tokio::test]
+async fn a_finished_run_that_wants_other_tasks_refuses_another_worker() {
+    let bench = Bench::new((0..3).map(element).collect());
+    let worker = bench.path().join("worker");
+    std::fs::write(&worker, "the first").unwrap();
+    bench.run().await;
+    assert_eq!(bench.resume(Some(&worker)).await.unwrap(), [""; 0]);
+    std::fs::write(&worker, "another").unwrap();
+    assert_eq!(
+        bench.resume(Some(&worker)).await.unwrap(),
+        [""; 0],
+        "nothing is computed with it"
+    );
+    decided_otherwise(bench.path(), "chunk-2", "first_block").await;
+    let refused = bench.resume(Some(&worker)).await.unwrap_err();
+    assert!(
+        matches!(refused, EngineError::OtherWorker { .. }),
+        "{refused}"
+    );
+    std::fs::write(&worker, "the first").unwrap();
+    assert_eq!(bench.resume(Some(&worker)).await.unwrap(), ["cell-sweep"]);
 }
 
 #[tokio::test]

@@ -158,6 +158,8 @@ pub struct Lab {
     pub patients: Vec<ResolvedPatient>,
     pub settings: SlurmSettings,
     pub site_retries: u32,
+    /// Ticks go on with the stored plans.
+    pub has_stored_plans: bool,
     driven: HashSet<usize>,
 }
 
@@ -188,6 +190,7 @@ impl Lab {
             patients,
             settings,
             site_retries: 2,
+            has_stored_plans: false,
             driven: HashSet::new(),
         }
     }
@@ -214,7 +217,7 @@ impl Lab {
             cohort_name: "lab".into(),
             description: String::new(),
             cohort_dir: self.dir.path().to_owned(),
-            patients: Some(self.patients.clone()),
+            patients: (!self.has_stored_plans).then(|| self.patients.clone()),
             only: vec![],
             executor: ExecutorSettings {
                 kind: ExecutorKind::Slurm,

@@ -43,6 +43,21 @@ fn told(events: Vec<EventRecord>) -> Vec<String> {
 }
 
 #[tokio::test]
+async fn another_build_decides_for_finished_patients_of_a_cluster_too() {
+    let mut lab = Lab::new(noops(3), Settings::default());
+    assert_eq!(lab.finish().await.done, 3);
+    lab.has_stored_plans = true;
+    tests::decided_otherwise(&lab.run_dir(), "P02", "sleep_ms").await;
+    let summary = lab.tick(None).await.unwrap();
+    assert!(
+        summary.on_cluster(),
+        "its tasks are others now: {summary:?}"
+    );
+    assert_eq!(lab.finish().await.done, 3);
+    assert!(!lab.tick(None).await.unwrap().on_cluster());
+}
+
+#[tokio::test]
 async fn a_patient_leaves_the_same_store_on_a_cluster_and_on_this_machine() {
     let here = tests::Bench::new(vec![personalised("P1", 8.0)]);
     assert_eq!(here.run().await.0.done, 1);
