@@ -46,19 +46,22 @@ pub enum SiteCause {
     Cancelled,
     /// The scheduler will never take it as it is.
     Refused,
+    /// A program of ours panicked.
+    Defect,
     /// It ended without a word.
     Unexplained,
 }
 
 impl SiteCause {
     /// All, with the words that commands take.
-    pub const ALL: [(Self, &'static str); 7] = [
+    pub const ALL: [(Self, &'static str); 8] = [
         (Self::Walltime, "walltime"),
         (Self::OutOfMemory, "oom"),
         (Self::NodeFailure, "node"),
         (Self::Preemption, "preemption"),
         (Self::Cancelled, "cancelled"),
         (Self::Refused, "refused"),
+        (Self::Defect, "defect"),
         (Self::Unexplained, "unexplained"),
     ];
 }

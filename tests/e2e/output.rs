@@ -1,8 +1,11 @@
 //! What comes out: tables, comparisons, simulations, completions, manual pages, schemas, templates.
 
+use std::path::Path;
+use std::process::Stdio;
+
 use serde_json::Value;
 
-use crate::support::{Cohort, PATIENTS, cardiotwin};
+use crate::support::{Cohort, PATIENTS, cardiotwin, command};
 
 #[test]
 fn two_runs_are_compared_and_exported() {
@@ -210,6 +213,26 @@ fn a_new_cohort_is_made_and_checked() {
         .complains_of(&["nothing was written"]);
     let bundled = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/coa-seven");
     cardiotwin(folder.path(), &["check", bundled, "--strict"]).expect(0);
+}
+
+#[test]
+fn a_reader_that_leaves_hides_no_exit_code_and_ends_what_follows() {
+    let code = |folder: &Path, arguments: &[&str]| {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = command(folder, arguments);
+        command.stdout(writer).stderr(Stdio::null());
+        command.status().unwrap().code()
+    };
+    let broken = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/broken-cohort");
+    assert_eq!(code(&broken, &["check", "."]), Some(1));
+    // A patient that waits for a run is watched until somebody leaves.
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report"]).expect(0);
+    cohort
+        .call(&["rerun", PATIENTS[0], "--from", "step1"])
+        .expect(0);
+    assert_eq!(code(cohort.path(), &["status", "--watch"]), Some(0));
 }
 
 #[test]

@@ -127,6 +127,13 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
         iterations[before]["proposal"]["result"]["from_iteration"].as_u64(),
         Some(before as u64)
     );
+    // The rerun's settings are not the file's, and yet nothing is left to do.
+    let said = cohort.call(&[&run[..], &["--dry-run"]].concat()).expect(0);
+    assert!(
+        !said.out.contains("redo") && said.out.contains("stay as it is"),
+        "{}",
+        said.out
+    );
 }
 
 #[test]
@@ -136,7 +143,11 @@ fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
     let before = published(&cohort.patient("01-CoA"));
     cohort.edit("cohort.toml", "seed = 3", "seed = 7");
     let said = cohort.call(&["run", "--dry-run"]).expect(0);
-    assert!(said.out.contains("redo what depends on"), "{}", said.out);
+    assert!(
+        said.out.contains("redo step-2 and what follows"),
+        "{}",
+        said.out
+    );
     assert_eq!(
         published(&cohort.patient("01-CoA")),
         before,

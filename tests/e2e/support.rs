@@ -87,7 +87,8 @@ pub fn cardiotwin(folder: &Path, arguments: &[&str]) -> Said {
     }
 }
 
-fn command(folder: &Path, arguments: &[&str]) -> Command {
+/// A call of `cardiotwin` in a folder that has not begun.
+pub fn command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(binary("cardiotwin"));
     binary("cardiotwin-worker");
     command

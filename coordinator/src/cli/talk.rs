@@ -1,6 +1,7 @@
 //! Data go to stdout, talk to stderr; colour never says anything that the words do not.
 
 use std::io::{IsTerminal as _, Write as _};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum;
 use serde::Serialize;
@@ -42,6 +43,9 @@ impl Tone {
     }
 }
 
+/// Set once stdout has no reader any more.
+static READER_LEFT: AtomicBool = AtomicBool::new(false);
+
 /// How this program speaks to whoever called it.
 #[derive(Debug, Clone, Copy)]
 pub struct Talk {
@@ -78,16 +82,26 @@ impl Talk {
     /// Data, as they are.
     ///
     /// # Errors
-    /// When stdout cannot be written; a reader that has left (`| head`) is no error but the end.
+    /// When stdout cannot be written. A reader that has left (`| head`) is no error: the command goes on to its own exit code
+    /// ([`Talk::reader_left`]).
     pub fn data(&self, text: &str) -> Result<(), CliError> {
         let mut out = std::io::stdout().lock();
         match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => std::process::exit(0),
+            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
+                READER_LEFT.store(true, Ordering::Relaxed);
+                Ok(())
+            }
             result => result.map_err(|source| CliError::Io {
                 what: "cannot write to stdout",
                 source,
             }),
         }
+    }
+
+    /// Whether the reader of stdout has left: what is written for nobody need not go on.
+    #[must_use]
+    pub fn reader_left() -> bool {
+        READER_LEFT.load(Ordering::Relaxed)
     }
 
     /// Data as JSON for machines.

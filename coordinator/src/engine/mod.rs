@@ -39,6 +39,7 @@ mod driver;
 mod entries;
 mod error;
 mod events;
+mod foresee;
 mod housekeeping;
 mod leave;
 mod notices;
@@ -73,6 +74,7 @@ pub use cluster::{
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
+pub use foresee::{Foreseen, foresee};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
 pub use notices::tell;
 pub use programs::first_line;
@@ -505,7 +507,7 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
         reader.patient_record(patient).await?;
     }
     drop(reader);
-    let (_lock, run_dir) = match enter(run_dir) {
+    let (_lock, lease, run_dir) = match enter_with_lease(run_dir) {
         Ok(entered) => entered,
         Err(EngineError::Lock(LockError::Held { holder, .. })) => {
             requests
@@ -516,6 +518,7 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
         Err(error) => return Err(error),
     };
     let mut writer = Writer::open(&run_dir).await?;
+    writer.under(lease);
     let mut world = World::new(&run_dir, writer.load().await?, clock::now_ms())?;
     for i in 0..world.patients.len() {
         world.await_present_task(i);

@@ -36,6 +36,9 @@ pub struct About {
     pub end_diastolic_pressure_kpa: f64,
     /// Names of the surfaces.
     pub surfaces: Vec<String>,
+    /// Whether the mesh is the patient's own, and not generated.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_own_mesh: bool,
     /// Pressure of the right ventricle, where the mesh has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub right_pressure: Option<StoredRightPressure>,

@@ -88,7 +88,10 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
             }
         }
         let state = reader.patient_record(&id).await?.status.state;
-        if !args.follow || ["done", "failed", "cancelled"].contains(&state.as_str()) {
+        if !args.follow
+            || Talk::reader_left()
+            || ["done", "failed", "cancelled"].contains(&state.as_str())
+        {
             return Ok(Exit::Ok);
         }
         tokio::time::sleep(Duration::from_millis(500)).await;

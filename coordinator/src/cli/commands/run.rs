@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::record::PatientRecord;
 use clap::Args;
 
 use crate::cli::commands::report::FILE;
@@ -21,7 +21,9 @@ use crate::cli::talk::{Talk, count};
 use crate::cli::vtu::announcement;
 use crate::cli::{access, problems, scratch, summary};
 use crate::discovery;
-use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
+use crate::engine::{
+    self, EngineEvent, Foreseen, Reader, RunOptions, RunSummary, StopSignal, StoreError,
+};
 use crate::input::{self, Cohort, Options, Report};
 use crate::report::write_report;
 
@@ -394,35 +396,26 @@ pub(super) async fn on_cluster(
 
 /// What would be done, patient by patient.
 async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
-    let stored: BTreeMap<PatientId, (String, ResolvedPatient)> =
-        match Reader::open(&folders.run).await {
-            Ok(reader) => {
-                let patients = reader.record().await?.patients.into_iter();
-                patients
-                    .map(|p| {
-                        (
-                            p.plan.id.clone(),
-                            (format!("{} {}", p.status.step, p.status.state), p.plan),
-                        )
-                    })
-                    .collect()
-            }
-            Err(StoreError::Missing { .. }) => BTreeMap::new(),
-            Err(error) => return Err(error.into()),
-        };
+    let stands: BTreeMap<PatientId, String> = match Reader::open(&folders.run).await {
+        Ok(reader) => {
+            let patients = reader.record().await?.patients.into_iter();
+            let stands = |p: PatientRecord| format!("{} {}", p.status.step, p.status.state);
+            patients.map(|p| (p.plan.id.clone(), stands(p))).collect()
+        }
+        Err(StoreError::Missing { .. }) => BTreeMap::new(),
+        Err(error) => return Err(error.into()),
+    };
+    let plans = cohort.plans();
+    let foreseen = engine::foresee(&folders.run, &plans).await?;
     let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
-    for plan in cohort.plans() {
-        let (stands, would) = match stored.get(&plan.id) {
-            None => ("-".to_owned(), "begin at step 0".to_owned()),
-            Some((stands, _)) if stands.ends_with("done") && same(&stored[&plan.id].1, &plan) => {
-                (stands.clone(), "stay as it is".to_owned())
-            }
-            Some((stands, before)) if same(before, &plan) => (stands.clone(), "go on".to_owned()),
-            Some((stands, _)) => (
-                stands.clone(),
-                "redo what depends on changed input or settings".to_owned(),
-            ),
+    for plan in plans {
+        let would = match foreseen.get(&plan.id) {
+            None => "begin at step 0".to_owned(),
+            Some(Foreseen::Stays) => "stay as it is".to_owned(),
+            Some(Foreseen::GoesOn(step)) => format!("go on with {step}"),
+            Some(Foreseen::Redone(step)) => format!("redo {step} and what follows from it"),
         };
+        let stands = stands.get(&plan.id).map_or("-", String::as_str).to_owned();
         table.row([plan.id.to_string(), stands, would]);
     }
     talk.data(&table.text())?;
@@ -438,20 +431,4 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
         folders.run.display()
     ))?;
     Ok(Exit::Ok)
-}
-
-/// Whether two plans lead to the same tasks. Settings that a rerun stored make them differ, too: `explain` tells.
-fn same(before: &ResolvedPatient, now: &ResolvedPatient) -> bool {
-    let tasks = |plan: &ResolvedPatient| {
-        let mut plan = plan.clone();
-        plan.settings.executor = Default::default();
-        for file in [&mut plan.step0.pressure, &mut plan.step0.volume]
-            .into_iter()
-            .flatten()
-        {
-            file.path = PathBuf::new();
-        }
-        plan
-    };
-    tasks(before) == tasks(now)
 }

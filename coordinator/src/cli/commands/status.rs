@@ -67,7 +67,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
                 talk.hint(&hint);
             }
         }
-        if !args.watch || (is_over(&status) && !status.coordinator_running) {
+        if !args.watch || Talk::reader_left() || (is_over(&status) && !status.coordinator_running) {
             return Ok(Exit::Ok);
         }
         tokio::time::sleep(Duration::from_secs(2)).await;

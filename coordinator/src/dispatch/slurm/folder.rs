@@ -95,7 +95,14 @@ impl JobFolder {
         let path = self.path.join(SUBMITTING);
         // Durable before sbatch: a mark that a power failure forgets would let a job be asked for twice.
         let mark = fs::File::create(&path).map_err(file("write", &path))?;
-        mark.sync_all().map_err(file("write", &path))
+        mark.sync_all().map_err(file("write", &path))?;
+        // Its name, too, and that of the folder itself, which may be as new.
+        for folder in self.path.ancestors().take(2) {
+            fs::File::open(folder)
+                .and_then(|folder| folder.sync_all())
+                .map_err(file("write", folder))?;
+        }
+        Ok(())
     }
 
     /// Takes the mark back after a definite refusal.

@@ -486,7 +486,8 @@ fn cause_of(class: Class) -> SiteCause {
         Class::Preemption => SiteCause::Preemption,
         Class::CancelledByPerson => SiteCause::Cancelled,
         Class::BadInput => SiteCause::Refused,
-        Class::Divergence | Class::Panic | Class::Unexplained => SiteCause::Unexplained,
+        Class::Panic => SiteCause::Defect,
+        Class::Divergence | Class::Unexplained => SiteCause::Unexplained,
     }
 }
 

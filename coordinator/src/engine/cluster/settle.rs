@@ -142,6 +142,7 @@ impl<S: Scheduler> Cluster<S> {
             Some(SiteCause::Preemption) => Class::Preemption,
             Some(SiteCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
             Some(SiteCause::Refused) => Class::BadInput,
+            Some(SiteCause::Defect) => Class::Panic,
             _ if defect => Class::Panic,
             Some(SiteCause::Unexplained) => Class::Unexplained,
             // The job came to its end: what it left had too little time, or a worker that died.

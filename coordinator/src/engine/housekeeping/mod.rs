@@ -20,7 +20,7 @@ pub use classes::Class;
 use classes::Standing;
 
 use super::world::{ATTEMPTS, World, attempt_directory};
-use super::{EngineError, enter};
+use super::{EngineError, enter_with_lease};
 use crate::clock;
 use crate::store::{DATABASE_FILE, Writer, back_up};
 
@@ -263,7 +263,11 @@ pub async fn clean(
     with_series: bool,
     is_dry: bool,
 ) -> Result<Cleaned, EngineError> {
-    let _lock = if is_dry { None } else { Some(enter(run_dir)?) };
+    let _held = if is_dry {
+        None
+    } else {
+        Some(enter_with_lease(run_dir)?)
+    };
     let books = Books::read(run_dir).await?;
     let mut cleaned = Cleaned::default();
     for entry in entries(run_dir, &books)? {
@@ -304,7 +308,7 @@ pub async fn archive(
         let message = format!("{} is there already: name another folder", target.display());
         return Err(EngineError::Request { message });
     }
-    let _lock = enter(run_dir)?;
+    let _held = enter_with_lease(run_dir)?;
     let books = Books::read(run_dir).await?;
     let draft = target.with_file_name(format!(
         "{}.part",

@@ -715,6 +715,28 @@ fn element(number: u32) -> ResolvedPatient {
 }
 
 #[tokio::test]
+async fn a_coordinator_on_another_host_is_asked_and_not_overtaken() {
+    let bench = Bench::new((0..1).map(element).collect());
+    bench.run().await;
+    let elsewhere = cardiotwin_schemas::progress::Claim {
+        host: "login2".into(),
+        ..dispatch::claim_of_this_process()
+    };
+    let lease = Lease::acquire(bench.path(), &elsewhere, |_| None, clock::now_ms()).unwrap();
+    let asked = retry(bench.path(), &"chunk-0".into()).await.unwrap();
+    assert!(matches!(&asked, Answer::Asked { holder } if holder.host == "login2"));
+    let refused = clean(bench.path(), false, false).await.unwrap_err();
+    assert!(
+        matches!(&refused, EngineError::Lock(LockError::Held { .. })),
+        "{refused}"
+    );
+    let target = bench.path().with_extension("archive");
+    assert!(archive(bench.path(), &target, false).await.is_err() && !target.exists());
+    drop(lease);
+    clean(bench.path(), false, false).await.unwrap();
+}
+
+#[tokio::test]
 async fn another_build_decides_for_all_finished_patients_and_not_the_first_alone() {
     let bench = Bench::new((0..3).map(element).collect());
     assert_eq!(bench.run().await.0.done, 3);

@@ -15,9 +15,7 @@ use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
-use cardiotwin_models::effects::{
-    InThreeDimensionsParts, LatePart, Surroundings, in_three_dimensions,
-};
+use cardiotwin_models::effects::{InThreeDimensionsParts, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
 use cardiotwin_schemas::finite_element::{
@@ -28,6 +26,7 @@ use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
+use super::late_sector::LateSector;
 use super::{
     Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings,
 };
@@ -501,9 +500,19 @@ fn with_parts<T>(
 ) -> Result<(T, Circulation), TaskError> {
     let parts = effected(spec, organ, &stored.about)?;
     let restored = stored.restore(parts.cross_fibre_share)?;
+    let late = match parts.late {
+        Some(late) => Some((
+            late,
+            LateSector::of(&stored.mesh, !stored.about.is_own_mesh)?,
+        )),
+        None => None,
+    };
     let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
         .map(|(node, time)| {
-            organ.figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node))
+            let delay_ms = late
+                .as_ref()
+                .map_or(0.0, |(late, sector)| sector.delay_ms(*late, node));
+            organ.figures.onset_ms + time + delay_ms
         })
         .collect();
     let about = &stored.about;
@@ -523,40 +532,4 @@ fn with_parts<T>(
         settings: step_settings(spec),
     };
     Ok((work(of_ventricle, is_shared), parts.circulation))
-}
-
-/// The delay of a node in the late part: a sector around the lateral side, opposite the septum at −x.
-fn delay_ms(late: LatePart, [x, y, _]: &[f64; 3]) -> f64 {
-    let from_lateral = y.atan2(*x).abs() / std::f64::consts::PI;
-    if from_lateral < late.share {
-        late.delay_ms
-    } else {
-        0.0
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_late_part_is_a_sector_opposite_the_septum() {
-        let late = LatePart {
-            delay_ms: 60.0,
-            share: 0.25,
-        };
-        let n = 3600;
-        let delayed = (0..n).filter(|k| {
-            let angle = std::f64::consts::TAU * (f64::from(*k) + 0.5) / f64::from(n);
-            delay_ms(late, &[angle.cos(), angle.sin(), 1.0]) > 0.0
-        });
-        assert_eq!(delayed.count(), 900);
-        assert_eq!(
-            (
-                delay_ms(late, &[30.0, 0.0, 0.0]),
-                delay_ms(late, &[-30.0, 0.0, 0.0])
-            ),
-            (60.0, 0.0)
-        );
-    }
 }

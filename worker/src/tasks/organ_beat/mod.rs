@@ -5,6 +5,7 @@
 
 mod external;
 mod finite_element;
+mod late_sector;
 mod potentials;
 
 use std::collections::BTreeMap;

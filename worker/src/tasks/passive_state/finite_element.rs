@@ -611,6 +611,7 @@ pub(super) fn make(
             effects_exponent_factor: of_effects,
             end_diastolic_pressure_kpa: found.pressure_kpa,
             surfaces: mesh.surfaces.iter().map(|s| s.name.clone()).collect(),
+            is_own_mesh: spec.own_mesh.is_some(),
             right_pressure: stored_right,
         },
         activation_ms: times,

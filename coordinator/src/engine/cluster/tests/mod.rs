@@ -7,7 +7,7 @@ mod lab;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::failure::SiteCause;
+use cardiotwin_schemas::failure::{FailureClass, SiteCause};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_slurm::model::{Behaviour, Fault, Limits, Settings};
@@ -300,6 +300,47 @@ async fn what_follows_from_a_failure_is_bounded_and_named() {
         let failure = record.failure.unwrap();
         assert_eq!(failure.cause, Some(cause), "{}", failure.message);
     }
+}
+
+#[tokio::test]
+async fn a_driver_that_panics_is_a_defect_and_not_tried_again() {
+    let behaviour = Behaviour {
+        seconds: 10,
+        code: 101,
+        signal: 0,
+    };
+    let settings = Settings {
+        behaviour,
+        ..Settings::default()
+    };
+    let mut lab = Lab::new(noops(1), settings);
+    lab.tick(None).await.unwrap();
+    let folders = std::fs::read_dir(lab.run_dir().join("slurm")).unwrap();
+    for folder in folders.flatten() {
+        let log = folder.path().join("slurm-1.log");
+        std::fs::write(log, "thread 'main' panicked at driver.rs:1:1:\n").unwrap();
+    }
+    lab.pass(15);
+    lab.drive(|| Some((0, true))).await;
+    let mut summary = lab.tick(None).await.unwrap();
+    for _ in 0..10 {
+        lab.pass(15);
+        summary = lab.tick(None).await.unwrap();
+    }
+    assert_eq!((summary.failed, summary.on_cluster()), (1, false));
+    let record = lab
+        .reader()
+        .await
+        .patient_record(&"P01".into())
+        .await
+        .unwrap();
+    let failure = record.failure.unwrap();
+    assert_eq!(failure.class, FailureClass::Bug, "{}", failure.message);
+    assert_eq!(
+        lab.slurm.model.lock().unwrap().runs().len(),
+        1,
+        "once is enough"
+    );
 }
 
 #[tokio::test]
