@@ -28,12 +28,17 @@ summary() {
 
 now() { date +%s.%N; }
 
+# Of the output of tests that passed, only what they could not try here.
+what_matters() {
+    awk '/^successes:$/ { inside = 1 } /^(failures:|test result: .*)$/ { inside = 0 } !inside || /^not tested: /; { fflush() }'
+}
+
 part() { # name, command…
     local name=$1 start rc=0
     shift
     printf '\n=== %s: %s\n' "$name" "$*"
     start=$(now)
-    "$@" 2>&1 | tee "$log" || rc=$?
+    "$@" 2>&1 | tee "$log" | what_matters || rc=$?
     n_passed=$((n_passed + $(sed -n 's/^test result: ok\. \([0-9]*\) passed.*/\1/p' "$log" | awk '{ n += $1 } END { print n + 0 }')))
     names+=("$name")
     seconds+=("$(awk -v a="$start" -v b="$(now)" 'BEGIN { printf "%.2f", b - a }')")
@@ -44,7 +49,7 @@ part() { # name, command…
         exit 1
     fi
     # What a part could not try here is said in the summary, too.
-    results+=("passed$(sed -n 's/^not tested: \(.*\)/; not tested: \1/p' "$log" | head -n 1)")
+    results+=("passed$(sed -n 's/^not tested: \(.*\)/; not tested: \1/p' "$log" | sort -u | tr -d '\n')")
 }
 
 skipped() { # name, why
@@ -79,24 +84,23 @@ fi
 part "build the binaries" "$CARGO" build --release --locked --workspace --bins
 part "build the tests" "$CARGO" test --release --locked --workspace --no-run
 
-part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q
+part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q -- --show-output
 part "documentation's examples" "$CARGO" test --release --locked --workspace --doc -q
-target_part() { part "tests: $1" "$CARGO" test --release --locked --workspace --test "$1" -q; }
-for target in $(integration_targets | sort -u | grep -vxE 'mpi|slurm'); do
-    target_part "$target"
-done
+target_part() { part "tests: $1" "$CARGO" test --release --locked --workspace --test "$1" -q -- --show-output; }
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
 # The whole workspace is selected here too, so that no dependency is compiled twice.
 with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
     with_mpi=(--features cardiotwin-worker/mpi)
-    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi -q
+    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi -q -- --show-output
 else
     skipped "tests: mpi" "$missing"
 fi
-# After it: one of its tests runs that worker on ranks of a job.
-target_part slurm
+# After it: tests of e2e and slurm run that worker on ranks.
+for target in $(integration_targets | sort -u | grep -vx mpi); do
+    target_part "$target"
+done
 
 if $CARGO clippy --version >/dev/null 2>&1; then
     part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace "${with_mpi[@]}" --all-targets -- -D warnings

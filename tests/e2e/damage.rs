@@ -213,13 +213,13 @@ impl Tmpfs {
             Ok(output) if output.status.success() => Some(Self { folder }),
             Ok(output) => {
                 eprintln!(
-                    "skipped: cannot mount a tmpfs: {}",
+                    "not tested: cannot mount a tmpfs: {}",
                     String::from_utf8_lossy(&output.stderr).trim()
                 );
                 None
             }
             Err(error) => {
-                eprintln!("skipped: cannot call mount: {error}");
+                eprintln!("not tested: cannot call mount: {error}");
                 None
             }
         }

@@ -46,7 +46,10 @@ fn a_beat_in_3d_runs_on_the_ranks_of_a_launcher() {
         .output()
         .is_ok();
     if !worker.is_file() || !is_there {
-        eprintln!("skipped: {} or {launcher} is not there", worker.display());
+        eprintln!(
+            "not tested: {} or {launcher} is not there",
+            worker.display()
+        );
         return;
     }
     let cohort = Cohort::quick_of("06-CoA");

@@ -37,7 +37,7 @@ impl Browser {
                 std::env::var("CI").as_deref() != Ok("true"),
                 "no Chromium in PATH, but CI=true: run `make deps`"
             );
-            eprintln!("skipped: no Chromium in PATH; `make deps` installs it");
+            eprintln!("not tested: no Chromium in PATH; `make deps` installs it");
         }
         found.map(|program| Self { program })
     }

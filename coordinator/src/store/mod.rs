@@ -22,7 +22,7 @@ mod screen;
 pub mod steps;
 pub mod tasks;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod trial;
 mod view;
 mod writer;

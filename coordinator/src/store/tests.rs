@@ -54,6 +54,21 @@ async fn raw(dir: &Path) -> SqliteConnection {
     SqliteConnection::connect_with(&options).await.unwrap()
 }
 
+/// Leaves the store as if its last coordinator, another build, had derived another task for a patient: one whose number `key`
+/// has no 8 in front.
+pub(crate) async fn decided_otherwise(run_dir: &Path, patient: &str, key: &str) {
+    let mut store = raw(run_dir).await;
+    let change = "UPDATE plans SET given = replace(given, ?, ? || '8') \
+                  WHERE patient_id = (SELECT id FROM patients WHERE patient = ?)";
+    let name = format!("\"{key}\":");
+    let change = sqlx::query(change).bind(&name).bind(&name).bind(patient);
+    assert_eq!(change.execute(&mut store).await.unwrap().rows_affected(), 1);
+    let build = "UPDATE meta SET value = 'another build' WHERE key = 'decided_by'";
+    let build = sqlx::query(build).execute(&mut store).await.unwrap();
+    assert_eq!(build.rows_affected(), 1);
+    store.close().await.unwrap();
+}
+
 async fn execute(dir: &Path, sql: &'static str) -> Result<(), sqlx::Error> {
     let mut connection = raw(dir).await;
     sqlx::raw_sql(sql).execute(&mut connection).await?;

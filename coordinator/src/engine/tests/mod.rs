@@ -669,23 +669,6 @@ fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
     assert!(a < 1 << 53 && b < 1 << 53);
 }
 
-/// Leaves the store as if its last coordinator, another build, had derived another task for a patient: one whose number `key`
-/// has no 8 in front.
-pub(super) async fn decided_otherwise(run_dir: &Path, patient: &str, key: &str) {
-    use sqlx::Connection as _;
-    let file = sqlx::sqlite::SqliteConnectOptions::new().filename(run_dir.join("cardiotwin.db"));
-    let mut store = sqlx::SqliteConnection::connect_with(&file).await.unwrap();
-    let change = "UPDATE plans SET given = replace(given, ?, ? || '8') \
-                  WHERE patient_id = (SELECT id FROM patients WHERE patient = ?)";
-    let name = format!("\"{key}\":");
-    let change = sqlx::query(change).bind(&name).bind(&name).bind(patient);
-    assert_eq!(change.execute(&mut store).await.unwrap().rows_affected(), 1);
-    let build = "UPDATE meta SET value = 'another build' WHERE key = 'decided_by'";
-    let build = sqlx::query(build).execute(&mut store).await.unwrap();
-    assert_eq!(build.rows_affected(), 1);
-    store.close().await.unwrap();
-}
-
 fn element(number: u32) -> ResolvedPatient {
     let task = TaskSpec::CellSweep(Box::new(CellSweepSpec {
         design: CellDesign {
@@ -740,7 +723,7 @@ async fn a_coordinator_on_another_host_is_asked_and_not_overtaken() {
 async fn another_build_decides_for_all_finished_patients_and_not_the_first_alone() {
     let bench = Bench::new((0..3).map(element).collect());
     assert_eq!(bench.run().await.0.done, 3);
-    decided_otherwise(bench.path(), "chunk-1", "first_block").await;
+    crate::store::tests::decided_otherwise(bench.path(), "chunk-1", "first_block").await;
     assert_eq!(bench.resume(None).await.unwrap(), ["cell-sweep"]);
     assert_eq!(bench.resume(None).await.unwrap(), [""; 0]);
 }
@@ -758,7 +741,7 @@ async fn a_finished_run_that_wants_other_tasks_refuses_another_worker() {
         [""; 0],
         "nothing is computed with it"
     );
-    decided_otherwise(bench.path(), "chunk-2", "first_block").await;
+    crate::store::tests::decided_otherwise(bench.path(), "chunk-2", "first_block").await;
     let refused = bench.resume(Some(&worker)).await.unwrap_err();
     assert!(
         matches!(refused, EngineError::OtherWorker { .. }),

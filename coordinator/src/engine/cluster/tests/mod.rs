@@ -47,7 +47,7 @@ async fn another_build_decides_for_finished_patients_of_a_cluster_too() {
     let mut lab = Lab::new(noops(3), Settings::default());
     assert_eq!(lab.finish().await.done, 3);
     lab.has_stored_plans = true;
-    tests::decided_otherwise(&lab.run_dir(), "P02", "sleep_ms").await;
+    crate::store::tests::decided_otherwise(&lab.run_dir(), "P02", "sleep_ms").await;
     let summary = lab.tick(None).await.unwrap();
     assert!(
         summary.on_cluster(),
