@@ -191,9 +191,10 @@ async fn live(history: Vec<Happening>) {
                 assert_eq!(said, done, "a dry run says what is done");
                 let after = contents(&run_dir);
                 for file in needed(&before, &settled, *with_series) {
-                    // The lock says who held it last, and the database is SQLite's.
+                    // Lock and lease say who held them last, and the database is SQLite's.
                     let name = file.to_string_lossy();
-                    if !name.starts_with("cardiotwin.db") && name != "coordinator.lock" {
+                    let is_of_holders = name == "coordinator.lock" || file.starts_with("lease");
+                    if !name.starts_with("cardiotwin.db") && !is_of_holders {
                         assert_eq!(
                             after.get(&file),
                             before.get(&file),
