@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
+use std::time::Duration;
 
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::outcome::TaskOutcome;
@@ -73,6 +74,12 @@ pub enum ClaimFile {
     Unreadable,
     /// This process.
     By(Claim),
+}
+
+/// How long ago the claim was written last; nothing where that cannot be told.
+pub fn claim_age(directory: &Path) -> Option<Duration> {
+    let written = fs::metadata(directory.join(CLAIM)).and_then(|claim| claim.modified());
+    written.ok()?.elapsed().ok()
 }
 
 pub fn claim(directory: &Path) -> Result<ClaimFile, DispatchError> {

@@ -206,6 +206,10 @@ impl Local {
             Found::Elsewhere(_) => News::Vanished {
                 attempt: attempt.clone(),
             },
+            // By another process: our child said so.
+            Found::BeingClaimed if claimed_before => News::Vanished {
+                attempt: attempt.clone(),
+            },
             found => {
                 let claim = match found {
                     Found::Over { claim, .. } => claim,
@@ -223,26 +227,26 @@ impl Local {
     }
 
     fn look(&self, directory: &Path) -> Result<Found, DispatchError> {
-        let deadline = Instant::now() + CLAIM_GRACE;
-        loop {
-            match evidence::claim(directory)? {
-                ClaimFile::Absent => return Ok(Found::Unclaimed),
-                ClaimFile::Unreadable if Instant::now() < deadline => {
-                    std::thread::sleep(Duration::from_millis(5))
-                }
-                ClaimFile::Unreadable => return self.over(directory, None),
-                ClaimFile::By(claim) if claim.host != process::host() => {
-                    return match evidence::outcome(directory)? {
-                        Some(evidence) => Ok(Found::Over {
-                            evidence,
-                            claim: Some(claim),
-                        }),
-                        None => Ok(Found::Elsewhere(claim)),
-                    };
-                }
-                ClaimFile::By(claim) if process::lives(&claim) => return Ok(Found::Alive(claim)),
-                ClaimFile::By(claim) => return self.over(directory, Some(claim)),
+        match evidence::claim(directory)? {
+            ClaimFile::Absent => Ok(Found::Unclaimed),
+            // Without an age its writer may be at it this moment.
+            ClaimFile::Unreadable
+                if evidence::claim_age(directory).is_none_or(|age| age < CLAIM_GRACE) =>
+            {
+                Ok(Found::BeingClaimed)
             }
+            ClaimFile::Unreadable => self.over(directory, None),
+            ClaimFile::By(claim) if claim.host != process::host() => {
+                match evidence::outcome(directory)? {
+                    Some(evidence) => Ok(Found::Over {
+                        evidence,
+                        claim: Some(claim),
+                    }),
+                    None => Ok(Found::Elsewhere(claim)),
+                }
+            }
+            ClaimFile::By(claim) if process::lives(&claim) => Ok(Found::Alive(claim)),
+            ClaimFile::By(claim) => self.over(directory, Some(claim)),
         }
     }
 
@@ -464,6 +468,24 @@ impl Executor for Local {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_half_written_claim_is_looked_at_again_and_given_up_once_it_is_old() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(evidence::CLAIM);
+        std::fs::write(&path, "{\"host\":").unwrap();
+        let local = Local::new("/bin/worker".into(), 1);
+        let found = local.look(folder.path()).unwrap();
+        assert!(matches!(found, Found::BeingClaimed), "{found:?}");
+        let claim = std::fs::File::options().write(true).open(&path).unwrap();
+        let long_ago = std::time::SystemTime::now() - 2 * CLAIM_GRACE;
+        claim.set_modified(long_ago).unwrap();
+        let found = local.look(folder.path()).unwrap();
+        assert!(
+            matches!(found, Found::Over { claim: None, .. }),
+            "{found:?}"
+        );
+    }
 
     #[test]
     fn several_ranks_go_to_the_launcher_where_there_is_one() {

@@ -94,6 +94,8 @@ pub enum Found {
     },
     /// Nobody has claimed it: it may be submitted (again).
     Unclaimed,
+    /// Its claim is half written: to be looked at again.
+    BeingClaimed,
     /// Claimed on another host: nothing can be said from here.
     Elsewhere(Claim),
 }

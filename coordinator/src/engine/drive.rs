@@ -178,6 +178,11 @@ impl<E: Executor> Drive<E> {
                 self.world
                     .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
             }
+            Found::BeingClaimed => {
+                let since_ms = self.world.now_ms;
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
+            }
             // Decided, perhaps even spawned, but not claimed: submitting it again is harmless, since only one process
             // can claim it.
             Found::Unclaimed => {
