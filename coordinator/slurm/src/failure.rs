@@ -22,32 +22,15 @@ pub enum Class {
     CancelledByPerson,
     /// Data or settings are wrong.
     BadInput,
-    /// The solver diverged, or a check of the science failed.
-    Divergence,
     /// A defect of ours.
     Panic,
     /// It ended without a word: killed, or never begun.
     Unexplained,
 }
 
-/// What the job itself said of its end, read from its outcome by the caller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OwnWord {
-    /// It left off in order, with a checkpoint, because its time ran out.
-    LeftOff,
-    /// Its failure's class.
-    BadInput,
-    /// As above.
-    Divergence,
-    /// As above.
-    Panic,
-}
-
 /// What is known of an ending.
 #[derive(Debug, Clone, Copy)]
 pub struct Evidence<'a> {
-    /// What the job said; nothing where it left no outcome.
-    pub own: Option<OwnWord>,
     /// What the scheduler said; nothing where it did not answer.
     pub scheduler: Option<&'a Ended>,
     /// Last part of the job's log, empty where there is none.
@@ -61,17 +44,8 @@ pub struct Evidence<'a> {
 }
 
 /// Class of an ending; `None` where we cancelled it ourselves, or where it completed.
-///
-/// The job's own word comes first: a scheduler that says FAILED does not know of a divergence.
 #[must_use]
 pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
-    match evidence.own {
-        Some(OwnWord::LeftOff) => return Some(Class::Walltime),
-        Some(OwnWord::BadInput) => return Some(Class::BadInput),
-        Some(OwnWord::Divergence) => return Some(Class::Divergence),
-        Some(OwnWord::Panic) => return Some(Class::Panic),
-        None => {}
-    }
     let out_of_memory = ran_out_of_memory(evidence);
     let panicked = evidence.log_tail.contains("panicked at ");
     let Some(ended) = evidence.scheduler else {
@@ -117,8 +91,7 @@ pub fn is_open(evidence: &Evidence<'_>) -> bool {
     let cancelled = |ended: &&Ended| {
         ended.state == SlurmState::Cancelled && !ended.reason.starts_with("Dependency")
     };
-    evidence.own.is_none()
-        && !evidence.we_cancelled
+    !evidence.we_cancelled
         && !ran_out_of_memory(evidence)
         && evidence
             .scheduler
@@ -146,8 +119,6 @@ const OUT_OF_MEMORY: &[&str] = &[
 pub struct Budgets {
     /// Of a site's making: memory, unexplained ends, a walltime that brought no progress.
     pub infrastructure: u32,
-    /// Of the models' making: reruns with other numerics.
-    pub science: u32,
     /// Free repeats after failed nodes, preemptions and used walltimes that brought progress.
     pub free: u32,
 }
@@ -157,8 +128,6 @@ pub struct Budgets {
 pub struct Spent {
     /// Charged to [`Budgets::infrastructure`].
     pub infrastructure: u32,
-    /// Charged to [`Budgets::science`].
-    pub science: u32,
     /// Charged to nothing.
     pub free: u32,
 }
@@ -189,11 +158,6 @@ pub enum Next {
         spent: Spent,
         /// For a person.
         why: String,
-    },
-    /// The science decides: the best iteration, or a rerun with damping, a smaller step or bounds.
-    Science {
-        /// What is spent with it.
-        spent: Spent,
     },
     /// It stays as it is until a person acts.
     Stays {
@@ -287,13 +251,6 @@ pub fn next(
         }
         Class::BadInput => stays("the data or settings are wrong: fix them"),
         Class::Panic => stays("a defect of the program: see its log and report it"),
-        Class::Divergence if spent.science < budgets.science => Next::Science {
-            spent: Spent {
-                science: spent.science + 1,
-                ..spent
-            },
-        },
-        Class::Divergence => stays("the solver diverged, and its reruns are used up"),
         Class::Unexplained => again(
             true,
             given.clone(),
@@ -330,14 +287,13 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Budgets, Class, Evidence, Given, Next, OwnWord, Spent, classify, is_open, next};
+    use super::{Budgets, Class, Evidence, Given, Next, Spent, classify, is_open, next};
     use crate::answers::{accounting, queue, recorded};
     use crate::cancelled::OwnTraces;
     use crate::truth::{Truth, Wanted, of};
     use proptest::prelude::*;
 
     const NOTHING: Evidence<'_> = Evidence {
-        own: None,
         scheduler: None,
         log_tail: "",
         we_cancelled: false,
@@ -352,7 +308,6 @@ mod tests {
     };
     const BUDGETS: Budgets = Budgets {
         infrastructure: 2,
-        science: 1,
         free: 5,
     };
 
@@ -408,23 +363,6 @@ mod tests {
     }
 
     #[test]
-    fn the_jobs_own_word_comes_first() {
-        for (own, class) in [
-            (OwnWord::LeftOff, Class::Walltime),
-            (OwnWord::Divergence, Class::Divergence),
-            (OwnWord::Panic, Class::Panic),
-        ] {
-            assert_eq!(
-                classify(&Evidence {
-                    own: Some(own),
-                    ..NOTHING
-                }),
-                Some(class)
-            );
-        }
-    }
-
-    #[test]
     fn what_follows_from_each_class() {
         let mut table = String::new();
         for class in [
@@ -434,7 +372,6 @@ mod tests {
             Class::Preemption,
             Class::CancelledByPerson,
             Class::BadInput,
-            Class::Divergence,
             Class::Panic,
             Class::Unexplained,
         ] {
@@ -461,7 +398,6 @@ mod tests {
                         (given, spent, n) = (more, now, n + 1);
                     }
                     Next::Stays { .. } => break,
-                    Next::Science { .. } => prop_assert!(false),
                 }
             }
             prop_assert!(n <= BUDGETS.infrastructure + BUDGETS.free);

@@ -326,7 +326,6 @@ impl<S: Scheduler> Cluster<S> {
         };
         let log_tail = folder.log_tail(array_element);
         let evidence = Evidence {
-            own: None,
             scheduler: Some(ended),
             log_tail: &log_tail,
             we_cancelled: stopping,
@@ -487,7 +486,7 @@ fn cause_of(class: Class) -> SiteCause {
         Class::CancelledByPerson => SiteCause::Cancelled,
         Class::BadInput => SiteCause::Refused,
         Class::Panic => SiteCause::Defect,
-        Class::Divergence | Class::Unexplained => SiteCause::Unexplained,
+        Class::Unexplained => SiteCause::Unexplained,
     }
 }
 

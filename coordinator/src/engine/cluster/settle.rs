@@ -162,11 +162,9 @@ impl<S: Scheduler> Cluster<S> {
         let spent = Spent {
             infrastructure: allotment.infrastructure,
             free: allotment.free,
-            science: 0,
         };
         let budgets = Budgets {
             infrastructure: self.settings.site_retries,
-            science: 0,
             free: self.settings.slurm.free_repeats,
         };
         let nodes = row
@@ -238,7 +236,6 @@ impl<S: Scheduler> Cluster<S> {
                 };
                 self.fail(i, interrupted, failure)
             }
-            Next::Science { .. } => Ok(()), // divergence is in the outcome, and the workflow's to judge
         }
     }
 
