@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::{
-    self, Biomarker, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings,
-    Stop, Weights,
+    self, Biomarker, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings, Stop,
+    Weights,
 };
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
@@ -92,7 +92,7 @@ pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
     });
     Ok(Settings {
         tolerance: s.tolerance,
-        damping: Damping::uniform(s.damping),
+        damping: s.damping,
         max_iterations: s.max_iterations as usize,
         stagnation_iterations: s.stall_iterations as usize,
         stagnation_fraction: s.stall_improvement,

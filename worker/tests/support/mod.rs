@@ -176,7 +176,7 @@ pub fn fixed_point_settings(settings: &Step1Settings) -> fixed_point::Settings {
     });
     fixed_point::Settings {
         tolerance: settings.tolerance,
-        damping: fixed_point::Damping::uniform(settings.damping),
+        damping: settings.damping,
         max_iterations: settings.max_iterations as usize,
         stagnation_iterations: settings.stall_iterations as usize,
         stagnation_fraction: settings.stall_improvement,

@@ -195,7 +195,7 @@ pub enum FixedPointError {
 
 /// What to do after everything simulated so far: a pure function, so that a replay decides alike.
 ///
-/// Updates are eqs. 13 and 15 of Jung et al. 2022, each ratio raised to its group's damping; a ratio that does not
+/// Updates are eqs. 13 and 15 of Jung et al. 2022, each ratio raised to the damping; a ratio that does not
 /// exist (no measured volume, a biomarker that the simulation could not give) leaves its parameter as it is.
 ///
 /// # Errors
@@ -482,11 +482,8 @@ impl<'a> Run<'a> {
             }
             let (biomarker, exponent) = parameter.driver();
             if let Some(ratio) = self.measured.ratio_to(simulated, biomarker) {
-                let damping = self.settings.damping.of(parameter.group());
-                next.set(
-                    parameter,
-                    next.get(parameter) * ratio.powf(exponent * damping),
-                );
+                let moved = next.get(parameter) * ratio.powf(exponent * self.settings.damping);
+                next.set(parameter, moved);
             }
         }
         self.settings.clamp(&next)

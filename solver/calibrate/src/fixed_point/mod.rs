@@ -15,8 +15,8 @@ pub use decision::{
     Decision, Ending, FixedPointError, History, Iteration, Outcome, PROMISED_FRACTION, Quality,
     content, decide, ended, nothing_new,
 };
-pub use parameters::{Bounds, Group, PARAMETERS, Parameter, Parameters};
-pub use settings::{Damping, Settings, Stop};
+pub use parameters::{Bounds, PARAMETERS, Parameter, Parameters};
+pub use settings::{Settings, Stop};
 
 #[cfg(test)]
 mod tests;

@@ -36,16 +36,6 @@ pub const PARAMETERS: [Parameter; 6] = [
     Parameter::RMvF,
 ];
 
-/// Parameters that share a damping.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Group {
-    /// The four parameters of Tanh.
-    ActiveStress,
-    /// The two forward valve resistances.
-    Valves,
-}
-
 impl Parameter {
     /// Key with its unit, as in files.
     #[must_use]
@@ -57,15 +47,6 @@ impl Parameter {
             Self::TCr => "t_CR_ms",
             Self::RAvF => "R_AV_f_mmHg_s_per_mL",
             Self::RMvF => "R_MV_f_mmHg_s_per_mL",
-        }
-    }
-
-    /// The group whose damping applies.
-    #[must_use]
-    pub fn group(self) -> Group {
-        match self {
-            Self::RAvF | Self::RMvF => Group::Valves,
-            _ => Group::ActiveStress,
         }
     }
 

@@ -1,6 +1,6 @@
 //! What a user may set of the fixed point.
 
-use super::{Bounds, FixedPointError, Group, Parameter, Parameters, Weights};
+use super::{Bounds, FixedPointError, Parameter, Parameters, Weights};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,53 +17,14 @@ pub enum Stop {
     BestOfLimit,
 }
 
-/// Exponent of the update's ratio for each group: 1 is the paper's update, smaller is more careful.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Damping {
-    /// For the four parameters of Tanh, dimensionless, in (0, 1].
-    pub active_stress: f64,
-    /// For the two valve resistances, dimensionless, in (0, 1].
-    pub valves: f64,
-}
-
-impl Default for Damping {
-    fn default() -> Self {
-        Self {
-            active_stress: 1.0,
-            valves: 1.0,
-        }
-    }
-}
-
-impl Damping {
-    /// The same damping for all parameters.
-    #[must_use]
-    pub fn uniform(d: f64) -> Self {
-        Self {
-            active_stress: d,
-            valves: d,
-        }
-    }
-
-    /// The damping of a group.
-    #[must_use]
-    pub fn of(&self, group: Group) -> f64 {
-        match group {
-            Group::ActiveStress => self.active_stress,
-            Group::Valves => self.valves,
-        }
-    }
-}
-
 /// Settings of the fixed point; defaults are the paper's where it prints one, else docs/models.md's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// Cost at or below which an iteration is converged, dimensionless.
     pub tolerance: f64,
-    /// Exponents of the updates.
-    pub damping: Damping,
+    /// Exponent of the updates' ratios, in (0, 1]: 1 is the paper's update, smaller is more careful.
+    pub damping: f64,
     /// Largest number of iterations under these settings.
     pub max_iterations: usize,
     /// So many iterations in a row that do not lower the best cost enough end the loop.
@@ -84,7 +45,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             tolerance: 0.1,
-            damping: Damping::default(),
+            damping: 1.0,
             max_iterations: 10,
             stagnation_iterations: 3,
             stagnation_fraction: 0.05,
@@ -145,8 +106,6 @@ impl Settings {
                 })
             }
         };
-        let in_unit = |d: f64| d > 0.0 && d <= 1.0;
-        let (d, v) = (self.damping.active_stress, self.damping.valves);
         setting(
             "tolerance",
             self.tolerance,
@@ -154,12 +113,11 @@ impl Settings {
             "positive",
         )?;
         setting(
-            "damping.active_stress",
-            d,
-            in_unit(d),
+            "damping",
+            self.damping,
+            self.damping > 0.0 && self.damping <= 1.0,
             "above 0 and at most 1",
         )?;
-        setting("damping.valves", v, in_unit(v), "above 0 and at most 1")?;
         setting(
             "max_iterations",
             self.max_iterations as f64,

@@ -137,14 +137,11 @@ fn best_of_limit_goes_on_beyond_the_tolerance() {
 }
 
 #[test]
-fn damping_is_an_exponent_per_group() {
+fn damping_is_an_exponent_of_the_ratios() {
     let mut history = History::new(Parameters::default());
     history.push(Parameters::default(), healthy(0, &Parameters::default()));
     let settings = Settings {
-        damping: Damping {
-            active_stress: 0.5,
-            valves: 0.25,
-        },
+        damping: 0.5,
         ..Settings::default()
     };
     let Decision::Next { parameters: p, .. } = decide(&settings, &measured(), &history).unwrap()
@@ -152,7 +149,7 @@ fn damping_is_an_exponent_per_group() {
         panic!()
     };
     assert!((p.smax_ref_kpa - 100.0 * (120.0f64 / 95.0).sqrt()).abs() < 1e-9);
-    assert!((p.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).powf(0.25)).abs() < 1e-12);
+    assert!((p.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).sqrt()).abs() < 1e-12);
 }
 
 #[test]
@@ -445,7 +442,7 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
     );
 
     let careful = Settings {
-        damping: Damping::uniform(0.5),
+        damping: 0.5,
         ..Settings::default()
     };
     let Decision::Next { parameters, from } = decide(&careful, &measured(), &resumed).unwrap()
@@ -576,7 +573,7 @@ fn nonsense_is_refused_by_name() {
         f(&mut s);
         decide(&s, &measured(), &history).unwrap_err().to_string()
     };
-    assert!(with(|s| s.damping.valves = 0.0).contains("damping.valves is 0"));
+    assert!(with(|s| s.damping = 0.0).contains("damping is 0"));
     assert!(with(|s| s.tolerance = f64::NAN).contains("tolerance is NaN"));
     assert!(with(|s| s.max_iterations = 0).contains("max_iterations"));
     assert!(
@@ -676,7 +673,7 @@ proptest! {
         let mut history = History::new(Parameters::default());
         for rerun in 0..=reruns {
             let settings = Settings {
-                damping: Damping::uniform(damping / (1.0 + rerun as f64)),
+                damping: damping / (1.0 + rerun as f64),
                 stop: if best_of_limit { Stop::BestOfLimit } else { Stop::FirstConverged },
                 ..Settings::default()
             };
