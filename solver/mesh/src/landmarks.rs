@@ -64,6 +64,18 @@ impl Landmarks {
         Some(sum / border.len() as f64)
     }
 
+    /// Unit vector from the axis, at right angles, towards the middle of a surface; none where the mesh has no such surface, or its
+    /// middle lies on the axis.
+    #[must_use]
+    pub fn towards(&self, mesh: &TetMesh, surface: &str) -> Option<Vec3> {
+        let nodes = mesh.surface(surface)?.nodes();
+        let sum = nodes.iter().fold([0.0; 3], |sum, node| {
+            add(sum, mesh.nodes_mm[*node as usize])
+        });
+        let middle = scale(sum, 1.0 / nodes.len().max(1) as f64);
+        unit(crate::vec3::reject(sub(middle, self.base_mm), self.axis))
+    }
+
     /// Two places of activation where the fascicles of the left bundle end: at the endocardium, two thirds of the way from base to
     /// apex, on opposite sides. An assumption for meshes that come without any: half of them in the septum where one is told apart.
     #[must_use]
@@ -75,16 +87,8 @@ impl Landmarks {
             self.base_mm,
             scale(self.axis, -2.0 / 3.0 * self.apex_height_mm),
         );
-        let septal = mesh.surface(surface_names::SEPTUM).map(|s| {
-            let nodes = s.nodes();
-            let sum = nodes.iter().fold([0.0; 3], |sum, node| {
-                add(sum, mesh.nodes_mm[*node as usize])
-            });
-            scale(sum, 1.0 / nodes.len().max(1) as f64)
-        });
-        let across = |x: Vec3| unit(crate::vec3::reject(sub(x, self.base_mm), self.axis));
-        let towards = septal
-            .and_then(across)
+        let towards = self
+            .towards(mesh, surface_names::SEPTUM)
             .unwrap_or_else(|| crate::vec3::any_perpendicular(self.axis));
         let nearest = |goal: Vec3| {
             let places = endocardium

@@ -1,7 +1,8 @@
 //! Which nodes of a ventricle are late: a sector of its circumference around the lateral side, opposite the septum.
 
+use cardiotwin_mesh::landmarks::Landmarks;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
-use cardiotwin_mesh::vec3::{Vec3, axpy, cross, distance, dot, reject, scale, sub, unit};
+use cardiotwin_mesh::vec3::{Vec3, cross, dot, scale, sub};
 use cardiotwin_models::effects::LatePart;
 
 use crate::finite_element::FiniteElementError;
@@ -38,26 +39,15 @@ impl LateSector {
     }
 
     fn of_anatomy(mesh: &TetMesh) -> Option<Self> {
-        let middle = |name: &str| -> Option<Vec3> {
-            let nodes = mesh.surface(name)?.nodes();
-            let add = |sum, k: &u32| axpy(sum, 1.0, mesh.nodes_mm[*k as usize]);
-            let sum = nodes.iter().fold([0.0; 3], add);
-            (!nodes.is_empty()).then(|| scale(sum, 1.0 / nodes.len() as f64))
-        };
-        let base = middle(surface_names::RIM)?;
-        let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?.nodes();
-        let far = |k: &u32| distance(mesh.nodes_mm[*k as usize], base);
-        let apex = endocardium
-            .into_iter()
-            .max_by(|a, b| far(a).total_cmp(&far(b)))?;
-        let axis = unit(sub(base, mesh.nodes_mm[apex as usize]))?;
-        let septum =
-            middle(surface_names::SEPTUM).or_else(|| middle(surface_names::RIGHT_VENTRICLE))?;
-        let lateral = unit(reject(sub(base, septum), axis))?;
+        let marks = Landmarks::of(mesh)?;
+        let septum = marks
+            .towards(mesh, surface_names::SEPTUM)
+            .or_else(|| marks.towards(mesh, surface_names::RIGHT_VENTRICLE))?;
+        let lateral = scale(septum, -1.0);
         Some(Self {
             lateral,
-            around: cross(axis, lateral),
-            on_axis: base,
+            around: cross(marks.axis, lateral),
+            on_axis: marks.base_mm,
         })
     }
 
