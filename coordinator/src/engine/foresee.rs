@@ -33,31 +33,42 @@ pub async fn foresee(
     run_dir: &Path,
     plans: &[ResolvedPatient],
 ) -> Result<BTreeMap<PatientId, Foreseen>, EngineError> {
-    let loaded = Writer::look(run_dir).await?;
-    let mut world = World::new(run_dir, loaded, clock::now_ms())?;
-    let n_stored = world.patients.len();
+    let mut world = World::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
     let was_over: Vec<bool> = world
         .patients
         .iter()
         .map(|p| p.row.state.is_final())
         .collect();
-    let mut decider = Decider::default();
-    decider.take_up(&mut world, plans)?;
+    decide_unwritten(&mut world, Some(plans))?;
     let mut foreseen = BTreeMap::new();
-    for (i, was_over) in was_over.into_iter().enumerate().take(n_stored) {
-        if !world.patients[i].row.active {
+    // Patients that the store lacks come after those that it has.
+    for (patient, was_over) in world.patients.iter().zip(was_over) {
+        if !patient.row.active {
             continue;
         }
-        world.patients[i].selected = true;
-        world.await_present_task(i);
-        decider.decide(&mut world, i)?;
-        let row = &world.patients[i].row;
-        let would = match &row.state {
+        let would = match &patient.row.state {
             Patient::Working { step, .. } if was_over => Foreseen::Redone(*step),
             Patient::Working { step, .. } => Foreseen::GoesOn(*step),
             _ => Foreseen::Stays,
         };
-        foreseen.insert(PatientId(row.patient.clone()), would);
+        foreseen.insert(PatientId(patient.row.patient.clone()), would);
     }
     Ok(foreseen)
+}
+
+/// Takes plans up and decides for every patient of the mirror, which is thrown away afterwards: nothing is committed.
+pub(super) fn decide_unwritten(
+    world: &mut World,
+    plans: Option<&[ResolvedPatient]>,
+) -> Result<(), EngineError> {
+    let mut decider = Decider::default();
+    if let Some(plans) = plans {
+        decider.take_up(world, plans)?;
+    }
+    for i in 0..world.patients.len() {
+        world.patients[i].selected = world.patients[i].row.active;
+        world.await_present_task(i);
+        decider.decide(world, i)?;
+    }
+    Ok(())
 }

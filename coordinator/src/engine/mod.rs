@@ -50,7 +50,6 @@ mod purged;
 mod requests;
 mod settings;
 mod show;
-
 mod stop;
 #[cfg(test)]
 mod tests;

@@ -16,7 +16,7 @@ use super::submit::script_of;
 use crate::clock;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::dispatch::slurm::{Installed, Scheduler};
-use crate::engine::decide::Decider;
+use crate::engine::foresee::decide_unwritten;
 use crate::engine::world::World;
 use crate::engine::{EngineError, RunOptions};
 use crate::store::Writer;
@@ -79,15 +79,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
     let run_dir = std::path::absolute(&options.run_dir).unwrap_or_else(|_| options.run_dir.clone());
     let mut site = load_site(&options.executor.slurm)?;
     let mut world = World::new(&run_dir, Writer::look(&run_dir).await?, clock::now_ms())?;
-    let mut decider = Decider::default();
-    if let Some(plans) = &options.patients {
-        decider.take_up(&mut world, plans)?;
-    }
-    for i in 0..world.patients.len() {
-        world.patients[i].selected = world.patients[i].row.active;
-        world.await_present_task(i);
-        decider.decide(&mut world, i)?;
-    }
+    decide_unwritten(&mut world, options.patients.as_deref())?;
     let mut scheduler = Installed::default();
     let mut remarks = discover_now(&mut site, &mut scheduler).await;
     let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
