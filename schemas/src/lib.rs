@@ -5,8 +5,6 @@
 
 pub mod afterload;
 pub mod allocation;
-pub mod biomarker_noise;
-pub mod biomarkers;
 pub mod cohort;
 pub mod discover;
 pub mod external;
@@ -42,6 +40,8 @@ pub mod time;
 pub mod verdict;
 
 pub mod json_schemas;
+
+pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, step1};
 
 /// Version of the file formats of this crate; raised when an old reader would misread a new file.
 pub const SCHEMA_VERSION: u32 = 1;

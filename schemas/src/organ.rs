@@ -9,92 +9,12 @@ use crate::external::ExternalOrgan;
 use crate::finite_element::FiniteElementOrgan;
 use crate::task::InputFile;
 
-/// Tanh active stress (Jung et al. 2022, eqs. A1-A3).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct TanhParameters {
-    /// Peak isometric stress.
-    #[serde(rename = "Smax_ref_kPa")]
-    pub smax_ref_kpa: f64,
-    /// Time constant of the stress rise.
-    #[serde(rename = "tau_SR_ref_ms")]
-    pub tau_sr_ref_ms: f64,
-    /// Time constant of the stress decay.
-    #[serde(rename = "tau_SD_ms")]
-    pub tau_sd_ms: f64,
-    /// Duration of the stress transient.
-    #[serde(rename = "t_CR_ms")]
-    pub t_cr_ms: f64,
-    /// Stretch dependence of the rise.
-    pub a4_ms: f64,
-    /// Electromechanical delay.
-    pub t_emd_ms: f64,
-    /// Slope of the stretch dependence.
-    pub a6: f64,
-    /// Stretch of zero stress.
-    pub a7: f64,
-}
-
-impl Default for TanhParameters {
-    /// Table A1.
-    fn default() -> Self {
-        Self {
-            smax_ref_kpa: 100.0,
-            tau_sr_ref_ms: 40.0,
-            tau_sd_ms: 110.0,
-            t_cr_ms: 550.0,
-            a4_ms: 500.0,
-            t_emd_ms: 15.0,
-            a6: 5.0,
-            a7: 0.7,
-        }
-    }
-}
-
-/// Names, with units, of the cell model's parameters in files: Land active (17), Rice calcium (4), passive scale.
-pub const CELL_PARAMETERS: [&str; 22] = [
-    "k_TRPN_per_ms",
-    "n_TRPN",
-    "Ca50_ref_uM",
-    "k_U_per_ms",
-    "n_Tm",
-    "TRPN50",
-    "k_UW_per_ms",
-    "k_WS_per_ms",
-    "r_W",
-    "r_S",
-    "gamma_S_per_ms",
-    "gamma_W_per_ms",
-    "phi",
-    "A_eff",
-    "beta_0",
-    "beta_1_uM",
-    "Smax_ref_kPa",
-    "Ca_res_uM",
-    "Ca_max_uM",
-    "tau_CR_ms",
-    "tau_CD_ms",
-    "a_p_kPa",
-];
-
-/// Those of them that describe Rice's calcium transient.
-pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
-
-/// Defaults of [`CELL_PARAMETERS`], in their order and units (Tables A2 and A4; the passive scale is that of the paper's
-/// sensitivity analysis, not Table A3's, which is that of isolated tissue).
-pub const CELL_DEFAULTS: [f64; 22] = [
-    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4,
-    120.0, 0.15, 0.6, 129.0, 128.0, 42.0,
-];
-
-/// Default of a parameter of the cell model.
-#[must_use]
-pub fn cell_default(name: &str) -> Option<f64> {
-    CELL_PARAMETERS
-        .iter()
-        .position(|known| *known == name)
-        .map(|idx| CELL_DEFAULTS[idx])
-}
+pub use cardiotwin_vocabulary::cell::{
+    CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,
+};
+pub use cardiotwin_vocabulary::step1::{
+    Step1Parameters, TanhParameters, VALVE_PARAMETERS, ValveParameters,
+};
 
 /// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
 /// (Tables A2, A4); names that are absent keep their default.
@@ -172,61 +92,11 @@ impl Default for CellStretch {
     }
 }
 
-/// Forward and backward resistances of the diode valves.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ValveParameters {
-    /// Aortic valve, forward.
-    #[serde(rename = "R_AV_f_mmHg_s_per_mL")]
-    pub r_av_f_mmhg_s_per_ml: f64,
-    /// Mitral valve, forward.
-    #[serde(rename = "R_MV_f_mmHg_s_per_mL")]
-    pub r_mv_f_mmhg_s_per_ml: f64,
-    /// Both valves, backward.
-    #[serde(rename = "R_b_mmHg_s_per_mL")]
-    pub r_b_mmhg_s_per_ml: f64,
-}
-
-/// Names of the valves' forward resistances.
-pub const VALVE_PARAMETERS: [&str; 2] = ["R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
-
 /// Whether the organ with a cell has a parameter of this name: one of the cell's or of the valves'.
 #[must_use]
 pub fn is_parameter(name: &str) -> bool {
     // The passive stress of a 0D cell: the organ has its own.
     name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
-}
-
-impl ValveParameters {
-    /// The place of one of [`VALVE_PARAMETERS`]; none for another name.
-    pub fn named_mut(&mut self, name: &str) -> Option<&mut f64> {
-        match name {
-            "R_AV_f_mmHg_s_per_mL" => Some(&mut self.r_av_f_mmhg_s_per_ml),
-            "R_MV_f_mmHg_s_per_mL" => Some(&mut self.r_mv_f_mmhg_s_per_ml),
-            _ => None,
-        }
-    }
-
-    /// The same with other values of those that `parameters` names.
-    #[must_use]
-    pub fn with(mut self, parameters: &BTreeMap<String, f64>) -> Self {
-        for (name, value) in parameters {
-            if let Some(place) = self.named_mut(name) {
-                *place = *value;
-            }
-        }
-        self
-    }
-}
-
-impl Default for ValveParameters {
-    fn default() -> Self {
-        Self {
-            r_av_f_mmhg_s_per_ml: 0.01,
-            r_mv_f_mmhg_s_per_ml: 0.01,
-            r_b_mmhg_s_per_ml: 1000.0,
-        }
-    }
 }
 
 /// Three-element Windkessel: P = R1 Q + Pc, C dPc/dt = Q − Pc/R2.
@@ -339,43 +209,4 @@ pub enum BeatCount {
         /// Largest change of pressure (mmHg) and volume (mL) over a beat.
         tolerance: f64,
     },
-}
-
-/// What step 1 personalises: the Tanh model and the valves.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Step1Parameters {
-    /// Active stress.
-    pub tanh: TanhParameters,
-    /// Valves.
-    pub valves: ValveParameters,
-}
-
-impl Step1Parameters {
-    /// The updated six in the order of [`crate::settings::STEP1_PARAMETERS`].
-    #[must_use]
-    pub fn updated(&self) -> [f64; 6] {
-        [
-            self.tanh.smax_ref_kpa,
-            self.tanh.tau_sr_ref_ms,
-            self.tanh.tau_sd_ms,
-            self.tanh.t_cr_ms,
-            self.valves.r_av_f_mmhg_s_per_ml,
-            self.valves.r_mv_f_mmhg_s_per_ml,
-        ]
-    }
-
-    /// The same parameters with the six replaced.
-    #[must_use]
-    pub fn with_updated(mut self, values: [f64; 6]) -> Self {
-        [
-            self.tanh.smax_ref_kpa,
-            self.tanh.tau_sr_ref_ms,
-            self.tanh.tau_sd_ms,
-            self.tanh.t_cr_ms,
-            self.valves.r_av_f_mmhg_s_per_ml,
-            self.valves.r_mv_f_mmhg_s_per_ml,
-        ] = values;
-        self
-    }
 }

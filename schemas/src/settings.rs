@@ -7,14 +7,16 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarker_noise;
+use crate::cell::cell_parameter;
 use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
-use crate::organ::{RICE_PARAMETERS, StretchOrigin, TanhParameters, ValveParameters};
+use crate::organ::{RICE_PARAMETERS, StretchOrigin};
 use crate::posterior::PosteriorSettings;
 use crate::step3::Step3Settings;
 use crate::verdict::TwinTolerances;
+
+pub use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 
 /// All settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -46,6 +48,15 @@ impl Settings {
             (Update::Auto, Fidelity::FiniteElement | Fidelity::External) => Update::SpaceMapping,
             (Update::Auto, Fidelity::Reduced) => Update::FixedPoint,
             (given, _) => given,
+        }
+    }
+
+    /// Settings of step 1 with [`Update::Auto`] resolved.
+    #[must_use]
+    pub fn step1_resolved(&self) -> Step1Settings {
+        Step1Settings {
+            update: self.step1_update(),
+            ..self.step1.clone()
         }
     }
 }
@@ -141,117 +152,6 @@ impl Default for ActivationSettings {
     }
 }
 
-/// When step 1 stops.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum StopRule {
-    /// As `first-converged` with the fixed point; with space mapping within the tolerance, too, but not as long as another
-    /// simulation promises to take away a fifth of the misfit.
-    Auto,
-    /// At the first iterate whose cost is within the tolerance (the paper's rule).
-    FirstConverged,
-    /// After `max_iterations` (or a stall or a failure); the best iterate is taken.
-    BestOfLimit,
-}
-
-/// How step 1 finds the next parameters.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Update {
-    /// Space mapping for the finite-element ventricle; the fixed point for the reduced one, which would propose to itself.
-    #[default]
-    Auto,
-    /// The paper's: each parameter times the ratio of one biomarker.
-    FixedPoint,
-    /// The one-fibre ventricle, corrected to the simulations so far, proposes.
-    SpaceMapping,
-}
-
-/// Step 1 (SPEC section 5).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Step1Settings {
-    /// How the next parameters are found.
-    pub update: Update,
-    /// Converged at this cost or below.
-    pub tolerance: f64,
-    /// Largest number of simulations.
-    pub max_iterations: u32,
-    /// Exponent of every update ratio of the fixed point: 1 is the paper's, smaller is damped.
-    pub damping: f64,
-    /// When to stop.
-    pub stop: StopRule,
-    /// So many iterations in a row without improvement end the loop.
-    pub stall_iterations: u32,
-    /// Relative improvement of the best cost that counts.
-    pub stall_improvement: f64,
-    /// Parameters that stay at their initial value: keys of `bounds`.
-    pub frozen: Vec<String>,
-    /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
-    /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
-    /// of the best iteration. Defaults are (1 %/σ)², with the errors σ that a clinic's noise makes
-    /// (docs/step1.md). The cost has none: every weight is 1 there, that of `SV_mL` 0.
-    pub weights: BTreeMap<String, f64>,
-    /// First guess of the Tanh model.
-    pub initial: TanhParameters,
-    /// First guess of the valves.
-    pub valves: ValveParameters,
-    /// Bounds of the updated parameters, lower and upper. Keys: `Smax_ref_kPa`, `tau_SR_ref_ms`, `tau_SD_ms`,
-    /// `t_CR_ms`, `R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`.
-    pub bounds: BTreeMap<String, [f64; 2]>,
-}
-
-/// The parameters that step 1 updates, in the order of the paper's Table A6.
-pub const STEP1_PARAMETERS: [&str; 6] = [
-    "Smax_ref_kPa",
-    "tau_SR_ref_ms",
-    "tau_SD_ms",
-    "t_CR_ms",
-    "R_AV_f_mmHg_s_per_mL",
-    "R_MV_f_mmHg_s_per_mL",
-];
-
-/// The biomarkers of step 1: those of the cost, then stroke volume.
-pub const STEP1_BIOMARKERS: [&str; 7] = [
-    "P_max_mmHg",
-    "dPdt_max_mmHg_per_ms",
-    "dPdt_min_mmHg_per_ms",
-    "PTD90_ms",
-    "tau_VD_ms",
-    "tau_VR_ms",
-    "SV_mL",
-];
-
-impl Default for Step1Settings {
-    fn default() -> Self {
-        Self {
-            update: Update::default(),
-            tolerance: 0.1,
-            max_iterations: 10,
-            damping: 1.0,
-            stop: StopRule::Auto,
-            stall_iterations: 3,
-            stall_improvement: 0.05,
-            frozen: Vec::new(),
-            weights: biomarker_noise::weights(),
-            initial: TanhParameters::default(),
-            valves: ValveParameters::default(),
-            // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.
-            bounds: [
-                ("Smax_ref_kPa", [1.0, 2000.0]),
-                ("tau_SR_ref_ms", [0.05, 1000.0]),
-                ("tau_SD_ms", [0.5, 2000.0]),
-                ("t_CR_ms", [20.0, 3000.0]),
-                ("R_AV_f_mmHg_s_per_mL", [1e-4, 1.0]),
-                ("R_MV_f_mmHg_s_per_mL", [1e-4, 1.0]),
-            ]
-            .into_iter()
-            .map(|(name, range)| (name.to_owned(), range))
-            .collect(),
-        }
-    }
-}
-
 /// How the trial vectors of a generation see the population.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -337,18 +237,23 @@ pub struct CellFitSettings {
 
 impl Default for CellFitSettings {
     fn default() -> Self {
-        let bounds = [
-            ("n_TRPN", [1.0, 5.0]),
-            ("beta_1_uM", [-3.6, -1.2]),
-            ("n_Tm", [3.0, 7.0]),
-            ("Ca50_ref_uM", [0.5, 2.0]),
-            ("k_UW_per_ms", [0.026, 0.312]),
-            ("Ca_res_uM", [0.075, 0.225]),
-            ("Ca_max_uM", [0.3, 0.9]),
-            ("tau_CR_ms", [64.5, 192.5]),
-            ("tau_CD_ms", [64.0, 192.0]),
-            ("a_p_kPa", [1.0, 100.0]),
+        let of_table_a5 = [
+            "n_TRPN",
+            "beta_1_uM",
+            "n_Tm",
+            "Ca50_ref_uM",
+            "k_UW_per_ms",
+            "Ca_res_uM",
+            "Ca_max_uM",
+            "tau_CR_ms",
+            "tau_CD_ms",
         ];
+        let interval = |key| cell_parameter(key).and_then(|parameter| parameter.interval);
+        let bounds: Vec<(&str, [f64; 2])> = of_table_a5
+            .into_iter()
+            .filter_map(|key| Some((key, interval(key)?)))
+            .chain([("a_p_kPa", [1.0, 100.0])])
+            .collect();
         Self {
             seed: 1,
             strategy: Strategy::default(),

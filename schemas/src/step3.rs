@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::Biomarkers;
-use crate::organ::{ValveParameters, cell_default};
+use crate::biomarkers::{Biomarker, Biomarkers};
+use crate::cell::cell_intervals;
+use crate::organ::{VALVE_PARAMETERS, ValveParameters, cell_default};
 use crate::outcome::PassiveStateResult;
 use crate::samples::{MeasuredTraces, TraceDeviations};
 use crate::task::MovedParameter;
@@ -38,30 +39,17 @@ impl Default for Step3Settings {
     fn default() -> Self {
         // Table A5; wider where an organ needs it: Smax_ref, TRPN50, gamma_S. Without beta_0, of which the one-fibre ventricle
         // says something else than one in 3D does (docs/step3.md). Valves: Table A6's are inside.
-        let bounds = [
-            ("k_TRPN_per_ms", [0.05, 0.4]),
-            ("n_TRPN", [1.0, 5.0]),
-            ("Ca50_ref_uM", [0.5, 2.0]),
-            ("k_U_per_ms", [0.01, 2.0]),
-            ("n_Tm", [3.0, 7.0]),
-            ("TRPN50", [0.2, 0.5]),
-            ("k_UW_per_ms", [0.026, 0.312]),
-            ("k_WS_per_ms", [0.004, 0.048]),
-            ("r_W", [0.25, 0.75]),
-            ("r_S", [0.1, 0.25]),
-            ("gamma_S_per_ms", [0.003, 0.03]),
-            ("gamma_W_per_ms", [0.05, 3.0]),
-            ("phi", [0.1, 4.0]),
-            ("A_eff", [12.5, 37.5]),
-            ("beta_1_uM", [-3.6, -1.2]),
-            ("Smax_ref_kPa", [40.0, 400.0]),
-            ("Ca_res_uM", [0.075, 0.225]),
-            ("Ca_max_uM", [0.3, 0.9]),
-            ("tau_CR_ms", [64.5, 192.5]),
-            ("tau_CD_ms", [64.0, 192.0]),
-            ("R_AV_f_mmHg_s_per_mL", [1e-3, 0.1]),
-            ("R_MV_f_mmHg_s_per_mL", [1e-3, 0.1]),
-        ];
+        let wider = |key, interval| match key {
+            "Smax_ref_kPa" => [40.0, 400.0],
+            "TRPN50" => [0.2, 0.5],
+            "gamma_S_per_ms" => [0.003, 0.03],
+            _ => interval,
+        };
+        let of_cell = cell_intervals()
+            .filter(|(key, _)| *key != "beta_0")
+            .map(|(key, interval)| (key, wider(key, interval)));
+        let of_valves = VALVE_PARAMETERS.map(|key| (key, [1e-3, 0.1]));
+        let bounds: Vec<(&str, [f64; 2])> = of_cell.chain(of_valves).collect();
         Self {
             max_iterations: 4,
             parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
@@ -70,15 +58,15 @@ impl Default for Step3Settings {
                 .map(|(name, range)| (name.to_owned(), range))
                 .collect(),
             uncertainty_percent: [
-                ("P_max_mmHg", 1.0),
-                ("dPdt_max_mmHg_per_ms", 3.0),
-                ("dPdt_min_mmHg_per_ms", 3.0),
-                ("PTD90_ms", 0.6),
-                ("tau_VD_ms", 10.0),
-                ("tau_VR_ms", 10.0),
-                ("SV_mL", 1.0),
+                (Biomarker::PMax, 1.0),
+                (Biomarker::DpdtMax, 3.0),
+                (Biomarker::DpdtMin, 3.0),
+                (Biomarker::Ptd90, 0.6),
+                (Biomarker::TauVd, 10.0),
+                (Biomarker::TauVr, 10.0),
+                (Biomarker::Sv, 1.0),
             ]
-            .map(|(name, percent)| (name.to_owned(), percent))
+            .map(|(biomarker, percent)| (biomarker.key().to_owned(), percent))
             .into(),
             trace_deviations: TraceDeviations::default(),
         }
@@ -150,8 +138,8 @@ impl Step3Settings {
     /// Measured biomarkers that count, and the independent things that `traces` tell.
     #[must_use]
     pub fn n_measured(&self, measured: &Biomarkers, traces: Option<&MeasuredTraces>) -> f64 {
-        let counts = |(name, value): &(&str, Option<f64>)| {
-            value.is_some() && self.uncertainty_percent.contains_key(*name)
+        let counts = |(biomarker, value): &(Biomarker, Option<f64>)| {
+            value.is_some() && self.uncertainty_percent.contains_key(biomarker.key())
         };
         let biomarkers = measured
             .of_organ()

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::biomarkers::Biomarker;
 use crate::ids::PatientId;
 use crate::robustness::RobustnessSpec;
 use crate::task::OrganBeatSpec;
@@ -111,16 +112,8 @@ const CELL_OUTPUTS: [&str; 5] = [
     "STD50_ms",
     "STD90_ms",
 ];
-/// Biomarkers of the organ: those that step 3 meets.
-const ORGAN_OUTPUTS: [&str; 7] = [
-    "P_max_mmHg",
-    "dPdt_max_mmHg_per_ms",
-    "dPdt_min_mmHg_per_ms",
-    "PTD90_ms",
-    "tau_VD_ms",
-    "tau_VR_ms",
-    "SV_mL",
-];
+/// Biomarkers of the organ that step 3 compares.
+const ORGAN_OUTPUTS: [&str; Biomarker::OF_ORGAN.len()] = Biomarker::ORGAN_KEYS;
 
 /// First line of `samples.csv`, a chunk's artefact: a line a sample follows, in the design's order. Block and row count
 /// from 0; `cut` says that a duration lacks a crossing of its level within the beat; the rise is the steepest one after
@@ -188,5 +181,16 @@ impl Default for ExclusionRule {
             rise_after_peak_kpa_per_ms: 3e-5,
             negative_stress_kpa: 1e-4,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_heading_of_an_organ_s_samples_names_the_biomarkers_in_their_order() {
+        let expected = format!("block,row,status,{},shut", Biomarker::ORGAN_KEYS.join(","));
+        assert_eq!(ORGAN_SAMPLES_HEADING, expected);
     }
 }

@@ -179,7 +179,7 @@ pub struct PassiveStateSpec {
     /// Activation of the reduced ventricle.
     pub activation: ActivationSettings,
     /// Factors by which measured biomarkers are multiplied once everything else is derived from the data as measured: a
-    /// sample of uncertain data (Jung et al. 2022, section 2.5). Keys: [`crate::biomarkers::STEP1_BIOMARKERS`].
+    /// sample of uncertain data (Jung et al. 2022, section 2.5). Keys: [`crate::biomarkers::Biomarker::OF_COST`].
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
     /// Passive law that was accepted for the patient, in place of the one through the measured points.

@@ -18,8 +18,13 @@ pub const CRATES: &[Rule] = &[
         why: "quantities stand still",
     },
     Rule {
+        who: "vocabulary",
+        may: &[],
+        why: "biomarkers, parameters and settings have one definition, which every crate may import",
+    },
+    Rule {
         who: "schemas",
-        may: &["units"],
+        may: &["vocabulary"],
         why: "formats stand still: they outlive every process",
     },
     Rule {
@@ -64,7 +69,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "calibrate",
-        may: &["units"],
+        may: &["vocabulary"],
         why: "algorithms meet models by ask and tell or by closures",
     },
     Rule {

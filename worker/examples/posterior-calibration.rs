@@ -11,6 +11,7 @@ use anyhow::{Context as _, anyhow};
 use cardiotwin_calibrate::normal::quantile;
 use cardiotwin_calibrate::posterior::TruncatedNormal;
 use cardiotwin_calibrate::statistics::quantile_of;
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
 use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::{PosteriorResult, PosteriorSpec, Spread, TraceNoise, TwinBeat};
@@ -107,8 +108,8 @@ impl Counts {
                 self.add(factor, &format!("  determined: {name}"), held);
             }
         }
-        for (name, value) in simulated.beat.biomarkers.of_organ() {
-            if let (Some(value), Some(spread)) = (value, found.biomarkers.get(name)) {
+        for (biomarker, value) in simulated.beat.biomarkers.of_organ() {
+            if let (Some(value), Some(spread)) = (value, found.biomarkers.get(biomarker.key())) {
                 self.add(factor, "biomarkers of its beat", holds(spread, value));
             }
         }
@@ -128,10 +129,10 @@ impl Counts {
             let draws: Vec<OrganBeatResult> = (0..found.draws.len())
                 .filter_map(|d| of(&found.draw(d)))
                 .collect();
-            for (k, (name, value)) in true_beat.biomarkers.of_organ().into_iter().enumerate() {
+            for (biomarker, value) in true_beat.biomarkers.of_organ() {
                 let mut values: Vec<f64> = draws
                     .iter()
-                    .filter_map(|d| d.biomarkers.of_organ()[k].1)
+                    .filter_map(|d| d.biomarkers.get(biomarker))
                     .collect();
                 values.sort_by(f64::total_cmp);
                 let Some(value) = value.filter(|_| values.len() > draws.len() / 2) else {
@@ -140,7 +141,7 @@ impl Counts {
                 let held =
                     (quantile_of(&values, 0.05)..=quantile_of(&values, 0.95)).contains(&value);
                 self.add(factor, &format!("biomarkers under {load}"), held);
-                self.add(factor, &format!("  {load}: {name}"), held);
+                self.add(factor, &format!("  {load}: {biomarker}"), held);
             }
         }
     }
@@ -248,18 +249,15 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
             generator,
         );
         let mut measured = truth.biomarkers;
-        for (name, place) in [
-            ("P_max_mmHg", &mut measured.p_max_mmhg),
-            ("dPdt_max_mmHg_per_ms", &mut measured.dpdt_max_mmhg_per_ms),
-            ("dPdt_min_mmHg_per_ms", &mut measured.dpdt_min_mmhg_per_ms),
-            ("PTD90_ms", &mut measured.ptd90_ms),
-            ("SV_mL", &mut measured.sv_ml),
-            ("tau_VD_ms", &mut measured.tau_vd_ms),
-            ("tau_VR_ms", &mut measured.tau_vr_ms),
-        ] {
+        // In this order, so that a seed makes the hearts that it always made.
+        let drawn = Biomarker::TABLE_2
+            .into_iter()
+            .chain([Biomarker::TauVd, Biomarker::TauVr]);
+        for biomarker in drawn {
+            let place = measured.get_mut(biomarker);
             let percent = heart
                 .uncertainty_percent
-                .get(name)
+                .get(biomarker.key())
                 .copied()
                 .unwrap_or_default();
             *place = place.map(|value| value * (1.0 + 0.01 * percent * normal(generator)));

@@ -55,24 +55,6 @@ pub fn windows_to_solver(windows: biomarkers::NoiseWindows) -> NoiseWindows {
     }
 }
 
-/// What `given` states wins over what `found` holds.
-#[must_use]
-pub fn overridden(found: &Biomarkers, given: &Biomarkers) -> Biomarkers {
-    Biomarkers {
-        p_max_mmhg: given.p_max_mmhg.or(found.p_max_mmhg),
-        dpdt_max_mmhg_per_ms: given.dpdt_max_mmhg_per_ms.or(found.dpdt_max_mmhg_per_ms),
-        dpdt_min_mmhg_per_ms: given.dpdt_min_mmhg_per_ms.or(found.dpdt_min_mmhg_per_ms),
-        ptd90_ms: given.ptd90_ms.or(found.ptd90_ms),
-        sv_ml: given.sv_ml.or(found.sv_ml),
-        tau_vd_ms: given.tau_vd_ms.or(found.tau_vd_ms),
-        tau_vr_ms: given.tau_vr_ms.or(found.tau_vr_ms),
-        edv_ml: given.edv_ml.or(found.edv_ml),
-        esv_ml: given.esv_ml.or(found.esv_ml),
-        edp_mmhg: given.edp_mmhg.or(found.edp_mmhg),
-        end_of_beat_gap_ml: given.end_of_beat_gap_ml.or(found.end_of_beat_gap_ml),
-    }
-}
-
 /// What a reader must know of a set, in words.
 #[must_use]
 pub fn remarks(set: &BiomarkerSet) -> Vec<String> {
@@ -100,30 +82,5 @@ fn words(flag: Flag) -> &'static str {
             "volume does not recover to 80 % of the stroke volume: tau_VR is fitted to the volume recovered"
         }
         Flag::FillingTooShort => "filling has too few samples for tau_VR",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn given_values_win_and_fill() {
-        let found = Biomarkers {
-            p_max_mmhg: Some(120.0),
-            sv_ml: Some(70.0),
-            ..Biomarkers::default()
-        };
-        let given = Biomarkers {
-            p_max_mmhg: Some(125.0),
-            ptd90_ms: Some(400.0),
-            ..Biomarkers::default()
-        };
-        let merged = overridden(&found, &given);
-        assert_eq!(
-            (merged.p_max_mmhg, merged.sv_ml, merged.ptd90_ms),
-            (Some(125.0), Some(70.0), Some(400.0))
-        );
-        assert_eq!(merged.edv_ml, None);
     }
 }

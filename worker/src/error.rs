@@ -3,12 +3,13 @@
 use std::io;
 use std::path::PathBuf;
 
+use cardiotwin_calibrate::fixed_point::FixedPointError;
 use cardiotwin_calibrate::identifiability::IdentifiabilityError;
 use cardiotwin_calibrate::population::PopulationError;
 use cardiotwin_calibrate::sobol::SobolError;
 use cardiotwin_cell_engine::{EngineError, InputProblem};
 use cardiotwin_discover::DiscoverError;
-use cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS;
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::outcome::Ending;
@@ -73,7 +74,7 @@ pub enum TaskError {
         remedy: &'static str,
     },
     /// A factor of a sample of uncertain data that cannot be applied.
-    #[error("biomarker `{name}` cannot be multiplied by {factor}: {why}; step 1 fits {}", STEP1_BIOMARKERS.join(", "))]
+    #[error("biomarker `{name}` cannot be multiplied by {factor}: {why}; step 1 fits {}", Biomarker::COST_KEYS.join(", "))]
     Factor {
         /// The biomarker's key.
         name: String,
@@ -82,6 +83,9 @@ pub enum TaskError {
         /// What is wrong.
         why: &'static str,
     },
+    /// Settings of step 1 make no sense.
+    #[error("settings of step 1")]
+    Step1(#[from] FixedPointError),
     /// A load or filling pressure cannot be estimated.
     #[error("a load that the patient file lacks cannot be estimated")]
     Load(#[from] EstimateError),
@@ -239,6 +243,7 @@ impl TaskError {
             | Self::Biomarkers(_)
             | Self::NotMeasured { .. }
             | Self::Factor { .. }
+            | Self::Step1(_)
             | Self::Load(_)
             | Self::PassiveState(_)
             | Self::UnknownParameter { .. }
@@ -291,6 +296,7 @@ impl TaskError {
             ),
             Self::NotMeasured { remedy, .. } => Some(remedy),
             Self::Factor { .. } => Some("correct the sample's factors"),
+            Self::Step1(_) => Some("correct the setting named in the message"),
             Self::Load(_) => {
                 Some("correct the arterial pressures, or give [afterload] and [preload]")
             }

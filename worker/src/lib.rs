@@ -27,7 +27,6 @@ pub mod progress;
 pub mod provenance;
 pub mod run;
 pub mod sample_log;
-pub mod step1;
 pub mod stop;
 pub mod tasks;
 pub mod team;

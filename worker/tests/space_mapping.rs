@@ -4,8 +4,9 @@ mod support;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_calibrate::fixed_point::{self, Biomarker, Cost, Decision, History, Outcome};
+use cardiotwin_calibrate::fixed_point::{self, Cost, Decision, History, Outcome};
 use cardiotwin_models::ventricle::OneFibrePassive;
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::organ::{ContractionSpec, EffectSpec, OrganSpec, Step1Parameters};
@@ -14,8 +15,8 @@ use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec, Step1ProposalSpec, Step1Run, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg};
 use cardiotwin_worker::context::Context;
-use cardiotwin_worker::step1;
 use cardiotwin_worker::tasks::organ_beat::reduced_beat;
+use cardiotwin_worker::tasks::proposal::outcome;
 use cardiotwin_worker::tasks::run_task;
 
 /// What is simulated, and what proposes.
@@ -73,10 +74,8 @@ impl Patient {
             activation.spread_ms = 62.0;
             (p.tanh.a6, p.tanh.a7, p.tanh.t_emd_ms) = (4.2, 0.67, 19.0);
         }
-        match reduced_beat(&self.beat(&p), &passive, &activation).unwrap() {
-            Some(beat) => step1::outcome(&beat),
-            None => Outcome::Failed,
-        }
+        let beat = reduced_beat(&self.beat(&p), &passive, &activation).unwrap();
+        outcome(beat.as_ref())
     }
 
     fn spec(&self, runs: &[Step1Run]) -> Step1ProposalSpec {
@@ -103,9 +102,7 @@ impl Patient {
 
     fn cost(&self, outcome: &Outcome) -> f64 {
         match outcome {
-            Outcome::Simulated(found) => {
-                Cost::of(&step1::biomarkers(&self.state.measured), found).total
-            }
+            Outcome::Simulated(found) => Cost::of(&self.state.measured, found).total,
             Outcome::NoWholeBeat(_) | Outcome::Failed => f64::INFINITY,
         }
     }
@@ -119,9 +116,7 @@ impl Patient {
                 runs.push(Step1Run {
                     parameters: proposal.parameters,
                     biomarkers: match &outcome {
-                        Outcome::Simulated(found) | Outcome::NoWholeBeat(found) => {
-                            Some(step1::to_schema(found))
-                        }
+                        Outcome::Simulated(found) | Outcome::NoWholeBeat(found) => Some(*found),
                         Outcome::Failed => None,
                     },
                     whole_beat: matches!(outcome, Outcome::Simulated(_)),
@@ -140,22 +135,21 @@ impl Patient {
     }
 
     fn fixed_point(&self, n: usize) -> Vec<f64> {
-        let settings = fixed_point::Settings {
+        let settings = Step1Settings {
             tolerance: 1e-9,
-            stagnation_iterations: 100,
+            stall_iterations: 100,
             ..support::fixed_point_settings(&Step1Settings::default())
         };
-        let start = Step1Parameters::default();
-        let mut history = History::new(step1::parameters(&start));
+        let mut history = History::new(Step1Parameters::default());
         let mut costs = Vec::new();
-        let measured = step1::biomarkers(&self.state.measured);
+        let measured = &self.state.measured;
         while costs.len() < n {
             let Decision::Next { parameters, .. } =
-                fixed_point::decide(&settings, &measured, &history).unwrap()
+                fixed_point::decide(&settings, measured, &history).unwrap()
             else {
                 break;
             };
-            let outcome = self.other(&step1::with(&start, &parameters), true);
+            let outcome = self.other(&parameters, true);
             costs.push(self.cost(&outcome));
             history.push(parameters, outcome);
         }
@@ -219,9 +213,7 @@ fn weights_lead_to_what_they_weigh() {
             panic!()
         };
         let biomarker = Biomarker::named(key).unwrap();
-        let clinical = step1::biomarkers(&patient.state.measured)
-            .get(biomarker)
-            .unwrap();
+        let clinical = patient.state.measured.get(biomarker).unwrap();
         (found.get(biomarker).unwrap() / clinical - 1.0).abs()
     };
     let mut patient = Patient::new("06-CoA");

@@ -1,10 +1,11 @@
 //! The table that ends a run: what each step reached, beside what the paper's cohort reached.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 
 use super::table::{Columns, duration, number, optional, percent};
 use super::talk::{Talk, Tone};
-use crate::results::{Biomarker, MeanSd, PatientView, Step};
+use crate::results::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};
 
 const HEADINGS: [&str; 11] = [
     "PATIENT",
@@ -29,8 +30,8 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
     }
     let any_step3 = run.patients.iter().any(|patient| patient.step3.is_some());
     for (step, name, paper) in [
-        (Step::Step1, "step-1", Some(Biomarker::PAPER_STEP1_PERCENT)),
-        (Step::Step2, "step-2", Some(Biomarker::PAPER_STEP2_PERCENT)),
+        (Step::Step1, "step-1", Some(PAPER_STEP1_PERCENT)),
+        (Step::Step2, "step-2", Some(PAPER_STEP2_PERCENT)),
         (Step::Step3, "step-3", None),
     ] {
         if step == Step::Step3 && !any_step3 {
@@ -62,7 +63,7 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         row.extend(Biomarker::TABLE_2.map(mean));
         let open = converged
             .iter()
-            .map(|p| Biomarker::EndOfBeatGap.of(PatientView(p).simulated(step)?));
+            .map(|p| PatientView(p).simulated(step)?.get(Biomarker::EndOfBeatGap));
         row.push(MeanSd::of(open).map_or("-".to_owned(), |mean| format!("{:.1}", mean.mean)));
         table.row(row);
         let Some(paper) = paper else { continue };
@@ -238,7 +239,7 @@ fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
         row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(*step, b)), None)));
         let open = view
             .simulated(*step)
-            .and_then(|b| Biomarker::EndOfBeatGap.of(b));
+            .and_then(|b| b.get(Biomarker::EndOfBeatGap));
         row.push((
             open.map_or("-".to_owned(), |open| format!("{open:.1}")),
             None,

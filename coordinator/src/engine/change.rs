@@ -1,5 +1,6 @@
 //! What people ask for: other settings, another try, an end.
 
+use cardiotwin_calibrate::fixed_point;
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -94,8 +95,7 @@ impl Decider {
             serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
         let plan = settings::plan(&given, &layer)
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
-        cardiotwin_workflow::adapter::settings(&plan.settings.step1, plan.settings.step1_update())
-            .and_then(|s| s.validate().map_err(|error| error.to_string()))
+        fixed_point::validate(&plan.settings.step1_resolved())
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         let mut changes = Vec::new();
         let patient = &mut world.patients[i];

@@ -2,11 +2,12 @@
 //! paper's own numbers are kept, so that both can be joined; `LFM` is step 1, `HFM` step 2 there. Columns that the
 //! paper does not have stand at the end.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use serde_json::{Value, json};
 
 use super::table::{Row, Table, number};
-use crate::results::{Biomarker, MeanSd, PatientView, Step};
+use crate::results::{MeanSd, PatientView, Step};
 
 fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
     let row = |p: &PatientRecord| Row {
@@ -108,10 +109,10 @@ pub fn table_2(run: &RunRecord) -> Table {
             });
         };
         let percent = |step, b| view.relative_difference(step, b).map(|d| 100.0 * d.abs());
-        row("clinical", &|b| b.of(view.measured()));
-        row("step1_LFM", &|b| b.of(view.simulated(Step::Step1)?));
+        row("clinical", &|b| view.measured().get(b));
+        row("step1_LFM", &|b| view.simulated(Step::Step1)?.get(b));
         row("step1_LFM_rel_diff_percent", &|b| percent(Step::Step1, b));
-        row("step2_HFM", &|b| b.of(view.simulated(Step::Step2)?));
+        row("step2_HFM", &|b| view.simulated(Step::Step2)?.get(b));
         row("step2_HFM_rel_diff_percent", &|b| percent(Step::Step2, b));
     }
     Table {

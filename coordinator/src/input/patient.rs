@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::settings::{Settings, StartMode};
 use cardiotwin_signals::Problem;
@@ -107,15 +107,11 @@ pub fn check_completeness(
     let pressure_is_told = broken(list.report, "measured.pressure");
     let volume_is_told = broken(list.report, "measured.volume");
     if measured.pressure.is_none() && !pressure_is_told {
-        let missing: Vec<&str> = [
-            ("P_max_mmHg", given.p_max_mmhg),
-            ("dPdt_max_mmHg_per_ms", given.dpdt_max_mmhg_per_ms),
-            ("dPdt_min_mmHg_per_ms", given.dpdt_min_mmhg_per_ms),
-            ("PTD90_ms", given.ptd90_ms),
-        ]
-        .into_iter()
-        .filter_map(|(name, value)| value.is_none().then_some(name))
-        .collect();
+        let missing: Vec<&str> = Biomarker::OF_COST
+            .into_iter()
+            .filter(|b| !b.is_of_volume() && given.get(*b).is_none())
+            .map(Biomarker::key)
+            .collect();
         if !missing.is_empty() {
             list.add(
                 "measured",

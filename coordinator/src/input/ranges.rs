@@ -1,5 +1,6 @@
 //! Values of settings: ranges, bounds, names of parameters. Pure: settings in, complaints out.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, WallSettings};
@@ -7,9 +8,8 @@ use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::organ::is_parameter;
 use cardiotwin_schemas::posterior::PosteriorSettings;
-use cardiotwin_schemas::settings::{
-    CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
-};
+use cardiotwin_schemas::settings::{CellFitSettings, Settings, SolverSettings, Step1Settings};
+use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::verdict::TwinTolerances;
 
@@ -411,8 +411,8 @@ impl List {
         self.count("step3.max_iterations", step3.max_iterations, 0, 100);
         for (name, percent) in &step3.uncertainty_percent {
             self.positive(&format!("step3.uncertainty_percent.{name}"), *percent, 1e3);
-            if !STEP1_BIOMARKERS.contains(&name.as_str()) {
-                let expected = format!("one of {}", STEP1_BIOMARKERS.join(", "));
+            if !Biomarker::ORGAN_KEYS.contains(&name.as_str()) {
+                let expected = format!("one of {}", Biomarker::ORGAN_KEYS.join(", "));
                 self.add(
                     "step3.uncertainty_percent",
                     name.clone(),
@@ -482,11 +482,11 @@ impl List {
         self.count("step1.stall_iterations", step1.stall_iterations, 1, 10_000);
         self.within("step1.stall_improvement", step1.stall_improvement, 0.0, 1.0);
         for name in &step1.frozen {
-            self.name("step1.frozen", name, &STEP1_PARAMETERS);
+            self.name("step1.frozen", name, &Step1Parameter::KEYS);
         }
-        self.bounds("step1.bounds", &step1.bounds, &STEP1_PARAMETERS);
+        self.bounds("step1.bounds", &step1.bounds, &Step1Parameter::KEYS);
         for (name, weight) in &step1.weights {
-            if self.name("step1.weights", name, &STEP1_BIOMARKERS) {
+            if self.name("step1.weights", name, &Biomarker::ORGAN_KEYS) {
                 self.within(&format!("step1.weights.{name}"), *weight, 0.0, 1e6);
             }
         }
@@ -519,13 +519,10 @@ impl List {
     }
 
     fn initial_inside_bounds(&mut self, step1: &Step1Settings) {
-        let values = cardiotwin_schemas::organ::Step1Parameters {
-            tanh: step1.initial,
-            valves: step1.valves,
-        }
-        .updated();
-        for (name, value) in STEP1_PARAMETERS.iter().zip(values) {
-            let Some([low, high]) = step1.bounds.get(*name) else {
+        let start = step1.start();
+        for parameter in Step1Parameter::ALL {
+            let (name, value) = (parameter.key(), start.get(parameter));
+            let Some([low, high]) = step1.bounds.get(name) else {
                 continue;
             };
             if *low < 0.0 {

@@ -1,5 +1,6 @@
 //! The cohort: summary, comparison with the paper, table, small plots.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord, Step1Quality};
 use maud::{Markup, html};
 
@@ -8,7 +9,7 @@ use super::format::{count, duration, fixed, moment, percent, significant, symbol
 use super::patient::{standing, step1_words};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
 use super::tables::scrolling;
-use crate::results::{Biomarker, MeanSd, PatientView, Source, Step};
+use crate::results::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Source, Step};
 
 /// Links to patients: within the page, or to a page each.
 pub type Link<'a> = &'a dyn Fn(&PatientRecord) -> String;
@@ -170,8 +171,8 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
         h2 id="errors" { "Errors" }
         p.quiet { "Absolute differences to the measured biomarkers, percent of the measured value; the paper is Jung et al. 2022, Table 2 (seven patients)." }
         div.figures.wide {
-            figure { figcaption { b { "Step 1" } span.quiet { ", iterate taken" } } (strip(patients, Step::Step1, &Biomarker::PAPER_STEP1_PERCENT)) }
-            figure { figcaption { b { "Step 2" } span.quiet { ", verification beat" } } (strip(patients, Step::Step2, &Biomarker::PAPER_STEP2_PERCENT)) }
+            figure { figcaption { b { "Step 1" } span.quiet { ", iterate taken" } } (strip(patients, Step::Step1, &PAPER_STEP1_PERCENT)) }
+            figure { figcaption { b { "Step 2" } span.quiet { ", verification beat" } } (strip(patients, Step::Step2, &PAPER_STEP2_PERCENT)) }
             @if n(Step::Step3) > 0 {
                 figure { figcaption { b { "Step 3" } span.quiet { ", beat taken; the paper has no step 3" } } (strip(patients, Step::Step3, &[])) }
             }
@@ -192,7 +193,7 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                 } }
                 tbody {
                     @for (i, b) in Biomarker::TABLE_2.into_iter().enumerate() {
-                        @let (paper1, paper2) = (Biomarker::PAPER_STEP1_PERCENT[i], Biomarker::PAPER_STEP2_PERCENT[i]);
+                        @let (paper1, paper2) = (PAPER_STEP1_PERCENT[i], PAPER_STEP2_PERCENT[i]);
                         tr {
                             th scope="row" { (symbol(b.key())) }
                             (judged(mean_error(patients, Step::Step1, b, false), paper1))
@@ -489,9 +490,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             .iter()
             .filter(|c| c.show == Show::Error)
             .count();
-        let all = Biomarker::PAPER_STEP1_PERCENT
-            .into_iter()
-            .chain(Biomarker::PAPER_STEP2_PERCENT);
+        let all = PAPER_STEP1_PERCENT.into_iter().chain(PAPER_STEP2_PERCENT);
         all.into_iter()
             .nth(nth)
             .filter(|_| columns[i].show == Show::Error)

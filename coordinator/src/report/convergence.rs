@@ -1,12 +1,13 @@
 //! Convergence: parameters and cost of step 1 by iteration (the paper's Figure A2), differential evolution of step 2.
 
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 
-use super::format::{Label, significant};
+use super::format::significant;
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
 use crate::results::PatientView;
 use crate::results::columns::Columns;
+use cardiotwin_schemas::label::Label;
 
 const SMALL: (f64, f64) = (300.0, 190.0);
 const SMALL_MARGINS: [f64; 4] = [48.0, 12.0, 14.0, 38.0];
@@ -144,36 +145,39 @@ pub fn parameters(patient: &PatientRecord) -> Vec<(&'static str, Chart)> {
     let Some(scale) = Scale::log(all, 2.0) else {
         return Vec::new();
     };
-    let charts = STEP1_PARAMETERS.into_iter().enumerate().map(|(k, key)| {
-        let label = Label::of(key);
-        let mut chart = small(
-            format!(
-                "{key} of {} by iteration, relative to the first guess",
-                patient.plan.id
-            ),
-            iteration_axis(&patient.iterations),
-            Axis::new("× first guess", "× first guess", scale),
-        );
-        chart.marks.push(Mark::Across {
-            y: 1.0,
-            class: "level",
-            label: None,
+    let charts = Step1Parameter::KEYS
+        .into_iter()
+        .enumerate()
+        .map(|(k, key)| {
+            let label = Label::of(key);
+            let mut chart = small(
+                format!(
+                    "{key} of {} by iteration, relative to the first guess",
+                    patient.plan.id
+                ),
+                iteration_axis(&patient.iterations),
+                Axis::new("× first guess", "× first guess", scale),
+            );
+            chart.marks.push(Mark::Across {
+                y: 1.0,
+                class: "level",
+                label: None,
+            });
+            let points = patient
+                .iterations
+                .iter()
+                .map(|i| (f64::from(i.number), relative(i, k)))
+                .collect();
+            let name = label.map_or(key, |l| l.meaning).to_owned();
+            chart.series.push(Series {
+                class: "step1",
+                name,
+                points,
+                dots: true,
+            });
+            mark_iterations(&mut chart, patient, |i| Some(relative(i, k)));
+            (key, chart)
         });
-        let points = patient
-            .iterations
-            .iter()
-            .map(|i| (f64::from(i.number), relative(i, k)))
-            .collect();
-        let name = label.map_or(key, |l| l.meaning).to_owned();
-        chart.series.push(Series {
-            class: "step1",
-            name,
-            points,
-            dots: true,
-        });
-        mark_iterations(&mut chart, patient, |i| Some(relative(i, k)));
-        (key, chart)
-    });
     charts.collect()
 }
 

@@ -1,12 +1,12 @@
 //! Traces of a patient: pressure, volume, loop, flows (the paper's Figure A1), cell (Figure 5).
 
-use cardiotwin_schemas::biomarkers::TimePoints;
+use cardiotwin_schemas::biomarkers::{Biomarker, TimePoints};
 use cardiotwin_schemas::record::PatientRecord;
 use maud::{Markup, html};
 
 use super::format::{fixed, significant};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
-use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 /// Order in which lines are drawn, the measured one on top.
 const SOURCES: [Source; 4] = [
@@ -490,7 +490,7 @@ pub fn top_pressure(patient: &PatientRecord) -> f64 {
     ]
     .into_iter()
     .flatten()
-    .filter_map(|b| Biomarker::PMax.of(b))
+    .filter_map(|b| b.get(Biomarker::PMax))
     .fold(0.0, f64::max)
 }
 

@@ -1,5 +1,6 @@
 //! Numbers and names for a person.
 
+use cardiotwin_schemas::label::Label;
 use maud::{Markup, html};
 
 /// `digits` significant digits, without exponent where it can be read without; a true minus sign.
@@ -76,240 +77,19 @@ pub fn moment(rfc3339: &str) -> String {
     }
 }
 
-/// Symbol, subscript, unit and meaning of a parameter or biomarker by its key.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Label {
-    /// τ
-    pub symbol: &'static str,
-    /// SR,ref
-    pub sub: &'static str,
-    /// ms
-    pub unit: &'static str,
-    /// In words.
-    pub meaning: &'static str,
-}
-
-const fn label(
-    symbol: &'static str,
-    sub: &'static str,
-    unit: &'static str,
-    meaning: &'static str,
-) -> Label {
-    Label {
-        symbol,
-        sub,
-        unit,
-        meaning,
-    }
-}
-
-const LABELS: &[(&str, Label)] = &[
-    (
-        "Smax_ref_kPa",
-        label("S", "max,ref", "kPa", "peak isometric stress"),
-    ),
-    (
-        "tau_SR_ref_ms",
-        label("τ", "SR,ref", "ms", "time constant of the stress rise"),
-    ),
-    (
-        "tau_SD_ms",
-        label("τ", "SD", "ms", "time constant of the stress decay"),
-    ),
-    (
-        "t_CR_ms",
-        label("t", "CR", "ms", "duration of the stress transient"),
-    ),
-    (
-        "R_AV_f_mmHg_s_per_mL",
-        label(
-            "R",
-            "AV,f",
-            "mmHg·s/mL",
-            "forward resistance of the aortic valve",
-        ),
-    ),
-    (
-        "R_MV_f_mmHg_s_per_mL",
-        label(
-            "R",
-            "MV,f",
-            "mmHg·s/mL",
-            "forward resistance of the mitral valve",
-        ),
-    ),
-    (
-        "k_TRPN_per_ms",
-        label("k", "TRPN", "1/ms", "unbinding of calcium from troponin"),
-    ),
-    (
-        "n_TRPN",
-        label("n", "TRPN", "", "cooperativity of calcium and troponin"),
-    ),
-    (
-        "Ca50_ref_uM",
-        label("Ca", "50,ref", "µM", "calcium sensitivity"),
-    ),
-    (
-        "k_U_per_ms",
-        label("k", "U", "1/ms", "blocked to unblocked"),
-    ),
-    ("n_Tm", label("n", "Tm", "", "cooperativity of tropomyosin")),
-    (
-        "TRPN50",
-        label("TRPN", "50", "", "troponin at half blocking"),
-    ),
-    (
-        "k_UW_per_ms",
-        label("k", "UW", "1/ms", "unbound to weakly bound cross-bridges"),
-    ),
-    (
-        "k_WS_per_ms",
-        label("k", "WS", "1/ms", "weakly to strongly bound cross-bridges"),
-    ),
-    (
-        "r_W",
-        label("r", "W", "", "share of weakly bound cross-bridges"),
-    ),
-    (
-        "r_S",
-        label("r", "S", "", "share of strongly bound cross-bridges"),
-    ),
-    (
-        "gamma_S_per_ms",
-        label("γ", "S", "1/ms", "distortion-dependent unbinding, strong"),
-    ),
-    (
-        "gamma_W_per_ms",
-        label("γ", "W", "1/ms", "distortion-dependent unbinding, weak"),
-    ),
-    ("phi", label("φ", "", "", "distortion decay")),
-    ("A_eff", label("A", "eff", "", "distortion by velocity")),
-    (
-        "beta_0",
-        label("β", "0", "", "stretch dependence of the stress"),
-    ),
-    (
-        "beta_1_uM",
-        label(
-            "β",
-            "1",
-            "µM",
-            "stretch dependence of the calcium sensitivity",
-        ),
-    ),
-    ("Ca_res_uM", label("Ca", "res", "µM", "resting calcium")),
-    ("Ca_max_uM", label("Ca", "max", "µM", "peak calcium")),
-    (
-        "tau_CR_ms",
-        label("τ", "CR", "ms", "time constant of the calcium rise"),
-    ),
-    (
-        "tau_CD_ms",
-        label("τ", "CD", "ms", "time constant of the calcium decay"),
-    ),
-    (
-        "a_p_kPa",
-        label("a", "p", "kPa", "passive stiffness of the cell model"),
-    ),
-    ("P_max_mmHg", label("P", "max", "mmHg", "peak pressure")),
-    (
-        "dPdt_max_mmHg_per_ms",
-        label(
-            "dP/dt",
-            "max",
-            "mmHg/ms",
-            "largest pressure rate before the peak",
-        ),
-    ),
-    (
-        "dPdt_min_mmHg_per_ms",
-        label(
-            "dP/dt",
-            "min",
-            "mmHg/ms",
-            "smallest pressure rate after the peak",
-        ),
-    ),
-    (
-        "PTD90_ms",
-        label("PTD", "90", "ms", "pressure transient duration, t3 − t1"),
-    ),
-    ("SV_mL", label("SV", "", "mL", "stroke volume")),
-    (
-        "tau_VD_ms",
-        label("τ", "VD", "ms", "time constant of ejection"),
-    ),
-    (
-        "tau_VR_ms",
-        label("τ", "VR", "ms", "time constant of rapid filling"),
-    ),
-    (
-        "EDV_mL",
-        label("EDV", "", "mL", "volume at the beat's start"),
-    ),
-    ("ESV_mL", label("ESV", "", "mL", "smallest volume")),
-    (
-        "EDP_mmHg",
-        label("EDP", "", "mmHg", "pressure at the beat's start"),
-    ),
-    (
-        "end_of_beat_gap_mL",
-        label(
-            "gap",
-            "",
-            "mL",
-            "measured EDV minus simulated volume at the beat's end",
-        ),
-    ),
-    (
-        "Sa_max_kPa",
-        label("S", "a,max", "kPa", "peak active stress"),
-    ),
-    (
-        "dSadt_max_kPa_per_ms",
-        label("dSₐ/dt", "max", "kPa/ms", "largest rate before the peak"),
-    ),
-    (
-        "STD30_ms",
-        label("STD", "30", "ms", "stress transient duration at 30 % decay"),
-    ),
-    (
-        "STD50_ms",
-        label("STD", "50", "ms", "stress transient duration at 50 % decay"),
-    ),
-    (
-        "STD90_ms",
-        label("STD", "90", "ms", "stress transient duration at 90 % decay"),
-    ),
-    (
-        "lambda_min",
-        label("λ", "min", "", "smallest fibre stretch"),
-    ),
-];
-
-impl Label {
-    /// Of a key; `None` for a key that has no label.
-    #[must_use]
-    pub fn of(key: &str) -> Option<Self> {
-        LABELS
-            .iter()
-            .find(|(k, _)| *k == key)
-            .map(|(_, label)| *label)
-    }
-
-    /// Symbol with subscript for tables.
-    #[must_use]
-    pub fn html(self) -> Markup {
-        html! { i { (self.symbol) } @if !self.sub.is_empty() { sub { (self.sub) } } }
-    }
+/// Symbol with subscript for tables.
+#[must_use]
+pub fn label_html(label: Label) -> Markup {
+    html! { i { (label.symbol) } @if !label.subscript.is_empty() { sub { (label.subscript) } } }
 }
 
 /// Symbol of a key for tables, with its meaning on hover; the key itself where it has none.
 #[must_use]
 pub fn symbol(key: &str) -> Markup {
     match Label::of(key) {
-        Some(label) => html! { span title={ (label.meaning) " (" (key) ")" } { (label.html()) } },
+        Some(label) => {
+            html! { span title={ (label.meaning) " (" (key) ")" } { (label_html(label)) } }
+        }
         None => html! { code { (key) } },
     }
 }
@@ -345,12 +125,12 @@ mod tests {
                 .all(|k| Label::of(k).is_some())
         );
         assert!(
-            cardiotwin_schemas::settings::STEP1_PARAMETERS
+            cardiotwin_schemas::step1::Step1Parameter::KEYS
                 .iter()
                 .all(|k| Label::of(k).is_some())
         );
         assert!(
-            crate::results::Biomarker::ALL
+            cardiotwin_schemas::biomarkers::Biomarker::ALL
                 .iter()
                 .all(|b| Label::of(b.key()).is_some_and(|l| l.unit == b.unit()))
         );

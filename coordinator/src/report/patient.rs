@@ -1,5 +1,6 @@
 //! A patient's section.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality, Step3Ending};
 use maud::{Markup, html};
 
@@ -11,7 +12,7 @@ use super::organ_3d;
 use super::posterior;
 use super::provenance;
 use super::tables;
-use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 /// How a patient stands, for badges: a class of the style sheet, a sign and words, so that colour is never alone.
 #[must_use]

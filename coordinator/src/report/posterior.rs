@@ -1,15 +1,16 @@
 //! How sure a twin is: bands of pressure, volume and loop, intervals of biomarkers and parameters.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::outcome::Determination;
 use cardiotwin_schemas::posterior::{Band, ParameterSpread, PosteriorResult, Spread};
 use cardiotwin_schemas::record::PatientRecord;
 use maud::{Markup, html};
 
 use super::figures::figure;
-use super::format::{Label, significant, symbol};
+use super::format::{significant, symbol};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series};
 use super::tables::scrolling;
-use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 /// Width and height of the picture of an interval.
 const PICTURE: (f64, f64) = (160.0, 14.0);
@@ -223,9 +224,9 @@ fn biomarkers(patient: &PatientRecord, result: &PosteriorResult) -> Markup {
                 @for (b, spread) in rows {
                     tr {
                         th scope="row" { (symbol(b.key())) }
-                        td.unit { (Label::of(b.key()).map_or("", |l| l.unit)) }
-                        td.num { (b.of(view.measured()).map_or_else(|| "–".to_owned(), |v| significant(v, 4))) }
-                        td.num { (twin.and_then(|t| b.of(t)).map_or_else(|| "–".to_owned(), |v| significant(v, 4))) }
+                        td.unit { (b.unit()) }
+                        td.num { (view.measured().get(b).map_or_else(|| "–".to_owned(), |v| significant(v, 4))) }
+                        td.num { (twin.and_then(|t| t.get(b)).map_or_else(|| "–".to_owned(), |v| significant(v, 4))) }
                         (interval(spread))
                     }
                 }

@@ -2,17 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, CellBiomarkers};
 use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
 use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
 use cardiotwin_schemas::record::PatientRecord;
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 use maud::{Markup, html};
 
-use super::format::{Label, fixed, percent, significant, symbol};
+use super::format::{fixed, percent, significant, symbol};
 use crate::results::comparison::relative_difference;
-use crate::results::{Biomarker, PatientView, Step};
+use crate::results::{PatientView, Step};
+use cardiotwin_schemas::label::Label;
 
 /// Relative distance to a bound below which a value sits on it.
 const ON_BOUND: f64 = 1e-3;
@@ -51,9 +52,9 @@ pub fn biomarkers(patient: &PatientRecord) -> Markup {
     let rows = Biomarker::ALL.into_iter().filter_map(|b| {
         let simulated: Vec<_> = steps
             .iter()
-            .map(|(step, _)| view.simulated(*step).and_then(|s| b.of(s)))
+            .map(|(step, _)| view.simulated(*step).and_then(|s| s.get(b)))
             .collect();
-        let measured = b.of(measured);
+        let measured = measured.get(b);
         (measured.is_some() || simulated.iter().any(Option::is_some))
             .then_some((b, measured, simulated))
     });
@@ -149,7 +150,7 @@ pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
                 th scope="col" { "lower" } th scope="col" { "between" } th scope="col" { "upper" } th scope="col" { "" }
             } }
             tbody {
-                @for (k, (key, value)) in std::iter::zip(STEP1_PARAMETERS, taken.updated()).enumerate() {
+                @for (k, (key, value)) in std::iter::zip(Step1Parameter::KEYS, taken.updated()).enumerate() {
                     tr {
                         th scope="row" { (symbol(key)) @if settings.frozen.iter().any(|f| f == key) { " (frozen)" } } (unit(key))
                         td.num { (first.map_or_else(String::new, |f| significant(f[k], 4))) }

@@ -1,6 +1,6 @@
 //! Simulated against measured: relative differences, means over the cohort, and the paper's means beside them.
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord, Step1Quality, TaskRecord};
@@ -18,87 +18,10 @@ pub enum Step {
     Step3,
 }
 
-macro_rules! biomarkers {
-    ($($(#[$doc:meta])* $kind:ident $field:ident $key:literal $unit:literal;)*) => {
-        /// A biomarker of pressure or volume.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Biomarker { $($(#[$doc])* $kind,)* }
-
-        impl Biomarker {
-            /// Its value.
-            #[must_use]
-            pub fn of(self, values: &Biomarkers) -> Option<f64> {
-                match self { $(Self::$kind => values.$field,)* }
-            }
-
-            /// Key with unit, as in files.
-            #[must_use]
-            pub fn key(self) -> &'static str {
-                match self { $(Self::$kind => $key,)* }
-            }
-
-            /// Unit for a person.
-            #[must_use]
-            pub fn unit(self) -> &'static str {
-                match self { $(Self::$kind => $unit,)* }
-            }
-        }
-    };
-}
-
-biomarkers! {
-    /// Peak pressure.
-    PMax p_max_mmhg "P_max_mmHg" "mmHg";
-    /// Largest pressure rate.
-    DpdtMax dpdt_max_mmhg_per_ms "dPdt_max_mmHg_per_ms" "mmHg/ms";
-    /// Smallest pressure rate.
-    DpdtMin dpdt_min_mmhg_per_ms "dPdt_min_mmHg_per_ms" "mmHg/ms";
-    /// Pressure transient duration.
-    Ptd90 ptd90_ms "PTD90_ms" "ms";
-    /// Stroke volume.
-    Sv sv_ml "SV_mL" "mL";
-    /// Time constant of ejection.
-    TauVd tau_vd_ms "tau_VD_ms" "ms";
-    /// Time constant of filling.
-    TauVr tau_vr_ms "tau_VR_ms" "ms";
-    /// End-diastolic volume.
-    Edv edv_ml "EDV_mL" "mL";
-    /// End-systolic volume.
-    Esv esv_ml "ESV_mL" "mL";
-    /// End-diastolic pressure.
-    Edp edp_mmhg "EDP_mmHg" "mmHg";
-    /// What the beat's end leaves open.
-    EndOfBeatGap end_of_beat_gap_ml "end_of_beat_gap_mL" "mL";
-}
-
-impl Biomarker {
-    /// The five of the paper's Table 2, in its order.
-    pub const TABLE_2: [Self; 5] = [
-        Self::PMax,
-        Self::DpdtMax,
-        Self::DpdtMin,
-        Self::Ptd90,
-        Self::Sv,
-    ];
-    /// All, in the order of tables.
-    pub const ALL: [Self; 11] = [
-        Self::PMax,
-        Self::DpdtMax,
-        Self::DpdtMin,
-        Self::Ptd90,
-        Self::Sv,
-        Self::TauVd,
-        Self::TauVr,
-        Self::Edv,
-        Self::Esv,
-        Self::Edp,
-        Self::EndOfBeatGap,
-    ];
-    /// Mean relative differences that Jung et al. 2022 report for step 1, percent, in the order of [`Self::TABLE_2`].
-    pub const PAPER_STEP1_PERCENT: [f64; 5] = [5.4, 13.6, 7.7, 1.4, 10.0];
-    /// The same for step 2.
-    pub const PAPER_STEP2_PERCENT: [f64; 5] = [5.5, 22.5, 39.9, 2.9, 11.1];
-}
+/// Mean relative differences that Jung et al. 2022 report for step 1, percent, in the order of [`Biomarker::TABLE_2`].
+pub const PAPER_STEP1_PERCENT: [f64; Biomarker::TABLE_2.len()] = [5.4, 13.6, 7.7, 1.4, 10.0];
+/// The same for step 2.
+pub const PAPER_STEP2_PERCENT: [f64; Biomarker::TABLE_2.len()] = [5.5, 22.5, 39.9, 2.9, 11.1];
 
 /// (simulated − measured) / measured.
 #[must_use]
@@ -208,8 +131,8 @@ impl<'a> PatientView<'a> {
     #[must_use]
     pub fn relative_difference(self, step: Step, biomarker: Biomarker) -> Option<f64> {
         relative_difference(
-            biomarker.of(self.simulated(step)?)?,
-            biomarker.of(self.measured())?,
+            self.simulated(step)?.get(biomarker)?,
+            self.measured().get(biomarker)?,
         )
     }
 

@@ -11,7 +11,7 @@ pub mod signals;
 pub mod spread;
 mod write_error;
 
-pub use comparison::{Biomarker, MeanSd, PatientView, Step};
+pub use comparison::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};
 pub use heart::HeartFile;
 pub use signals::{Signal, SignalKind, Signals, Source};
 pub use spread::SpreadFile;

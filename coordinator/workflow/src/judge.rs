@@ -3,7 +3,7 @@
 //! A result counts only if it answers the task that was asked, is finite, and passes every check of the science that
 //! it carries. Whatever else ended well is a failure all the same, of class numerics.
 
-use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::discover::Discovered;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
@@ -13,7 +13,7 @@ use cardiotwin_schemas::outcome::{
     Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::posterior::PosteriorResult;
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 
 use super::attempt::AttemptEnding;
 
@@ -151,10 +151,9 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
 }
 
 fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
-    STEP1_PARAMETERS
-        .iter()
-        .zip(r.parameters.updated())
-        .try_for_each(|(name, value)| positive(name, value))?;
+    Step1Parameter::ALL
+        .into_iter()
+        .try_for_each(|parameter| positive(parameter.key(), r.parameters.get(parameter)))?;
     proposal(r)
 }
 
@@ -238,23 +237,10 @@ fn cell_fit(r: &CellFitResult) -> Result<(), Failure> {
 }
 
 fn biomarkers(b: &Biomarkers) -> Result<(), Failure> {
-    let named = [
-        ("P_max", b.p_max_mmhg),
-        ("dPdt_max", b.dpdt_max_mmhg_per_ms),
-        ("dPdt_min", b.dpdt_min_mmhg_per_ms),
-        ("PTD90", b.ptd90_ms),
-        ("SV", b.sv_ml),
-        ("tau_VD", b.tau_vd_ms),
-        ("tau_VR", b.tau_vr_ms),
-        ("EDV", b.edv_ml),
-        ("ESV", b.esv_ml),
-        ("EDP", b.edp_mmhg),
-        ("end_of_beat_gap", b.end_of_beat_gap_ml),
-    ];
-    named
+    Biomarker::ALL
         .into_iter()
-        .filter_map(|(name, value)| Some((name, value?)))
-        .try_for_each(|(n, v)| finite(n, v))
+        .filter_map(|biomarker| Some((biomarker, b.get(biomarker)?)))
+        .try_for_each(|(biomarker, value)| finite(biomarker.key(), value))
 }
 
 fn cell_biomarkers(b: &CellBiomarkers) -> Result<(), Failure> {

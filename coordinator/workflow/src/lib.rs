@@ -8,7 +8,6 @@
 //! Each machine is one total function `on(state, event)`. Commands that make no sense are errors; observations (late,
 //! doubled, lost and found) never are, and change nothing that they should not.
 
-pub mod adapter;
 pub mod attempt;
 pub mod cell_fit;
 pub mod chain;

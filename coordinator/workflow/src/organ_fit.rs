@@ -10,8 +10,6 @@ use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::task::{ProposalRun, Step3Run};
 use cardiotwin_schemas::verdict::Verdict;
 
-use crate::adapter;
-
 /// A beat that is already personalised is bettered only where another promises to take away this share of its misfit.
 const PROMISED_SHARE: f64 = 0.2;
 /// One that is not, where another promises this share.
@@ -84,10 +82,7 @@ pub fn misfit(
     simulated: &OrganBeatResult,
 ) -> f64 {
     let weights = Weights::of_uncertainty_percent(&settings.uncertainty_percent);
-    let of_biomarkers = weights.misfit(
-        &adapter::biomarkers(&step0.measured),
-        &adapter::biomarkers(&simulated.biomarkers),
-    );
+    let of_biomarkers = weights.misfit(&step0.measured, &simulated.biomarkers);
     let traces = settings.traces(step0, cycle_length_ms);
     let of_traces = traces
         .iter()

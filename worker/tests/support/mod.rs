@@ -6,7 +6,7 @@ pub mod vtk_reader;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
+use cardiotwin_calibrate::fixed_point::{self, Decision, History, Outcome};
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::organ::{
@@ -17,13 +17,12 @@ use cardiotwin_schemas::outcome::{
 };
 use cardiotwin_schemas::patient::PatientFile;
 use cardiotwin_schemas::settings::{
-    ActivationSettings, CellFitSettings, SolverSettings, StartMode, Step1Settings, StopRule,
+    ActivationSettings, CellFitSettings, SolverSettings, StartMode, Step1Settings, Update,
 };
 use cardiotwin_schemas::task::{
     CellFitSpec, InputFile, OrganBeatSpec, PassiveStateSpec, TargetsSpec, TaskSpec,
 };
 use cardiotwin_worker::context::Context;
-use cardiotwin_worker::step1;
 use cardiotwin_worker::tasks::run_task;
 
 pub const PATIENTS: [&str; 7] = [
@@ -150,42 +149,11 @@ pub struct Iteration {
     pub cost: f64,
 }
 
-const ORDER: [Parameter; 6] = [
-    Parameter::SmaxRef,
-    Parameter::TauSrRef,
-    Parameter::TauSd,
-    Parameter::TCr,
-    Parameter::RAvF,
-    Parameter::RMvF,
-];
-
-fn to_fixed_point(parameters: &Step1Parameters) -> fixed_point::Parameters {
-    let mut out = fixed_point::Parameters::default();
-    ORDER
-        .into_iter()
-        .zip(parameters.updated())
-        .for_each(|(parameter, value)| out.set(parameter, value));
-    out
-}
-
 /// Settings of the fixed point as the coordinator makes them.
-pub fn fixed_point_settings(settings: &Step1Settings) -> fixed_point::Settings {
-    let bounds = ORDER.into_iter().filter_map(|parameter| {
-        let [lower, upper] = *settings.bounds.get(parameter.key())?;
-        Some((parameter, Bounds { lower, upper }))
-    });
-    fixed_point::Settings {
-        tolerance: settings.tolerance,
-        damping: settings.damping,
-        max_iterations: settings.max_iterations as usize,
-        stagnation_iterations: settings.stall_iterations as usize,
-        stagnation_fraction: settings.stall_improvement,
-        bounds: bounds.collect(),
-        stop: match settings.stop {
-            StopRule::Auto | StopRule::FirstConverged => fixed_point::Stop::FirstConverged,
-            StopRule::BestOfLimit => fixed_point::Stop::BestOfLimit,
-        },
-        ..fixed_point::Settings::default()
+pub fn fixed_point_settings(settings: &Step1Settings) -> Step1Settings {
+    Step1Settings {
+        update: Update::FixedPoint,
+        ..settings.clone()
     }
 }
 
@@ -196,17 +164,13 @@ pub fn step1(
     settings: &Step1Settings,
     context: &mut Context,
 ) -> (Vec<Iteration>, Option<usize>, String) {
-    let initial = Step1Parameters {
-        tanh: settings.initial,
-        valves: settings.valves,
-    };
-    let measured = step1::biomarkers(&state.measured);
-    let mut history = History::new(to_fixed_point(&initial));
+    let measured = &state.measured;
+    let mut history = History::new(settings.start());
     let mut iterations = Vec::new();
     loop {
         let decision =
-            fixed_point::decide(&fixed_point_settings(settings), &measured, &history).unwrap();
-        let next = match decision {
+            fixed_point::decide(&fixed_point_settings(settings), measured, &history).unwrap();
+        let parameters = match decision {
             Decision::Ended {
                 quality,
                 because,
@@ -216,7 +180,6 @@ pub fn step1(
             }
             Decision::Next { parameters, .. } => parameters,
         };
-        let parameters = initial.with_updated(ORDER.map(|parameter| next.get(parameter)));
         let spec = beat_spec(
             cycle_length_ms,
             state,
@@ -239,16 +202,13 @@ pub fn step1(
             ending => Err(format!("{ending:?}")),
         };
         let (outcome, cost) = match &result {
-            Ok(result) => {
-                let simulated = step1::biomarkers(&result.biomarkers);
-                (
-                    Outcome::Simulated(simulated),
-                    fixed_point::Cost::of(&measured, &simulated).total,
-                )
-            }
+            Ok(result) => (
+                Outcome::of(&result.biomarkers, true),
+                fixed_point::Cost::of(measured, &result.biomarkers).total,
+            ),
             Err(_) => (Outcome::Failed, f64::NAN),
         };
-        history.push(next, outcome);
+        history.push(parameters, outcome);
         iterations.push(Iteration {
             parameters,
             result,

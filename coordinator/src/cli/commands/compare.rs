@@ -1,9 +1,10 @@
 //! `cardiotwin compare`: two runs, patient by patient.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::PathBuf;
 
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 use clap::Args;
 use serde::Serialize;
 
@@ -13,7 +14,7 @@ use crate::cli::place::Folders;
 use crate::cli::store::open;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, count};
-use crate::results::{Biomarker, PatientView, Step};
+use crate::results::{PatientView, Step};
 
 /// What differs between two runs: costs, biomarkers and parameters of each patient
 #[derive(Debug, Args)]
@@ -219,8 +220,8 @@ fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
     ] {
         let values = view.simulated(step);
         let named = Biomarker::ALL
-            .iter()
-            .filter_map(|b| Some((b.key().to_owned(), b.of(values?)?)));
+            .into_iter()
+            .filter_map(|b| Some((b.key().to_owned(), values?.get(b)?)));
         groups.push((name.to_owned(), named.collect()));
     }
     let organ = patient
@@ -229,7 +230,7 @@ fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
         .map(|step1| step1.parameters.updated());
     let organ = organ
         .into_iter()
-        .flat_map(|values| std::iter::zip(STEP1_PARAMETERS, values));
+        .flat_map(|values| std::iter::zip(Step1Parameter::KEYS, values));
     groups.push((
         "organ".to_owned(),
         organ

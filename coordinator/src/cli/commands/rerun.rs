@@ -3,7 +3,7 @@
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -82,7 +82,7 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
     let low: f64 = low.trim().parse().map_err(|_| wrong())?;
     let high: f64 = high.trim().parse().map_err(|_| wrong())?;
     let (organ, cell) = (
-        STEP1_PARAMETERS.contains(&key),
+        Step1Parameter::KEYS.contains(&key),
         CELL_PARAMETERS.contains(&key),
     );
     // Smax_ref_kPa is a parameter of both models: the step decides.
@@ -91,7 +91,7 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
         (true, _) => "step1",
         (false, true) => "step2",
         (false, false) => {
-            let known = || STEP1_PARAMETERS.iter().chain(&CELL_PARAMETERS).copied();
+            let known = || Step1Parameter::KEYS.iter().chain(&CELL_PARAMETERS).copied();
             let meant = nearest(key, known()).map(|meant| format!("; did you mean `{meant}`?"));
             return Err(format!(
                 "--bounds {text}: no parameter `{key}`{}",

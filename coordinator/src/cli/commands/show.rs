@@ -1,12 +1,14 @@
 //! `cardiotwin show`: all about one patient.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::motion::{Against, MOTION};
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
-use cardiotwin_schemas::settings::{STEP1_PARAMETERS, Update};
+use cardiotwin_schemas::settings::Update;
+use cardiotwin_schemas::step1::Step1Parameter;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -16,7 +18,7 @@ use crate::cli::store::open;
 use crate::cli::table::{Columns, duration, number, optional, percent};
 use crate::cli::talk::{Talk, Tone};
 use crate::report::spread_svg;
-use crate::results::{Biomarker, PatientView, SpreadFile, Step};
+use crate::results::{PatientView, SpreadFile, Step};
 
 /// All about one patient: results, iterations, parameters, failure and where its files lie
 #[derive(Debug, Args)]
@@ -156,11 +158,12 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
     for biomarker in Biomarker::ALL {
         let mut row = vec![
             biomarker.key().to_owned(),
-            optional(biomarker.of(view.measured())),
+            optional(view.measured().get(biomarker)),
         ];
         for &step in &steps {
             row.push(optional(
-                view.simulated(step).and_then(|values| biomarker.of(values)),
+                view.simulated(step)
+                    .and_then(|values| values.get(biomarker)),
             ));
             row.push(percent(view.relative_difference(step, biomarker)));
         }
@@ -224,7 +227,7 @@ fn iterations(record: &PatientRecord, talk: &Talk) -> String {
     if proposed {
         headings.extend([">PREDICTED", "PROPOSED BY"]);
     }
-    let names: Vec<String> = STEP1_PARAMETERS
+    let names: Vec<String> = Step1Parameter::KEYS
         .iter()
         .map(|name| format!(">{name}"))
         .collect();
@@ -485,13 +488,9 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
         row.push(format!("{}{outside}", spread.mark.as_str()));
         table.row(row);
     }
-    let twin = record.twin().map(|twin| twin.result.biomarkers.of_organ());
+    let twin = record.twin().map(|twin| &twin.result.biomarkers);
     for (name, spread) in &result.biomarkers {
-        let own = twin
-            .iter()
-            .flatten()
-            .find(|(other, _)| other == name)
-            .and_then(|(_, value)| *value);
+        let own = twin.and_then(|twin| twin.get(Biomarker::named(name)?));
         let mut row = vec![name.clone(), optional(own)];
         row.extend([spread.p5, spread.p50, spread.p95].map(|value| optional(Some(value))));
         row.push(String::new());

@@ -1,5 +1,6 @@
 //! `cardiotwin simulate`: one simulation of a patient's organ, outside of any run.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::PathBuf;
 
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
@@ -18,7 +19,6 @@ use crate::cli::ventricle::{AskedFor, Ventricle, ask_worker, describe, unexpecte
 use crate::cli::vtu::announcement;
 use crate::engine::find_worker;
 use crate::input::{self, nearest, value_from_text};
-use crate::results::Biomarker;
 
 /// Most beats until a periodic simulation gives up, and what it calls periodic (mmHg and mL).
 const PERIODIC: BeatCount = BeatCount::Periodic {
@@ -229,8 +229,8 @@ fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -
     );
     for biomarker in Biomarker::ALL {
         let (measured, simulated) = (
-            biomarker.of(&passive.measured),
-            biomarker.of(&result.biomarkers),
+            passive.measured.get(biomarker),
+            result.biomarkers.get(biomarker),
         );
         if measured.or(simulated).is_some() {
             let difference = measured

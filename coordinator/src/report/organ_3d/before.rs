@@ -1,5 +1,6 @@
 //! What accepted effects changed in the simulated ventricle: the same patient before and after.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
 use maud::{Markup, html};
@@ -9,7 +10,7 @@ use crate::report::format::fixed;
 use crate::report::plot::{Axis, Chart, Scale, Series};
 use crate::report::tables::scrolling;
 use crate::results::columns::Columns;
-use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 type Trace = Vec<(f64, f64)>;
 
@@ -188,8 +189,8 @@ fn chart(
 
 fn table(compared: &[Compared<'_>]) -> Markup {
     let gap =
-        |run: &TaskRecord<OrganBeatResult>| Biomarker::EndOfBeatGap.of(&run.result.biomarkers);
-    let stroke = |run: &TaskRecord<OrganBeatResult>| Biomarker::Sv.of(&run.result.biomarkers);
+        |run: &TaskRecord<OrganBeatResult>| run.result.biomarkers.get(Biomarker::EndOfBeatGap);
+    let stroke = |run: &TaskRecord<OrganBeatResult>| run.result.biomarkers.get(Biomarker::Sv);
     scrolling(&html! {
         table {
             caption { "What the accepted effects changed" }

@@ -3,8 +3,8 @@
 use cardiotwin_schemas::sensitivity::{OutputSensitivity, SensitivityRecord, SobolIndex};
 use maud::{PreEscaped, html};
 
-use crate::report::format::Label;
 use crate::report::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
+use cardiotwin_schemas::label::Label;
 
 /// View box of a panel.
 const SIZE: (f64, f64) = (1080.0, 230.0);
@@ -47,7 +47,7 @@ pub(super) fn panel(record: &SensitivityRecord, output: &OutputSensitivity) -> C
     let label = Label::of(&output.name);
     let title = SvgText {
         text: label.map_or_else(|| output.name.clone(), |label| label.symbol.to_owned()),
-        sub: label.map_or_else(String::new, |label| label.sub.to_owned()),
+        sub: label.map_or_else(String::new, |label| label.subscript.to_owned()),
         after: ": S1, ST".to_owned(),
     };
     let alt = format!("Sobol indices of {}", output.name);
@@ -96,7 +96,13 @@ fn interval(index: &SobolIndex) -> [f64; 2] {
 fn symbol(key: &str) -> String {
     Label::of(key).map_or_else(
         || key.to_owned(),
-        |label| format!("{}{}", label.symbol, label.sub.trim_end_matches(",ref")),
+        |label| {
+            format!(
+                "{}{}",
+                label.symbol,
+                label.subscript.trim_end_matches(",ref")
+            )
+        },
     )
 }
 

@@ -46,20 +46,19 @@ pub fn paper(name: &str) -> PaperRank {
 
 #[cfg(test)]
 mod tests {
-    use super::super::spec::BOX;
     use super::*;
+    use cardiotwin_schemas::cell::cell_intervals;
 
     #[test]
     fn every_swept_parameter_has_a_reference_and_nine_are_the_paper_s() {
-        let mut ranks: Vec<u32> = BOX
-            .iter()
-            .map(|(name, ..)| rank(name).unwrap().rank)
+        let mut ranks: Vec<u32> = cell_intervals()
+            .map(|(name, _)| rank(name).unwrap().rank)
             .collect();
         ranks.sort_unstable();
         assert_eq!(ranks, (1..=21).collect::<Vec<_>>());
         assert_eq!(
-            BOX.iter()
-                .filter(|(name, ..)| paper(name).among_first_nine)
+            cell_intervals()
+                .filter(|(name, _)| paper(name).among_first_nine)
                 .count(),
             9
         );

@@ -296,9 +296,9 @@ pub(super) mod tests {
 
     /// A sweep of two parameters (all others fixed) in chunks of two blocks.
     pub fn small(n_blocks: u32) -> GsaSpec {
-        let set = super::super::spec::BOX[2..]
-            .iter()
-            .map(|(name, lower, _)| ((*name).to_owned(), *lower))
+        let set = cardiotwin_schemas::cell::cell_intervals()
+            .skip(2)
+            .map(|(name, [lower, _])| (name.to_owned(), lower))
             .collect();
         let wishes = Wishes {
             samples: Some(n_blocks),
@@ -422,9 +422,9 @@ pub(super) mod tests {
     #[test]
     fn samples_of_an_organ_are_excluded_where_a_valve_stays_shut_or_the_cell_is_none() {
         let folder = tempfile::tempdir().unwrap();
-        let set = super::super::spec::BOX[2..]
-            .iter()
-            .map(|(name, lower, _)| ((*name).to_owned(), *lower))
+        let set = cardiotwin_schemas::cell::cell_intervals()
+            .skip(2)
+            .map(|(name, [lower, _])| (name.to_owned(), lower))
             .collect();
         let wishes = Wishes {
             samples: Some(2),

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
+use cardiotwin_schemas::cell::cell_intervals;
 use cardiotwin_schemas::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, cell_default, is_parameter};
 use cardiotwin_schemas::settings::SolverSettings;
 use cardiotwin_schemas::step3::Step3Settings;
@@ -15,41 +16,16 @@ use cardiotwin_schemas::task::TaskSpec;
 
 use crate::sweep::SweepError;
 
-/// Table A5 of the paper: the 17 parameters of Land's and the four of Rice's model, in the order of [`CELL_PARAMETERS`].
-pub const BOX: [(&str, f64, f64); 21] = [
-    ("k_TRPN_per_ms", 0.05, 0.4),
-    ("n_TRPN", 1.0, 5.0),
-    ("Ca50_ref_uM", 0.5, 2.0),
-    ("k_U_per_ms", 0.01, 2.0),
-    ("n_Tm", 3.0, 7.0),
-    ("TRPN50", 0.3, 0.5),
-    ("k_UW_per_ms", 0.026, 0.312),
-    ("k_WS_per_ms", 0.004, 0.048),
-    ("r_W", 0.25, 0.75),
-    ("r_S", 0.1, 0.25),
-    ("gamma_S_per_ms", 0.005, 0.02),
-    ("gamma_W_per_ms", 0.05, 3.0),
-    ("phi", 0.1, 4.0),
-    ("A_eff", 12.5, 37.5),
-    ("beta_0", 1.15, 4.6),
-    ("beta_1_uM", -3.6, -1.2),
-    ("Smax_ref_kPa", 90.0, 140.0),
-    ("Ca_res_uM", 0.075, 0.225),
-    ("Ca_max_uM", 0.3, 0.9),
-    ("tau_CR_ms", 64.5, 192.5),
-    ("tau_CD_ms", 64.0, 192.0),
-];
-
 /// Blocks of a chunk unless asked otherwise: some 40 ms of work, so that the start of a process is small beside it.
 pub const CHUNK_BLOCKS: u32 = 64;
 
 /// The paper's analysis: 1024 blocks of 44 samples, cycle 1000 ms, λ₀ = 1.1, a_p = 42 kPa.
 #[must_use]
 pub fn published() -> GsaSpec {
-    let parameters = BOX.iter().map(|(name, lower, upper)| SweptParameter {
-        name: (*name).into(),
-        lower: *lower,
-        upper: *upper,
+    let parameters = cell_intervals().map(|(name, [lower, upper])| SweptParameter {
+        name: name.into(),
+        lower,
+        upper,
     });
     GsaSpec {
         design: CellDesign {
@@ -79,22 +55,22 @@ pub const AROUND: f64 = 0.3;
 /// Intervals of the published analysis.
 #[must_use]
 pub fn of_paper() -> Vec<(String, [f64; 2])> {
-    BOX.iter()
-        .map(|(name, lower, upper)| ((*name).to_owned(), [*lower, *upper]))
+    cell_intervals()
+        .map(|(name, interval)| (name.to_owned(), interval))
         .collect()
 }
 
 /// Intervals of the same parameters around a cell's values, where it has others than the model's.
 #[must_use]
 pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
-    let interval = |(name, ..): &(&str, f64, f64)| -> Option<(String, [f64; 2])> {
+    let interval = |(name, _): (&str, [f64; 2])| -> Option<(String, [f64; 2])> {
         let value = cell
-            .and_then(|cell| cell.get(*name).copied())
+            .and_then(|cell| cell.get(name).copied())
             .or_else(|| cell_default(name))?;
         let [a, b] = [1.0 - AROUND, 1.0 + AROUND].map(|share| share * value);
-        Some(((*name).to_owned(), [a.min(b), a.max(b)]))
+        Some((name.to_owned(), [a.min(b), a.max(b)]))
     };
-    BOX.iter().filter_map(interval).collect()
+    cell_intervals().filter_map(interval).collect()
 }
 
 /// The same design in an organ, over the cell's parameters around those of its beat.
@@ -451,7 +427,8 @@ pub(crate) mod tests {
     fn the_published_analysis_has_45_056_samples_and_the_cell_s_names() {
         let spec = published();
         assert_eq!(saltelli(&spec).unwrap().n_rows(), 45_056);
-        assert_eq!(BOX.map(|(name, ..)| name)[..], CELL_PARAMETERS[..21]);
+        let names = cell_intervals().map(|(name, _)| name);
+        assert!(names.eq(CELL_PARAMETERS[..21].iter().copied()));
         check(&spec).unwrap();
     }
 

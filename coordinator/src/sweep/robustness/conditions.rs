@@ -3,12 +3,12 @@
 //! For data: a fit meets a perturbed target as well as the original one meets the measured value, two points of percent
 //! allowed. For guesses: the paper's own spreads (Tables 7 to 10), and its largest means over the biomarkers.
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::robustness::{
     Condition, RobustnessMember, RobustnessTable, TableKind, TargetError, Uncertainty,
 };
 
 use super::paper::PAPER;
-use crate::results::Biomarker;
 
 /// What a perturbed target may be missed by beyond what the measured one is.
 pub(super) const ALLOWANCE: f64 = 0.02;

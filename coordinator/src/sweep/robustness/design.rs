@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::robustness::{RobustnessError, perturbed_data, perturbed_guesses};
-use cardiotwin_schemas::biomarkers::{Biomarkers, STEP1_BIOMARKERS};
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{Step1Parameters, cell_default};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::robustness::{MemberRole, RobustnessSpec, Uncertainty};
-use cardiotwin_schemas::settings::{LastStep, STEP1_PARAMETERS};
+use cardiotwin_schemas::settings::LastStep;
+use cardiotwin_schemas::step1::Step1Parameter;
 
 /// Prefix of step 2's guesses among a member's inputs: both steps have an `Smax_ref_kPa`.
 pub const STEP2_PREFIX: &str = "step2.";
@@ -124,14 +125,14 @@ fn suffix(letter: char, number: usize, of: u32) -> String {
 /// Perturbed targets: the same factors for each patient and biomarker, so that patients can be compared.
 fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
     let n = spec.n_samples as usize;
-    let factors = perturbed_data(&[1.0; STEP1_BIOMARKERS.len()], spec.range, n, spec.seed)
+    let factors = perturbed_data(&[1.0; Biomarker::OF_COST.len()], spec.range, n, spec.seed)
         .map_err(|source| DesignError::Samples {
             patient: patient.id.clone(),
             source,
         })?;
     let measured = measured(patient);
     let members = factors.iter().zip(1..).map(|(sample, number)| {
-        let named = STEP1_BIOMARKERS
+        let named = Biomarker::COST_KEYS
             .iter()
             .zip(sample)
             .filter(|(name, _)| measured.contains(name));
@@ -153,22 +154,18 @@ fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>,
 /// Targets of step 1 that the patient's data give.
 fn measured(patient: &ResolvedPatient) -> Vec<&'static str> {
     let step0 = &patient.step0;
-    let given = |name: &str| {
-        Biomarkers { ..step0.biomarkers }
-            .step1_target_mut(name)
-            .is_some_and(|v| v.is_some())
-    };
-    let of_trace = |name: &str| {
-        let trace = if name.starts_with("tau_V") {
+    let of_trace = |biomarker: Biomarker| {
+        let trace = if biomarker.is_of_volume() {
             &step0.volume
         } else {
             &step0.pressure
         };
         trace.is_some()
     };
-    STEP1_BIOMARKERS
+    Biomarker::OF_COST
         .into_iter()
-        .filter(|name| given(name) || of_trace(name))
+        .filter(|b| step0.biomarkers.get(*b).is_some() || of_trace(*b))
+        .map(Biomarker::key)
         .collect()
 }
 
@@ -196,16 +193,11 @@ fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
             bounds,
         })
     };
-    let start = Step1Parameters {
-        tanh: step1.initial,
-        valves: step1.valves,
-    }
-    .updated();
-    let free = STEP1_PARAMETERS
-        .iter()
-        .zip(start)
-        .filter(|(name, _)| !step1.frozen.iter().any(|f| f == *name));
-    let of_step1 = free.map(|(name, value)| guess("step1", name, value, step1.bounds.get(*name)));
+    let start = step1.start();
+    let of_step1 = step1.moving().map(|parameter| {
+        let name = parameter.key();
+        guess("step1", name, start.get(parameter), step1.bounds.get(name))
+    });
     let of_step2 = step2.fitted().into_iter().map(|name| {
         let value = step2
             .initial
@@ -262,7 +254,7 @@ fn guesses(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Membe
             valves: settings.step1.valves,
         };
         let mut values = start.updated();
-        for (value, name) in values.iter_mut().zip(STEP1_PARAMETERS) {
+        for (value, name) in values.iter_mut().zip(Step1Parameter::KEYS) {
             *value = inputs.get(name).copied().unwrap_or(*value);
         }
         let start = start.with_updated(values);

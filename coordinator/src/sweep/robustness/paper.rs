@@ -39,13 +39,14 @@ impl Paper {
 mod tests {
     use super::*;
     use cardiotwin_schemas::robustness::{TableKind, Uncertainty};
-    use cardiotwin_schemas::settings::{CellFitSettings, STEP1_PARAMETERS};
+    use cardiotwin_schemas::settings::CellFitSettings;
+    use cardiotwin_schemas::step1::Step1Parameter;
 
     #[test]
     fn every_printed_column_has_our_name() {
         for over in [Uncertainty::Data, Uncertainty::Guess] {
             let table = |kind: TableKind| kind.paper(over);
-            for name in STEP1_PARAMETERS {
+            for name in Step1Parameter::KEYS {
                 assert!(
                     PAPER
                         .column(table(TableKind::Step1Parameters), name)
@@ -53,7 +54,7 @@ mod tests {
                     "{name}"
                 );
             }
-            for biomarker in crate::results::Biomarker::TABLE_2 {
+            for biomarker in cardiotwin_schemas::biomarkers::Biomarker::TABLE_2 {
                 for kind in [TableKind::Step1Biomarkers, TableKind::Step2Biomarkers] {
                     assert!(
                         PAPER.column(table(kind), biomarker.key()).is_some(),

@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
+use cardiotwin_calibrate::fixed_point::driver;
 use cardiotwin_calibrate::robustness::{self as statistics, Spread};
 use cardiotwin_schemas::SCHEMA_VERSION;
-use cardiotwin_schemas::biomarkers::{Biomarkers, STEP1_BIOMARKERS};
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -13,7 +14,7 @@ use cardiotwin_schemas::robustness::{
     RobustnessMember, RobustnessResult, RobustnessSpec, RobustnessTable, TableKind, TargetError,
     Uncertainty,
 };
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 
 use super::conditions;
 use super::design::{DesignError, Member, STEP2_PREFIX, guess_centres, members, original_of};
@@ -141,7 +142,7 @@ impl Known<'_> {
 
     /// Measured value of a perturbed biomarker; none before the original's step 0.
     fn measured(&self, name: &str) -> Option<f64> {
-        *self.measured?.step1_target_mut(name)?
+        self.measured?.get(Biomarker::named(name)?)
     }
 
     /// What was varied, over the samples whose step 1 is over.
@@ -228,7 +229,7 @@ impl Known<'_> {
         }
         let tables = [TableKind::Step1Biomarkers, TableKind::Step2Biomarkers];
         let errors = tables.into_iter().flat_map(|table| {
-            STEP1_BIOMARKERS.into_iter().filter_map(move |name| {
+            Biomarker::COST_KEYS.into_iter().filter_map(move |name| {
                 let measured = self.measured(name)?;
                 let original =
                     statistics::relative_error(self.original_value(table, name)?, measured);
@@ -279,7 +280,7 @@ fn centres(
 ) -> Vec<(String, f64)> {
     match over {
         Uncertainty::Data => {
-            let given = STEP1_BIOMARKERS
+            let given = Biomarker::COST_KEYS
                 .into_iter()
                 .filter(|name| sample.inputs.contains_key(*name));
             given.map(|name| (name.to_owned(), 1.0)).collect()
@@ -292,10 +293,9 @@ fn centres(
 /// The input that a result follows from most directly: the fixed point updates each parameter by one biomarker.
 fn partner(over: Uncertainty, table: TableKind, name: &str) -> Option<String> {
     match (over, table) {
-        (Uncertainty::Data, TableKind::Step1Parameters) => STEP1_PARAMETERS
-            .iter()
-            .position(|known| *known == name)
-            .map(|idx| STEP1_BIOMARKERS[idx].to_owned()),
+        (Uncertainty::Data, TableKind::Step1Parameters) => {
+            Step1Parameter::named(name).map(|parameter| driver(parameter).0.key().to_owned())
+        }
         (Uncertainty::Data, _) => Some(name.to_owned()),
         (Uncertainty::Guess, TableKind::Step1Parameters) => Some(name.to_owned()),
         (Uncertainty::Guess, TableKind::Step2Parameters) => Some(format!("{STEP2_PREFIX}{name}")),

@@ -2,19 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::{Biomarkers, STEP1_BIOMARKERS};
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::robustness::{
     MemberRole, RobustnessMember, RobustnessResult, RobustnessSpec, TableKind, Uncertainty,
 };
-use cardiotwin_schemas::settings::{LastStep, STEP1_PARAMETERS};
+use cardiotwin_schemas::settings::LastStep;
+use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::task::InputFile;
 use proptest::prelude::*;
 
 use super::tables::of_members;
 use super::*;
-use crate::results::Biomarker;
 
 fn patient(id: &str) -> ResolvedPatient {
     let mut patient = ResolvedPatient::without_data(PatientId::from(id), Workflow::Personalise);
@@ -58,7 +58,7 @@ fn measured() -> Biomarkers {
 fn finished(member: &Member, error: f64) -> RobustnessMember {
     let factor = |name: &str| member.inputs.get(name).copied().unwrap_or(1.0);
     let mut values: BTreeMap<TableKind, BTreeMap<String, f64>> = BTreeMap::new();
-    let parameters = STEP1_PARAMETERS.iter().zip(STEP1_BIOMARKERS);
+    let parameters = Step1Parameter::KEYS.iter().zip(Biomarker::COST_KEYS);
     let parameters =
         parameters.map(|(name, biomarker)| ((*name).to_owned(), 10.0 * factor(biomarker)));
     values.insert(TableKind::Step1Parameters, parameters.collect());
@@ -69,7 +69,7 @@ fn finished(member: &Member, error: f64) -> RobustnessMember {
             let key = b.key();
             (
                 key.to_owned(),
-                b.of(&measured()).unwrap() * factor(key) * (1.0 + error),
+                measured().get(b).unwrap() * factor(key) * (1.0 + error),
             )
         });
     let simulated: BTreeMap<String, f64> = simulated.collect();

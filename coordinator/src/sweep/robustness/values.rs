@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::robustness::{RobustnessMember, TableKind};
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::step1::Step1Parameter;
 
 use super::design::Member;
-use crate::results::{Biomarker, PatientView, Step};
+use crate::results::{PatientView, Step};
 
 /// Biomarkers of the tables: the paper's five, and the two that the valves are fitted to.
 pub const BIOMARKERS: [Biomarker; 7] = [
@@ -48,7 +48,7 @@ fn values(record: &PatientRecord) -> BTreeMap<TableKind, BTreeMap<String, f64>> 
     let mut all = BTreeMap::new();
     // Before step 1 is over its best iterate is a way, not a result.
     if let Some(step1) = &record.step1 {
-        let parameters = STEP1_PARAMETERS
+        let parameters = Step1Parameter::KEYS
             .iter()
             .map(|name| (*name).to_owned())
             .zip(step1.parameters.updated());
@@ -76,15 +76,15 @@ fn values(record: &PatientRecord) -> BTreeMap<TableKind, BTreeMap<String, f64>> 
 
 fn biomarkers(values: &Biomarkers) -> BTreeMap<String, f64> {
     BIOMARKERS
-        .iter()
-        .filter_map(|b| Some((b.key().to_owned(), b.of(values)?)))
+        .into_iter()
+        .filter_map(|b| Some((b.key().to_owned(), values.get(b)?)))
         .collect()
 }
 
 /// Names of a table's quantities, in its order.
 pub fn names(table: TableKind, plan: &ResolvedPatient) -> Vec<String> {
     match table {
-        TableKind::Step1Parameters => STEP1_PARAMETERS.map(str::to_owned).to_vec(),
+        TableKind::Step1Parameters => Step1Parameter::KEYS.map(str::to_owned).to_vec(),
         TableKind::Step2Parameters => plan.settings.step2.fitted(),
         TableKind::Step1Biomarkers | TableKind::Step2Biomarkers => {
             BIOMARKERS.iter().map(|b| b.key().to_owned()).collect()

@@ -22,9 +22,9 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::task::{CellInOrgan, NoopSpec, Step1Beat, TaskSpec};
 
+use crate::cell_fit;
 use crate::chain::Chain;
 use crate::patient::{Stage, Step};
-use crate::{adapter, cell_fit};
 
 /// A settled task, as the chain sees it.
 #[derive(Debug, Clone)]
@@ -160,7 +160,7 @@ impl<'a> Derivation<'a, '_> {
         };
         let of_step1 = Step1Beat {
             parameters,
-            biomarkers: adapter::of_step1(&beat.biomarkers),
+            biomarkers: beat.biomarkers.organ_alone(),
         };
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {

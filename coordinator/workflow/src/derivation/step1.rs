@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point;
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{PassiveStateResult, Step1ProposalResult, TaskResult};
@@ -11,7 +12,6 @@ use cardiotwin_schemas::settings::Update;
 use cardiotwin_schemas::task::{Step1Run, TaskSpec};
 
 use super::{Derivation, Derived, Next, Published, Settled, broken, wrong_kind};
-use crate::adapter;
 use crate::chain::{ChainIteration, ChainProposal};
 use crate::patient::{Stage, Step};
 
@@ -30,12 +30,9 @@ impl<'a> Derivation<'a, '_> {
         &mut self,
         step0: &PassiveStateResult,
     ) -> Derived<(Published<'a>, Step1Summary)> {
-        let settings = &self.plan.settings.step1;
-        let measured = adapter::biomarkers(&step0.measured);
-        let start = Step1Parameters {
-            tanh: settings.initial,
-            valves: settings.valves,
-        };
+        let settings = &self.plan.settings.step1_resolved();
+        let measured = &step0.measured;
+        let start = settings.start();
         let invalid = |number, message| {
             broken(
                 Step {
@@ -46,9 +43,7 @@ impl<'a> Derivation<'a, '_> {
                 message,
             )
         };
-        let fixed_settings = adapter::settings(settings, self.plan.settings.step1_update())
-            .map_err(|message| invalid(1, message))?;
-        let mut history = fixed_point::History::new(adapter::parameters(&start));
+        let mut history = fixed_point::History::new(start);
         let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
         for parameters in self.carried {
             // Kept only as far as the same organ would be simulated again.
@@ -58,7 +53,7 @@ impl<'a> Derivation<'a, '_> {
                 runs.len() as u32 + 1,
                 spec,
                 &parameters,
-                &measured,
+                measured,
                 &mut history,
             )? {
                 runs.push(run);
@@ -67,39 +62,34 @@ impl<'a> Derivation<'a, '_> {
         history.resumed_at = history.iterations.len();
         loop {
             let number = runs.len() as u32 + 1;
-            let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
-                match fixed_point::ended(&fixed_settings, &measured, &history) {
+            let decision = if settings.update == Update::SpaceMapping {
+                match fixed_point::ended(settings, measured, &history) {
                     Ok(None) => match self
                         .proposal(step0, &start, &runs)?
                         .filter(|(next, _)| history.lacks(next))
                     {
                         Some((parameters, promised)) => {
-                            let content = fixed_point::content(
-                                &fixed_settings,
-                                &measured,
-                                &history,
-                                promised,
-                            );
+                            let content =
+                                fixed_point::content(settings, measured, &history, promised);
                             let next = fixed_point::Decision::Next {
                                 parameters,
                                 from: None,
                             };
                             content.map(|ended| ended.unwrap_or(next))
                         }
-                        None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
+                        None => fixed_point::nothing_new(settings, measured, &history),
                     },
                     Ok(Some(ended)) => Ok(ended),
                     Err(error) => Err(error),
                 }
             } else {
-                fixed_point::decide(&fixed_settings, &measured, &history)
+                fixed_point::decide(settings, measured, &history)
             };
             let decision = decision.map_err(|error| invalid(number, error.to_string()))?;
             match decision {
                 fixed_point::Decision::Next { parameters, .. } => {
-                    let parameters = start.with_updated(adapter::values(&parameters));
                     let spec = self.step1_beat(step0, &parameters);
-                    let run = self.iteration(number, spec, &parameters, &measured, &mut history)?;
+                    let run = self.iteration(number, spec, &parameters, measured, &mut history)?;
                     runs.push(run.map_err(|wanted| *wanted)?);
                 }
                 fixed_point::Decision::Ended {
@@ -119,7 +109,7 @@ impl<'a> Derivation<'a, '_> {
         step0: &PassiveStateResult,
         start: &Step1Parameters,
         runs: &[Result<Published<'a>, Failure>],
-    ) -> Derived<Option<(fixed_point::Parameters, f64)>> {
+    ) -> Derived<Option<(Step1Parameters, f64)>> {
         let number = runs.len() as u32 + 1;
         let step = Step {
             stage: Stage::Step1Proposal,
@@ -132,9 +122,7 @@ impl<'a> Derivation<'a, '_> {
                 .map(|((run, iteration), number)| Step1Run {
                     parameters: iteration.parameters,
                     biomarkers: match run.as_ref().map(|run| run.result) {
-                        Ok(TaskResult::OrganBeat(beat)) => {
-                            Some(adapter::of_step1(&beat.biomarkers))
-                        }
+                        Ok(TaskResult::OrganBeat(beat)) => Some(beat.biomarkers.organ_alone()),
                         _ => None,
                     },
                     whole_beat: run.is_ok() && !iteration.no_whole_beat,
@@ -166,10 +154,7 @@ impl<'a> Derivation<'a, '_> {
             predicted_cost,
             predicted_misfit,
         });
-        Ok(Some((
-            adapter::parameters(&result.parameters),
-            predicted_misfit,
-        )))
+        Ok(Some((result.parameters, predicted_misfit)))
     }
 
     /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
@@ -178,7 +163,7 @@ impl<'a> Derivation<'a, '_> {
         number: u32,
         spec: TaskSpec,
         parameters: &Step1Parameters,
-        measured: &fixed_point::Biomarkers,
+        measured: &Biomarkers,
         history: &mut fixed_point::History,
     ) -> Derived<Result<Result<Published<'a>, Failure>, Box<Next>>> {
         let step = Step {
@@ -186,7 +171,6 @@ impl<'a> Derivation<'a, '_> {
             number,
         };
         let key = spec.key();
-        let fixed_parameters = adapter::parameters(parameters);
         let mut iteration = ChainIteration {
             parameters: *parameters,
             task: key.clone(),
@@ -210,16 +194,17 @@ impl<'a> Derivation<'a, '_> {
                 let TaskResult::OrganBeat(beat) = result else {
                     return Err(wrong_kind(step, result));
                 };
-                let outcome = adapter::outcome(beat);
+                let outcome =
+                    fixed_point::Outcome::of(&beat.biomarkers, beat.failed_valve().is_none());
                 if let fixed_point::Outcome::Simulated(found)
                 | fixed_point::Outcome::NoWholeBeat(found) = &outcome
                 {
                     let cost = fixed_point::Cost::of(measured, found);
                     iteration.cost = Some(cost.total);
-                    iteration.relative_differences = adapter::relative_differences(&cost);
+                    iteration.relative_differences = relative_differences(&cost);
                 }
                 iteration.no_whole_beat = matches!(outcome, fixed_point::Outcome::NoWholeBeat(_));
-                history.push(fixed_parameters, outcome);
+                history.push(*parameters, outcome);
                 Ok(Published {
                     key,
                     result,
@@ -229,7 +214,7 @@ impl<'a> Derivation<'a, '_> {
             }
             // A failed simulation is an answer of the model; any other failure holds the patient.
             Some(Settled::Failed(failure)) if failure.class == FailureClass::Numerics => {
-                history.push(fixed_parameters, fixed_point::Outcome::Failed);
+                history.push(*parameters, fixed_point::Outcome::Failed);
                 Err(failure.clone())
             }
             Some(Settled::Failed(failure)) => {
@@ -326,4 +311,12 @@ fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
     failed
         .or_else(shut)
         .unwrap_or_else(|| "none lies within the bounds".to_owned())
+}
+
+/// (simulated − measured) / measured by biomarker: the sign of files, the opposite of the cost's terms.
+fn relative_differences(cost: &fixed_point::Cost) -> BTreeMap<String, f64> {
+    cost.terms
+        .iter()
+        .map(|term| (term.biomarker.key().to_owned(), -term.relative_difference))
+        .collect()
 }

@@ -15,7 +15,7 @@ use cardiotwin_schemas::verdict::Verdict;
 
 use super::{Derivation, Derived, Next, Published, broken, wrong_kind};
 use crate::patient::{Stage, Step};
-use crate::{adapter, cell_fit, organ_fit};
+use crate::{cell_fit, organ_fit};
 
 impl<'a> Derivation<'a, '_> {
     /// Step 2's targets, and the calcium that is a fixed input.
@@ -109,7 +109,7 @@ impl<'a> Derivation<'a, '_> {
         let settings = &self.plan.settings;
         let seen = organ_fit::Beat {
             parameters,
-            biomarkers: Some(adapter::of_step1(&beat.biomarkers)),
+            biomarkers: Some(beat.biomarkers.organ_alone()),
             samples: Some(beat.samples.clone()),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
@@ -166,9 +166,5 @@ impl<'a> Derivation<'a, '_> {
 
 /// Cost of simulated biomarkers by step 1's formula.
 fn step1_cost(measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
-    fixed_point::Cost::of(
-        &adapter::biomarkers(measured),
-        &adapter::biomarkers(simulated),
-    )
-    .total
+    fixed_point::Cost::of(measured, simulated).total
 }

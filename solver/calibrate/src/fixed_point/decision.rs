@@ -11,7 +11,11 @@
 //! resumed ──► Next(update of the best stored iteration, under the new settings; what is stored is not asked for again)
 //! ```
 
-use super::{Biomarker, Biomarkers, Cost, PARAMETERS, Parameter, Parameters, Settings};
+use super::settings::{self, Stop};
+use super::{Cost, driver};
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
+use cardiotwin_vocabulary::step1_settings::Step1Settings;
 use serde::{Deserialize, Serialize};
 
 /// What a simulation gave.
@@ -27,11 +31,25 @@ pub enum Outcome {
     Failed,
 }
 
+impl Outcome {
+    /// Outcome of a beat that reached its end. Without a whole beat biomarkers of pressure alone count: hardly any volume
+    /// has moved.
+    #[must_use]
+    pub fn of(biomarkers: &Biomarkers, is_whole_beat: bool) -> Self {
+        let of_organ = biomarkers.organ_alone();
+        if is_whole_beat {
+            Self::Simulated(of_organ)
+        } else {
+            Self::NoWholeBeat(of_organ.pressure_alone())
+        }
+    }
+}
+
 /// Parameters and what came of them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Iteration {
     /// What was simulated.
-    pub parameters: Parameters,
+    pub parameters: Step1Parameters,
     /// What came of it.
     pub outcome: Outcome,
 }
@@ -43,7 +61,7 @@ const HARDLY: f64 = 1e-4;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct History {
     /// Parameters to begin with.
-    pub initial: Parameters,
+    pub initial: Step1Parameters,
     /// All iterations, oldest first, those under earlier settings included.
     pub iterations: Vec<Iteration>,
     /// How many of them were made under earlier settings: limit, stagnation and failure count from here on.
@@ -54,7 +72,7 @@ pub struct History {
 impl History {
     /// A loop that begins.
     #[must_use]
-    pub fn new(initial: Parameters) -> Self {
+    pub fn new(initial: Step1Parameters) -> Self {
         Self {
             initial,
             iterations: Vec::new(),
@@ -71,7 +89,7 @@ impl History {
 
     /// Whether these parameters, or such as hardly differ, were not simulated yet.
     #[must_use]
-    pub fn lacks(&self, parameters: &Parameters) -> bool {
+    pub fn lacks(&self, parameters: &Step1Parameters) -> bool {
         !self
             .iterations
             .iter()
@@ -79,7 +97,7 @@ impl History {
     }
 
     /// Adds an iteration.
-    pub fn push(&mut self, parameters: Parameters, outcome: Outcome) {
+    pub fn push(&mut self, parameters: Step1Parameters, outcome: Outcome) {
         self.iterations.push(Iteration {
             parameters,
             outcome,
@@ -124,7 +142,7 @@ pub enum Decision {
     /// Simulate these.
     Next {
         /// Parameters, inside their bounds.
-        parameters: Parameters,
+        parameters: Step1Parameters,
         /// Iteration that they are an update of; none for the initial ones.
         from: Option<usize>,
     },
@@ -159,17 +177,29 @@ pub enum FixedPointError {
     )]
     Bounds {
         /// Parameter.
-        parameter: Parameter,
+        parameter: Step1Parameter,
         /// Lower end.
         lower: f64,
         /// Upper end.
         upper: f64,
     },
+    /// A parameter that step 1 does not update.
+    #[error("step1 names parameter {name}; expected one of {}", Step1Parameter::KEYS.join(", "))]
+    UnknownParameter {
+        /// Its name.
+        name: String,
+    },
+    /// A biomarker that step 1 does not compare.
+    #[error("step1.weights names biomarker {name}; expected one of {}", Biomarker::ORGAN_KEYS.join(", "))]
+    UnknownBiomarker {
+        /// Its name.
+        name: String,
+    },
     /// A start that no ratio can move.
     #[error("initial {parameter} is {value}, but must be positive and finite")]
     Initial {
         /// Parameter.
-        parameter: Parameter,
+        parameter: Step1Parameter,
         /// Its value.
         value: f64,
     },
@@ -202,7 +232,7 @@ pub enum FixedPointError {
 /// [`FixedPointError`] when settings, measured biomarkers or the initial parameters make no sense; never because of
 /// what a simulation gave.
 pub fn decide(
-    settings: &Settings,
+    settings: &Step1Settings,
     measured: &Biomarkers,
     history: &History,
 ) -> Result<Decision, FixedPointError> {
@@ -215,7 +245,7 @@ pub fn decide(
 /// # Errors
 /// As for [`decide`].
 pub fn ended(
-    settings: &Settings,
+    settings: &Step1Settings,
     measured: &Biomarkers,
     history: &History,
 ) -> Result<Option<Decision>, FixedPointError> {
@@ -227,14 +257,14 @@ pub fn ended(
 /// # Errors
 /// As for [`decide`].
 pub fn nothing_new(
-    settings: &Settings,
+    settings: &Step1Settings,
     measured: &Biomarkers,
     history: &History,
 ) -> Result<Decision, FixedPointError> {
     Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
-/// How the loop ends where that rule's next parameters promise too little, under [`super::Stop::NoPromise`]: the best
+/// How the loop ends where that rule's next parameters promise too little, under space mapping with the automatic stop: the best
 /// iteration is within the tolerance, and the promised misfit is not lower than its own by [`PROMISED_FRACTION`].
 ///
 /// - `promised_misfit`: weighted misfit that the rule expects of its next parameters
@@ -242,7 +272,7 @@ pub fn nothing_new(
 /// # Errors
 /// As for [`decide`].
 pub fn content(
-    settings: &Settings,
+    settings: &Step1Settings,
     measured: &Biomarkers,
     history: &History,
     promised_misfit: f64,
@@ -252,7 +282,7 @@ pub fn content(
         .best(history.iterations.len())
         .and_then(|best| run.misfits[best]);
     let is_little = best.is_some_and(|best| promised_misfit > best * (1.0 - PROMISED_FRACTION));
-    let ends = settings.stop == super::Stop::NoPromise && run.converged() && is_little;
+    let ends = settings::stop(settings) == Stop::NoPromise && run.converged() && is_little;
     Ok(ends.then(|| run.ending(Quality::Converged, Ending::Tolerance)))
 }
 
@@ -291,7 +321,7 @@ fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointEr
             });
         }
     }
-    for parameter in PARAMETERS {
+    for parameter in Step1Parameter::ALL {
         let value = history.initial.get(parameter);
         if !(value > 0.0 && value.is_finite()) {
             return Err(FixedPointError::Initial { parameter, value });
@@ -308,7 +338,7 @@ fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointEr
 }
 
 struct Run<'a> {
-    settings: &'a Settings,
+    settings: &'a Step1Settings,
     measured: &'a Biomarkers,
     history: &'a History,
     /// Cost of each iteration, none where it failed or lost the whole beat that there was before.
@@ -319,17 +349,18 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn new(
-        settings: &'a Settings,
+        settings: &'a Step1Settings,
         measured: &'a Biomarkers,
         history: &'a History,
     ) -> Result<Self, FixedPointError> {
-        settings.validate()?;
+        settings::validate(settings)?;
         validate(measured, history)?;
+        let weights = settings::weights(settings)?;
         let costs = told(history)
             .map(|b| Some(Cost::of(measured, b?).total))
             .collect();
         let misfits = told(history)
-            .map(|b| Some(settings.weights.misfit(measured, b?)))
+            .map(|b| Some(weights.misfit(measured, b?)))
             .collect();
         Ok(Self {
             settings,
@@ -376,13 +407,13 @@ impl<'a> Run<'a> {
         if !forgiving && n > resumed_at && self.costs[n - 1].is_none() {
             return Some(self.ending(Quality::FailedAt(n - 1), Ending::Failure));
         }
-        if self.converged() && self.settings.stop == super::Stop::FirstConverged {
+        if self.converged() && settings::stop(self.settings) == Stop::FirstConverged {
             return Some(self.ending(Quality::Converged, Ending::Tolerance));
         }
-        if self.without_improvement(forgiving) >= self.settings.stagnation_iterations {
+        if self.without_improvement(forgiving) >= self.settings.stall_iterations as usize {
             return Some(self.ending(Quality::Stalled, Ending::Stagnation));
         }
-        (n - resumed_at >= self.settings.max_iterations)
+        (n - resumed_at >= self.settings.max_iterations as usize)
             .then(|| self.ending(Quality::LimitReached, Ending::Limit))
     }
 
@@ -429,8 +460,7 @@ impl<'a> Run<'a> {
             if self.is_whole(i) && !is_whole {
                 (is_whole, best) = (true, None);
             }
-            let helped =
-                best.is_none_or(|b| misfit <= b * (1.0 - self.settings.stagnation_fraction));
+            let helped = best.is_none_or(|b| misfit <= b * (1.0 - self.settings.stall_improvement));
             in_a_row = if helped { 0 } else { in_a_row + 1 };
             best = Some(best.map_or(misfit, |b| b.min(misfit)));
         }
@@ -438,7 +468,7 @@ impl<'a> Run<'a> {
     }
 
     /// The next parameters and the iteration that they update, or how it ends if everything on the way is stored.
-    fn next(&self) -> Result<(Parameters, Option<usize>), Quality> {
+    fn next(&self) -> Result<(Step1Parameters, Option<usize>), Quality> {
         let iterations = &self.history.iterations;
         let n = iterations.len();
         let mut from = if n > self.history.resumed_at {
@@ -470,17 +500,14 @@ impl<'a> Run<'a> {
         Err(Quality::Stalled)
     }
 
-    fn update(&self, iteration: &Iteration) -> Parameters {
+    fn update(&self, iteration: &Iteration) -> Step1Parameters {
         let mut next = iteration.parameters;
         let (Outcome::Simulated(simulated) | Outcome::NoWholeBeat(simulated)) = &iteration.outcome
         else {
             return next;
         };
-        for parameter in PARAMETERS {
-            if self.settings.frozen.contains(&parameter) {
-                continue;
-            }
-            let (biomarker, exponent) = parameter.driver();
+        for parameter in self.settings.moving() {
+            let (biomarker, exponent) = driver(parameter);
             if let Some(ratio) = self.measured.ratio_to(simulated, biomarker) {
                 let moved = next.get(parameter) * ratio.powf(exponent * self.settings.damping);
                 next.set(parameter, moved);

@@ -7,16 +7,16 @@
 
 mod cost;
 mod decision;
-mod parameters;
+mod driver;
 mod settings;
 
-pub use cost::{Biomarker, Biomarkers, Cost, Term, Weights};
+pub use cost::{Cost, Term, Weights};
 pub use decision::{
     Decision, Ending, FixedPointError, History, Iteration, Outcome, PROMISED_FRACTION, Quality,
     content, decide, ended, nothing_new,
 };
-pub use parameters::{Bounds, PARAMETERS, Parameter, Parameters};
-pub use settings::{Settings, Stop};
+pub use driver::driver;
+pub use settings::validate;
 
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,7 @@
 use super::*;
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
+use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 use proptest::prelude::*;
 
 fn measured() -> Biomarkers {
@@ -9,31 +12,31 @@ fn measured() -> Biomarkers {
         ptd90_ms: Some(330.0),
         tau_vd_ms: Some(80.0),
         tau_vr_ms: Some(50.0),
-        sv_ml: None,
+        ..Biomarkers::default()
     }
 }
 
 /// A heart in which every biomarker is a power of its parameter: contraction of the fixed point is 1 − exponent.
-fn heart(p: &Parameters, exponent: f64) -> Biomarkers {
-    let d = Parameters::default();
-    let x = |q: Parameter| (p.get(q) / d.get(q)).powf(exponent);
+fn heart(p: &Step1Parameters, exponent: f64) -> Biomarkers {
+    let d = Step1Parameters::default();
+    let x = |q: Step1Parameter| (p.get(q) / d.get(q)).powf(exponent);
     Biomarkers {
-        p_max_mmhg: Some(95.0 * x(Parameter::SmaxRef)),
-        dpdt_max_mmhg_per_ms: Some(1.4 / x(Parameter::TauSrRef)),
-        dpdt_min_mmhg_per_ms: Some(-1.1 / x(Parameter::TauSd)),
-        ptd90_ms: Some(380.0 * x(Parameter::TCr)),
-        tau_vd_ms: Some(60.0 * x(Parameter::RAvF)),
-        tau_vr_ms: Some(90.0 * x(Parameter::RMvF)),
-        sv_ml: None,
+        p_max_mmhg: Some(95.0 * x(Step1Parameter::SmaxRef)),
+        dpdt_max_mmhg_per_ms: Some(1.4 / x(Step1Parameter::TauSrRef)),
+        dpdt_min_mmhg_per_ms: Some(-1.1 / x(Step1Parameter::TauSd)),
+        ptd90_ms: Some(380.0 * x(Step1Parameter::TCr)),
+        tau_vd_ms: Some(60.0 * x(Step1Parameter::RAvF)),
+        tau_vr_ms: Some(90.0 * x(Step1Parameter::RMvF)),
+        ..Biomarkers::default()
     }
 }
 
 /// Asks and tells until the end, refusing to be asked for the same parameters twice.
 fn run(
-    settings: &Settings,
+    settings: &Step1Settings,
     measured: &Biomarkers,
     mut history: History,
-    simulate: impl Fn(usize, &Parameters) -> Outcome,
+    simulate: impl Fn(usize, &Step1Parameters) -> Outcome,
 ) -> (History, Quality, Ending, Option<usize>) {
     for _ in 0..100 {
         match decide(settings, measured, &history).unwrap() {
@@ -58,25 +61,25 @@ fn run(
     panic!("the loop did not end");
 }
 
-fn healthy(_: usize, p: &Parameters) -> Outcome {
+fn healthy(_: usize, p: &Step1Parameters) -> Outcome {
     Outcome::Simulated(heart(p, 0.8))
 }
 
 #[test]
 fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
-    let mut history = History::new(Parameters::default());
-    let settings = Settings::default();
+    let mut history = History::new(Step1Parameters::default());
+    let settings = Step1Settings::default();
     let first = decide(&settings, &measured(), &history).unwrap();
     assert_eq!(
         first,
         Decision::Next {
-            parameters: Parameters::default(),
+            parameters: Step1Parameters::default(),
             from: None
         }
     );
     history.push(
-        Parameters::default(),
-        Outcome::Simulated(heart(&Parameters::default(), 0.8)),
+        Step1Parameters::default(),
+        Outcome::Simulated(heart(&Step1Parameters::default(), 0.8)),
     );
     let Decision::Next {
         parameters: p,
@@ -94,7 +97,7 @@ fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
         0.01 * 80.0 / 60.0,
         0.01 * 50.0 / 90.0,
     ];
-    for (parameter, value) in PARAMETERS.into_iter().zip(expected) {
+    for (parameter, value) in Step1Parameter::ALL.into_iter().zip(expected) {
         assert!(
             (p.get(parameter) / value - 1.0).abs() < 1e-12,
             "{parameter}"
@@ -105,9 +108,9 @@ fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
 #[test]
 fn converges_within_the_tolerance_and_names_the_best() {
     let (history, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         healthy,
     );
     assert_eq!(
@@ -119,14 +122,14 @@ fn converges_within_the_tolerance_and_names_the_best() {
 
 #[test]
 fn best_of_limit_goes_on_beyond_the_tolerance() {
-    let settings = Settings {
-        stop: Stop::BestOfLimit,
-        ..Settings::default()
+    let settings = Step1Settings {
+        stop: StopRule::BestOfLimit,
+        ..Step1Settings::default()
     };
     let (history, quality, because, best) = run(
         &settings,
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         healthy,
     );
     assert_eq!(
@@ -138,18 +141,21 @@ fn best_of_limit_goes_on_beyond_the_tolerance() {
 
 #[test]
 fn damping_is_an_exponent_of_the_ratios() {
-    let mut history = History::new(Parameters::default());
-    history.push(Parameters::default(), healthy(0, &Parameters::default()));
-    let settings = Settings {
+    let mut history = History::new(Step1Parameters::default());
+    history.push(
+        Step1Parameters::default(),
+        healthy(0, &Step1Parameters::default()),
+    );
+    let settings = Step1Settings {
         damping: 0.5,
-        ..Settings::default()
+        ..Step1Settings::default()
     };
     let Decision::Next { parameters: p, .. } = decide(&settings, &measured(), &history).unwrap()
     else {
         panic!()
     };
-    assert!((p.smax_ref_kpa - 100.0 * (120.0f64 / 95.0).sqrt()).abs() < 1e-9);
-    assert!((p.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).sqrt()).abs() < 1e-12);
+    assert!((p.tanh.smax_ref_kpa - 100.0 * (120.0f64 / 95.0).sqrt()).abs() < 1e-9);
+    assert!((p.valves.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).sqrt()).abs() < 1e-12);
 }
 
 #[test]
@@ -160,9 +166,9 @@ fn pressure_alone_leaves_the_valves() {
         ..measured()
     };
     let (history, quality, _, _) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &only_pressure,
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         healthy,
     );
     assert_eq!(quality, Quality::Converged);
@@ -170,8 +176,8 @@ fn pressure_alone_leaves_the_valves() {
         history
             .iterations
             .iter()
-            .all(|i| i.parameters.r_av_f_mmhg_s_per_ml == 0.01
-                && i.parameters.r_mv_f_mmhg_s_per_ml == 0.01)
+            .all(|i| i.parameters.valves.r_av_f_mmhg_s_per_ml == 0.01
+                && i.parameters.valves.r_mv_f_mmhg_s_per_ml == 0.01)
     );
     let Outcome::Simulated(b) = history.iterations[1].outcome else {
         panic!()
@@ -218,24 +224,26 @@ fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance(
             ..measured()
         })
     };
-    let mut history = History::new(Parameters::default());
+    let mut history = History::new(Step1Parameters::default());
     // Costs 0.25, 0, 0.04; stroke volume off by 0, 40, 5 %.
     for (k, outcome) in [beat(60.0, 100.0), beat(120.0, 60.0), beat(96.0, 95.0)]
         .into_iter()
         .enumerate()
     {
         history.push(
-            Parameters {
-                t_cr_ms: 400.0 + k as f64,
-                ..Parameters::default()
-            },
+            Step1Parameters::default().with(Step1Parameter::TCr, 400.0 + k as f64),
             outcome,
         );
     }
-    let best = |weights| match decide(
-        &Settings {
-            weights,
-            ..Settings::default()
+    let best = |weights: &[(Biomarker, f64)]| match decide(
+        &Step1Settings {
+            update: Update::SpaceMapping,
+            stop: StopRule::FirstConverged,
+            weights: weights
+                .iter()
+                .map(|(b, w)| (b.key().to_owned(), *w))
+                .collect(),
+            ..Step1Settings::default()
         },
         &m,
         &history,
@@ -247,26 +255,22 @@ fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance(
         }) => best,
         other => panic!("{other:?}"),
     };
-    assert_eq!(best(Weights::default()), Some(1), "the misfit is the cost");
+    assert_eq!(best(&[]), Some(1), "the misfit is the cost");
     assert_eq!(
-        best(Weights::default().with(Biomarker::Sv, 1.0)),
+        best(&[(Biomarker::Sv, 1.0)]),
         Some(2),
         "0.04 + 0.05² < 0.4²"
     );
     // The first one has a lower misfit still, but not the tolerance.
     assert_eq!(
-        best(
-            Weights::default()
-                .with(Biomarker::PMax, 0.01)
-                .with(Biomarker::Sv, 9.0)
-        ),
+        best(&[(Biomarker::PMax, 0.01), (Biomarker::Sv, 9.0)]),
         Some(2)
     );
 }
 
 #[test]
 fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
-    let stubborn = |k: usize, p: &Parameters| {
+    let stubborn = |k: usize, p: &Step1Parameters| {
         if k == 4 {
             Outcome::Failed
         } else {
@@ -274,9 +278,9 @@ fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
         }
     };
     let (history, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         stubborn,
     );
     assert_eq!(
@@ -286,19 +290,19 @@ fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
     assert_eq!(history.iterations.len(), 5);
 
     let at_once = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         |_, _| Outcome::Failed,
     );
     assert_eq!((at_once.1, at_once.3), (Quality::FailedAt(0), None));
 }
 
 /// A heart whose valves stay shut while the stress is small: pressure alone has biomarkers.
-fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Parameters) -> Outcome {
+fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Step1Parameters) -> Outcome {
     move |_, p| {
         let beat = heart(p, 0.8);
-        if p.smax_ref_kpa < smax_ref_kpa {
+        if p.tanh.smax_ref_kpa < smax_ref_kpa {
             Outcome::NoWholeBeat(Biomarkers {
                 tau_vd_ms: None,
                 tau_vr_ms: None,
@@ -312,12 +316,9 @@ fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Parameters) -> Outcome {
 
 #[test]
 fn early_beats_without_open_valves_lead_on_by_their_pressure() {
-    let weak = Parameters {
-        smax_ref_kpa: 30.0,
-        ..Parameters::default()
-    };
+    let weak = Step1Parameters::default().with(Step1Parameter::SmaxRef, 30.0);
     let (history, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
         History::new(weak),
         weak_below(90.0),
@@ -333,8 +334,11 @@ fn early_beats_without_open_valves_lead_on_by_their_pressure() {
     ));
     // Pressure updates its parameters; what has no biomarker stays.
     let second = history.iterations[1].parameters;
-    assert!(second.smax_ref_kpa > 60.0);
-    assert_eq!(second.r_av_f_mmhg_s_per_ml, weak.r_av_f_mmhg_s_per_ml);
+    assert!(second.tanh.smax_ref_kpa > 60.0);
+    assert_eq!(
+        second.valves.r_av_f_mmhg_s_per_ml,
+        weak.valves.r_av_f_mmhg_s_per_ml
+    );
 }
 
 #[test]
@@ -345,11 +349,11 @@ fn a_beat_without_open_valves_is_never_the_result() {
         tau_vr_ms: None,
         ..measured()
     };
-    let shut = |_: usize, _: &Parameters| Outcome::NoWholeBeat(only_pressure);
+    let shut = |_: usize, _: &Step1Parameters| Outcome::NoWholeBeat(only_pressure);
     let (_, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &only_pressure,
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         shut,
     );
     assert_eq!(
@@ -362,7 +366,7 @@ fn a_beat_without_open_valves_is_never_the_result() {
         p_max_mmhg: Some(if k == 3 { 400.0 } else { 90.0 }),
         ..measured()
     };
-    let then_whole = |k: usize, _: &Parameters| {
+    let then_whole = |k: usize, _: &Step1Parameters| {
         if k < 3 {
             Outcome::NoWholeBeat(far(k))
         } else {
@@ -370,18 +374,18 @@ fn a_beat_without_open_valves_is_never_the_result() {
         }
     };
     let (history, quality, _, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         then_whole,
     );
     assert_eq!((quality, best), (Quality::Converged, Some(4)));
     assert_eq!(history.iterations.len(), 5);
-    let never = |k: usize, _: &Parameters| Outcome::NoWholeBeat(far(k + 4));
+    let never = |k: usize, _: &Step1Parameters| Outcome::NoWholeBeat(far(k + 4));
     let (history, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         never,
     );
     assert_eq!(
@@ -393,7 +397,7 @@ fn a_beat_without_open_valves_is_never_the_result() {
 
 #[test]
 fn a_beat_that_loses_its_valves_after_a_whole_one_is_a_failure() {
-    let loses = |k: usize, p: &Parameters| {
+    let loses = |k: usize, p: &Step1Parameters| {
         let beat = heart(p, 0.1);
         if k == 2 {
             Outcome::NoWholeBeat(beat)
@@ -402,9 +406,9 @@ fn a_beat_that_loses_its_valves_after_a_whole_one_is_a_failure() {
         }
     };
     let (_, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         loses,
     );
     assert_eq!(
@@ -415,7 +419,7 @@ fn a_beat_that_loses_its_valves_after_a_whole_one_is_a_failure() {
 
 #[test]
 fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
-    let stubborn = |k: usize, p: &Parameters| {
+    let stubborn = |k: usize, p: &Step1Parameters| {
         if k == 4 {
             Outcome::Failed
         } else {
@@ -423,14 +427,14 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
         }
     };
     let (history, _, _, _) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         stubborn,
     );
     let resumed = history.clone().resumed();
 
-    let same = decide(&Settings::default(), &measured(), &resumed).unwrap();
+    let same = decide(&Step1Settings::default(), &measured(), &resumed).unwrap();
     // Under the same settings the way leads to the failed parameters again, so there is nothing to do.
     assert_eq!(
         same,
@@ -441,9 +445,9 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
         }
     );
 
-    let careful = Settings {
+    let careful = Step1Settings {
         damping: 0.5,
-        ..Settings::default()
+        ..Step1Settings::default()
     };
     let Decision::Next { parameters, from } = decide(&careful, &measured(), &resumed).unwrap()
     else {
@@ -453,9 +457,9 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
     let Outcome::Simulated(b) = history.iterations[3].outcome else {
         panic!()
     };
-    let expected =
-        history.iterations[3].parameters.smax_ref_kpa * (120.0f64 / b.p_max_mmhg.unwrap()).sqrt();
-    assert!((parameters.smax_ref_kpa - expected).abs() < 1e-9);
+    let expected = history.iterations[3].parameters.tanh.smax_ref_kpa
+        * (120.0f64 / b.p_max_mmhg.unwrap()).sqrt();
+    assert!((parameters.tanh.smax_ref_kpa - expected).abs() < 1e-9);
 
     let (after, quality, _, best) = run(&careful, &measured(), resumed, |_, p| {
         Outcome::Simulated(heart(p, 0.8))
@@ -466,31 +470,24 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
 
 #[test]
 fn a_rerun_with_bounds_never_leaves_them() {
-    let fails_high = |_: usize, p: &Parameters| {
-        if p.smax_ref_kpa > 150.0 {
+    let fails_high = |_: usize, p: &Step1Parameters| {
+        if p.tanh.smax_ref_kpa > 150.0 {
             Outcome::Failed
         } else {
             Outcome::Simulated(heart(p, 0.3))
         }
     };
     let (history, quality, _, _) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         fails_high,
     );
     assert!(matches!(quality, Quality::FailedAt(_)), "{quality:?}");
-    let bounds = [(
-        Parameter::SmaxRef,
-        Bounds {
-            lower: 80.0,
-            upper: 140.0,
-        },
-    )]
-    .into();
-    let settings = Settings {
+    let bounds = [(Step1Parameter::SmaxRef.key().to_owned(), [80.0, 140.0])].into();
+    let settings = Step1Settings {
         bounds,
-        ..Settings::default()
+        ..Step1Settings::default()
     };
     let n = history.iterations.len();
     let (after, quality, _, best) = run(&settings, &measured(), history.resumed(), fails_high);
@@ -498,38 +495,31 @@ fn a_rerun_with_bounds_never_leaves_them() {
     assert!(
         after.iterations[n..]
             .iter()
-            .all(|i| i.parameters.smax_ref_kpa <= 140.0)
+            .all(|i| i.parameters.tanh.smax_ref_kpa <= 140.0)
     );
     assert!(settings.admits(&after.iterations[best.unwrap()].parameters));
 }
 
 #[test]
 fn a_result_outside_the_new_bounds_does_not_count() {
-    let mut history = History::new(Parameters::default());
-    history.push(Parameters::default(), Outcome::Simulated(measured()));
-    let bounds = [(
-        Parameter::SmaxRef,
-        Bounds {
-            lower: 1.0,
-            upper: 50.0,
-        },
-    )]
-    .into();
-    let settings = Settings {
+    let mut history = History::new(Step1Parameters::default());
+    history.push(Step1Parameters::default(), Outcome::Simulated(measured()));
+    let bounds = [(Step1Parameter::SmaxRef.key().to_owned(), [1.0, 50.0])].into();
+    let settings = Step1Settings {
         bounds,
-        ..Settings::default()
+        ..Step1Settings::default()
     };
     let decision = decide(&settings, &measured(), &history.resumed()).unwrap();
     let Decision::Next { parameters, .. } = decision else {
         panic!("{decision:?}")
     };
-    assert_eq!(parameters.smax_ref_kpa, 50.0);
+    assert_eq!(parameters.tanh.smax_ref_kpa, 50.0);
 }
 
 #[test]
 fn three_in_a_row_without_improvement_stall() {
     let costs = [1.0, 0.9, 0.88, 0.95, 0.87, 0.5];
-    let deaf = |k: usize, _: &Parameters| {
+    let deaf = |k: usize, _: &Step1Parameters| {
         let p_max_mmhg = 120.0 * (1.0 + f64::sqrt(costs[k]));
         Outcome::Simulated(Biomarkers {
             p_max_mmhg: Some(p_max_mmhg),
@@ -537,9 +527,9 @@ fn three_in_a_row_without_improvement_stall() {
         })
     };
     let (history, quality, because, best) = run(
-        &Settings::default(),
+        &Step1Settings::default(),
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         deaf,
     );
     assert_eq!((quality, because), (Quality::Stalled, Ending::Stagnation));
@@ -549,14 +539,14 @@ fn three_in_a_row_without_improvement_stall() {
 
 #[test]
 fn with_everything_frozen_there_is_nothing_new() {
-    let settings = Settings {
-        frozen: PARAMETERS.into_iter().collect(),
-        ..Settings::default()
+    let settings = Step1Settings {
+        frozen: Step1Parameter::KEYS.map(str::to_owned).into(),
+        ..Step1Settings::default()
     };
     let (history, quality, because, best) = run(
         &settings,
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         healthy,
     );
     assert_eq!(
@@ -567,9 +557,9 @@ fn with_everything_frozen_there_is_nothing_new() {
 
 #[test]
 fn nonsense_is_refused_by_name() {
-    let history = History::new(Parameters::default());
-    let with = |f: fn(&mut Settings)| {
-        let mut s = Settings::default();
+    let history = History::new(Step1Parameters::default());
+    let with = |f: fn(&mut Step1Settings)| {
+        let mut s = Step1Settings::default();
         f(&mut s);
         decide(&s, &measured(), &history).unwrap_err().to_string()
     };
@@ -578,22 +568,28 @@ fn nonsense_is_refused_by_name() {
     assert!(with(|s| s.max_iterations = 0).contains("max_iterations"));
     assert!(
         with(|s| {
-            s.bounds.insert(
-                Parameter::TauSd,
-                Bounds {
-                    lower: 5.0,
-                    upper: 1.0,
-                },
-            );
+            s.bounds
+                .insert(Step1Parameter::TauSd.key().to_owned(), [5.0, 1.0]);
         })
         .contains("tau_SD_ms are 5 to 1")
+    );
+    assert!(with(|s| s.frozen.push("tau_XX".into())).contains("tau_SR_ref_ms"));
+    let mut unknown = Step1Settings {
+        update: Update::SpaceMapping,
+        ..Step1Settings::default()
+    };
+    unknown.weights.insert("SV".into(), 1.0);
+    let message = validate(&unknown).unwrap_err().to_string();
+    assert!(
+        message.contains("SV;") && message.contains("SV_mL"),
+        "{message}"
     );
     let flipped = Biomarkers {
         dpdt_min_mmhg_per_ms: Some(1.0),
         ..measured()
     };
     assert!(
-        decide(&Settings::default(), &flipped, &history)
+        decide(&Step1Settings::default(), &flipped, &history)
             .unwrap_err()
             .to_string()
             .contains("negative")
@@ -603,7 +599,7 @@ fn nonsense_is_refused_by_name() {
         ..measured()
     };
     assert!(
-        decide(&Settings::default(), &missing, &history)
+        decide(&Step1Settings::default(), &missing, &history)
             .unwrap_err()
             .to_string()
             .contains("PTD90_ms is None")
@@ -611,7 +607,7 @@ fn nonsense_is_refused_by_name() {
     let mut beyond = history.clone();
     beyond.resumed_at = 1;
     assert!(matches!(
-        decide(&Settings::default(), &measured(), &beyond),
+        decide(&Step1Settings::default(), &measured(), &beyond),
         Err(FixedPointError::ResumedAt {
             resumed_at: 1,
             n_iterations: 0
@@ -620,30 +616,16 @@ fn nonsense_is_refused_by_name() {
 }
 
 #[test]
-fn settings_and_history_survive_storage() {
-    let settings = Settings {
-        bounds: [(
-            Parameter::TCr,
-            Bounds {
-                lower: 100.0,
-                upper: 600.0,
-            },
-        )]
-        .into(),
-        frozen: [Parameter::RMvF].into(),
-        ..Settings::default()
+fn a_history_survives_storage() {
+    let settings = Step1Settings {
+        bounds: [(Step1Parameter::TCr.key().to_owned(), [100.0, 600.0])].into(),
+        frozen: vec![Step1Parameter::RMvF.key().to_owned()],
+        ..Step1Settings::default()
     };
-    let json = serde_json::to_string(&settings).unwrap();
-    assert!(
-        json.contains(r#""t_CR_ms":{"#) && json.contains(r#""first_converged""#),
-        "{json}"
-    );
-    assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings);
-    assert!(serde_json::from_str::<Settings>(r#"{"tolerence":0.1}"#).is_err());
     let (history, _, _, _) = run(
         &settings,
         &measured(),
-        History::new(Parameters::default()),
+        History::new(Step1Parameters::default()),
         healthy,
     );
     let back: History = serde_json::from_str(&serde_json::to_string(&history).unwrap()).unwrap();
@@ -660,7 +642,7 @@ proptest! {
         values in prop::collection::vec((0.0..3.0f64, -3.0..3.0f64, 0u8..12), 40),
         damping in 0.1..1.0f64, best_of_limit: bool, reruns in 0usize..3,
     ) {
-        let simulate = |k: usize, p: &Parameters| {
+        let simulate = |k: usize, p: &Step1Parameters| {
             let (a, b, kind) = values[k];
             match kind {
                 0 => Outcome::Failed,
@@ -670,15 +652,15 @@ proptest! {
                 _ => Outcome::Simulated(heart(p, b)),
             }
         };
-        let mut history = History::new(Parameters::default());
+        let mut history = History::new(Step1Parameters::default());
         for rerun in 0..=reruns {
-            let settings = Settings {
+            let settings = Step1Settings {
                 damping: damping / (1.0 + rerun as f64),
-                stop: if best_of_limit { Stop::BestOfLimit } else { Stop::FirstConverged },
-                ..Settings::default()
+                stop: if best_of_limit { StopRule::BestOfLimit } else { StopRule::FirstConverged },
+                ..Step1Settings::default()
             };
             let (after, _, _, best) = run(&settings, &measured(), history.resumed(), simulate);
-            prop_assert!(after.iterations.len() - after.resumed_at <= settings.max_iterations);
+            prop_assert!(after.iterations.len() - after.resumed_at <= settings.max_iterations as usize);
             prop_assert!(after.iterations.iter().all(|i| settings.admits(&i.parameters)));
             let costs: Vec<f64> = after.iterations.iter().map(|i| match &i.outcome {
                 Outcome::Simulated(b) => Cost::of(&measured(), b).total,

@@ -1,6 +1,6 @@
 //! What the cheap model's biomarkers are multiplied by.
 
-use crate::fixed_point::{Biomarker, Biomarkers};
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use nalgebra::{DMatrix, DVector};
 
 /// Ridge of the correction's slopes, as the square of a step of the logarithms: what two runs that lie closer than this say
@@ -10,11 +10,11 @@ const RIDGE: f64 = 0.1 * 0.1;
 const LARGEST: f64 = 2.0;
 
 /// Number of biomarkers.
-pub(super) const N: usize = Biomarker::ALL.len();
+pub(super) const N: usize = Biomarker::OF_ORGAN.len();
 
 /// ln(expensive/cheap) of each biomarker, none where either lacks it.
 pub(super) fn logarithms(expensive: &Biomarkers, cheap: &Biomarkers) -> [Option<f64>; N] {
-    Biomarker::ALL.map(|biomarker| expensive.ratio_to(cheap, biomarker).map(f64::ln))
+    Biomarker::OF_ORGAN.map(|biomarker| expensive.ratio_to(cheap, biomarker).map(f64::ln))
 }
 
 /// Correction by biomarker: exp(d + s·(x − x_b)), d the base's or between it and what is expected, s through all runs as well as the ridge lets it.
@@ -91,7 +91,7 @@ impl Correction {
     /// The cheap model's biomarkers at `x`, corrected.
     pub(super) fn apply(&self, x: &[f64], cheap: &Biomarkers) -> Biomarkers {
         let mut corrected = *cheap;
-        for (j, biomarker) in Biomarker::ALL.into_iter().enumerate() {
+        for (j, biomarker) in Biomarker::OF_ORGAN.into_iter().enumerate() {
             let slope: f64 = self.slopes[j]
                 .iter()
                 .zip(x.iter().zip(&self.base))

@@ -1,10 +1,11 @@
 //! Space mapping of step 1: its six parameters as logarithms within what hearts have.
 
 use super::{Effort, Nearness, Problem, Run, propose};
-use crate::fixed_point::{
-    Biomarker, Biomarkers, Bounds, Outcome, PARAMETERS, Parameter, Parameters, Settings,
-};
+use crate::fixed_point::{Outcome, Weights, driver};
 use crate::{Interval, least_squares};
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
+use cardiotwin_vocabulary::step1_settings::{Bounds, Step1Settings};
 use serde::{Deserialize, Serialize};
 
 /// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
@@ -31,7 +32,7 @@ const NEARNESS: Nearness = Nearness {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step1Run {
     /// What was simulated.
-    pub parameters: Parameters,
+    pub parameters: Step1Parameters,
     /// What came of it.
     pub outcome: Outcome,
     /// Misfit of the corrected cheap model there, where a proposal led to it.
@@ -46,25 +47,27 @@ pub struct Step1Problem<'a> {
     /// All runs, oldest first.
     pub runs: &'a [Step1Run],
     /// Initial guess: frozen parameters have its values.
-    pub initial: &'a Parameters,
-    /// Bounds, frozen parameters, weights of the biomarkers.
-    pub settings: &'a Settings,
+    pub initial: &'a Step1Parameters,
+    /// Bounds and frozen parameters.
+    pub settings: &'a Step1Settings,
+    /// Weights of the biomarkers.
+    pub weights: &'a Weights,
     /// As [`Problem::expected`].
-    pub expected: [f64; Biomarker::ALL.len()],
+    pub expected: [f64; Biomarker::OF_ORGAN.len()],
     /// For the points from which searches start.
     pub seed: u64,
 }
 
 /// Interval in which a proposal looks for a parameter, cut by the settings' bounds: what hearts have.
 #[must_use]
-pub fn plausible(parameter: Parameter) -> Bounds {
+pub fn plausible(parameter: Step1Parameter) -> Bounds {
     let (lower, upper) = match parameter {
-        Parameter::SmaxRef => (20.0, 600.0),
-        Parameter::TauSrRef => (0.3, 150.0),
-        Parameter::TauSd => (3.0, 300.0),
-        Parameter::TCr => (80.0, 700.0),
-        Parameter::RAvF => (1e-4, 0.1),
-        Parameter::RMvF => (1e-3, 0.3),
+        Step1Parameter::SmaxRef => (20.0, 600.0),
+        Step1Parameter::TauSrRef => (0.3, 150.0),
+        Step1Parameter::TauSd => (3.0, 300.0),
+        Step1Parameter::TCr => (80.0, 700.0),
+        Step1Parameter::RAvF => (1e-4, 0.1),
+        Step1Parameter::RMvF => (1e-3, 0.3),
     };
     Bounds { lower, upper }
 }
@@ -72,14 +75,14 @@ pub fn plausible(parameter: Parameter) -> Bounds {
 /// The next parameters of step 1, with the proposal that they are of; as [`propose()`].
 pub fn propose_step1(
     problem: &Step1Problem<'_>,
-    cheap: &dyn Fn(&Parameters) -> Outcome,
-) -> Option<(Parameters, super::Proposal)> {
+    cheap: &dyn Fn(&Step1Parameters) -> Outcome,
+) -> Option<(Step1Parameters, super::Proposal)> {
     // What no measured biomarker speaks of stays, as with the fixed point.
-    let moves = |p: &Parameter| {
-        !problem.settings.frozen.contains(p) && problem.measured.get(p.driver().0).is_some()
+    let moves = |p: &Step1Parameter| {
+        !problem.settings.is_frozen(*p) && problem.measured.get(driver(*p).0).is_some()
     };
-    let moving: Vec<Parameter> = PARAMETERS.into_iter().filter(moves).collect();
-    let logarithms = |p: &Parameters| -> Vec<f64> {
+    let moving: Vec<Step1Parameter> = Step1Parameter::ALL.into_iter().filter(moves).collect();
+    let logarithms = |p: &Step1Parameters| -> Vec<f64> {
         moving
             .iter()
             .map(|parameter| p.get(*parameter).ln())
@@ -106,14 +109,14 @@ pub fn propose_step1(
         .collect();
     let general = Problem {
         measured: problem.measured,
-        weights: &problem.settings.weights,
+        weights: problem.weights,
         runs: &runs,
         start: &logarithms(&problem.settings.clamp(problem.initial)),
         intervals: &intervals,
         prior: &[],
         nearness: NEARNESS,
         expected: problem.expected,
-        reach: [f64::INFINITY; Biomarker::ALL.len()],
+        reach: [f64::INFINITY; Biomarker::OF_ORGAN.len()],
         first_radius: FIRST_RADIUS,
         effort: EFFORT,
         seed: problem.seed,
@@ -122,11 +125,13 @@ pub fn propose_step1(
     Some((parameters(&proposal.x), proposal))
 }
 
-fn interval(parameter: Parameter, settings: &Settings) -> Interval {
+fn interval(parameter: Step1Parameter, settings: &Step1Settings) -> Interval {
     let (inner, outer) = (plausible(parameter), settings.bounds_of(parameter));
-    let (mut lower, mut upper) = (inner.lower.max(outer.lower), inner.upper.min(outer.upper));
+    // The interval is one of logarithms.
+    let outer_lower = outer.lower.max(1e-9);
+    let (mut lower, mut upper) = (inner.lower.max(outer_lower), inner.upper.min(outer.upper));
     if lower > upper {
-        (lower, upper) = (outer.lower, outer.upper);
+        (lower, upper) = (outer_lower, outer.upper);
     }
     Interval::new(lower.ln(), upper.ln())
 }

@@ -4,7 +4,8 @@ use super::correction::{Correction, logarithms};
 use super::minimise::{Effort, minimise};
 use super::trust;
 use crate::Interval;
-use crate::fixed_point::{Biomarker, Biomarkers, Cost, Outcome, Weights};
+use crate::fixed_point::{Cost, Outcome, Weights};
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use serde::{Deserialize, Serialize};
 
 /// Relative difference of each biomarker where the cheap model cannot even end its beat.
@@ -77,11 +78,11 @@ pub struct Problem<'a> {
     pub prior: &'a [Prior],
     /// What holds parameters near the start or the best run.
     pub nearness: Nearness,
-    /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::ALL`].
-    pub expected: [f64; Biomarker::ALL.len()],
+    /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::OF_ORGAN`].
+    pub expected: [f64; Biomarker::OF_ORGAN.len()],
     /// How far from its measurement, as a logarithm, the best run's biomarker speaks for half of its factor, and what is
     /// expected for the other half; infinite: the best run alone speaks.
-    pub reach: [f64; Biomarker::ALL.len()],
+    pub reach: [f64; Biomarker::OF_ORGAN.len()],
     /// How far the first corrected step may go: largest change of a logarithm.
     pub first_radius: f64,
     /// How hard the search tries.
@@ -193,8 +194,8 @@ impl<'a> Search<'a> {
     fn weights_of_base(&self, base: usize) -> [f64; super::correction::N] {
         let found = found(&self.problem.runs[base].outcome);
         std::array::from_fn(|j| {
-            let ratio =
-                found.and_then(|found| found.ratio_to(self.problem.measured, Biomarker::ALL[j]));
+            let ratio = found
+                .and_then(|found| found.ratio_to(self.problem.measured, Biomarker::OF_ORGAN[j]));
             ratio.map_or(1.0, |ratio| {
                 1.0 / (1.0 + (ratio.ln() / self.problem.reach[j]).powi(2))
             })
@@ -352,7 +353,7 @@ impl<'a> Search<'a> {
         proposal.step = Some(step);
         let is_measured =
             |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
-        proposal.correction = Biomarker::ALL
+        proposal.correction = Biomarker::OF_ORGAN
             .into_iter()
             .zip(correction.factors())
             .filter(is_measured)

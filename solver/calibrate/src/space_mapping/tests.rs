@@ -2,17 +2,17 @@ use super::of_step1::FIRST_RADIUS;
 use super::trust::radius;
 use super::*;
 use crate::Interval;
-use crate::fixed_point::{
-    Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings,
-    Weights,
-};
+use crate::fixed_point::{Cost, Outcome, Weights};
+use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
+use cardiotwin_vocabulary::step1_settings::Step1Settings;
 use proptest::prelude::*;
 
 const MEASURED: [f64; 6] = [120.0, 2.0, -1.8, 330.0, 80.0, 50.0];
 
 fn biomarkers(values: [f64; 6]) -> Biomarkers {
     let mut found = Biomarkers::default();
-    Biomarker::ALL
+    Biomarker::OF_ORGAN
         .into_iter()
         .zip(values)
         .for_each(|(biomarker, value)| found.set(biomarker, Some(value)));
@@ -20,9 +20,9 @@ fn biomarkers(values: [f64; 6]) -> Biomarkers {
 }
 
 /// A heart whose biomarkers are powers of all parameters; `rows` are the exponents, `scale` what it has at the guess.
-fn heart(p: &Parameters, scale: [f64; 6], rows: [[f64; 6]; 6]) -> Biomarkers {
-    let guess = Parameters::default();
-    let x = PARAMETERS.map(|q| (p.get(q) / guess.get(q)).ln());
+fn heart(p: &Step1Parameters, scale: [f64; 6], rows: [[f64; 6]; 6]) -> Biomarkers {
+    let guess = Step1Parameters::default();
+    let x = Step1Parameter::ALL.map(|q| (p.get(q) / guess.get(q)).ln());
     let value = |j: usize| scale[j] * rows[j].iter().zip(x).map(|(e, x)| e * x).sum::<f64>().exp();
     biomarkers(std::array::from_fn(value))
 }
@@ -38,12 +38,12 @@ const ROWS: [[f64; 6]; 6] = [
     [-0.1, 0.0, 0.2, 0.0, 0.0, 0.6],
 ];
 
-fn cheap(p: &Parameters) -> Outcome {
+fn cheap(p: &Step1Parameters) -> Outcome {
     Outcome::Simulated(heart(p, SCALE, ROWS))
 }
 
 /// Stronger, steeper, and coupled otherwise than the cheap one.
-fn expensive(p: &Parameters) -> Outcome {
+fn expensive(p: &Step1Parameters) -> Outcome {
     let scale = [70.0, 1.0, -0.9, 420.0, 75.0, 70.0];
     let mut rows = ROWS;
     (rows[0][0], rows[1][0], rows[3][2], rows[4][0]) = (0.75, 0.65, -0.2, -0.35);
@@ -53,17 +53,18 @@ fn expensive(p: &Parameters) -> Outcome {
 /// Proposes and simulates `n` times.
 fn run(
     n: usize,
-    settings: &Settings,
-    simulate: &dyn Fn(usize, &Parameters) -> Outcome,
+    settings: &Step1Settings,
+    simulate: &dyn Fn(usize, &Step1Parameters) -> Outcome,
 ) -> (Vec<Step1Run>, Vec<Proposal>) {
     let (mut runs, mut proposals) = (Vec::new(), Vec::new());
-    let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
+    let (measured, initial) = (biomarkers(MEASURED), Step1Parameters::default());
     for i in 0..n {
         let problem = Step1Problem {
             measured: &measured,
             runs: &runs,
             initial: &initial,
             settings,
+            weights: &Weights::default(),
             expected: [1.0; 7],
             seed: 1,
         };
@@ -90,7 +91,7 @@ fn cost(run: &Step1Run) -> f64 {
 
 #[test]
 fn the_cheap_model_itself_is_solved_at_once() {
-    let (runs, proposals) = run(2, &Settings::default(), &|_, p| cheap(p));
+    let (runs, proposals) = run(2, &Step1Settings::default(), &|_, p| cheap(p));
     // Far within the tolerance of 0.1: nearness to the guess leaves a little.
     assert!(cost(&runs[0]) < 2e-2, "{proposals:?}");
     assert!((proposals[0].cost - cost(&runs[0])).abs() < 1e-9);
@@ -99,7 +100,7 @@ fn the_cheap_model_itself_is_solved_at_once() {
 
 #[test]
 fn another_model_is_solved_in_a_few_runs_and_the_correction_is_exact_at_its_base() {
-    let (runs, proposals) = run(5, &Settings::default(), &|_, p| expensive(p));
+    let (runs, proposals) = run(5, &Step1Settings::default(), &|_, p| expensive(p));
     let costs: Vec<f64> = runs.iter().map(cost).collect();
     assert!(
         costs[0] > 0.05 && costs[1] < 0.02 && costs[2] < costs[1] && costs[4] < 1e-3,
@@ -128,15 +129,13 @@ fn another_model_is_solved_in_a_few_runs_and_the_correction_is_exact_at_its_base
 
 #[test]
 fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
-    let settings = Settings {
-        frozen: [Parameter::TCr].into(),
-        ..Settings::default()
+    let settings = Step1Settings {
+        frozen: vec![Step1Parameter::TCr.key().to_owned()],
+        ..Step1Settings::default()
     };
-    let initial = Parameters {
-        t_cr_ms: 480.0,
-        r_mv_f_mmhg_s_per_ml: 0.02,
-        ..Parameters::default()
-    };
+    let initial = Step1Parameters::default()
+        .with(Step1Parameter::TCr, 480.0)
+        .with(Step1Parameter::RMvF, 0.02);
     let mut measured = biomarkers(MEASURED);
     measured.set(Biomarker::TauVr, None);
     let problem = Step1Problem {
@@ -144,23 +143,27 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
         runs: &[],
         initial: &initial,
         settings: &settings,
+        weights: &Weights::default(),
         expected: [1.0; 7],
         seed: 1,
     };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;
     assert_eq!(
-        (parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml),
+        (
+            parameters.tanh.t_cr_ms,
+            parameters.valves.r_mv_f_mmhg_s_per_ml
+        ),
         (480.0, 0.02)
     );
-    assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
+    assert_ne!(parameters.tanh.smax_ref_kpa, initial.tanh.smax_ref_kpa);
 }
 
 #[test]
 fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
     let (measured, initial, settings) = (
         biomarkers(MEASURED),
-        Parameters::default(),
-        Settings::default(),
+        Step1Parameters::default(),
+        Step1Settings::default(),
     );
     let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6, 1.0];
     let problem = Step1Problem {
@@ -168,12 +171,13 @@ fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
         runs: &[],
         initial: &initial,
         settings: &settings,
+        weights: &Weights::default(),
         expected,
         seed: 1,
     };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;
     let mut found = heart(&parameters, SCALE, ROWS);
-    for (biomarker, factor) in Biomarker::ALL.into_iter().zip(expected) {
+    for (biomarker, factor) in Biomarker::OF_ORGAN.into_iter().zip(expected) {
         found.set(biomarker, found.get(biomarker).map(|value| value * factor));
     }
     assert!(Cost::of(&measured, &found).total < 2e-2, "{found:?}");
@@ -181,14 +185,14 @@ fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
 
 #[test]
 fn a_run_that_diverges_shortens_the_step_and_is_never_the_base() {
-    let fails = |i: usize, p: &Parameters| {
+    let fails = |i: usize, p: &Step1Parameters| {
         if i == 1 {
             Outcome::Failed
         } else {
             expensive(p)
         }
     };
-    let (runs, proposals) = run(4, &Settings::default(), &fails);
+    let (runs, proposals) = run(4, &Step1Settings::default(), &fails);
     let (long, short) = (proposals[1].step.unwrap(), proposals[2].radius.unwrap());
     assert!(
         (short / (0.25 * long) - 1.0).abs() < 1e-9,
@@ -200,9 +204,13 @@ fn a_run_that_diverges_shortens_the_step_and_is_never_the_base() {
 
 #[test]
 fn if_nothing_runs_the_initial_guess_is_next_and_in_the_end_there_is_nothing_left() {
-    let (runs, proposals) = run(9, &Settings::default(), &|_, _| Outcome::Failed);
+    let (runs, proposals) = run(9, &Step1Settings::default(), &|_, _| Outcome::Failed);
     assert_eq!(runs.len(), 5);
-    assert!(runs[1].parameters.close_to(&Parameters::default(), 1e-12));
+    assert!(
+        runs[1]
+            .parameters
+            .close_to(&Step1Parameters::default(), 1e-12)
+    );
     assert!(proposals.iter().all(|p| p.base.is_none()));
     for i in 0..5 {
         for j in 0..i {
@@ -215,7 +223,7 @@ fn if_nothing_runs_the_initial_guess_is_next_and_in_the_end_there_is_nothing_lef
 }
 
 /// The aortic valve opens once the pressure passes that of the aorta.
-fn shut_below(p: &Parameters, pressure: f64) -> Outcome {
+fn shut_below(p: &Step1Parameters, pressure: f64) -> Outcome {
     let Outcome::Simulated(found) = expensive(p) else {
         panic!()
     };
@@ -231,7 +239,7 @@ fn shut_below(p: &Parameters, pressure: f64) -> Outcome {
 
 #[test]
 fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
-    let (runs, proposals) = run(4, &Settings::default(), &|_, p| shut_below(p, 100.0));
+    let (runs, proposals) = run(4, &Step1Settings::default(), &|_, p| shut_below(p, 100.0));
     assert!(
         matches!(runs[0].outcome, Outcome::NoWholeBeat(_)),
         "{:?}",
@@ -251,7 +259,7 @@ fn other_residuals_are_exact_at_the_best_run() {
     // The cheap model's second residual vanishes at 1, the expensive one's at 1.5.
     let simulated = |x: &[f64]| {
         let mut found = Biomarkers::default();
-        found.set(Biomarker::ALL[0], Some(100.0 * x[0].exp()));
+        found.set(Biomarker::OF_ORGAN[0], Some(100.0 * x[0].exp()));
         Outcome::Simulated(found)
     };
     let cheap = |x: &[f64]| Trial {
@@ -259,7 +267,7 @@ fn other_residuals_are_exact_at_the_best_run() {
         also: vec![x[1] - 1.0],
     };
     let mut measured = Biomarkers::default();
-    measured.set(Biomarker::ALL[0], Some(120.0));
+    measured.set(Biomarker::OF_ORGAN[0], Some(120.0));
     let start = [0.0, 0.5];
     let run = Run {
         x: start.to_vec(),
@@ -276,7 +284,7 @@ fn other_residuals_are_exact_at_the_best_run() {
     let problem = Problem {
         measured: &measured,
         weights: &Weights::of_uncertainty_percent(
-            &[(Biomarker::ALL[0].key().to_owned(), 1.0)].into(),
+            &[(Biomarker::OF_ORGAN[0].key().to_owned(), 1.0)].into(),
         ),
         runs: &[run],
         start: &start,
@@ -310,7 +318,7 @@ fn other_residuals_are_exact_at_the_best_run() {
 fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expected() {
     let simulated = |value: f64| {
         let mut found = Biomarkers::default();
-        found.set(Biomarker::ALL[0], Some(value));
+        found.set(Biomarker::OF_ORGAN[0], Some(value));
         Outcome::Simulated(found)
     };
     // Twice the cheap model's value at the start; 1.2 times is expected.
@@ -323,7 +331,7 @@ fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expect
     };
     let factor = |measured_value: f64, reach: f64| {
         let mut measured = Biomarkers::default();
-        measured.set(Biomarker::ALL[0], Some(measured_value));
+        measured.set(Biomarker::OF_ORGAN[0], Some(measured_value));
         let local = crate::least_squares::Settings {
             cost_tolerance: 1e-12,
             step_tolerance: 1e-9,
@@ -423,15 +431,15 @@ proptest! {
         answers in prop::collection::vec((0u8..4, prop::array::uniform6(0.3f64..3.0)), 1..5),
         narrow in any::<bool>(),
     ) {
-        let mut settings = Settings::default();
+        let mut settings = Step1Settings::default();
         if narrow {
-            settings.bounds.insert(Parameter::SmaxRef, Bounds { lower: 90.0, upper: 110.0 });
-            settings.bounds.insert(Parameter::TauSd, Bounds { lower: 400.0, upper: 500.0 });
+            settings.bounds.insert(Step1Parameter::SmaxRef.key().to_owned(), [90.0, 110.0]);
+            settings.bounds.insert(Step1Parameter::TauSd.key().to_owned(), [400.0, 500.0]);
         }
-        let simulate = |i: usize, p: &Parameters| {
+        let simulate = |i: usize, p: &Step1Parameters| {
             let (kind, factors) = answers[i];
             let mut found = heart(p, SCALE, ROWS);
-            for (biomarker, factor) in Biomarker::ALL.into_iter().zip(factors) {
+            for (biomarker, factor) in Biomarker::OF_ORGAN.into_iter().zip(factors) {
                 found.set(biomarker, found.get(biomarker).map(|value| value * factor));
             }
             match kind {

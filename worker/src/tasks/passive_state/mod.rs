@@ -255,7 +255,7 @@ impl Measurements {
             periodic,
         );
         let set = BiomarkerSet::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
-        let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, given);
+        let biomarkers = biomarkers::to_schema(&set).0.overridden_by(given);
         Ok(Self {
             pressure,
             volume,

@@ -6,13 +6,13 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 
 use crate::error::TaskError;
 
 /// Multiplies measured biomarkers by their factors; returns the factors of those that were measured.
 ///
-/// - `factors`: by keys of [`cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS`], positive
+/// - `factors`: by keys of [`Biomarker::OF_COST`], positive
 ///
 /// # Errors
 /// [`TaskError::Factor`] for a key that step 1 does not fit, or a factor that is not positive and finite.
@@ -27,13 +27,13 @@ pub fn apply(
             factor: *factor,
             why,
         };
-        let place = measured
-            .step1_target_mut(name)
+        let biomarker = Biomarker::named(name)
+            .filter(|biomarker| Biomarker::OF_COST.contains(biomarker))
             .ok_or_else(|| refused("step 1 fits no such biomarker"))?;
         if !(*factor > 0.0 && factor.is_finite()) {
             return Err(refused("it is not positive and finite"));
         }
-        if let Some(value) = place {
+        if let Some(value) = measured.get_mut(biomarker) {
             *value *= factor;
             applied.insert(name.clone(), *factor);
         }

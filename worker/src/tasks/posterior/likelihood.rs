@@ -8,7 +8,7 @@
 //! by its measured biomarkers. The rates of pressure, which last shorter than samples lie apart, count in either case.
 
 use cardiotwin_calibrate::posterior::TraceErrors;
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::posterior::{Deviations, PosteriorSpec, TraceNoise};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
@@ -18,7 +18,7 @@ pub(super) struct Likelihood {
     pressure: Option<TraceErrors>,
     volume: Option<TraceErrors>,
     /// Measured biomarkers that count with their relative standard deviations.
-    biomarkers: Vec<(&'static str, f64, f64)>,
+    biomarkers: Vec<(Biomarker, f64, f64)>,
     /// Factor on all standard deviations.
     error_factor: f64,
     twin: BeatSamples,
@@ -97,20 +97,19 @@ impl Likelihood {
             let own = if i == j { noise.volume_variance() } else { 0.0 };
             own + of_model(&of_volume, i, j)
         });
-        let is_of_volume = |name: &str| ["SV_mL", "tau_VD_ms", "tau_VR_ms"].contains(&name);
         // A fortieth of a cycle says nothing of the steepest rates, which last some milliseconds.
-        let is_rate = |name: &str| name.starts_with("dPdt");
-        let counts = |name: &str| match is_of_volume(name) {
+        let is_rate = |b: Biomarker| matches!(b, Biomarker::DpdtMax | Biomarker::DpdtMin);
+        let counts = |biomarker: Biomarker| match biomarker.is_of_volume() {
             true => volume.is_none(),
-            false => pressure.is_none() || is_rate(name),
+            false => pressure.is_none() || is_rate(biomarker),
         };
         let biomarkers = spec
             .measured
             .of_organ()
             .into_iter()
-            .filter_map(|(name, value)| {
-                let percent = spec.uncertainty_percent.get(name)?;
-                counts(name).then_some((name, value?, percent / 100.0))
+            .filter_map(|(biomarker, value)| {
+                let percent = spec.uncertainty_percent.get(biomarker.key())?;
+                counts(biomarker).then_some((biomarker, value?, percent / 100.0))
             });
         let biomarkers = biomarkers.collect();
         Self {
@@ -147,14 +146,12 @@ impl Likelihood {
                 &self.twin.volume_ml,
             ),
         };
-        let [own, cheap, twin] = [
-            &beat.biomarkers,
-            &self.cheap_biomarkers,
-            &self.twin_biomarkers,
-        ]
-        .map(|b| b.of_organ());
-        let ratio = |k: usize| Some(twin[k].1? * own[k].1? / cheap[k].1?);
-        let biomarkers = Biomarkers::with_organ(std::array::from_fn(ratio));
+        let (cheap, twin) = (&self.cheap_biomarkers, &self.twin_biomarkers);
+        let moved = |b: Biomarker| Some(twin.get(b)? * beat.biomarkers.get(b)? / cheap.get(b)?);
+        let biomarkers = Biomarker::OF_ORGAN
+            .map(|b| (b, moved(b)))
+            .into_iter()
+            .collect();
         (samples, biomarkers)
     }
 
@@ -167,12 +164,8 @@ impl Likelihood {
         ] {
             all.extend(errors.iter().flat_map(|errors| errors.residuals(simulated)));
         }
-        let found = biomarkers.of_organ();
-        all.extend(self.biomarkers.iter().map(|(name, measured, sd)| {
-            let simulated = found
-                .iter()
-                .find(|(other, _)| other == name)
-                .and_then(|(_, value)| *value);
+        all.extend(self.biomarkers.iter().map(|(biomarker, measured, sd)| {
+            let simulated = biomarkers.get(*biomarker);
             simulated.map_or(f64::NAN, |simulated| (simulated / measured - 1.0) / sd)
         }));
         all.iter_mut()

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::posterior::{Draw, TruncatedNormal};
 use cardiotwin_calibrate::statistics::{mean, quantile_of};
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::outcome::Determination;
 use cardiotwin_schemas::posterior::{Band, ParameterSpread, PosteriorResult, Sampling, Spread};
 
@@ -42,19 +43,14 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
                 (axis.name.clone(), parameter(axis, prior, coordinates, twin))
             });
     let parameters: BTreeMap<String, ParameterSpread> = parameters.collect();
-    let biomarkers =
-        spec.measured
-            .of_organ()
-            .into_iter()
-            .enumerate()
-            .filter_map(|(k, (name, _))| {
-                // One that not every draw has is no quantity of the beat.
-                let values: Option<Vec<f64>> = draws
-                    .iter()
-                    .map(|draw| draw.seen.biomarkers.of_organ()[k].1)
-                    .collect();
-                Some((name.to_owned(), spread(values?)))
-            });
+    let biomarkers = Biomarker::OF_ORGAN.into_iter().filter_map(|biomarker| {
+        // One that not every draw has is no quantity of the beat.
+        let values: Option<Vec<f64>> = draws
+            .iter()
+            .map(|draw| draw.seen.biomarkers.get(biomarker))
+            .collect();
+        Some((biomarker.key().to_owned(), spread(values?)))
+    });
     PosteriorResult {
         parameters,
         biomarkers: biomarkers.collect(),

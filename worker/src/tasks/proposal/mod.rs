@@ -4,12 +4,17 @@ pub mod axes;
 pub mod step1;
 pub mod step3;
 
+use cardiotwin_calibrate::fixed_point::Outcome;
+use cardiotwin_calibrate::space_mapping::Proposal;
 use cardiotwin_models::ventricle::OneFibrePassive;
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
+use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::settings::{ActivationSettings, SolverSettings};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg};
+use std::collections::BTreeMap;
 
 use crate::error::TaskError;
 
@@ -81,4 +86,29 @@ pub(crate) fn one_fibre(
             ))
         }
     }
+}
+
+/// Outcome of a beat, judged by its checks; a failure where there is none.
+#[must_use]
+pub fn outcome(beat: Option<&OrganBeatResult>) -> Outcome {
+    match beat {
+        Some(beat) if beat.failed_simulation().is_none() => {
+            Outcome::of(&beat.biomarkers, beat.failed_valve().is_none())
+        }
+        _ => Outcome::Failed,
+    }
+}
+
+/// Outcome of an earlier run by its biomarkers; a failure where there are none.
+fn told(biomarkers: Option<&Biomarkers>, is_whole_beat: bool) -> Outcome {
+    biomarkers.map_or(Outcome::Failed, |b| Outcome::of(b, is_whole_beat))
+}
+
+/// Factors of the cheap model's biomarkers at a proposal's base, by key.
+fn factors(proposal: &Proposal) -> BTreeMap<String, f64> {
+    proposal
+        .correction
+        .iter()
+        .map(|(biomarker, factor)| (biomarker.key().to_owned(), *factor))
+        .collect()
 }

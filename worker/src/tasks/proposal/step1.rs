@@ -1,19 +1,20 @@
 //! What to simulate next in step 1: the one-fibre ventricle's optimum, corrected to the simulations so far.
 
-use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Parameters};
+use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_calibrate::space_mapping::{Step1Problem, Step1Run, propose_step1};
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Step1ProposalResult, TaskResult};
+use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1ProposalSpec};
 
-use super::one_fibre;
+use super::{factors, one_fibre, outcome, told};
 use crate::context::Context;
 use crate::error::TaskError;
-use crate::step1;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
 /// Biomarkers of the simulated organ over those of the one-fibre ventricle that are expected before any simulation: alike.
-const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
+const EXPECTED: [f64; Biomarker::OF_ORGAN.len()] = [1.0; Biomarker::OF_ORGAN.len()];
 
 /// Proposes.
 ///
@@ -33,30 +34,29 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&spec.beat, &passive, &activation)?;
-    let cheap = |p: &Parameters| match reduced_beat(
-        &with(&spec.beat, &step1::with(&start, p)),
-        &passive,
-        &activation,
-    ) {
-        Ok(Some(beat)) => step1::outcome(&beat),
-        Ok(None) | Err(_) => Outcome::Failed,
+    let cheap = |p: &Step1Parameters| {
+        let beat = reduced_beat(&with(&spec.beat, p), &passive, &activation);
+        outcome(beat.ok().flatten().as_ref())
     };
     let runs: Vec<Step1Run> = (spec.runs.iter())
         .map(|run| Step1Run {
-            parameters: step1::parameters(&run.parameters),
-            outcome: run
-                .biomarkers
-                .as_ref()
-                .map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
+            parameters: run.parameters,
+            outcome: told(run.biomarkers.as_ref(), run.whole_beat),
             predicted_misfit: run.predicted_misfit,
         })
         .collect();
+    let settings = Step1Settings {
+        bounds: spec.bounds.clone(),
+        frozen: spec.frozen.clone(),
+        ..Step1Settings::default()
+    };
     let proposal = propose_step1(
         &Step1Problem {
-            measured: &step1::biomarkers(&spec.measured),
+            measured: &spec.measured,
             runs: &runs,
-            initial: &step1::parameters(&start),
-            settings: &step1::settings(&spec.bounds, &spec.frozen, &spec.weights),
+            initial: &start,
+            settings: &settings,
+            weights: &Weights::of(&spec.weights)?,
             expected: EXPECTED,
             seed: spec.seed,
         },
@@ -66,14 +66,14 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         "no simulation of step 1 ended, nor does a beat of the one-fibre ventricle",
     ))?;
     Ok(TaskResult::Step1Proposal(Step1ProposalResult {
-        parameters: step1::with(&start, &parameters),
-        predicted: step1::to_schema(&proposal.biomarkers),
+        parameters: parameters,
+        predicted: proposal.biomarkers,
         predicted_cost: proposal.cost,
         predicted_misfit: proposal.misfit,
         from_iteration: proposal.base.map(|base| base as u32 + 1),
         trust_radius: proposal.radius,
         step: proposal.step,
-        correction: step1::factors(&proposal),
+        correction: factors(&proposal),
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }

@@ -1,9 +1,10 @@
 //! What to simulate next in step 3: the cell whose one-fibre ventricle, corrected to the beats so far, meets the data.
 
 use cardiotwin_calibrate::Interval;
-use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
+use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_calibrate::least_squares;
 use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::organ::{
     ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters,
 };
@@ -12,10 +13,9 @@ use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
 use super::axes::{axes, is_sensitive, named, point};
-use super::one_fibre;
+use super::{factors, one_fibre, outcome, told};
 use crate::context::Context;
 use crate::error::TaskError;
-use crate::step1;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
 /// The organ's factors are known at the best beat alone: among cells that serve alike the nearest is the surest.
@@ -83,17 +83,14 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
             None
         };
         Trial {
-            outcome: simulated.as_ref().map_or(Outcome::Failed, step1::outcome),
+            outcome: outcome(simulated.as_ref()),
             also: also(simulated.as_ref().map(|beat| &beat.samples)),
         }
     };
     let runs: Vec<Run> = (spec.runs.iter())
         .map(|Step3Run { run, samples }| Run {
             x: point(&axes, &run.parameters),
-            outcome: run
-                .biomarkers
-                .as_ref()
-                .map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
+            outcome: told(run.biomarkers.as_ref(), run.whole_beat),
             also: also(samples.as_ref()),
             predicted_misfit: run.predicted_misfit,
         })
@@ -103,10 +100,10 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let start: Vec<f64> = prior.iter().map(|prior| prior.centre).collect();
     let expected = match &spec.step1 {
         Some(of_step1) => expected(of_step1, &beat, &passive, &activation),
-        None => [1.0; Biomarker::ALL.len()],
+        None => [1.0; Biomarker::OF_ORGAN.len()],
     };
     let problem = Problem {
-        measured: &step1::biomarkers(&spec.measured),
+        measured: &spec.measured,
         weights: &Weights::of_uncertainty_percent(&spec.uncertainty_percent),
         runs: &runs,
         start: &start,
@@ -114,7 +111,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         prior: &prior,
         nearness: NEARNESS,
         expected,
-        reach: Biomarker::ALL.map(|b| {
+        reach: Biomarker::OF_ORGAN.map(|b| {
             if is_of_relaxation(b) {
                 f64::INFINITY
             } else {
@@ -130,13 +127,13 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     ))?;
     Ok(TaskResult::Step3Proposal(Step3ProposalResult {
         parameters: named(&proposal.x),
-        predicted: step1::to_schema(&proposal.biomarkers),
+        predicted: proposal.biomarkers,
         predicted_cost: proposal.cost,
         predicted_misfit: proposal.misfit,
         from_iteration: proposal.base.map(|base| base as u32 + 1),
         trust_radius: proposal.radius,
         step: proposal.step,
-        correction: step1::factors(&proposal),
+        correction: factors(&proposal),
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }
@@ -152,7 +149,7 @@ fn expected(
     beat: &OrganBeatSpec,
     passive: &OneFibrePassive,
     activation: &ActivationSpec,
-) -> [f64; Biomarker::ALL.len()] {
+) -> [f64; Biomarker::OF_ORGAN.len()] {
     let Step1Parameters { tanh, valves } = of_step1.parameters;
     let beat = OrganBeatSpec {
         contraction: ContractionSpec::Tanh { parameters: tanh },
@@ -160,11 +157,9 @@ fn expected(
         ..beat.clone()
     };
     let simulated = reduced_beat(&beat, passive, activation).ok().flatten();
-    let one_fibre = simulated
-        .map(|beat| step1::biomarkers(&beat.biomarkers))
-        .unwrap_or_default();
-    let organ = step1::biomarkers(&of_step1.biomarkers);
-    Biomarker::ALL.map(|biomarker| match organ.ratio_to(&one_fibre, biomarker) {
+    let one_fibre = simulated.map(|beat| beat.biomarkers).unwrap_or_default();
+    let organ = &of_step1.biomarkers;
+    Biomarker::OF_ORGAN.map(|biomarker| match organ.ratio_to(&one_fibre, biomarker) {
         Some(ratio) if !is_of_relaxation(biomarker) => ratio,
         _ => 1.0,
     })

@@ -2,16 +2,18 @@
 
 use std::collections::BTreeMap;
 
+use crate::biomarkers::Biomarker;
+
 /// Root mean square errors that noise of 1 to 1.5 mmHg and of 2 to 3 mL a frame makes of measured biomarkers, in percent: of
 /// 200 hearts of `solver/validation` (`cargo run --release -p cardiotwin-recordings --example biomarker-noise`).
-pub const NOISE_PERCENT: [(&str, f64); 7] = [
-    ("P_max_mmHg", 1.0),
-    ("dPdt_max_mmHg_per_ms", 3.9),
-    ("dPdt_min_mmHg_per_ms", 3.3),
-    ("PTD90_ms", 1.4),
-    ("SV_mL", 3.8),
-    ("tau_VD_ms", 9.1),
-    ("tau_VR_ms", 9.7),
+pub const NOISE_PERCENT: [(Biomarker, f64); 7] = [
+    (Biomarker::PMax, 1.0),
+    (Biomarker::DpdtMax, 3.9),
+    (Biomarker::DpdtMin, 3.3),
+    (Biomarker::Ptd90, 1.4),
+    (Biomarker::Sv, 3.8),
+    (Biomarker::TauVd, 9.1),
+    (Biomarker::TauVr, 9.7),
 ];
 
 /// (1 %/σ)² to two digits, as a person would write them.
@@ -20,6 +22,6 @@ pub fn weights() -> BTreeMap<String, f64> {
     let two_digits = |x: f64| format!("{x:.1e}").parse().unwrap_or(x);
     NOISE_PERCENT
         .iter()
-        .map(|(name, sd)| ((*name).to_owned(), two_digits(sd.powi(-2))))
+        .map(|(biomarker, sd)| (biomarker.key().to_owned(), two_digits(sd.powi(-2))))
         .collect()
 }

@@ -1,0 +1,385 @@
+//! Biomarkers of pressure, volume, active stress and stretch (Jung et al. 2022, Appendix C).
+//!
+//! [`Biomarker`] and [`Biomarkers`] come from one table. A new biomarker is one line there; `cardiotwin-signals` reads
+//! it from the traces.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::label::Label;
+
+macro_rules! biomarkers {
+    ($($(#[doc = $doc:literal])* $variant:ident, $field:ident, $key:literal, $unit:literal,
+       $symbol:literal, $subscript:literal, $meaning:literal;)*) => {
+        /// Name of one biomarker of a beat.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        pub enum Biomarker {
+            $($(#[doc = $doc])* #[serde(rename = $key)] $variant,)*
+        }
+
+        /// Biomarkers of one beat of the left ventricle. Absent where the trace is absent.
+        #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct Biomarkers {
+            $($(#[doc = $doc])*
+            #[serde(rename = $key, skip_serializing_if = "Option::is_none")]
+            pub $field: Option<f64>,)*
+        }
+
+        impl Biomarker {
+            /// All biomarkers, in the order of tables.
+            pub const ALL: [Self; [$($key),*].len()] = [$(Self::$variant),*];
+
+            /// Key with its unit, as in files.
+            #[must_use]
+            pub const fn key(self) -> &'static str {
+                match self { $(Self::$variant => $key,)* }
+            }
+
+            /// Symbol, unit and meaning.
+            #[must_use]
+            pub const fn label(self) -> Label {
+                match self { $(Self::$variant => Label {
+                    key: $key, symbol: $symbol, subscript: $subscript, unit: $unit, meaning: $meaning,
+                },)* }
+            }
+        }
+
+        impl Biomarkers {
+            /// Value of one biomarker, in the unit of its key.
+            #[must_use]
+            pub const fn get(&self, biomarker: Biomarker) -> Option<f64> {
+                match biomarker { $(Biomarker::$variant => self.$field,)* }
+            }
+
+            /// Place of one biomarker's value, in the unit of its key.
+            pub const fn get_mut(&mut self, biomarker: Biomarker) -> &mut Option<f64> {
+                match biomarker { $(Biomarker::$variant => &mut self.$field,)* }
+            }
+        }
+    };
+}
+
+biomarkers! {
+    // variant, field, key in files, unit, symbol, subscript, meaning;
+    /// Peak pressure.
+    PMax, p_max_mmhg, "P_max_mmHg", "mmHg", "P", "max", "peak pressure";
+    /// Largest pressure rate before the peak.
+    DpdtMax, dpdt_max_mmhg_per_ms, "dPdt_max_mmHg_per_ms", "mmHg/ms", "dP/dt", "max", "largest pressure rate before the peak";
+    /// Smallest (negative) pressure rate after the peak.
+    DpdtMin, dpdt_min_mmhg_per_ms, "dPdt_min_mmHg_per_ms", "mmHg/ms", "dP/dt", "min", "smallest pressure rate after the peak";
+    /// Pressure transient duration at 90 % decay, t3 − t1.
+    Ptd90, ptd90_ms, "PTD90_ms", "ms", "PTD", "90", "pressure transient duration, t3 − t1";
+    /// Stroke volume.
+    Sv, sv_ml, "SV_mL", "mL", "SV", "", "stroke volume";
+    /// Time constant of ejection.
+    TauVd, tau_vd_ms, "tau_VD_ms", "ms", "τ", "VD", "time constant of ejection";
+    /// Time constant of rapid filling.
+    TauVr, tau_vr_ms, "tau_VR_ms", "ms", "τ", "VR", "time constant of rapid filling";
+    /// Volume at the beat's start.
+    Edv, edv_ml, "EDV_mL", "mL", "EDV", "", "volume at the beat's start";
+    /// Smallest volume.
+    Esv, esv_ml, "ESV_mL", "mL", "ESV", "", "smallest volume";
+    /// Pressure at the beat's start.
+    Edp, edp_mmhg, "EDP_mmHg", "mmHg", "EDP", "", "pressure at the beat's start";
+    /// Measured EDV minus simulated volume at the beat's end.
+    EndOfBeatGap, end_of_beat_gap_ml, "end_of_beat_gap_mL", "mL", "gap", "", "measured EDV minus simulated volume at the beat's end";
+}
+
+impl Biomarker {
+    /// The five biomarkers of Table 2 of Jung et al. 2022, in its order.
+    pub const TABLE_2: [Self; 5] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::Sv,
+    ];
+    /// Terms of step 1's cost (Jung et al. 2022, eqs. 12 and 14), biomarkers of pressure first. A robustness sweep of
+    /// kind `data` perturbs the same six.
+    pub const OF_COST: [Self; 6] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::TauVd,
+        Self::TauVr,
+    ];
+    /// Biomarkers that steps 1 and 3 compare: the terms of the cost, then stroke volume.
+    pub const OF_ORGAN: [Self; 7] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::TauVd,
+        Self::TauVr,
+        Self::Sv,
+    ];
+
+    /// Unit as people write it.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        self.label().unit
+    }
+
+    /// Keys of [`Self::OF_COST`].
+    pub const COST_KEYS: [&'static str; Self::OF_COST.len()] = keys(Self::OF_COST);
+    /// Keys of [`Self::OF_ORGAN`].
+    pub const ORGAN_KEYS: [&'static str; Self::OF_ORGAN.len()] = keys(Self::OF_ORGAN);
+
+    /// The biomarker with this key.
+    #[must_use]
+    pub fn named(key: &str) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|biomarker| biomarker.key() == key)
+    }
+
+    /// Whether a volume trace is needed to read it. Such a biomarker is absent in a personalisation to pressure alone.
+    #[must_use]
+    pub const fn is_of_volume(self) -> bool {
+        !matches!(
+            self,
+            Self::PMax | Self::DpdtMax | Self::DpdtMin | Self::Ptd90 | Self::Edp
+        )
+    }
+}
+
+const fn keys<const N: usize>(of: [Biomarker; N]) -> [&'static str; N] {
+    let mut keys = [""; N];
+    let mut idx = 0;
+    while idx < N {
+        keys[idx] = of[idx].key();
+        idx += 1;
+    }
+    keys
+}
+
+impl std::fmt::Display for Biomarker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.key())
+    }
+}
+
+impl FromIterator<(Biomarker, Option<f64>)> for Biomarkers {
+    fn from_iter<I: IntoIterator<Item = (Biomarker, Option<f64>)>>(values: I) -> Self {
+        let mut all = Self::default();
+        for (biomarker, value) in values {
+            *all.get_mut(biomarker) = value;
+        }
+        all
+    }
+}
+
+impl Biomarkers {
+    /// Sets one value, in the unit of the biomarker's key.
+    pub const fn set(&mut self, biomarker: Biomarker, value: Option<f64>) {
+        *self.get_mut(biomarker) = value;
+    }
+
+    /// The biomarkers of [`Biomarker::OF_ORGAN`] with their values.
+    #[must_use]
+    pub fn of_organ(&self) -> [(Biomarker, Option<f64>); Biomarker::OF_ORGAN.len()] {
+        Biomarker::OF_ORGAN.map(|biomarker| (biomarker, self.get(biomarker)))
+    }
+
+    /// The same without biomarkers outside [`Biomarker::OF_ORGAN`].
+    #[must_use]
+    pub fn organ_alone(&self) -> Self {
+        self.of_organ().into_iter().collect()
+    }
+
+    /// The same without biomarkers that need a volume trace.
+    #[must_use]
+    pub fn pressure_alone(&self) -> Self {
+        let of_pressure = |biomarker: &Biomarker| !biomarker.is_of_volume();
+        let kept = Biomarker::ALL.into_iter().filter(of_pressure);
+        kept.map(|biomarker| (biomarker, self.get(biomarker)))
+            .collect()
+    }
+
+    /// Values of `given` where it has them, of `self` elsewhere.
+    #[must_use]
+    pub fn overridden_by(&self, given: &Self) -> Self {
+        Biomarker::ALL
+            .into_iter()
+            .map(|biomarker| (biomarker, given.get(biomarker).or(self.get(biomarker))))
+            .collect()
+    }
+
+    /// Measured (`self`) over simulated value; absent unless both exist, have one sign and give a finite ratio.
+    #[must_use]
+    pub fn ratio_to(&self, simulated: &Self, biomarker: Biomarker) -> Option<f64> {
+        let ratio = self.get(biomarker)? / simulated.get(biomarker)?;
+        (ratio.is_finite() && ratio > 0.0).then_some(ratio)
+    }
+}
+
+/// The time points that define the biomarkers (paper, Figure A1), ms from the beat's start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct TimePoints {
+    /// Upstroke crossing of min P + 10 % of the amplitude.
+    pub t1_ms: Option<f64>,
+    /// Peak pressure.
+    pub t2_ms: Option<f64>,
+    /// Downstroke crossing of the same level.
+    pub t3_ms: Option<f64>,
+    /// Ejection begins.
+    pub t4_ms: Option<f64>,
+    /// Ejection ends.
+    pub t5_ms: Option<f64>,
+    /// Filling begins.
+    pub t6_ms: Option<f64>,
+    /// 80 % of the volume is recovered.
+    pub t7_ms: Option<f64>,
+}
+
+/// Biomarkers of the active stress, the stretch and the calcium of a cell or of median nodal traces: step 2's targets.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CellBiomarkers {
+    /// Peak active stress.
+    #[serde(rename = "Sa_max_kPa")]
+    pub sa_max_kpa: f64,
+    /// Largest rate of the active stress before its peak.
+    #[serde(rename = "dSadt_max_kPa_per_ms")]
+    pub dsadt_max_kpa_per_ms: f64,
+    /// Stress transient duration at 30 % decay.
+    #[serde(rename = "STD30_ms")]
+    pub std30_ms: f64,
+    /// Stress transient duration at 50 % decay.
+    #[serde(rename = "STD50_ms")]
+    pub std50_ms: f64,
+    /// Stress transient duration at 90 % decay.
+    #[serde(rename = "STD90_ms")]
+    pub std90_ms: f64,
+    /// Smallest fibre stretch.
+    pub lambda_min: f64,
+}
+
+/// Labels of [`CellBiomarkers`], in its order.
+pub const CELL_BIOMARKERS: [Label; 6] = [
+    of_cell("Sa_max_kPa", "S", "a,max", "kPa", "peak active stress"),
+    of_cell(
+        "dSadt_max_kPa_per_ms",
+        "dSₐ/dt",
+        "max",
+        "kPa/ms",
+        "largest rate before the peak",
+    ),
+    of_cell(
+        "STD30_ms",
+        "STD",
+        "30",
+        "ms",
+        "stress transient duration at 30 % decay",
+    ),
+    of_cell(
+        "STD50_ms",
+        "STD",
+        "50",
+        "ms",
+        "stress transient duration at 50 % decay",
+    ),
+    of_cell(
+        "STD90_ms",
+        "STD",
+        "90",
+        "ms",
+        "stress transient duration at 90 % decay",
+    ),
+    of_cell("lambda_min", "λ", "min", "", "smallest fibre stretch"),
+];
+
+const fn of_cell(
+    key: &'static str,
+    symbol: &'static str,
+    subscript: &'static str,
+    unit: &'static str,
+    meaning: &'static str,
+) -> Label {
+    Label {
+        key,
+        symbol,
+        subscript,
+        unit,
+        meaning,
+    }
+}
+
+/// Windows over which biomarkers of noisy traces are read; absent where samples are taken as they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NoiseWindows {
+    /// Of the pressure: its largest value and its rates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pressure_ms: Option<f64>,
+    /// Of the volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume_ms: Option<f64>,
+}
+
+impl NoiseWindows {
+    /// Whether samples of both traces are taken as they are.
+    #[must_use]
+    pub fn are_none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_biomarker_has_a_place_of_its_own_under_its_key() {
+        let values = (1..=Biomarker::ALL.len()).map(|n| Some(n as f64));
+        let biomarkers: Biomarkers = Biomarker::ALL.into_iter().zip(values).collect();
+        let written = serde_json::to_value(biomarkers).unwrap();
+        assert_eq!(written.as_object().unwrap().len(), Biomarker::ALL.len());
+        for (n, biomarker) in (1..).zip(Biomarker::ALL) {
+            assert_eq!(written[biomarker.key()], f64::from(n), "{biomarker}");
+            assert_eq!(biomarkers.get(biomarker), Some(f64::from(n)));
+            assert_eq!(Biomarker::named(biomarker.key()), Some(biomarker));
+            assert!(
+                biomarker
+                    .key()
+                    .ends_with(&biomarker.unit().replace('/', "_per_"))
+            );
+        }
+    }
+
+    #[test]
+    fn given_values_win_and_fill() {
+        let found = Biomarkers {
+            p_max_mmhg: Some(120.0),
+            sv_ml: Some(70.0),
+            ..Biomarkers::default()
+        };
+        let given = Biomarkers {
+            p_max_mmhg: Some(125.0),
+            ptd90_ms: Some(400.0),
+            ..Biomarkers::default()
+        };
+        let merged = found.overridden_by(&given);
+        assert_eq!(
+            (merged.p_max_mmhg, merged.sv_ml, merged.ptd90_ms),
+            (Some(125.0), Some(70.0), Some(400.0))
+        );
+        assert_eq!(merged.edv_ml, None);
+    }
+
+    #[test]
+    fn pressure_alone_keeps_no_volume_and_organ_alone_no_other_biomarker() {
+        let all: Biomarkers = Biomarker::ALL.map(|b| (b, Some(1.0))).into_iter().collect();
+        let kept = |b: Biomarkers| {
+            Biomarker::ALL
+                .into_iter()
+                .filter(move |k| b.get(*k).is_some())
+        };
+        assert!(kept(all.pressure_alone()).all(|b| !b.is_of_volume()));
+        assert_eq!(kept(all.pressure_alone()).count(), 5);
+        assert!(kept(all.organ_alone()).all(|b| Biomarker::OF_ORGAN.contains(&b)));
+        assert_eq!(kept(all.organ_alone()).count(), Biomarker::OF_ORGAN.len());
+    }
+}

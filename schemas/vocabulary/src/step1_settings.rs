@@ -1,0 +1,161 @@
+//! Settings of step 1, with their defaults (SPEC section 5).
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::biomarker_noise;
+use crate::step1::{Step1Parameter, Step1Parameters, TanhParameters, ValveParameters};
+
+/// When step 1 stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopRule {
+    /// As `first-converged` with the fixed point; with space mapping within the tolerance, too, but not as long as another
+    /// simulation promises to take away a fifth of the misfit.
+    Auto,
+    /// At the first iterate whose cost is within the tolerance (the paper's rule).
+    FirstConverged,
+    /// After `max_iterations` (or a stall or a failure); the best iterate is taken.
+    BestOfLimit,
+}
+
+/// How step 1 finds the next parameters.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Update {
+    /// Space mapping for the finite-element ventricle; the fixed point for the reduced one, which would propose to itself.
+    #[default]
+    Auto,
+    /// The paper's: each parameter times the ratio of one biomarker.
+    FixedPoint,
+    /// The one-fibre ventricle, corrected to the simulations so far, proposes.
+    SpaceMapping,
+}
+
+/// Step 1 (SPEC section 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Step1Settings {
+    /// How the next parameters are found.
+    pub update: Update,
+    /// Converged at this cost or below.
+    pub tolerance: f64,
+    /// Largest number of simulations.
+    pub max_iterations: u32,
+    /// Exponent of every update ratio of the fixed point: 1 is the paper's, smaller is damped.
+    pub damping: f64,
+    /// When to stop.
+    pub stop: StopRule,
+    /// So many iterations in a row without improvement end the loop.
+    pub stall_iterations: u32,
+    /// Relative improvement of the best cost that counts.
+    pub stall_improvement: f64,
+    /// Parameters that stay at their initial value: keys of `bounds`.
+    pub frozen: Vec<String>,
+    /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
+    /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
+    /// of the best iteration. Defaults are (1 %/σ)², with the errors σ that a clinic's noise makes
+    /// (docs/step1.md). The cost has none: every weight is 1 there, that of `SV_mL` 0.
+    pub weights: BTreeMap<String, f64>,
+    /// First guess of the Tanh model.
+    pub initial: TanhParameters,
+    /// First guess of the valves.
+    pub valves: ValveParameters,
+    /// Bounds of the updated parameters, lower and upper. Keys: `Smax_ref_kPa`, `tau_SR_ref_ms`, `tau_SD_ms`,
+    /// `t_CR_ms`, `R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`.
+    pub bounds: BTreeMap<String, [f64; 2]>,
+}
+
+impl Default for Step1Settings {
+    fn default() -> Self {
+        Self {
+            update: Update::default(),
+            tolerance: 0.1,
+            max_iterations: 10,
+            damping: 1.0,
+            stop: StopRule::Auto,
+            stall_iterations: 3,
+            stall_improvement: 0.05,
+            frozen: Vec::new(),
+            weights: biomarker_noise::weights(),
+            initial: TanhParameters::default(),
+            valves: ValveParameters::default(),
+            bounds: Step1Parameter::ALL
+                .map(|parameter| (parameter.key().to_owned(), parameter.default_bounds()))
+                .into(),
+        }
+    }
+}
+
+/// Interval that a parameter may take, both ends included, in the unit of the parameter's key.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+}
+
+impl Bounds {
+    /// Whether a value lies inside, ends included up to rounding.
+    #[must_use]
+    pub fn contains(&self, value: f64) -> bool {
+        value >= self.lower * (1.0 - 1e-12) && value <= self.upper * (1.0 + 1e-12)
+    }
+
+    /// Whether a value sits on one of the ends, up to rounding.
+    #[must_use]
+    pub fn at_end(&self, value: f64) -> bool {
+        value <= self.lower * (1.0 + 1e-9) || value >= self.upper * (1.0 - 1e-9)
+    }
+}
+
+impl Step1Settings {
+    /// First guess.
+    #[must_use]
+    pub fn start(&self) -> Step1Parameters {
+        Step1Parameters {
+            tanh: self.initial,
+            valves: self.valves,
+        }
+    }
+
+    /// The interval of a parameter: its default one where the settings name none.
+    #[must_use]
+    pub fn bounds_of(&self, parameter: Step1Parameter) -> Bounds {
+        let given = self.bounds.get(parameter.key()).copied();
+        let [lower, upper] = given.unwrap_or_else(|| parameter.default_bounds());
+        Bounds { lower, upper }
+    }
+
+    /// Parameters that may move.
+    pub fn moving(&self) -> impl Iterator<Item = Step1Parameter> {
+        Step1Parameter::ALL
+            .into_iter()
+            .filter(|parameter| !self.is_frozen(*parameter))
+    }
+
+    /// Whether a parameter keeps its value.
+    #[must_use]
+    pub fn is_frozen(&self, parameter: Step1Parameter) -> bool {
+        self.frozen.iter().any(|name| name == parameter.key())
+    }
+
+    /// Whether all parameters that may move lie within their bounds.
+    #[must_use]
+    pub fn admits(&self, parameters: &Step1Parameters) -> bool {
+        self.moving()
+            .all(|p| self.bounds_of(p).contains(parameters.get(p)))
+    }
+
+    /// Parameters moved into their bounds; frozen ones keep their value.
+    #[must_use]
+    pub fn clamp(&self, parameters: &Step1Parameters) -> Step1Parameters {
+        self.moving().fold(*parameters, |inside, p| {
+            let bounds = self.bounds_of(p);
+            inside.with(p, parameters.get(p).clamp(bounds.lower, bounds.upper))
+        })
+    }
+}
