@@ -57,39 +57,51 @@ pub struct WallSettings {
     pub muscle_law: MuscleLaw,
     /// Guccione's C with which the search for the patient's begins.
     #[serde(rename = "guccione_C_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub guccione_c_kpa: f64,
     /// Exponent along the fibre.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_f: f64,
     /// Exponent across it.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_t: f64,
     /// Exponent of fibre shear.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
     /// Constants of Holzapfel and Ogden's law; the search for the patient's moduli begins with them.
     pub holzapfel_ogden: HolzapfelOgdenSettings,
     /// Shear modulus of a neo-Hookean muscle with which the search for the patient's begins.
     #[serde(rename = "neo_hookean_mu_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub neo_hookean_mu_kpa: f64,
     /// Bulk modulus of muscle.
     #[serde(rename = "kappa_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub kappa_kpa: f64,
     /// Share of it that resists each element's own change of volume, where the rest resists nodal averages; absent: a hundredth in
     /// linear elements, none in quadratic ones.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub pointwise_share: Option<f64>,
     /// How active stress acts along the fibre.
     pub active_convention: ActiveConvention,
     /// Share of the active stress that acts along the sheet, too; shares of effects come on top.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub cross_fibre_share: f64,
     /// How long contraction lasts at the epicardium over how long at the endocardium; linear in the depth between.
+    #[schemars(extend("minimum" = 0.5, "maximum" = 2.0))]
     pub epicardial_duration_share: f64,
     /// Share of the active stress that acts along the normal of the sheet, across the fibre in the plane of the wall where
     /// sheets are transmural.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub sheet_normal_share: f64,
     /// Shear modulus of the aortic root, and of all passive tissue that has no entry in `passive`.
     #[serde(rename = "aorta_mu_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub aorta_mu_kpa: f64,
     /// Bulk modulus of the aortic root.
     #[serde(rename = "aorta_kappa_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub aorta_kappa_kpa: f64,
     /// Passive tissue of its own by the mesh's tags.
     #[serde(
@@ -98,29 +110,38 @@ pub struct WallSettings {
     )]
     pub passive: PassiveTissues,
     /// Density.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.0))]
     pub density_g_per_mm3: f64,
     /// Rayleigh damping by mass.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub mass_damping_per_ms: f64,
     /// Rayleigh damping by stiffness.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub stiffness_damping_ms: f64,
     /// Pericardium: springs along the normal of epicardium and septum, at the apex.
     #[serde(rename = "epicardial_spring_kPa_per_mm")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub epicardial_spring_kpa_per_mm: f64,
     /// Pericardium: dashpots beside these springs.
     #[serde(rename = "epicardial_dashpot_kPa_ms_per_mm")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub epicardial_dashpot_kpa_ms_per_mm: f64,
     /// Stiffness and damping of the pericardium at the base over those at the apex; linear in the height between.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub epicardial_base_share: f64,
     /// Springs in all directions on the rim.
     #[serde(rename = "rim_spring_kPa_per_mm")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub rim_spring_kpa_per_mm: f64,
     /// Dashpots beside these springs.
     #[serde(rename = "rim_dashpot_kPa_ms_per_mm")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub rim_dashpot_kpa_ms_per_mm: f64,
     /// Springs and dashpots of further surfaces of the patient's own mesh, by their names.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub surface: BTreeMap<String, SurfaceSpring>,
     /// Spectral radius of generalised-α: 0 damps the highest frequencies at once.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub spectral_radius: f64,
 }
 
@@ -130,9 +151,11 @@ pub struct WallSettings {
 pub struct SurfaceSpring {
     /// Stiffness along the normal.
     #[serde(rename = "spring_kPa_per_mm")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub spring_kpa_per_mm: f64,
     /// Dashpots beside them.
     #[serde(rename = "dashpot_kPa_ms_per_mm")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub dashpot_kpa_ms_per_mm: f64,
 }
 
@@ -174,12 +197,16 @@ impl Default for WallSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct FibreSettings {
     /// Fibre angle at the endocardium.
+    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
     pub alpha_endo_deg: f64,
     /// Fibre angle at the epicardium.
+    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
     pub alpha_epi_deg: f64,
     /// Sheet angle at the endocardium.
+    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
     pub beta_endo_deg: f64,
     /// Sheet angle at the epicardium.
+    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
     pub beta_epi_deg: f64,
 }
 
@@ -199,10 +226,13 @@ impl Default for FibreSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct ConductionSettings {
     /// Along the fibre.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub along_m_per_s: f64,
     /// Across it.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub across_m_per_s: f64,
     /// Of the fast endocardial layer; 0 for none.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub endocardium_m_per_s: f64,
 }
 
@@ -221,10 +251,13 @@ impl Default for ConductionSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct NewtonSettings {
     /// An iteration's step is halved so often at most; then the time step fails, and is halved itself.
+    #[schemars(range(min = 0, max = 30))]
     pub halvings: u32,
     /// It is halved when an element's volume would shrink below this share.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 0.9))]
     pub smallest_volume_ratio: f64,
     /// Farthest that an iteration moves a node; 0: as far as it likes.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub farthest_mm: f64,
 }
 
@@ -249,12 +282,15 @@ impl NewtonSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct FiniteElementSettings {
     /// About how many nodes the generated mesh has.
+    #[schemars(range(min = 500, max = 2_000_000))]
     pub mesh_nodes: u32,
     /// Which elements.
     pub element: ElementKind,
     /// Residual of a time step over the scale of its forces at which it has converged.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 0.1))]
     pub tolerance: f64,
     /// Newton iterations after which a step fails.
+    #[schemars(range(min = 1, max = 1000))]
     pub newton_iterations: u32,
     /// What keeps Newton's method on its way.
     pub newton: NewtonSettings,
@@ -263,6 +299,7 @@ pub struct FiniteElementSettings {
     /// Longest time step of late filling: after ejection, with the mitral valve open, while pressure changes by less than 0.1 mmHg
     /// a millisecond. 0: as any other.
     #[serde(skip_serializing_if = "crate::task::is_zero")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
     /// The wall.
     pub wall: WallSettings,

@@ -25,25 +25,34 @@ pub enum MuscleLaw {
 pub struct HolzapfelOgdenSettings {
     /// Modulus of the ground substance: that of the search's beginning, and the one that tells the law's stiffness.
     #[serde(rename = "a_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub a_kpa: f64,
     /// Its exponent.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b: f64,
     /// Modulus along the fibre.
     #[serde(rename = "a_f_kPa")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_f_kpa: f64,
     /// Its exponent.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_f: f64,
     /// Modulus along the sheet.
     #[serde(rename = "a_s_kPa")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_s_kpa: f64,
     /// Its exponent.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_s: f64,
     /// Modulus of shear between fibre and sheet.
     #[serde(rename = "a_fs_kPa")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_fs_kpa: f64,
     /// Its exponent.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
     /// Sharpness of the switch by which fibres and sheets bear load in extension only.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub switch: f64,
 }
 
@@ -82,9 +91,11 @@ pub enum ActiveConvention {
 pub struct PassiveTissueSettings {
     /// Shear modulus.
     #[serde(rename = "mu_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub mu_kpa: f64,
     /// Bulk modulus.
     #[serde(rename = "kappa_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub kappa_kpa: f64,
 }
 

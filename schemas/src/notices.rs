@@ -58,9 +58,11 @@ pub struct NoticeSettings {
     /// Of what.
     pub events: Vec<NoticeKind>,
     /// How long a command may take before it is killed, s.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 3600.0))]
     pub time_limit_s: f64,
     /// Less room than this where the run lies is `quota-low`.
     #[serde(rename = "least_free_GB")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e9))]
     pub least_free_gb: f64,
 }
 

@@ -18,11 +18,15 @@ pub struct PosteriorSettings {
     /// Whether it is sampled.
     pub enabled: bool,
     /// Number of draws.
+    // The 5 % quantile of fewer draws is the smallest of them.
+    #[schemars(range(min = 40, max = 100_000))]
     pub draws: u32,
     /// How long a difference between model and data lasts that is no noise.
+    #[schemars(extend("minimum" = 1.0, "maximum" = 1e4))]
     pub discrepancy_correlation_ms: f64,
     /// Factor on the standard deviations of the data's errors, found on simulated patients so that intervals hold their share
     /// of true values (docs/step3.md).
+    #[schemars(extend("minimum" = 0.1, "maximum" = 10.0))]
     pub error_factor: f64,
 }
 

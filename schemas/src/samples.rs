@@ -28,11 +28,14 @@ pub struct BeatSamples {
 pub struct TraceDeviations {
     /// Of the pressure.
     #[serde(rename = "pressure_mmHg")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub pressure_mmhg: f64,
     /// Of the volume.
     #[serde(rename = "volume_mL")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub volume_ml: f64,
     /// How long such a difference lasts: so many times fit into a beat as a trace tells things that are independent.
+    #[schemars(extend("minimum" = 1.0, "maximum" = 1e4))]
     pub correlation_ms: f64,
 }
 

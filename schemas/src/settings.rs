@@ -90,10 +90,13 @@ pub struct SolverSettings {
     /// Which organ.
     pub fidelity: Fidelity,
     /// Largest time step.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
     pub time_step_ms: f64,
     /// A step that fails is cut in halves down to this; then the simulation ends as diverged.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
     pub shortest_step_ms: f64,
     /// A step of the reduced ventricle fails after so many Newton iterations.
+    #[schemars(range(min = 1, max = 1000))]
     pub newton_iterations: u32,
     /// Where the beat starts.
     pub start: StartMode,
@@ -106,8 +109,10 @@ pub struct SolverSettings {
     /// The length from which a cell's stretch is counted.
     pub cell_stretch: StretchOrigin,
     /// Slack length of a cell over its length in the unloaded wall, with `cell_stretch = "unloaded"`.
+    #[schemars(extend("minimum" = 0.8, "maximum" = 1.3))]
     pub slack_stretch: f64,
     /// Beats per simulation in step 1 and verification.
+    #[schemars(range(min = 1, max = 1000))]
     pub beats: u32,
 }
 
@@ -134,11 +139,14 @@ impl Default for SolverSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct ActivationSettings {
     /// First activation to last.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 300.0))]
     pub spread_ms: f64,
     /// Parts of the wall, each with its own time.
+    #[schemars(range(min = 1, max = 1000))]
     pub groups: u32,
     /// First activation after the trace's time zero, before it where negative; absent: found from the measured pressure upstroke.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("minimum" = -100.0, "maximum" = 1000.0))]
     pub onset_ms: Option<f64>,
 }
 
@@ -202,16 +210,21 @@ pub struct CellFitSettings {
     #[serde(skip_serializing_if = "Strategy::is_default")]
     pub strategy: Strategy,
     /// Population = this × number of parameters.
+    #[schemars(range(min = 1, max = 10_000))]
     pub popsize: u32,
     /// Converged when the spread of costs is below this share of their mean.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub tol: f64,
     /// Absolute part of the same.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e6))]
     pub atol: f64,
     /// Largest number of generations.
+    #[schemars(range(min = 1, max = 1_000_000))]
     pub max_generations: u32,
     /// Range from which the mutation factor of a generation is drawn.
     pub mutation: [f64; 2],
     /// Crossover probability.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub recombination: f64,
     /// Batch or immediate.
     pub updating: Updating,
@@ -230,6 +243,7 @@ pub struct CellFitSettings {
     /// Bounds of the fitted parameters, lower and upper (Table A5).
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Weights of the squared relative differences.
+    #[schemars(extend("additionalProperties" = { "type": "number", "minimum": 0.0, "maximum": 1e9 }))]
     pub weights: BTreeMap<String, f64>,
     /// Parameters held at a value other than the default.
     pub frozen: BTreeMap<String, f64>,
@@ -381,9 +395,11 @@ pub struct ExecutorSettings {
     /// Which executor.
     pub kind: ExecutorKind,
     /// Workers at once; 0 is one for each core.
+    #[schemars(range(min = 0, max = 4096))]
     pub workers: u32,
     /// Threads of each worker; 0: on this machine all cores for step 0 and a beat of the 3D ventricle on 8,000 nodes or more, beside
     /// which nothing else runs, and one for anything else.
+    #[schemars(range(min = 0, max = 1024))]
     pub threads: u32,
     /// Launcher of MPI with its arguments, `["mpirun"]` or `["srun", "--mpi=pmix"]` for one: a 3D simulation with several threads then
     /// runs on as many ranks of `cardiotwin-worker-mpi` instead, `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`; in a job of a
@@ -393,11 +409,14 @@ pub struct ExecutorSettings {
     /// Instructions of the cell engine; recorded in every outcome.
     pub instruction_set: InstructionSet,
     /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
+    #[schemars(range(min = 0, max = 100))]
     pub site_retries: u32,
     /// Simulated time between frames of a series of VTU files that each beat of the finite-element ventricle leaves; 0: none.
     #[serde(skip_serializing_if = "crate::task::is_zero")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub vtu_every_ms: f64,
     /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e7))]
     pub hang_timeout_s: f64,
     /// Mask of permissions that new files of a run do not get, octal: `0077` keeps them to their owner. Absent: what the shell
     /// says, and nothing for others.

@@ -18,6 +18,7 @@ use crate::task::MovedParameter;
 #[serde(deny_unknown_fields, default)]
 pub struct Step3Settings {
     /// Largest number of simulations, besides the verification beat.
+    #[schemars(range(min = 0, max = 100))]
     pub max_iterations: u32,
     /// What may move: names of the cell's parameters and of the valves' (`R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`).
     /// Each needs bounds.
@@ -26,6 +27,7 @@ pub struct Step3Settings {
     /// logarithms, its centre the model's default.
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Standard deviation of each measured biomarker, percent of its value. One that is absent does not count.
+    #[schemars(extend("additionalProperties" = { "type": "number", "exclusiveMinimum": 0.0, "maximum": 1e3 }))]
     pub uncertainty_percent: BTreeMap<String, f64>,
     /// How far traces may be from the measured ones.
     pub trace_deviations: TraceDeviations,

@@ -14,18 +14,23 @@ use crate::biomarkers::Biomarkers;
 pub struct TwinTolerances {
     /// Peak pressure.
     #[serde(rename = "P_max")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub p_max: f64,
     /// Largest pressure rate.
     #[serde(rename = "dPdt_max")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub dpdt_max: f64,
     /// Smallest pressure rate.
     #[serde(rename = "dPdt_min")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub dpdt_min: f64,
     /// Pressure transient duration.
     #[serde(rename = "PTD90")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub ptd90: f64,
     /// Stroke volume.
     #[serde(rename = "SV")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub sv: f64,
 }
 

@@ -19,6 +19,7 @@ mod report;
 mod resolve;
 mod search;
 mod shape;
+mod stated_ranges;
 #[cfg(test)]
 mod tests;
 

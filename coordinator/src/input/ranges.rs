@@ -1,30 +1,29 @@
-//! Values of settings: ranges, bounds, names of parameters. Pure: settings in, complaints out.
+//! Settings that contradict each other, and unknown names of parameters. Ranges of numbers are in [`stated_ranges`].
 
-use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::finite_element::{FiniteElementSettings, WallSettings};
 use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::organ::is_parameter;
-use cardiotwin_schemas::posterior::PosteriorSettings;
 use cardiotwin_schemas::settings::{CellFitSettings, Settings, SolverSettings, Step1Settings};
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::step3::Step3Settings;
-use cardiotwin_schemas::verdict::TwinTolerances;
 
 use super::external;
 use super::nearest::nearest;
+use super::stated_ranges;
 
 /// Keys of [`CellFitSettings::weights`].
-pub const CELL_TARGETS: [&str; 6] = [
-    "Sa_max_kPa",
-    "dSadt_max_kPa_per_ms",
-    "STD30_ms",
-    "STD50_ms",
-    "STD90_ms",
-    "lambda_min",
-];
+pub const CELL_TARGETS: [&str; CELL_BIOMARKERS.len()] = {
+    let mut keys = [""; CELL_BIOMARKERS.len()];
+    let mut idx = 0;
+    while idx < keys.len() {
+        keys[idx] = CELL_BIOMARKERS[idx].key;
+        idx += 1;
+    }
+    keys
+};
 
 /// A setting that cannot be right.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,16 +43,12 @@ pub struct Complaint {
 /// Everything that is wrong with the values of `settings`.
 #[must_use]
 pub fn complaints(settings: &Settings) -> Vec<Complaint> {
-    let mut list = List::default();
+    let mut list = List(stated_ranges::complaints(settings));
     list.solver(&settings.solver);
     list.step1(&settings.step1);
     list.step2(&settings.step2);
-    list.verification(&settings.verification.tolerance_percent);
     list.step3(&settings.step3);
-    list.posterior(&settings.posterior);
     let executor = &settings.executor;
-    list.count("executor.threads", executor.threads, 0, 1024);
-    list.count("executor.workers", executor.workers, 0, 4096);
     list.notices(&executor.notices);
     if let Some(umask) = executor.umask.as_ref().filter(|text| !is_mask(text)) {
         let expected = "three or four octal digits, the owner's 0, such as \"0077\" or \"0027\"";
@@ -64,9 +59,6 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
             "a mask that takes from the owner would stop the run itself",
         );
     }
-    list.count("executor.site_retries", executor.site_retries, 0, 100);
-    list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
-    list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
     list.0.extend(external::complaints(settings));
     list.0
 }
@@ -77,7 +69,6 @@ fn is_mask(text: &str) -> bool {
         && u32::from_str_radix(text, 8).is_ok_and(|mask| mask & 0o7700 == 0)
 }
 
-#[derive(Default)]
 struct List(Vec<Complaint>);
 
 impl List {
@@ -104,19 +95,7 @@ impl List {
         }
     }
 
-    /// `low ≤ value ≤ high`.
     fn notices(&mut self, notices: &NoticeSettings) {
-        self.positive(
-            "executor.notices.time_limit_s",
-            notices.time_limit_s,
-            3600.0,
-        );
-        self.within(
-            "executor.notices.least_free_GB",
-            notices.least_free_gb,
-            0.0,
-            1e9,
-        );
         for address in notices
             .mail
             .iter()
@@ -135,41 +114,6 @@ impl List {
                 "none",
                 "a program that sends mail",
                 "name it, or leave executor.notices.mail away",
-            );
-        }
-    }
-
-    fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
-        if !(low..=high).contains(&value) {
-            self.add(
-                key,
-                value.to_string(),
-                format!("a number from {low} to {high}"),
-                "give a value in this range",
-            );
-        }
-    }
-
-    /// `0 < value ≤ high`.
-    fn positive(&mut self, key: &str, value: f64, high: f64) {
-        if !(value > 0.0 && value <= high) {
-            let expected = format!("a number above 0, up to {high}");
-            self.add(
-                key,
-                value.to_string(),
-                expected,
-                "give a value in this range",
-            );
-        }
-    }
-
-    fn count(&mut self, key: &str, value: u32, low: u32, high: u32) {
-        if !(low..=high).contains(&value) {
-            self.add(
-                key,
-                value.to_string(),
-                format!("an integer from {low} to {high}"),
-                "give a value in this range",
             );
         }
     }
@@ -208,9 +152,6 @@ impl List {
     }
 
     fn solver(&mut self, solver: &SolverSettings) {
-        self.within("solver.slack_stretch", solver.slack_stretch, 0.8, 1.3);
-        self.positive("solver.time_step_ms", solver.time_step_ms, 10.0);
-        self.positive("solver.shortest_step_ms", solver.shortest_step_ms, 10.0);
         if solver.time_step_ms > 0.0 && solver.shortest_step_ms > solver.time_step_ms {
             let found = format!(
                 "{} ms, longer than a step of {} ms",
@@ -225,192 +166,28 @@ impl List {
             );
             self.against("solver.time_step_ms".to_owned());
         }
-        self.count(
-            "solver.newton_iterations",
-            solver.newton_iterations,
-            1,
-            1000,
-        );
-        self.count("solver.beats", solver.beats, 1, 1000);
-        self.within(
-            "solver.activation.spread_ms",
-            solver.activation.spread_ms,
-            0.0,
-            300.0,
-        );
-        self.count(
-            "solver.activation.groups",
-            solver.activation.groups,
-            1,
-            1000,
-        );
-        if let Some(onset_ms) = solver.activation.onset_ms {
-            self.within("solver.activation.onset_ms", onset_ms, -100.0, 1000.0);
-        }
-        self.finite_element(&solver.finite_element);
-    }
-
-    fn finite_element(&mut self, settings: &FiniteElementSettings) {
-        let key = |name: &str| format!("solver.finite_element.{name}");
-        self.count(&key("mesh_nodes"), settings.mesh_nodes, 500, 2_000_000);
-        self.count(
-            &key("newton_iterations"),
-            settings.newton_iterations,
-            1,
-            1000,
-        );
-        self.positive(&key("tolerance"), settings.tolerance, 0.1);
-        self.within(
-            &key("diastolic_step_ms"),
-            settings.diastolic_step_ms,
-            0.0,
-            20.0,
-        );
-        let newton = &settings.newton;
-        self.count(&key("newton.halvings"), newton.halvings, 0, 30);
-        self.within(
-            &key("newton.smallest_volume_ratio"),
-            newton.smallest_volume_ratio,
-            0.0,
-            0.9,
-        );
-        self.within(&key("newton.farthest_mm"), newton.farthest_mm, 0.0, 1e3);
-        self.wall(&settings.wall);
-        let fibres = &settings.fibres;
-        for (name, value) in [
-            ("alpha_endo_deg", fibres.alpha_endo_deg),
-            ("alpha_epi_deg", fibres.alpha_epi_deg),
-            ("beta_endo_deg", fibres.beta_endo_deg),
-            ("beta_epi_deg", fibres.beta_epi_deg),
-        ] {
-            self.within(&key(&format!("fibres.{name}")), value, -90.0, 90.0);
-        }
-        let speeds = &settings.conduction;
-        self.positive(
-            &key("conduction.along_m_per_s"),
-            speeds.along_m_per_s,
-            100.0,
-        );
-        self.positive(
-            &key("conduction.across_m_per_s"),
-            speeds.across_m_per_s,
-            100.0,
-        );
-        self.within(
-            &key("conduction.endocardium_m_per_s"),
-            speeds.endocardium_m_per_s,
-            0.0,
-            100.0,
-        );
-    }
-
-    fn wall(&mut self, wall: &WallSettings) {
-        let key = |name: &str| format!("solver.finite_element.wall.{name}");
-        let ogden = &wall.holzapfel_ogden;
-        for (name, value, high) in [
-            ("guccione_C_kPa", wall.guccione_c_kpa, 100.0),
-            ("b_f", wall.b_f, 1e3),
-            ("b_t", wall.b_t, 1e3),
-            ("b_fs", wall.b_fs, 1e3),
-            ("holzapfel_ogden.a_kPa", ogden.a_kpa, 1e3),
-            ("holzapfel_ogden.b", ogden.b, 1e3),
-            ("holzapfel_ogden.b_f", ogden.b_f, 1e3),
-            ("holzapfel_ogden.b_s", ogden.b_s, 1e3),
-            ("holzapfel_ogden.b_fs", ogden.b_fs, 1e3),
-            ("holzapfel_ogden.switch", ogden.switch, 1e4),
-            ("neo_hookean_mu_kPa", wall.neo_hookean_mu_kpa, 1e3),
-            ("kappa_kPa", wall.kappa_kpa, 1e8),
-            ("aorta_mu_kPa", wall.aorta_mu_kpa, 1e5),
-            ("aorta_kappa_kPa", wall.aorta_kappa_kpa, 1e8),
-            ("density_g_per_mm3", wall.density_g_per_mm3, 1.0),
-            ("rim_spring_kPa_per_mm", wall.rim_spring_kpa_per_mm, 1e5),
-        ] {
-            self.positive(&key(name), value, high);
-        }
-        for (name, value, high) in [
-            ("holzapfel_ogden.a_f_kPa", ogden.a_f_kpa, 1e4),
-            ("holzapfel_ogden.a_s_kPa", ogden.a_s_kpa, 1e4),
-            ("holzapfel_ogden.a_fs_kPa", ogden.a_fs_kpa, 1e4),
-            ("cross_fibre_share", wall.cross_fibre_share, 1.0),
-            ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
-            ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
-            ("sheet_normal_share", wall.sheet_normal_share, 1.0),
+        // JSON has no such numbers, so that the stated ranges cannot refuse them where a setting may be absent.
+        let optional = [
+            ("activation.onset_ms", solver.activation.onset_ms),
             (
-                "epicardial_spring_kPa_per_mm",
-                wall.epicardial_spring_kpa_per_mm,
-                1e5,
+                "finite_element.wall.pointwise_share",
+                solver.finite_element.wall.pointwise_share,
             ),
-            (
-                "epicardial_dashpot_kPa_ms_per_mm",
-                wall.epicardial_dashpot_kpa_ms_per_mm,
-                1e5,
-            ),
-            ("epicardial_base_share", wall.epicardial_base_share, 100.0),
-            (
-                "rim_dashpot_kPa_ms_per_mm",
-                wall.rim_dashpot_kpa_ms_per_mm,
-                1e5,
-            ),
-            ("spectral_radius", wall.spectral_radius, 1.0),
-        ] {
-            self.within(&key(name), value, 0.0, high);
+        ];
+        for (name, value) in optional {
+            if let Some(value) = value.filter(|value| !value.is_finite()) {
+                self.add(
+                    format!("solver.{name}"),
+                    value.to_string(),
+                    "a finite number",
+                    "give a number, or take the setting out",
+                );
+            }
         }
-        if let Some(share) = wall.pointwise_share {
-            self.within(&key("pointwise_share"), share, 0.0, 1.0);
-        }
-        let duration = wall.epicardial_duration_share;
-        self.within(&key("epicardial_duration_share"), duration, 0.5, 2.0);
-        for (name, surface) in &wall.surface {
-            let of = |constant: &str| key(&format!("surface.{name}.{constant}"));
-            self.within(
-                &of("spring_kPa_per_mm"),
-                surface.spring_kpa_per_mm,
-                0.0,
-                1e5,
-            );
-            self.within(
-                &of("dashpot_kPa_ms_per_mm"),
-                surface.dashpot_kpa_ms_per_mm,
-                0.0,
-                1e5,
-            );
-        }
-        for (tag, tissue) in &wall.passive {
-            self.positive(&key(&format!("passive.{tag}.mu_kPa")), tissue.mu_kpa, 1e5);
-            self.positive(
-                &key(&format!("passive.{tag}.kappa_kPa")),
-                tissue.kappa_kpa,
-                1e8,
-            );
-        }
-    }
-
-    fn verification(&mut self, tolerances: &TwinTolerances) {
-        for (name, percent) in tolerances.named() {
-            self.positive(
-                &format!("verification.tolerance_percent.{name}"),
-                percent,
-                1e3,
-            );
-        }
-    }
-
-    fn posterior(&mut self, posterior: &PosteriorSettings) {
-        // The 5 % quantile of fewer draws is the smallest of them.
-        self.count("posterior.draws", posterior.draws, 40, 100_000);
-        self.within(
-            "posterior.discrepancy_correlation_ms",
-            posterior.discrepancy_correlation_ms,
-            1.0,
-            1e4,
-        );
-        self.within("posterior.error_factor", posterior.error_factor, 0.1, 10.0);
     }
 
     fn step3(&mut self, step3: &Step3Settings) {
-        self.count("step3.max_iterations", step3.max_iterations, 0, 100);
-        for (name, percent) in &step3.uncertainty_percent {
-            self.positive(&format!("step3.uncertainty_percent.{name}"), *percent, 1e3);
+        for name in step3.uncertainty_percent.keys() {
             if !Biomarker::ORGAN_KEYS.contains(&name.as_str()) {
                 let expected = format!("one of {}", Biomarker::ORGAN_KEYS.join(", "));
                 self.add(
@@ -421,25 +198,6 @@ impl List {
                 );
             }
         }
-        let deviations = &step3.trace_deviations;
-        self.within(
-            "step3.trace_deviations.pressure_mmHg",
-            deviations.pressure_mmhg,
-            0.0,
-            1e3,
-        );
-        self.within(
-            "step3.trace_deviations.volume_mL",
-            deviations.volume_ml,
-            0.0,
-            1e3,
-        );
-        self.within(
-            "step3.trace_deviations.correlation_ms",
-            deviations.correlation_ms,
-            1.0,
-            1e4,
-        );
         for name in &step3.parameters {
             if !is_parameter(name) {
                 let expected = "a parameter of the cell (but a_p_kPa) or of a valve";
@@ -476,45 +234,13 @@ impl List {
     }
 
     fn step1(&mut self, step1: &Step1Settings) {
-        self.positive("step1.tolerance", step1.tolerance, 100.0);
-        self.count("step1.max_iterations", step1.max_iterations, 1, 10_000);
-        self.positive("step1.damping", step1.damping, 1.0);
-        self.count("step1.stall_iterations", step1.stall_iterations, 1, 10_000);
-        self.within("step1.stall_improvement", step1.stall_improvement, 0.0, 1.0);
         for name in &step1.frozen {
             self.name("step1.frozen", name, &Step1Parameter::KEYS);
         }
         self.bounds("step1.bounds", &step1.bounds, &Step1Parameter::KEYS);
-        for (name, weight) in &step1.weights {
-            if self.name("step1.weights", name, &Biomarker::ORGAN_KEYS) {
-                self.within(&format!("step1.weights.{name}"), *weight, 0.0, 1e6);
-            }
+        for name in step1.weights.keys() {
+            self.name("step1.weights", name, &Biomarker::ORGAN_KEYS);
         }
-        let initial = &step1.initial;
-        self.positive("step1.initial.Smax_ref_kPa", initial.smax_ref_kpa, 1e5);
-        self.positive("step1.initial.tau_SR_ref_ms", initial.tau_sr_ref_ms, 1e4);
-        self.positive("step1.initial.tau_SD_ms", initial.tau_sd_ms, 1e4);
-        self.positive("step1.initial.t_CR_ms", initial.t_cr_ms, 1e4);
-        self.within("step1.initial.a4_ms", initial.a4_ms, 0.0, 1e5);
-        self.within("step1.initial.t_emd_ms", initial.t_emd_ms, 0.0, 300.0);
-        self.positive("step1.initial.a6", initial.a6, 1e3);
-        self.positive("step1.initial.a7", initial.a7, 1.5);
-        let valves = &step1.valves;
-        self.positive(
-            "step1.valves.R_AV_f_mmHg_s_per_mL",
-            valves.r_av_f_mmhg_s_per_ml,
-            1e3,
-        );
-        self.positive(
-            "step1.valves.R_MV_f_mmHg_s_per_mL",
-            valves.r_mv_f_mmhg_s_per_ml,
-            1e3,
-        );
-        self.positive(
-            "step1.valves.R_b_mmHg_s_per_mL",
-            valves.r_b_mmhg_s_per_ml,
-            1e9,
-        );
         self.initial_inside_bounds(step1);
     }
 
@@ -554,10 +280,6 @@ impl List {
     }
 
     fn step2(&mut self, step2: &CellFitSettings) {
-        self.count("step2.popsize", step2.popsize, 1, 10_000);
-        self.within("step2.tol", step2.tol, 0.0, 1.0);
-        self.within("step2.atol", step2.atol, 0.0, 1e6);
-        self.count("step2.max_generations", step2.max_generations, 1, 1_000_000);
         let [low, high] = step2.mutation;
         if !(0.0 <= low && low <= high && high < 2.0) {
             let remedy = "give [smallest, largest] mutation factor, equal for none of the dither";
@@ -568,7 +290,6 @@ impl List {
                 remedy,
             );
         }
-        self.within("step2.recombination", step2.recombination, 0.0, 1.0);
         self.bounds("step2.bounds", &step2.bounds, &CELL_PARAMETERS);
         if step2.parameters.is_empty() {
             let remedy = "name at least one; the default ten are in docs/models.md";
@@ -628,11 +349,8 @@ impl List {
         for name in step2.frozen.keys() {
             self.name(&format!("step2.frozen.{name}"), name, &CELL_PARAMETERS);
         }
-        for (name, weight) in &step2.weights {
-            let key = format!("step2.weights.{name}");
-            if self.name(&key, name, &CELL_TARGETS) {
-                self.within(&key, *weight, 0.0, 1e9);
-            }
+        for name in step2.weights.keys() {
+            self.name(&format!("step2.weights.{name}"), name, &CELL_TARGETS);
         }
         if !step2.weights.values().any(|weight| *weight > 0.0) {
             let remedy = "give at least one biomarker a positive weight";
@@ -675,7 +393,7 @@ impl List {
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_schemas::finite_element::SurfaceSpring;
+    use cardiotwin_schemas::finite_element::{SurfaceSpring, WallSettings};
     use cardiotwin_schemas::muscle::PassiveTissueSettings;
 
     use super::*;

@@ -13,23 +13,31 @@ use crate::label::Label;
 pub struct TanhParameters {
     /// Peak isometric stress.
     #[serde(rename = "Smax_ref_kPa")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub smax_ref_kpa: f64,
     /// Time constant of the stress rise.
     #[serde(rename = "tau_SR_ref_ms")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub tau_sr_ref_ms: f64,
     /// Time constant of the stress decay.
     #[serde(rename = "tau_SD_ms")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub tau_sd_ms: f64,
     /// Duration of the stress transient.
     #[serde(rename = "t_CR_ms")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub t_cr_ms: f64,
     /// Stretch dependence of the rise.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub a4_ms: f64,
     /// Electromechanical delay.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 300.0))]
     pub t_emd_ms: f64,
     /// Slope of the stretch dependence.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub a6: f64,
     /// Stretch of zero stress.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.5))]
     pub a7: f64,
 }
 
@@ -55,12 +63,15 @@ impl Default for TanhParameters {
 pub struct ValveParameters {
     /// Aortic valve, forward.
     #[serde(rename = "R_AV_f_mmHg_s_per_mL")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub r_av_f_mmhg_s_per_ml: f64,
     /// Mitral valve, forward.
     #[serde(rename = "R_MV_f_mmHg_s_per_mL")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub r_mv_f_mmhg_s_per_ml: f64,
     /// Both valves, backward.
     #[serde(rename = "R_b_mmHg_s_per_mL")]
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e9))]
     pub r_b_mmhg_s_per_ml: f64,
 }
 

@@ -41,16 +41,21 @@ pub struct Step1Settings {
     /// How the next parameters are found.
     pub update: Update,
     /// Converged at this cost or below.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub tolerance: f64,
     /// Largest number of simulations.
+    #[schemars(range(min = 1, max = 10_000))]
     pub max_iterations: u32,
     /// Exponent of every update ratio of the fixed point: 1 is the paper's, smaller is damped.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.0))]
     pub damping: f64,
     /// When to stop.
     pub stop: StopRule,
     /// So many iterations in a row without improvement end the loop.
+    #[schemars(range(min = 1, max = 10_000))]
     pub stall_iterations: u32,
     /// Relative improvement of the best cost that counts.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub stall_improvement: f64,
     /// Parameters that stay at their initial value: keys of `bounds`.
     pub frozen: Vec<String>,
@@ -58,6 +63,7 @@ pub struct Step1Settings {
     /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
     /// of the best iteration. Defaults are (1 %/σ)², with the errors σ that a clinic's noise makes
     /// (docs/step1.md). The cost has none: every weight is 1 there, that of `SV_mL` 0.
+    #[schemars(extend("additionalProperties" = { "type": "number", "minimum": 0.0, "maximum": 1e6 }))]
     pub weights: BTreeMap<String, f64>,
     /// First guess of the Tanh model.
     pub initial: TanhParameters,
