@@ -121,7 +121,11 @@ fn files_of_the_repository_exist() {
                 };
                 for path in all {
                     n_paths += 1;
-                    if !root().join(&path).exists() {
+                    // The page of `make verify` names tests of the mechanics as their crate does.
+                    let is_there = ["", "solver/mechanics"]
+                        .iter()
+                        .any(|folder| root().join(folder).join(&path).exists());
+                    if !is_there {
                         problems.push(format!("{}:{number}: {path}", file.display()));
                     }
                 }

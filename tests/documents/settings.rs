@@ -293,7 +293,9 @@ fn blocks_of_toml_fit_a_schema() {
                 keys.iter().all(|path| {
                     knows(schema, schema, path)
                         // The settings of one patient are tables of the cohort.
-                        && (path[0] != "settings" || knows(cohort, cohort, &path[1..]))
+                        && path.split_first().is_none_or(|(first, rest)| {
+                            first != "settings" || knows(cohort, cohort, rest)
+                        })
                 })
             };
             let is_scenarios = keys
