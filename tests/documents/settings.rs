@@ -70,7 +70,9 @@ fn leaves(whole: &Value, part: &Value, path: &str, found: &mut BTreeSet<String>)
                 leaves(whole, property, &path, found);
             }
         }
-        None => drop(found.insert(path.to_owned())),
+        None => {
+            found.insert(path.to_owned());
+        }
     }
 }
 
