@@ -246,6 +246,48 @@ fn defaults_are_the_programs() {
     assert!(missing.is_empty(), "docs/settings.md lacks {missing:?}");
 }
 
+/// A value that a page gives to a setting, as in `solver.fidelity = "reduced"` or `--set step1.tolerance=0.02`, is one that
+/// the program takes.
+#[test]
+fn values_of_settings_are_taken() {
+    let value = Regex::new(
+        r#"((?:solver|step1|step2|step3|posterior|verification|workflow|executor)(?:\.[A-Za-z_]\w*)+) ?= ?("[^"]*"|\[[^\]]*\]|\{[^}]*\}|[\w.+-]+)"#,
+    )
+    .expect("a regular expression");
+    let mut n_values = 0;
+    let mut problems = Vec::new();
+    for file in documents() {
+        if name_of(&file) == "CHANGELOG.md" {
+            continue;
+        }
+        for (i, line) in read(&file).lines().enumerate() {
+            for found in value.captures_iter(line) {
+                let (key, text) = (&found[1], &found[2]);
+                // A placeholder, such as N.
+                if text.chars().all(|c| c.is_ascii_uppercase()) || text.contains('…') {
+                    continue;
+                }
+                n_values += 1;
+                let taken = toml::from_str::<Value>(&format!("value = {text}"))
+                    .map_or_else(|_| Value::from(text), |mut parsed| parsed["value"].take());
+                if let Err(error) = with(key, taken) {
+                    problems.push(format!(
+                        "{}:{}: {key} = {text}: {error}",
+                        file.display(),
+                        i + 1
+                    ));
+                }
+            }
+        }
+    }
+    assert!(
+        problems.is_empty(),
+        "values that the program refuses:\n  {}",
+        problems.join("\n  ")
+    );
+    assert!(n_values > 30, "only {n_values} values were found");
+}
+
 /// Paths of all keys of a TOML document; the inside of an array's tables counts as the array's.
 fn paths(value: &Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
