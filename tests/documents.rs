@@ -1,4 +1,10 @@
-//! What the documents say exists: links lead to files and headings, `make` targets and `cardiotwin` commands are real.
+//! What the documents say exists: links lead to files and headings; commands, flags, settings, defaults, error messages and
+//! files of the repository are the program's.
+
+#[path = "documents/pages.rs"]
+mod pages;
+#[path = "documents/settings.rs"]
+mod settings;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -15,24 +21,43 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("cannot read {}: {e}", path.display()))
 }
 
-/// README and its like, and everything under docs/.
+/// Pages in Markdown of a folder and of those below it.
+fn pages_below(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            pages_below(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "md") {
+            found.push(path);
+        }
+    }
+}
+
+/// README and its like, everything under docs/, and the pages of the examples.
 fn documents() -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for folder in [
-        root(),
-        root().join("docs"),
-        root().join("docs/decisions"),
-        root().join("docs/effects"),
-    ] {
-        for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
-            let path = entry.expect("an entry").path();
-            if path.extension().is_some_and(|extension| extension == "md") {
-                found.push(path);
-            }
+    for entry in std::fs::read_dir(root()).expect("the repository's folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_some_and(|extension| extension == "md") {
+            found.push(path);
+        }
+    }
+    pages_below(&root().join("docs"), &mut found);
+    for entry in std::fs::read_dir(root().join("examples")).expect("examples/ is a folder") {
+        let page = entry.expect("an entry").path().join("README.md");
+        if page.exists() {
+            found.push(page);
         }
     }
     found.sort();
     found
+}
+
+/// A page's file name.
+fn name_of(page: &Path) -> &str {
+    page.file_name()
+        .and_then(std::ffi::OsStr::to_str)
+        .expect("a page has a name")
 }
 
 /// Lines inside fenced code blocks, or outside of them.
@@ -228,6 +253,142 @@ fn commands_and_their_flags_exist() {
     );
 }
 
+/// Help of a program, of its commands and of theirs.
+fn helps_below(program: &str, words: &mut Vec<String>, found: &mut Vec<String>) {
+    let arguments: Vec<&str> = words.iter().map(String::as_str).collect();
+    let text = help(program, &arguments).expect("a listed command has a help");
+    let commands: Vec<String> = text
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| line.starts_with("  "))
+        .filter(|line| !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|command| *command != "help")
+        .map(str::to_owned)
+        .collect();
+    found.push(text);
+    for command in commands {
+        words.push(command);
+        helps_below(program, words, found);
+        words.pop();
+    }
+}
+
+/// Whether a text names a flag, and not only a longer one.
+fn has_flag(text: &str, flag: &str) -> bool {
+    text.match_indices(flag).any(|(at, _)| {
+        text[at + flag.len()..]
+            .chars()
+            .next()
+            .is_none_or(|next| !next.is_ascii_alphanumeric() && next != '-')
+    })
+}
+
+/// Each flag in inline code is one of our programs', or of a program that is named here.
+#[test]
+fn flags_in_prose_exist() {
+    // Calls of these are theirs alone; besides, flags of MPI, Slurm and openCARP that pages explain.
+    const PROGRAMS: [&str; 3] = ["cargo ", "squeue ", "sbatch "];
+    const FOREIGN: [&str; 7] = [
+        "--mca",
+        "--mpi",
+        "--kill-on-bad-exit",
+        "--oversubscribe",
+        "--duplicates",
+        "--format",
+        "--plugin-info",
+    ];
+    let mut helps = Vec::new();
+    for program in ["cardiotwin", "cardiotwin-worker"] {
+        helps_below(program, &mut Vec::new(), &mut helps);
+    }
+    // Programs that are not built here: the worker on MPI ranks, scripts, examples of the solver.
+    let mut sources = Vec::new();
+    for folder in [
+        "worker/src/mpi",
+        "deploy",
+        "solver/discover/examples",
+        "solver/models/examples",
+    ] {
+        texts(&root().join(folder), &mut sources);
+    }
+    let inline = regex::Regex::new(r"`([^`]+)`").expect("a regular expression");
+    let flag = regex::Regex::new(r"(?:^|[ \[])(--[a-z][a-z0-9-]+)").expect("a regular expression");
+    let mut n_flags = 0;
+    let mut problems = Vec::new();
+    for file in documents() {
+        if name_of(&file) == "CHANGELOG.md" {
+            continue;
+        }
+        for (number, line) in lines(&read(&file), false) {
+            for code in inline.captures_iter(line) {
+                if PROGRAMS.iter().any(|program| code[1].contains(program)) {
+                    continue;
+                }
+                for found in flag.captures_iter(&code[1]) {
+                    n_flags += 1;
+                    let flag = &found[1];
+                    let field = format!("{}:", flag.trim_start_matches('-').replace('-', "_"));
+                    if !FOREIGN.contains(&flag)
+                        && !helps.iter().any(|help| has_flag(help, flag))
+                        && !sources
+                            .iter()
+                            .any(|text| has_flag(text, flag) || text.contains(&field))
+                    {
+                        problems.push(format!("{}:{number}: {flag}", file.display()));
+                    }
+                }
+            }
+        }
+    }
+    assert!(
+        problems.is_empty(),
+        "flags that no program has:\n  {}",
+        problems.join("\n  ")
+    );
+    assert!(n_flags > 100, "only {n_flags} flags were found");
+}
+
+/// Texts of all files of a folder and of those below it.
+fn texts(folder: &Path, found: &mut Vec<String>) {
+    for entry in std::fs::read_dir(folder)
+        .expect("a folder of the repository")
+        .flatten()
+    {
+        let path = entry.path();
+        if path.is_dir() {
+            texts(&path, found);
+        } else if let Ok(text) = std::fs::read_to_string(&path) {
+            found.push(text);
+        }
+    }
+}
+
+/// Each of our environment variables is read by some source.
+#[test]
+fn environment_variables_exist() {
+    let mut files = Vec::new();
+    for folder in ["coordinator", "worker", "tests"] {
+        sources(&root().join(folder), &mut files);
+    }
+    let known: String = files.iter().map(|file| read(file)).collect();
+    let variable = regex::Regex::new("CARDIOTWIN_[A-Z_]+").expect("a regular expression");
+    let mut n_variables = 0;
+    for file in documents() {
+        for found in variable.find_iter(&read(&file)) {
+            n_variables += 1;
+            assert!(
+                known.contains(&format!("\"{}\"", found.as_str())),
+                "{}: nothing reads {}",
+                file.display(),
+                found.as_str()
+            );
+        }
+    }
+    assert!(n_variables > 3, "the pages name variables");
+}
+
 /// Rust files of a folder.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder)
@@ -243,33 +404,24 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Every message of an error type of the programs stands on the page of error messages, with its remedy.
+/// Every message of an error type of the programs stands on the page of error messages, with what happened and what to do.
 #[test]
 fn error_messages_have_their_remedies() {
     let page = read(&root().join("docs/errors.md"));
-    // A row with a remedy, or an item of a list whose heading has one.
     let told: BTreeSet<&str> = page
         .lines()
-        .filter_map(|line| match line.strip_prefix("| `") {
-            Some(row) => row
-                .split_once("` | ")
-                .filter(|(_, remedy)| remedy.trim_end_matches('|').trim().len() > 5),
-            None => line
-                .strip_prefix("- `")
-                .and_then(|item| item.split_once('`')),
+        .filter_map(|line| line.strip_prefix("| `")?.split_once("` | "))
+        .filter(|(_, rest)| {
+            let cells: Vec<&str> = rest.trim_end_matches('|').split(" | ").collect();
+            cells.len() == 2 && cells.iter().all(|cell| cell.trim().len() > 5)
         })
         .map(|(message, _)| message)
         .collect();
     let attribute =
-        regex::Regex::new(r#"#\[error\(\s*"((?:[^"\\]|\\.)*)""#).expect("a regular expression");
+        regex::Regex::new(r#"(?s)#\[error\(\s*"((?:[^"\\]|\\.)*)""#).expect("a regular expression");
     let continued = regex::Regex::new(r"\\\n\s*").expect("a regular expression");
     let mut files = Vec::new();
-    for folder in [
-        "coordinator/src",
-        "coordinator/slurm/src",
-        "worker/src",
-        "solver",
-    ] {
+    for folder in ["coordinator", "worker", "schemas", "solver"] {
         sources(&root().join(folder), &mut files);
     }
     let mut missing = BTreeSet::new();
@@ -290,7 +442,7 @@ fn error_messages_have_their_remedies() {
     let missing: Vec<String> = missing.into_iter().collect();
     assert!(
         missing.is_empty(),
-        "not on docs/errors.md, or without a remedy:\n  {}",
+        "not on docs/errors.md, or not with what happened and what to do:\n  {}",
         missing.join("\n  ")
     );
     assert!(n_messages > 200, "the sources were read");

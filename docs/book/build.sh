@@ -6,11 +6,10 @@ cd "$(dirname "$0")/../.."
 out=${1:?usage: docs/book/build.sh OUT}
 
 rm -rf -- "$out"
-mkdir -p "$out/src/examples" "$out/src/schemas" "$out/src/solver/calibrate/src"
+mkdir -p "$out/src/examples" "$out/src/schemas"
 cp README.md CONTRIBUTING.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE "$out/src/"
 cp -r docs "$out/src/docs"
 cp -r schemas/json "$out/src/schemas/json"
-cp solver/calibrate/src/least_squares.rs "$out/src/solver/calibrate/src/"
 for page in examples/*/README.md; do
     mkdir -p "$out/src/$(dirname "$page")"
     cp "$page" "$out/src/$page"
