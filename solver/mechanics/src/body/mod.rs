@@ -1,4 +1,4 @@
-//! A deformable body: elements, tissues, and the assembly of forces and stiffness in one fixed order.
+//! A deformable body of elements and tissues; forces and stiffness are assembled in one fixed order.
 
 mod passes;
 mod transpose;
@@ -15,7 +15,7 @@ use crate::material::{MaterialError, Tissue, VolumetricLaw};
 use crate::parallel::{Communicator, Disagreement, Layout, agree};
 use passes::{Elements, Field, Moving, Pass};
 
-/// Why a body could not be made.
+/// Why a body could not be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BodyError {
     /// A tissue's parameter is out of range.
@@ -23,71 +23,71 @@ pub enum BodyError {
     Material {
         /// Position in the list of tissues.
         tissue: usize,
-        /// Which parameter.
+        /// The invalid parameter.
         source: MaterialError,
     },
     /// An element is unusable.
     #[error("mesh")]
     Element(#[from] ElementError),
-    /// A list has the wrong length, or names a tissue that is not there.
+    /// A list has the wrong length or refers to a missing tissue.
     #[error("{what}: found {found}, expected {expected}")]
     Size {
-        /// What.
+        /// Name of the list.
         what: &'static str,
-        /// Number found.
+        /// Number or length found.
         found: usize,
-        /// Number expected.
+        /// Number or length expected.
         expected: usize,
     },
-    /// Another rank has no body.
+    /// The body could not be built on another rank.
     #[error("{reason}")]
     Elsewhere {
-        /// Which, and why.
+        /// Description of the rank and its failure.
         reason: String,
     },
-    /// Quadratic elements on several ranks.
+    /// Quadratic elements were requested on several ranks.
     #[error("quadratic elements are computed on one rank alone; use linear ones, or one rank")]
     QuadraticOnRanks,
 }
 
-/// What a body is made of.
+/// Mesh, tissues and fibres of a body.
 pub struct BodyInput<'a, const N: usize> {
     /// Node coordinates \[mm\]; vertices first where elements are quadratic.
     pub nodes: &'a [[f64; 3]],
-    /// Number of vertices among the nodes: all of them for linear elements.
+    /// Number of vertices among the nodes, all of them for linear elements.
     pub n_vertices: usize,
-    /// Elements.
+    /// Nodes of each element.
     pub tets: &'a [[u32; N]],
-    /// Kinds of tissue.
+    /// Tissues that elements refer to.
     pub tissues: Vec<Tissue>,
     /// Tissue of each element.
     pub tissue_of: &'a [usize],
     /// Fibre frame at a point of an element (element, coordinates \[mm\]).
     pub frame: &'a dyn Fn(usize, [f64; 3]) -> Frame,
-    /// How the change of volume is resisted.
+    /// How elements resist a change of volume.
     pub volume: VolumeChange,
-    /// Which nodes this rank owns.
+    /// Nodes that this rank owns, and its neighbours.
     pub layout: Layout,
-    /// Number in the whole mesh of each element, for errors; empty where it is the same.
+    /// Mesh number of each element, for error messages; empty if the numbers agree.
     pub elements: &'a [u32],
 }
 
-/// State of the integration points at a displacement: eight a batch, batch after batch, point after point.
+/// State of the integration points at a displacement: batches of eight lanes, ordered by batch and then by point.
 #[derive(Debug, Clone, Default)]
 pub struct Deformation {
     /// Volume ratio `J`.
     pub volume_ratio: Vec<Eight>,
     /// Squared fibre stretch `C₁₁`.
     pub squared_stretch: Vec<Eight>,
-    /// Pressure from the nodal averages of the volume change \[kPa\], one a vertex; empty for a pointwise penalty.
+    /// Pressure of each vertex from its averaged volume change \[kPa\]; empty for a pointwise penalty.
     pub nodal_pressure: Vec<f64>,
     /// Its derivative with respect to the vertex's deformed volume \[kPa/mm³\].
     pub nodal_slope: Vec<f64>,
-    /// Smallest `J` of the elements of this rank, with its element.
+    /// Smallest `J` on this rank, and its element.
     pub smallest: (f64, usize),
 }
 
-/// A body, assembled.
+/// An assembled body.
 pub struct Body {
     elements: Box<dyn Elements>,
     tissues: Vec<Tissue>,
@@ -96,9 +96,9 @@ pub struct Body {
     layout: Layout,
     pattern: Arc<Pattern>,
     coupling_pattern: Option<Arc<Pattern>>,
-    /// Reference volume, bulk modulus and law of each vertex's average.
+    /// Reference volume, bulk modulus and volumetric law of each vertex.
     vertices: Vec<(f64, f64, VolumetricLaw)>,
-    /// Viscosity of each tissue \[kPa·ms\]; empty for none.
+    /// Viscosity of each tissue \[kPa·ms\]; empty without viscosity.
     viscosity_kpa_ms: Vec<f64>,
     arch: Arch,
 }
@@ -113,7 +113,7 @@ impl std::fmt::Debug for Body {
 }
 
 impl Body {
-    /// A body of linear tetrahedra, one integration point each. Collective.
+    /// Builds a body of linear tetrahedra with one integration point each. Collective.
     ///
     /// # Errors
     /// [`BodyError`] for a bad tissue, element or list length.
@@ -121,7 +121,7 @@ impl Body {
         Self::new::<4, 1>(input, comm)
     }
 
-    /// A body of quadratic tetrahedra, four integration points each.
+    /// Builds a body of quadratic tetrahedra with four integration points each.
     ///
     /// # Errors
     /// [`BodyError`] for a bad tissue, element or list length.
@@ -168,7 +168,7 @@ impl Body {
                 input.nodes.len(),
             );
         }
-        // Midside nodes are not among the vertices, whose averages ranks exchange.
+        // Ranks exchange averages at vertices only, and mid-edge nodes are none.
         if N != 4 && !input.layout.neighbours.is_empty() {
             return Err(BodyError::QuadraticOnRanks);
         }
@@ -209,7 +209,7 @@ impl Body {
         Ok(body)
     }
 
-    /// Volume, volume-weighted κ and the law of the largest share of each vertex's surroundings, whatever their tissue.
+    /// Volume, volume-weighted κ and volumetric law of the largest share of the elements around each vertex.
     fn vertex_averages<const N: usize>(
         &self,
         input: &BodyInput<'_, N>,
@@ -252,43 +252,43 @@ impl Body {
         numbers.as_chunks::<3>().0.iter().map(vertex).collect()
     }
 
-    /// Nodes held by this rank.
+    /// Number of nodes held by this rank.
     #[must_use]
     pub fn n_nodes(&self) -> usize {
         self.reference.len() / 3
     }
 
-    /// Which of them this rank owns.
+    /// Nodes that this rank owns, and its neighbours.
     #[must_use]
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// Coordinates of the reference configuration \[mm\], three a node.
+    /// Reference coordinates \[mm\], three numbers a node.
     #[must_use]
     pub fn reference(&self) -> &[f64] {
         &self.reference
     }
 
-    /// Pattern of the stiffness.
+    /// Sparsity pattern of the stiffness.
     #[must_use]
     pub fn pattern(&self) -> &Arc<Pattern> {
         &self.pattern
     }
 
-    /// Batches times integration points: the length of every list with one entry of eight a point.
+    /// Batches times integration points, the length of every list over point batches.
     #[must_use]
     pub fn n_point_batches(&self) -> usize {
         self.elements.n_batches() * self.elements.n_points()
     }
 
-    /// Lanes in use and their elements for entry `idx` of a list with one entry of eight a point.
+    /// Number of lanes in use, and their elements, in point batch `idx`.
     #[must_use]
     pub fn point_lanes(&self, idx: usize) -> (usize, &[u32; BATCH]) {
         self.elements.lanes(idx / self.elements.n_points())
     }
 
-    /// Reference volume \[mm³\] that each lane of entry `idx` stands for.
+    /// Reference volume \[mm³\] of each lane of point batch `idx`.
     #[must_use]
     pub fn point_volume(&self, idx: usize) -> &Eight {
         self.elements.point_weight(
@@ -297,13 +297,13 @@ impl Body {
         )
     }
 
-    /// Values of the vertices' linear shape functions at the integration point of entry `idx`.
+    /// Linear shape functions of the vertices at the integration point of point batch `idx`.
     #[must_use]
     pub fn vertex_shape(&self, idx: usize) -> [f64; 4] {
         self.elements.vertex_shape(idx % self.elements.n_points())
     }
 
-    /// Zero matrices of the body's patterns.
+    /// A zero tangent with the body's sparsity pattern.
     #[must_use]
     pub fn new_tangent(&self) -> Tangent {
         Tangent {
@@ -313,7 +313,7 @@ impl Body {
         }
     }
 
-    /// Zeros in single precision; `None` for quadratic elements.
+    /// A zero tangent in single precision; `None` for quadratic elements.
     #[must_use]
     pub fn new_packed_tangent(&self) -> Option<PackedTangent> {
         let every_node_is_a_vertex =
@@ -340,8 +340,8 @@ impl Body {
         }
     }
 
-    /// Volume ratios, stretches and nodal pressures at `displacement` \[mm\], three numbers a node, ghosts up to date.
-    /// Collective.
+    /// Computes volume ratios, stretches and nodal pressures at `displacement` \[mm\], three numbers a node with current
+    /// ghosts. Collective.
     pub fn deform(&self, displacement: &[f64], comm: &dyn Communicator, out: &mut Deformation) {
         out.volume_ratio
             .resize(self.n_point_batches(), [1.0; BATCH]);
@@ -364,9 +364,9 @@ impl Body {
         }
     }
 
-    /// Squared fibre stretch `C₁₁` alone, at another `displacement` than the one that internal forces are taken at.
+    /// Computes the squared fibre stretch `C₁₁` alone, at a `displacement` other than that of the internal forces.
     pub fn stretch(&self, displacement: &[f64], out: &mut Vec<Eight>) {
-        // Volumes come with it, of which nothing is passed on.
+        // The volume ratios come along and are dropped.
         let mut points = Deformation {
             squared_stretch: std::mem::take(out),
             ..Deformation::default()
@@ -385,7 +385,7 @@ impl Body {
         *out = points.squared_stretch;
     }
 
-    /// Lumped mass of each node \[mg\]; only owned nodes' are complete.
+    /// Lumped mass of each node \[mg\]; complete on owned nodes only.
     #[must_use]
     pub fn masses(&self) -> Vec<f64> {
         let mut mass = vec![0.0; self.n_nodes()];
@@ -393,8 +393,8 @@ impl Body {
         mass
     }
 
-    /// Strain energy \[µJ\] at `displacement`, active stress left out; this rank's share, to be summed over ranks. Slow:
-    /// for balances, not for steps.
+    /// This rank's share of the strain energy \[µJ\] at `displacement`, without active stress. A slow method for energy
+    /// balances.
     #[must_use]
     pub fn strain_energy(&self, displacement: &[f64]) -> f64 {
         let pass = self.pass(displacement, &[], &[]);
@@ -419,11 +419,11 @@ impl Body {
         }
     }
 
-    /// Gives each tissue a viscosity `η` \[kPa·ms\], `S = η Ė`: it acts where velocities are given
-    /// ([`Self::add_forces_in_motion`]). Empty for none.
+    /// Sets the viscosity `η` \[kPa·ms\] of each tissue, `S = η Ė`, used where velocities are given
+    /// ([`Self::add_forces_in_motion`]). An empty list removes it.
     ///
     /// # Errors
-    /// [`BodyError`] for a viscosity that is negative or not finite, or another number of them than tissues.
+    /// [`BodyError`] for a viscosity that is negative or not finite, or a list of the wrong length.
     pub fn set_viscosity(&mut self, of_tissue_kpa_ms: Vec<f64>) -> Result<(), BodyError> {
         if !of_tissue_kpa_ms.is_empty() && of_tissue_kpa_ms.len() != self.tissues.len() {
             let (found, expected) = (of_tissue_kpa_ms.len(), self.tissues.len());
@@ -456,9 +456,9 @@ impl Body {
         self.viscosity_kpa_ms.iter().any(|eta| *eta > 0.0)
     }
 
-    /// Adds internal forces \[mN\] at `displacement`, whose [`Deformation`] is given; only owned nodes' are complete.
+    /// Adds internal forces \[mN\] at `displacement` and its [`Deformation`]; complete on owned nodes only.
     ///
-    /// - `active`: one a point batch, or empty for none
+    /// - `active`: active stress of each point batch; empty for none
     pub fn add_forces(
         &self,
         displacement: &[f64],
@@ -469,7 +469,7 @@ impl Body {
         self.add_forces_in_motion(displacement, &[], active, deformation, force);
     }
 
-    /// As [`Self::add_forces`], with viscous stress at `velocity` \[mm/ms\]; empty for a body at rest.
+    /// As [`Self::add_forces`], with viscous stress at `velocity` \[mm/ms\]; an empty `velocity` stands for a body at rest.
     pub fn add_forces_in_motion(
         &self,
         displacement: &[f64],
@@ -487,7 +487,7 @@ impl Body {
         self.elements.forces(&pass, force);
     }
 
-    /// As [`Self::add_forces`], and overwrites `tangent` with the derivative \[mN/mm\].
+    /// As [`Self::add_forces`]; also overwrites `tangent` with the derivative \[mN/mm\].
     pub fn tangent(
         &self,
         displacement: &[f64],
@@ -506,8 +506,8 @@ impl Body {
         );
     }
 
-    /// As [`Self::tangent`], with viscous stress; the velocity comes with its own derivative `∂v/∂u` \[1/ms\]. What viscous
-    /// stress adds to the tangent is exact at zero velocity (see [`crate::element::kernel::element`]).
+    /// As [`Self::tangent`], with viscous stress; the velocity comes with its derivative `∂v/∂u` \[1/ms\]. The viscous part of
+    /// the tangent is exact at zero velocity (see [`crate::element::kernel::element`]).
     pub fn tangent_in_motion(
         &self,
         displacement: &[f64],

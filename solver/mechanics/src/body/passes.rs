@@ -1,4 +1,4 @@
-//! Passes over the batches of a body: volumes, forces, stiffness, and their scatter in the order of the batches.
+//! Passes over a body's batches: volumes, forces, stiffness, and their scatter in the order of the batches.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -13,7 +13,7 @@ use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, PackedVolume, Pattern, 
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
 
-/// What an assembly reads beside the mesh.
+/// Nodal and point data that an assembly reads.
 pub(super) struct Pass<'a> {
     pub arch: Arch,
     pub tissues: &'a [Tissue],
@@ -25,12 +25,12 @@ pub(super) struct Pass<'a> {
     pub motion: Moving<'a>,
 }
 
-/// What viscous tissue reads beside the displacement.
+/// Velocity data of viscous tissue.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Moving<'a> {
-    /// Velocity \[mm/ms\], three a node; empty where nothing is viscous.
+    /// Velocity \[mm/ms\], three numbers a node; empty without viscosity.
     pub velocity: &'a [f64],
-    /// Viscosity of each tissue \[kPa·ms\]; empty for none.
+    /// Viscosity of each tissue \[kPa·ms\]; empty without viscosity.
     pub viscosity_kpa_ms: &'a [f64],
     /// `∂v/∂u` \[1/ms\].
     pub velocity_rate_per_ms: f64,
@@ -48,7 +48,7 @@ impl Moving<'_> {
     }
 }
 
-/// Elements of one kind.
+/// The elements of a body, of either order.
 pub(super) trait Elements: Send + Sync {
     fn n_batches(&self) -> usize;
     fn n_points(&self) -> usize;
@@ -59,18 +59,18 @@ pub(super) trait Elements: Send + Sync {
     fn point_weight(&self, batch: usize, point: usize) -> &Eight;
     fn vertex_shape(&self, point: usize) -> [f64; 4];
     fn add_masses(&self, tissues: &[Tissue], mass: &mut [f64]);
-    /// Of elements at the cut of ranks the share of their nodes that come before `n_owned`.
+    /// Strain energy; an element shared by ranks counts by its share of nodes below `n_owned`.
     fn energy(&self, pass: &Pass<'_>, n_owned: usize) -> f64;
 }
 
 pub(super) struct Field<const N: usize, const Q: usize> {
     batches: Vec<Batch<N, Q>>,
     shape: [[f64; 4]; Q],
-    /// Slots of the pairs `(a, b)`, `a · N + b`, one a lane.
+    /// Slots of the node pairs `(a, b)`, at `a · N + b`, for each lane.
     slots: Vec<[[u32; BATCH]; N]>,
-    /// Whether volume changes are nodal.
+    /// Whether the volume change is averaged at vertices.
     nodal: bool,
-    /// Slots of the couplings `(a, vertex)`, `a · 4 + v`; empty for linear elements, whose nodes are all vertices: `slots`.
+    /// Slots of the couplings `(a, vertex)`, at `a · 4 + v`; empty for linear elements, which use `slots`.
     coupling_slots: Vec<[u32; BATCH]>,
 }
 
@@ -131,8 +131,8 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
     }
 }
 
-/// Share of an element's mass at each node: equal for linear elements; for quadratic ones in proportion to the diagonal of
-/// the consistent mass, because row sums are negative at their vertices (Hinton, Rock and Zienkiewicz 1976).
+/// Share of an element's mass at each node: equal for linear elements; proportional to the consistent mass's diagonal for
+/// quadratic ones, whose row sums are negative at vertices (Hinton, Rock and Zienkiewicz 1976).
 fn lumped_shares<const N: usize>() -> [f64; N] {
     std::array::from_fn(|a| match (N, a) {
         (4, _) => 0.25,
@@ -162,7 +162,7 @@ impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
             volume_and_stretch(simd, batch, &input.x, j, c11);
             for (q, j) in j.iter().enumerate() {
                 for lane in 0..batch.n {
-                    // A NaN must not pass for a large volume.
+                    // The comparison keeps a NaN, which would otherwise pass for a large volume.
                     if !out.smallest.0.is_nan() && !(j[lane] >= out.smallest.0) {
                         out.smallest = (j[lane], batch.elements[lane] as usize);
                     }
@@ -310,7 +310,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
 }
 
 impl<const N: usize, const Q: usize> Field<N, Q> {
-    /// For linear elements.
+    /// Scatters linear elements into a packed tangent.
     #[inline(always)]
     fn scatter_packed(
         &self,

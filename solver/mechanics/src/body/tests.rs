@@ -7,7 +7,7 @@ use crate::linear::{Assembled, Operator as _};
 use crate::material::{ActiveLaw, Guccione, Law, Volumetric};
 use crate::parallel::SingleProcess;
 
-/// A cube of `n`³ cells of six tetrahedra, inner nodes moved so that no element is regular.
+/// A cube of `n`³ cells of six tetrahedra, with inner nodes moved so that no element is regular.
 fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
     let at = |i: usize, j: usize, k: usize| (i * (n + 1) + j) * (n + 1) + k;
     let mut nodes = vec![];
@@ -73,7 +73,7 @@ fn tissue() -> Tissue {
     }
 }
 
-/// A frame that turns from point to point.
+/// A frame that rotates from point to point.
 fn frame(_: usize, x: [f64; 3]) -> Frame {
     let r = nalgebra::Rotation3::from_euler_angles(x[0], 0.5 + x[1], 2.0 * x[2]);
     std::array::from_fn(|i| std::array::from_fn(|k| r[(i, k)]))
@@ -200,7 +200,7 @@ fn tangent_is_the_slope_of_the_forces() {
                 forces(&body, &u),
                 "{name}: a restarted beat may take either pass"
             );
-            // Held components, weights and surfaces as a time step adds them.
+            // Constrained components, weights and surfaces, as in a time step.
             let mut fixed = vec![[false; 3]; body.n_nodes()];
             fixed[1] = [true, false, true];
             let (mut whole, mut products) =
@@ -292,7 +292,7 @@ fn forces_turn_with_the_body_and_vanish_in_sum() {
 #[test]
 fn a_homogeneous_deformation_leaves_inner_nodes_in_balance() {
     for (name, body) in bodies(3) {
-        // Passive and with one frame for all: the stress is the same everywhere.
+        // A passive law with a uniform frame makes the stress uniform.
         let h = [
             [0.08, 0.05, -0.02],
             [0.01, -0.04, 0.06],

@@ -1,8 +1,8 @@
-//! From lanes to blocks: what a batch computed side by side, one element after another.
+//! Transposition of a batch's results from lanes to blocks of single elements.
 
 use crate::element::BATCH;
 
-/// How this processor shuffles numbers between vectors.
+/// Shuffle instructions of this processor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shuffle {
     #[cfg(target_arch = "x86_64")]
@@ -17,7 +17,7 @@ impl Shuffle {
         }
     }
 
-    /// Four numbers of eight lanes as eight lanes of four numbers.
+    /// Transposes four numbers of eight lanes into eight lanes of four numbers.
     #[inline(always)]
     pub fn transposed(self, rows: [&[f32; BATCH]; 4]) -> [[f32; 4]; BATCH] {
         let mut out = [[0.0; 4]; BATCH];

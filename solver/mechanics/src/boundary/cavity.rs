@@ -5,41 +5,40 @@ use super::pressure::{Faces, PressureSurface, cross};
 use crate::linear::{Assembled, Pattern};
 use crate::parallel::Communicator;
 
-/// In a loop around an opening: another rank owns this node.
+/// Marks a node of an opening's loop that another rank owns.
 pub const NOT_HERE: u32 = u32::MAX;
 
-/// What holds the pressure that acts on the caps.
+/// Support of the pressure on the caps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ValvePlane {
-    /// Nothing: pressure acts on the endocardium alone, as in the benchmarks.
+    /// Pressure acts on the endocardium alone, as in the benchmarks.
     Open,
-    /// The rim, evenly over its reference area: closed valves pull at the ring that they hang on. The load of the cavity
-    /// then has no resultant, so that nothing has to hold the heart against it.
+    /// The rim bears the pressure evenly over its reference area, as closed valves pull on their ring. The cavity's load then
+    /// has no resultant, and the heart needs no support against it.
     HangsOnRim,
 }
 
-/// An endocardium with openings, each closed by a fan around the mean of its nodes.
+/// An endocardium whose openings are closed by triangle fans around the mean of their nodes.
 #[derive(Debug, Clone)]
 pub struct Cavity {
     wall: PressureSurface,
-    /// Loops of nodes around the openings, in the direction of the surface's edges, alike on all ranks but for [`NOT_HERE`].
+    /// Node loops around the openings in the direction of the surface's edges, equal on all ranks up to [`NOT_HERE`].
     openings: Vec<Vec<u32>>,
-    /// Share of the caps' load that each node of the rim carries.
+    /// Share of the caps' load on each rim node.
     rim: Vec<(u32, f64)>,
-    /// Whether there is a rim, here or on another rank.
+    /// Whether a rim carries the caps' load, on this rank or another.
     hangs: bool,
 }
 
 impl Cavity {
-    /// A cavity inside `endocardium`, triangles of three or six nodes with normals out of the tissue: on each rank those that
-    /// touch a node that it owns. Collective.
+    /// A cavity inside `endocardium`, triangles of three or six nodes with normals out of the tissue. Each rank passes the
+    /// triangles that touch its owned nodes. Collective.
     ///
-    /// - `openings`: closed loops of nodes, in the direction of the triangles' edges; mid-edge nodes included; [`NOT_HERE`] for
-    ///   nodes that another rank owns
-    /// - `rim`: triangles that the caps' load is spread over; empty for [`ValvePlane::Open`]
+    /// - `openings`: closed node loops in the direction of the triangles' edges, mid-edge nodes included, or [`NOT_HERE`]
+    /// - `rim`: triangles that bear the caps' load; empty for [`ValvePlane::Open`]
     ///
     /// # Errors
-    /// [`SurfaceError`] for triangles with another number of nodes, or such that are not of the body.
+    /// [`SurfaceError`] for triangles that have another number of nodes or do not belong to the body.
     pub fn new<const N: usize>(
         endocardium: &[[u32; N]],
         openings: Vec<Vec<u32>>,
@@ -112,7 +111,7 @@ impl Cavity {
         for nodes in loops.iter().skip(1) {
             let centre = mean(nodes);
             for (a, b) in edges(nodes) {
-                // Against the rim's direction, so that cap and endocardium are oriented alike.
+                // The cap runs against the loop's direction, which orients it like the endocardium.
                 let (p, q, r) = (minus(*b, origin), minus(*a, origin), minus(centre, origin));
                 volume[0] -= dot(p, cross(&q, &r)) / 6.0;
             }
@@ -120,7 +119,7 @@ impl Cavity {
         volume[0]
     }
 
-    /// Adds `scale` times the volume's gradient \[mm²\]; only owned nodes' is complete. Collective.
+    /// Adds `scale` times the volume's gradient \[mm²\]; complete on owned nodes only. Collective.
     pub fn add_volume_gradient(
         &self,
         comm: &dyn Communicator,
@@ -191,8 +190,8 @@ impl Cavity {
         }
     }
 
-    /// Adds minus the force \[mN\] of `pressure` \[kPa\] on the wall, and on the rim where the caps hang on one; only owned
-    /// nodes' is complete. Collective.
+    /// Subtracts the force \[mN\] of `pressure` \[kPa\] on the wall, and on the rim if it bears the caps; complete on owned
+    /// nodes only. Collective.
     pub fn add_forces(
         &self,
         comm: &dyn Communicator,
@@ -215,8 +214,8 @@ impl Cavity {
         }
     }
 
-    /// Adds the derivative of [`Self::add_forces`] \[mN/mm\]: its symmetric part on the wall. What is left out, the change of
-    /// the caps' area and an unsymmetric part at the edge of the opening, is of the order of the load on the rim alone.
+    /// Adds the symmetric part of the wall's share of [`Self::add_forces`]'s derivative \[mN/mm\]. The omitted terms, the
+    /// change of the caps' area and an unsymmetric part at the openings' edges, are of the order of the rim's load.
     pub fn add_tangent(
         &self,
         pressure: f64,

@@ -1,56 +1,56 @@
-//! Pressure that follows the deformed surface, and the volume behind it.
+//! Pressure that follows a deforming surface, and the volume enclosed by it.
 
 use crate::element::shape::{triangle, triangle_rule};
 use crate::linear::{Assembled, NO_SLOT, Pattern};
 
-/// A surface that cannot carry a load.
+/// Why a surface cannot carry a load.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
-    /// Triangles have three or six nodes.
+    /// The triangles do not all have three nodes or all have six.
     #[error(
         "a triangle of the surface has {found} nodes, expected 3 (linear) or 6 (quadratic), the same for all"
     )]
     Nodes {
-        /// Nodes found.
+        /// Number of nodes found.
         found: usize,
     },
-    /// A triangle is not a face of the body's elements.
+    /// A triangle is not a face of an element of the body.
     #[error(
         "triangle {triangle} of the surface joins nodes {a} and {b}, which no element of the body shares"
     )]
     NotOfBody {
-        /// Triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// Node.
+        /// First node of the edge.
         a: u32,
-        /// Node.
+        /// Second node of the edge.
         b: u32,
     },
 }
 
-/// Value and both derivatives of a node's shape function.
+/// Value and two derivatives of a node's shape function.
 type NodeShape = (f64, [f64; 2]);
 
-/// Triangles of three or six nodes, seen counter-clockwise from outside the body, with their place in the stiffness.
+/// Triangles of three or six nodes, counter-clockwise from outside the body, with their slots in the stiffness.
 #[derive(Debug, Clone)]
 pub struct Faces {
-    /// Nodes a triangle.
+    /// Number of nodes of a triangle.
     pub n_nodes: usize,
-    /// Nodes, triangle after triangle.
+    /// Nodes, ordered by triangle.
     pub nodes: Vec<u32>,
-    /// Slots of the pairs `(a, b)`, triangle after triangle.
+    /// Slots of the node pairs `(a, b)`, ordered by triangle.
     pub slots: Vec<u32>,
-    /// Weight and, for each node, value and both derivatives of its shape function, point after point.
+    /// Weight of each integration point, and value and derivatives of each node's shape function there.
     pub points: Vec<(f64, Vec<NodeShape>)>,
-    /// Nodes that this rank owns: those from here on are ghosts.
+    /// Number of nodes that this rank owns; later nodes are ghosts.
     n_owned: usize,
 }
 
 impl Faces {
-    /// Prepares `triangles` for a body whose stiffness has `pattern`.
+    /// Prepares `triangles` for a body whose stiffness has the sparsity `pattern`.
     ///
     /// # Errors
-    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
+    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not a face of the body.
     pub fn new<const N: usize>(
         triangles: &[[u32; N]],
         pattern: &Pattern,
@@ -87,7 +87,7 @@ impl Faces {
         })
     }
 
-    /// This rank's share of a triangle in sums over ranks: that of the nodes that it owns.
+    /// This rank's share of a triangle in sums over ranks, the fraction of its nodes that are owned.
     pub(crate) fn share(&self, nodes: &[u32]) -> f64 {
         nodes
             .iter()
@@ -96,7 +96,7 @@ impl Faces {
             / nodes.len() as f64
     }
 
-    /// Positions of a triangle's nodes; of six, or of three and three zeros.
+    /// Positions of a triangle's nodes, padded with zeros to six.
     pub(crate) fn positions(
         nodes: &[u32],
         reference: &[f64],
@@ -113,7 +113,7 @@ impl Faces {
         out
     }
 
-    /// Both tangent vectors at a point.
+    /// Both tangent vectors at an integration point.
     pub(crate) fn tangents(shape: &[NodeShape], x: &[[f64; 3]]) -> [[f64; 3]; 2] {
         let mut out = [[0.0; 3]; 2];
         for ((_, slope), x) in shape.iter().zip(x) {
@@ -144,7 +144,7 @@ impl PressureSurface {
     /// A surface of triangles with three or six nodes, seen counter-clockwise from outside the body.
     ///
     /// # Errors
-    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
+    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not a face of the body.
     pub fn new<const N: usize>(
         triangles: &[[u32; N]],
         pattern: &Pattern,
@@ -154,7 +154,7 @@ impl PressureSurface {
         })
     }
 
-    /// Adds `p ∫ Nₐ n da` \[mN\] for `pressure` \[kPa\] on the deformed surface: minus the force of the pressure.
+    /// Adds `p ∫ Nₐ n da` \[mN\] for `pressure` \[kPa\] on the deformed surface, the negative force of the pressure.
     pub fn add_forces(
         &self,
         pressure: f64,
@@ -178,12 +178,11 @@ impl PressureSurface {
         }
     }
 
-    /// The faces.
     pub(crate) fn faces(&self) -> &Faces {
         &self.faces
     }
 
-    /// `∫ n da` \[mm²\] over the deformed surface; to be summed over ranks.
+    /// This rank's share of `∫ n da` \[mm²\] over the deformed surface.
     pub(crate) fn resultant(&self, reference: &[f64], displacement: &[f64]) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
@@ -209,7 +208,7 @@ impl PressureSurface {
         self.add_tangent_part(pressure, reference, displacement, tangent, false);
     }
 
-    /// As [`Self::add_tangent`], the symmetric part alone: the whole one for a closed surface.
+    /// As [`Self::add_tangent`], but the symmetric part alone, which is exact for a closed surface.
     pub fn add_symmetric_tangent(
         &self,
         pressure: f64,
@@ -269,8 +268,8 @@ impl PressureSurface {
         }
     }
 
-    /// Volume \[mm³\] between the deformed surface and the point `about`, positive where the surface looks at it: the
-    /// cavity's volume if `about` lies in the plane of a flat opening. To be summed over ranks.
+    /// This rank's share of the volume \[mm³\] between the deformed surface and the point `about`, positive where the surface
+    /// faces it: the cavity's volume if `about` lies in the plane of a flat opening.
     #[must_use]
     pub fn volume(&self, about: [f64; 3], reference: &[f64], displacement: &[f64]) -> f64 {
         let mut volume = 0.0;

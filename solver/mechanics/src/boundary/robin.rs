@@ -1,15 +1,15 @@
-//! Springs (and, with a rate, dashpots) between a surface and a fixed frame: constant matrices.
+//! Springs and dashpots between a surface and a fixed frame, with constant matrices.
 
 use super::SurfaceError;
 use super::pressure::{Faces, cross};
 use crate::linear::{Assembled, Pattern};
 
-/// Which displacement a support resists.
+/// Displacement components that a support resists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RobinDirection {
-    /// Along the reference normal: pericardium.
+    /// Along the reference normal, as for the pericardium.
     Normal,
-    /// In all directions: base rim.
+    /// In all directions, as for the basal rim.
     All,
 }
 
@@ -31,7 +31,7 @@ impl Robin {
     /// Integrates over `triangles` of three or six nodes with coordinates `reference`.
     ///
     /// # Errors
-    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
+    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not a face of the body.
     pub fn new<const N: usize>(
         triangles: &[[u32; N]],
         direction: RobinDirection,
@@ -43,7 +43,7 @@ impl Robin {
 
     /// As [`Self::new`], with a stiffness that varies over the surface.
     ///
-    /// - `share`: stiffness at a point \[mm\] of the reference over `k`
+    /// - `share`: relative stiffness at a point of the reference surface \[mm\]
     ///
     /// # Errors
     /// As for [`Self::new`].
@@ -108,7 +108,7 @@ impl Robin {
         Ok(Self { entries })
     }
 
-    /// Adds `k A u` \[mN\] to `force`, `k` \[kPa/mm\]; with a velocity and kPa·ms/mm a dashpot's.
+    /// Adds `k A u` \[mN\] to `force` for `k` in kPa/mm; with a velocity and `k` in kPa·ms/mm, the force of a dashpot.
     pub fn add_forces(&self, k: f64, displacement: &[f64], force: &mut [f64]) {
         for e in &self.entries {
             for i in 0..3 {

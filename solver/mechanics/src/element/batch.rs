@@ -1,29 +1,29 @@
-//! Eight elements side by side: node numbers, gradients in the fibre frame, weights.
+//! Batches of eight elements: node numbers, gradients in the fibre frame, weights.
 
 use super::shape::{slopes, tetrahedron_rule, values};
 use super::{BATCH, Eight};
 
-/// The fibre frame at a point: columns fibre, sheet, sheet-normal, orthonormal and right-handed; entry `[i][k]` is
-/// component `i` of axis `k`.
+/// An orthonormal right-handed fibre frame with columns fibre, sheet, sheet-normal: entry `[i][k]` is component `i` of axis
+/// `k`.
 pub type Frame = [[f64; 3]; 3];
 
-/// An integration point of eight elements.
+/// An integration point in each of eight elements.
 #[derive(Debug, Clone)]
 pub struct Point<const N: usize> {
     /// Gradient of each node's shape function in the fibre frame \[1/mm\].
     pub grad: [[Eight; 3]; N],
-    /// Weight \[mm³\]: share of the reference volume; zero in unused lanes.
+    /// Reference volume of the point \[mm³\]; zero in unused lanes.
     pub weight: Eight,
 }
 
 /// Up to eight elements of one tissue.
 #[derive(Debug, Clone)]
 pub struct Batch<const N: usize, const Q: usize> {
-    /// Tissue's position in the body's list.
+    /// Index of the tissue in the body's list.
     pub tissue: usize,
-    /// Lanes in use; the others repeat the last element with weight zero.
+    /// Number of lanes in use; the others repeat the last element with weight zero.
     pub n: usize,
-    /// Position of each lane's element in the mesh.
+    /// Index of each lane's element in the mesh.
     pub elements: [u32; BATCH],
     /// Nodes of each lane's element.
     pub nodes: [[u32; BATCH]; N],
@@ -31,7 +31,7 @@ pub struct Batch<const N: usize, const Q: usize> {
     pub points: [Point<N>; Q],
 }
 
-/// An element that cannot be integrated.
+/// Why an element cannot be integrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ElementError {
     /// The element's reference volume is not positive.
@@ -40,25 +40,25 @@ pub enum ElementError {
          the element is inverted or degenerate, or its nodes are in the wrong order"
     )]
     NotPositive {
-        /// Element.
+        /// Index of the element.
         element: usize,
-        /// Six times the volume that the point stands for.
+        /// Six times the reference volume of the point \[mm³\].
         jacobian_mm3: f64,
     },
     /// A node number is outside the mesh.
     #[error("element {element} names node {node}, but the mesh has {n_nodes} nodes")]
     NodeOutOfRange {
-        /// Element.
+        /// Index of the element.
         element: usize,
-        /// Node that it names.
+        /// Node number outside the mesh.
         node: u32,
-        /// Nodes in the mesh.
+        /// Number of nodes in the mesh.
         n_nodes: usize,
     },
 }
 
 impl ElementError {
-    /// With the element's number in the whole mesh; as it is where `numbers` has none.
+    /// Replaces the element's index by its number in the whole mesh, if `numbers` lists it.
     #[must_use]
     pub fn renumbered(mut self, numbers: &[u32]) -> Self {
         let (Self::NotPositive { element, .. } | Self::NodeOutOfRange { element, .. }) = &mut self;
@@ -69,14 +69,14 @@ impl ElementError {
     }
 }
 
-/// Shape-function values of the vertices (linear) at each integration point: how nodal pressures act there.
+/// Linear shape functions of the vertices at each integration point; they interpolate nodal pressures.
 #[must_use]
 pub fn vertex_values<const Q: usize>() -> [[f64; 4]; Q] {
     let rule = tetrahedron_rule(Q);
     std::array::from_fn(|q| values::<4>(&rule[q].0))
 }
 
-/// Batches of the elements `tets`, tissue after tissue, in the given order within a tissue.
+/// Groups the elements `tets` into batches by tissue, in the given order within a tissue.
 ///
 /// - `frame`: fibre frame at a point of an element (element, coordinates \[mm\])
 ///
@@ -147,7 +147,7 @@ pub fn batches<const N: usize, const Q: usize>(
     Ok(out)
 }
 
-/// Gradients of the shape functions in space and six times the volume that the point stands for.
+/// Spatial gradients of the shape functions, and six times the reference volume of the point.
 fn gradients<const N: usize>(x: &[[f64; 3]; N], l: &[f64; 4]) -> ([[f64; 3]; N], f64) {
     let slope = slopes::<N>(l);
     // ξ_k = l_{k+1}; l₀ = 1 − Σ ξ.

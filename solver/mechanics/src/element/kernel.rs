@@ -1,7 +1,7 @@
 //! Forces and stiffness of a batch of elements.
 //!
-//! The kernel sees positions in space and gradients in the fibre frame: `F = Σ xₐ ⊗ gₐ` maps the fibre frame to space, so
-//! that `C = FᵀF` has the material's axes, and `f_a = ∫ F S gₐ`, `K_ab = ∫ BₐᵀD B_b + (gₐ·S g_b) I`.
+//! Positions are in space and gradients in the fibre frame: `F = Σ xₐ ⊗ gₐ` maps the fibre frame to space, so that `C = FᵀF`
+//! has the material's axes. Forces are `f_a = ∫ F S gₐ`, and the stiffness is `K_ab = ∫ BₐᵀD B_b + (gₐ·S g_b) I`.
 
 use pulp::Simd;
 
@@ -20,7 +20,7 @@ pub const MAX_PAIRS: usize = 55;
 pub struct ActivePoint {
     /// Active stress \[kPa\].
     pub sa_kpa: Eight,
-    /// Derivative with respect to the fibre stretch of the whole element field \[kPa\].
+    /// Derivative of the active stress with respect to the fibre stretch \[kPa\].
     pub slope_kpa: Eight,
 }
 
@@ -32,19 +32,19 @@ impl ActivePoint {
     };
 }
 
-/// What the kernel reads of a batch's nodes.
+/// Nodal values of a batch.
 #[derive(Debug, Clone)]
 pub struct Gathered<const N: usize> {
     /// Positions \[mm\].
     pub x: [[Eight; 3]; N],
-    /// Pressures that come from nodal averages of the volume change, at the vertices \[kPa\].
+    /// Pressures at the vertices from averaged volume changes \[kPa\].
     pub pressure: [Eight; 4],
-    /// Velocities \[mm/ms\]; read in viscous tissue alone.
+    /// Velocities \[mm/ms\], used in viscous tissue alone.
     pub velocity: [[Eight; 3]; N],
 }
 
 impl<const N: usize> Gathered<N> {
-    /// Zeros.
+    /// A batch of zeros.
     #[must_use]
     pub fn zeros() -> Self {
         Self {
@@ -55,10 +55,10 @@ impl<const N: usize> Gathered<N> {
     }
 }
 
-/// Viscosity of a tissue in motion: `S = η Ė`, from the pseudo-potential `η/2 tr Ė²`.
+/// Viscosity of a moving tissue: `S = η Ė`, from the pseudo-potential `η/2 tr Ė²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viscous {
-    /// η \[kPa·ms\]; zero for none.
+    /// Viscosity η \[kPa·ms\], zero for none.
     pub viscosity_kpa_ms: f64,
     /// `∂v/∂u` of the time integration \[1/ms\].
     pub velocity_rate_per_ms: f64,
@@ -72,20 +72,20 @@ impl Viscous {
     };
 }
 
-/// What the kernel writes; summed over integration points.
+/// Output of the kernel, summed over integration points.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
 pub struct Scratch<const N: usize> {
     /// Force on each node \[mN\].
     pub force: [[Eight; 3]; N],
-    /// Stiffness of the pairs `a ≤ b`, row by row \[mN/mm\]; pair `(a, b)` at [`pair`].
+    /// Stiffness of the node pairs `a ≤ b` \[mN/mm\], stored at [`pair`].
     pub stiffness: [[Eight; 9]; MAX_PAIRS],
-    /// Derivative of each vertex's share of the deformed volume with respect to each node \[mm²\].
+    /// Derivative of each vertex's share of the deformed volume with respect to each node's position \[mm²\].
     pub coupling: [[[Eight; 3]; 4]; N],
 }
 
 impl<const N: usize> Scratch<N> {
-    /// Zeros.
+    /// Zeroed output.
     #[must_use]
     pub fn new() -> Box<Self> {
         Box::new(Self {
@@ -96,20 +96,19 @@ impl<const N: usize> Scratch<N> {
     }
 }
 
-/// Position of the pair `a ≤ b` of an element with `n` nodes.
+/// Index of the pair `a ≤ b` of an element with `n` nodes.
 #[inline(always)]
 #[must_use]
 pub const fn pair(n: usize, a: usize, b: usize) -> usize {
     a * n + b - a * (a + 1) / 2
 }
 
-/// How the change of volume is resisted.
+/// How elements resist a change of volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum VolumeChange {
-    /// At every integration point: the plain penalty (for linear elements the paper's P1/P0).
+    /// A penalty at every integration point (P1/P0 for linear elements, as in the paper).
     Pointwise,
-    /// By the average of each vertex over its elements; a share stays pointwise, which removes the spurious modes of
-    /// linear elements.
+    /// A penalty on each vertex's average over its elements. A pointwise share removes the spurious modes of linear elements.
     Nodal {
         /// Share of κ that stays pointwise, 0 to 1.
         pointwise_share: f64,
@@ -128,7 +127,7 @@ impl VolumeChange {
     }
 }
 
-/// `F` at an integration point.
+/// Deformation gradient `F` at an integration point.
 #[inline(always)]
 fn deformation<S: Simd, const N: usize>(
     simd: S,
@@ -186,14 +185,14 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
     }
 }
 
-/// Forces and, with `TANGENT`, stiffness and volume coupling of a batch, added to `out`; written to it where there is one
-/// integration point alone, then with a linear element's coupling for its first vertex, which is that of all.
+/// Adds forces and, with `TANGENT`, stiffness and volume coupling of a batch to `out`. With a single integration point they
+/// overwrite it; the coupling of a linear element is then stored for the first vertex only, as it is equal for all four.
 ///
-/// - `shape`: values of the vertices' linear shape functions at each integration point
-/// - `active`: one an integration point
+/// - `shape`: linear shape functions of the vertices at each integration point
+/// - `active`: active stress at each integration point
 ///
-/// The tangent of viscous stress holds `∂Ė/∂v ∂v/∂u`, not the change of `Ė` with `F` at a given velocity: that part is not
-/// symmetric and smaller by the strain of a time step.
+/// The viscous tangent holds `∂Ė/∂v ∂v/∂u`, but not the change of `Ė` with `F` at fixed velocity: that part is unsymmetric and
+/// smaller by the strain of a time step.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -285,10 +284,10 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
         s[k] = s[k] * weight;
     }
     let full = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    // The gradients of a linear element's nodes have no sum: what belongs to its first node follows from the others'.
+    // The shape-function gradients of a linear element sum to zero, so the first node's terms follow from the others'.
     let first = if N == LINEAR { 1 } else { 0 };
     let mut g = [[zero; 3]; N];
-    // S gₐ once: both the force F S gₐ and the geometric stiffness gₐ·S g_b need it.
+    // S gₐ enters both the force F S gₐ and the geometric stiffness gₐ·S g_b.
     let mut sg = [[zero; 3]; N];
     for a in first..N {
         for k in 0..3 {
@@ -316,7 +315,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
         return;
     }
     if let VolumeChange::Nodal { .. } = volume {
-        // Of all vertices alike in the middle of a linear element.
+        // At the centre of a linear element all vertices have the same weight.
         let n_vertices = if N == LINEAR { 1 } else { 4 };
         let mut rest = [zero; 3];
         for a in first..N {
@@ -343,7 +342,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     for k in 0..21 {
         d[k] = d[k] * weight;
     }
-    // Bₐ: engineering strain from the displacement of node a; [component][direction].
+    // Bₐ maps the displacement of node a to engineering strain: [component][direction].
     let mut strain = [[[zero; 3]; 6]; N];
     for a in first..N {
         for i in 0..3 {
@@ -384,7 +383,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     }
 }
 
-/// Adds to a sum over integration points, or writes where there is one point alone.
+/// Adds to a sum over integration points, or overwrites it if there is a single point.
 #[inline(always)]
 fn put<S: Simd, const Q: usize>(simd: S, to: &mut Eight, lane: usize, x: Lanes<S>) {
     if Q == 1 {
@@ -394,7 +393,7 @@ fn put<S: Simd, const Q: usize>(simd: S, to: &mut Eight, lane: usize, x: Lanes<S
     }
 }
 
-/// A linear element's stiffness of its first node, from that of the other three.
+/// Stiffness of a linear element's first node, from that of the other three.
 #[inline(always)]
 fn complete_stiffness<S: Simd>(simd: S, stiffness: &mut [[Eight; 9]; MAX_PAIRS], lane: usize) {
     let get = |stiffness: &[[Eight; 9]; MAX_PAIRS], a: usize, b: usize, i: usize, k: usize| {

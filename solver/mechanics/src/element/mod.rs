@@ -1,11 +1,11 @@
-//! Tetrahedra: shape functions, batches of eight elements, and the kernel that turns displacements into forces and stiffness.
+//! Tetrahedra: shape functions, batches of eight elements, and the kernel for forces and stiffness.
 
 pub mod batch;
 pub mod kernel;
 pub mod quadratic;
 pub mod shape;
 
-/// Elements that run together, one a SIMD lane.
+/// Number of elements in a batch, one per SIMD lane.
 pub const BATCH: usize = 8;
 
 /// A number for each element of a batch.

@@ -1,11 +1,10 @@
-//! Quadratic tetrahedra from linear ones: a node on every edge.
+//! Quadratic tetrahedra, made from linear ones with a node on every edge.
 
 use std::collections::BTreeMap;
 
 use super::shape::EDGES;
 
-/// A mesh of quadratic tetrahedra. Vertices keep their numbers and come first, mid-edge nodes follow in ascending order
-/// of their edges.
+/// A mesh of quadratic tetrahedra. Vertices keep their numbers; mid-edge nodes follow in ascending order of their edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuadraticMesh {
     /// Node coordinates \[mm\].
@@ -18,8 +17,8 @@ pub struct QuadraticMesh {
 }
 
 impl QuadraticMesh {
-    /// Adds mid-edge nodes. `place` gives the coordinates of the node between two vertices (their numbers); the straight
-    /// edge's middle where it returns `None`.
+    /// Adds mid-edge nodes. `place` gives the position \[mm\] of the node between two vertices, or `None` for the edge's
+    /// midpoint.
     pub fn new(
         vertices: &[[f64; 3]],
         tets: &[[u32; 4]],
@@ -58,13 +57,13 @@ impl QuadraticMesh {
         }
     }
 
-    /// The node between two vertices, `None` where they share no edge.
+    /// The node between two vertices; `None` if they share no edge.
     #[must_use]
     pub fn middle(&self, a: u32, b: u32) -> Option<u32> {
         self.edges.get(&(a.min(b), a.max(b))).copied()
     }
 
-    /// The six nodes of the triangle with these vertices, `None` where an edge is not in the mesh.
+    /// The six nodes of the triangle with these vertices; `None` if one of its edges is not in the mesh.
     #[must_use]
     pub fn triangle(&self, t: [u32; 3]) -> Option<[u32; 6]> {
         let mid = |i: usize, j: usize| self.middle(t[i], t[j]);

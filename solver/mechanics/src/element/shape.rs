@@ -1,15 +1,14 @@
 //! Shape functions and quadrature of tetrahedra and triangles in barycentric coordinates.
 
-/// Linear tetrahedron: nodes.
+/// Number of nodes of a linear tetrahedron.
 pub const LINEAR: usize = 4;
-/// Quadratic tetrahedron: nodes; four vertices, then the midpoints of [`EDGES`].
+/// Number of nodes of a quadratic tetrahedron: four vertices, then the midpoints of [`EDGES`].
 pub const QUADRATIC: usize = 10;
 
-/// Edges of a tetrahedron in the order of the quadratic element's mid-edge nodes (VTK's and gmsh's first eight; the last
-/// two are VTK's).
+/// Edges of a tetrahedron in the order of VTK's mid-edge nodes; gmsh swaps the last two.
 pub const EDGES: [(usize, usize); 6] = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)];
 
-/// Barycentric coordinates and weight (a share of the volume) of each point of a tetrahedron's rule.
+/// Barycentric coordinates and weight (volume fraction) of each point of a tetrahedron's quadrature rule.
 #[must_use]
 pub fn tetrahedron_rule(n_points: usize) -> Vec<([f64; 4], f64)> {
     match n_points {
@@ -38,7 +37,7 @@ pub fn values<const N: usize>(l: &[f64; 4]) -> [f64; N] {
     })
 }
 
-/// Derivatives of the shape functions with respect to the barycentric coordinates, taken as independent.
+/// Derivatives of the shape functions with respect to the four barycentric coordinates, taken as independent.
 #[must_use]
 pub fn slopes<const N: usize>(l: &[f64; 4]) -> [[f64; 4]; N] {
     std::array::from_fn(|a| {
@@ -56,8 +55,8 @@ pub fn slopes<const N: usize>(l: &[f64; 4]) -> [[f64; 4]; N] {
     })
 }
 
-/// Barycentric coordinates and weight (a share of the area) of a triangle's rule, exact to degree 1 (1 point), 2 (3) or
-/// 4 (6).
+/// Barycentric coordinates and weights (area fractions) of a triangle's quadrature rule with 1, 3 or 6 points, exact to degree
+/// 1, 2 or 4.
 #[must_use]
 pub fn triangle_rule(n_points: usize) -> Vec<([f64; 3], f64)> {
     match n_points {
@@ -98,8 +97,8 @@ pub fn triangle_rule(n_points: usize) -> Vec<([f64; 3], f64)> {
 /// Edges of a triangle in the order of the quadratic triangle's mid-edge nodes.
 pub const TRIANGLE_EDGES: [(usize, usize); 3] = [(0, 1), (1, 2), (2, 0)];
 
-/// Values and derivatives with respect to the first two barycentric coordinates' increments (ξ, η) of a triangle with
-/// three or six nodes; ξ and η are the second and third barycentric coordinate.
+/// Values and derivatives with respect to (ξ, η), the second and third barycentric coordinate, of the shape functions of a
+/// triangle with three or six nodes.
 #[must_use]
 pub fn triangle(n_nodes: usize, l: &[f64; 3]) -> Vec<(f64, [f64; 2])> {
     let d = |slope: [f64; 3]| [slope[1] - slope[0], slope[2] - slope[0]];

@@ -1,39 +1,39 @@
-//! Active stress along the fibre, and a share of it across.
+//! Active stress along the fibre, with optional shares across it.
 
 use super::tensor::{Sym, at};
 use super::{Load, MaterialError, Response};
 use crate::number::Real;
 
-/// Which tensor the scalar active stress multiplies. They differ by powers of the stretch: 1.38 and 1.18 at λ = 0.85.
+/// Stress measure of the scalar active stress. At λ = 0.85 the factors of the last two are 1.18 and 1.38.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ActiveConvention {
-    /// `S = Ta f⊗f`, a second Piola–Kirchhoff stress: both mechanics benchmarks.
+    /// `S = Ta f⊗f`, a second Piola–Kirchhoff stress, as in both mechanics benchmarks.
     SecondPiola,
-    /// `S = Ta/λ f⊗f`, force per reference area.
+    /// `S = Ta/λ f⊗f`, a force per reference area.
     FirstPiola,
-    /// `S = Ta/λ² f⊗f`, the paper's.
+    /// `S = Ta/λ² f⊗f`, as in the paper.
     PerSquaredStretch,
 }
 
 /// How active stress acts in a tissue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActiveLaw {
-    /// Convention.
+    /// Stress tensor that the scalar multiplies.
     pub convention: ActiveConvention,
-    /// Share of the stress that acts along the sheet axis, by the same convention with the stretch along that axis.
+    /// Share of the stress along the sheet axis, by the same convention with that axis's stretch.
     pub cross_fibre: f64,
-    /// The same along the normal of the sheet, which lies in the plane of the wall where sheets are transmural.
+    /// Share along the sheet normal, which lies in the plane of the wall if sheets are transmural.
     pub sheet_normal: f64,
 }
 
 impl ActiveLaw {
-    /// The paper's: `S = Ta/λ² f⊗f`, nothing across.
+    /// The paper's law, `S = Ta/λ² f⊗f` without cross-fibre stress.
     pub const PAPER: Self = Self {
         convention: ActiveConvention::PerSquaredStretch,
         cross_fibre: 0.0,
         sheet_normal: 0.0,
     };
-    /// The benchmarks': `S = Ta f⊗f`, nothing across.
+    /// The benchmarks' law, `S = Ta f⊗f` without cross-fibre stress.
     pub const BENCHMARK: Self = Self {
         convention: ActiveConvention::SecondPiola,
         cross_fibre: 0.0,
@@ -64,7 +64,7 @@ impl ActiveLaw {
     ) {
         let (ta, slope) = (load.active, load.active_slope);
         let lambda = c[0].sqrt();
-        // dλ/dE₁₁ = 1/λ: `slope` reaches every component that carries active stress through the fibre's own stretch.
+        // dλ/dE₁₁ = 1/λ: all active stress depends on the fibre stretch, so `slope` enters every such component.
         let slope_e = slope / lambda;
         let (factor, factor_slope) = self.factor(c[0]);
         out.s[0] = ta.mul_add(factor, out.s[0]);
@@ -78,15 +78,15 @@ impl ActiveLaw {
                 out.s[axis] = share.mul_add(factor, out.s[axis]);
                 if TANGENT {
                     out.d[at(axis, axis)] = share.mul_add(factor_slope, out.d[at(axis, axis)]);
-                    // The stress across also depends on the stretch along, not the other way round. Newton goes
-                    // without this coupling: triangular, it only delays the convergence, while its symmetric half makes
-                    // the tangent indefinite where a cell resists shortening (Land's slope is 40 times its stress).
+                    // Cross-fibre stress also depends on the fibre stretch, but not the reverse. Newton's method omits this
+                    // triangular coupling, which only slows convergence; its symmetric half would make the tangent indefinite
+                    // for a cell that resists shortening (Land's slope is 40 times its stress).
                 }
             }
         }
     }
 
-    /// The convention's factor at squared stretch `c`, and its derivative with respect to the Green strain along.
+    /// The convention's factor at squared stretch `c`, and its derivative with respect to the Green strain along the axis.
     #[inline(always)]
     fn factor<R: Real>(&self, c: R) -> (R, R) {
         let one = c.like(1.0);

@@ -1,4 +1,4 @@
-//! Guccione's passive myocardium.
+//! Guccione's law of passive myocardium.
 
 use super::tensor::{Sym, add_square, at};
 use super::{MaterialError, Response};
@@ -11,16 +11,16 @@ use crate::number::Real;
 pub struct Guccione {
     /// Stiffness `C` \[kPa\].
     pub c_kpa: f64,
-    /// Exponent along the fibre.
+    /// Exponent `b_f` of fibre strain.
     pub b_f: f64,
-    /// Exponent across it.
+    /// Exponent `b_t` of strains in the transverse plane.
     pub b_t: f64,
-    /// Exponent of fibre shear.
+    /// Exponent `b_fs` of fibre shear.
     pub b_fs: f64,
 }
 
 impl Guccione {
-    /// The exponents of 1995 with stiffness `c_kpa`.
+    /// Guccione's exponents of 1995 with stiffness `c_kpa` \[kPa\].
     #[must_use]
     pub fn guccione1995(c_kpa: f64) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Holzapfel and Ogden's orthotropic passive myocardium.
+//! Holzapfel and Ogden's orthotropic law of passive myocardium.
 
 use super::tensor::{Sym, add_square, at};
 use super::{MaterialError, Response};

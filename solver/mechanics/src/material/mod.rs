@@ -1,9 +1,8 @@
 //! Strain energies, their stress and consistent tangent, in the fibre frame.
 //!
-//! Axes of every tensor here are fibre, sheet and sheet-normal of the reference configuration, so a material needs no
-//! direction vectors. A law depends on the isochoric Green strain `Ē = (J^{-2/3} C − I)/2` through a [`Law`]'s isochoric
-//! part, and may have a part that sees the full `C` (Holzapfel–Ogden's fibre terms); [`respond`] projects the first one
-//! and adds pressure and active stress.
+//! Tensors have the axes fibre, sheet and sheet-normal of the reference configuration, so that a material needs no direction
+//! vectors. A [`Law`] has an isochoric part in the Green strain `Ē = (J^{-2/3} C − I)/2`, and may have a part in the full `C`
+//! (Holzapfel and Ogden's fibre terms). [`respond`] projects the isochoric part and adds pressure and active stress.
 
 mod active;
 mod guccione;
@@ -25,36 +24,36 @@ use tensor::{Sym, Tangent, add_pair, add_square, add_symmetric_product, apply, c
 /// A passive law of tissue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
-    /// Guccione 1995, exponential, transversely isotropic.
+    /// Guccione's exponential, transversely isotropic law (1995).
     Guccione(Guccione),
-    /// Holzapfel and Ogden 2009, orthotropic.
+    /// Holzapfel and Ogden's orthotropic law (2009).
     HolzapfelOgden(HolzapfelOgden),
-    /// Neo-Hookean, isotropic.
+    /// The isotropic neo-Hookean law.
     NeoHookean(NeoHookean),
 }
 
-/// One kind of tissue: passive law, resistance to a change of volume, active stress.
+/// A tissue: passive law, resistance to a change of volume, active stress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tissue {
     /// Passive law.
     pub law: Law,
     /// Resistance to a change of volume.
     pub volumetric: Volumetric,
-    /// How active stress acts; `None` for passive tissue.
+    /// Law of the active stress; `None` for passive tissue.
     pub active: Option<ActiveLaw>,
     /// Density in the reference configuration \[mg/mm³\].
     pub density: f64,
 }
 
-/// A parameter of a material outside its range.
+/// A material parameter is out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("material parameter {name} = {value} must be {expected}")]
 pub struct MaterialError {
-    /// Parameter.
+    /// Name of the parameter.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// What is allowed.
+    /// Admissible range.
     pub expected: &'static str,
 }
 
@@ -99,28 +98,27 @@ impl Tissue {
 /// Second Piola–Kirchhoff stress \[kPa\] and its tangent `2 ∂S/∂C` \[kPa\].
 #[derive(Debug, Clone, Copy)]
 pub struct Response<R> {
-    /// Stress.
+    /// Stress \[kPa\].
     pub s: Sym<R>,
-    /// Tangent; zeros where it was not asked for.
+    /// Tangent \[kPa\]; zero if it was not requested.
     pub d: Tangent<R>,
 }
 
-/// What acts at a point beside the passive law.
+/// Pressure and active stress at a point.
 #[derive(Debug, Clone, Copy)]
 pub struct Load<R> {
-    /// `U'(J)` of the part of the volumetric energy that this point itself carries, plus the pressure that comes from
-    /// elsewhere (nodal averages) \[kPa\].
+    /// `U'(J)` of the pointwise share of the volumetric energy, plus the pressure from nodal averages \[kPa\].
     pub pressure: R,
-    /// `U''(J)` of the part that this point itself carries \[kPa\].
+    /// `U''(J)` of the pointwise share \[kPa\].
     pub bulk: R,
     /// Active stress along the fibre \[kPa\], before the convention's factor.
     pub active: R,
-    /// Its derivative with respect to the fibre stretch `λ = √C₁₁` \[kPa\].
+    /// Derivative of the active stress with respect to the fibre stretch `λ = √C₁₁` \[kPa\].
     pub active_slope: R,
 }
 
 impl Law {
-    /// Strain energy \[kPa\] without the volumetric part, from `C` and `J = √det C`.
+    /// Strain energy density without the volumetric part \[kPa\], from `C` and `J = √det C`.
     pub fn energy<R: Real>(&self, c: &Sym<R>, j: R) -> R {
         let cbar = scaled(c, (j.ln().times(-2.0 / 3.0)).exp());
         match self {
@@ -140,8 +138,8 @@ fn scaled<R: Real>(c: &Sym<R>, k: R) -> Sym<R> {
     out
 }
 
-// No closures below this line in anything that a kernel inlines (`array::map`, `from_fn`): one that is not inlined is
-// compiled without the vector instructions of its caller, and costs a factor of ten.
+// Inlined kernel code below uses no closures (`array::map`, `from_fn`): a closure that is not inlined is compiled without its
+// caller's vector instructions, and costs a factor of ten.
 
 /// Stress and, with `TANGENT`, tangent of `tissue` at right Cauchy–Green tensor `c` with `j = det F`.
 ///
@@ -186,7 +184,7 @@ pub fn respond<R: Real, const TANGENT: bool>(
         for k in 0..21 {
             out.d[k] = a2 * bar.d[k];
         }
-        // Every C⁻¹⊗C⁻¹ and C⁻¹⊙C⁻¹ in one go: projection, 2/3 Tr(S̄) P̃, and pressure.
+        // All C⁻¹⊗C⁻¹ and C⁻¹⊙C⁻¹ terms at once: projection, 2/3 Tr(S̄) P̃, and pressure.
         let dyad = a2 * chc.times(1.0 / 9.0) - a * t.times(2.0 / 9.0) + p_j + load.bulk * (j * j);
         let product = a * t.times(2.0 / 3.0) - (p_j + p_j);
         add_square(&mut out.d, dyad, &c_inv);

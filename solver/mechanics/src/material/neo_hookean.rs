@@ -1,4 +1,4 @@
-//! Isotropic tissue: aortic root, other passive parts.
+//! The isotropic law of the aortic root and other passive tissue.
 
 use super::tensor::Sym;
 use super::{MaterialError, Response};

@@ -1,18 +1,18 @@
-//! The two factors by which a law is fitted to a patient: of its stiffness and of its exponents.
+//! Scale factors of stiffness and exponents, by which a law is fitted to a patient.
 //!
 //! | law | stiffness | exponents |
 //! |---|---|---|
 //! | Guccione | `C` | `b_f`, `b_t`, `b_fs` |
-//! | Holzapfel–Ogden | `a`, `a_f`, `a_s`, `a_fs`, told by `a` | `b`, `b_f`, `b_s`, `b_fs`; not the sharpness of the switch |
+//! | Holzapfel–Ogden | `a`, `a_f`, `a_s`, `a_fs`, represented by `a` | `b`, `b_f`, `b_s`, `b_fs`, but not the switch |
 //! | neo-Hookean | `µ` | none |
 //!
-//! The energy is proportional to the stiffness; the exponents are what multiplies strains under the exponential function. So
-//! for every law the first factor scales all stress at a given strain, and the second says how soon the law stiffens.
+//! The energy is proportional to the stiffness, and the exponents multiply strains inside the exponential function. The first
+//! factor thus scales all stress at a given strain, and the second sets how soon the law stiffens.
 
 use super::{Guccione, HolzapfelOgden, Law, NeoHookean};
 
 impl Law {
-    /// The modulus that stands for the stiffness \[kPa\].
+    /// The modulus that represents the stiffness \[kPa\].
     #[must_use]
     pub fn stiffness_kpa(&self) -> f64 {
         match self {
@@ -22,7 +22,7 @@ impl Law {
         }
     }
 
-    /// The same law with another stiffness \[kPa\]: all moduli in proportion.
+    /// Replaces the stiffness \[kPa\] and scales all moduli in proportion.
     #[must_use]
     pub fn with_stiffness(self, kpa: f64) -> Self {
         match self {
@@ -43,7 +43,7 @@ impl Law {
         }
     }
 
-    /// The same law with all moduli times `stiffness` and all exponents times `exponents`.
+    /// Multiplies all moduli by `stiffness` and all exponents by `exponents`.
     #[must_use]
     pub fn scaled(self, stiffness: f64, exponents: f64) -> Self {
         match self.with_stiffness(self.stiffness_kpa() * stiffness) {
@@ -71,7 +71,7 @@ impl Law {
         }
     }
 
-    /// The exponent that stands for all; `None` for a law without.
+    /// The exponent that represents all exponents; `None` for a law without exponents.
     #[must_use]
     pub fn exponent(&self) -> Option<f64> {
         match self {
@@ -126,8 +126,8 @@ mod tests {
 
     #[test]
     fn exponents_multiply_strain_energy_under_the_exponential() {
-        // At small strain the energy of an exponential law per exponent is that of its quadratic form: Guccione's grows with
-        // the exponents, Holzapfel and Ogden's, divided by them, does not.
+        // At small strain an exponential law becomes quadratic: Guccione's energy then grows with the exponents, Holzapfel and
+        // Ogden's, divided by them, does not.
         let small = [1.002, 0.999, 1.0, 1e-4, 0.0, 0.0];
         let at =
             |law: Law, c: &[f64; 6]| law.energy(c, super::super::tensor::determinant(c).sqrt());

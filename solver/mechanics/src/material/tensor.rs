@@ -1,17 +1,17 @@
-//! Symmetric 3×3 tensors and their fourth-order companions in components.
+//! Symmetric 3×3 tensors and fourth-order tensors on them, in components.
 //!
-//! Order: 11, 22, 33, 12, 13, 23. Second-order tensors hold tensor components. A tangent `D` maps engineering strain
-//! (shear doubled) to stress, `δS = D δE`, and is held as its 21 upper entries, row by row.
+//! Components are ordered 11, 22, 33, 12, 13, 23. Second-order tensors hold tensor components. A tangent `D` maps engineering
+//! strain (doubled shear) to stress, `δS = D δE`, and is stored as its 21 upper entries, row by row.
 
 use crate::number::Real;
 
 /// A symmetric second-order tensor.
 pub type Sym<R> = [R; 6];
 
-/// A tangent with major and minor symmetry: entry `(i, j)` with `i ≤ j` is at [`at`]`(i, j)`.
+/// A tangent with major and minor symmetry; entry `(i, j)` with `i ≤ j` is stored at [`at`]`(i, j)`.
 pub type Tangent<R> = [R; 21];
 
-/// Position of entry `(i, j)` of a [`Tangent`].
+/// Index of entry `(i, j)` of a [`Tangent`].
 #[inline(always)]
 #[must_use]
 pub const fn at(i: usize, j: usize) -> usize {
@@ -33,7 +33,7 @@ pub fn determinant<R: Real>(a: &Sym<R>) -> R {
         + a[4] * (a[3] * a[5] - a[1] * a[4])
 }
 
-/// Inverse, from the determinant.
+/// Inverse of a tensor with determinant `det`.
 #[inline(always)]
 pub fn inverse<R: Real>(a: &Sym<R>, det: R) -> Sym<R> {
     let r = det.like(1.0) / det;
@@ -68,8 +68,8 @@ pub fn add_pair<R: Real>(d: &mut Tangent<R>, a: &Sym<R>, b: &Sym<R>) {
     }
 }
 
-/// `D += k a ⊙ a`, `(a ⊙ a)_ijkl = (a_ik a_jl + a_il a_jk) / 2`. Written out: as loops over index pairs it is not unrolled,
-/// and costs a third of a linear element's stiffness.
+/// `D += k a ⊙ a`, `(a ⊙ a)_ijkl = (a_ik a_jl + a_il a_jk) / 2`. Loops over index pairs are not unrolled and would cost a third
+/// of a linear element's stiffness.
 #[inline(always)]
 pub fn add_symmetric_product<R: Real>(d: &mut Tangent<R>, k: R, a: &Sym<R>) {
     let half = k.times(0.5);

@@ -28,7 +28,7 @@ fn laws() -> [Law; 3] {
     ]
 }
 
-/// Active tension that grows with stretch, as a cell's would.
+/// An active tension that grows with stretch, as in a cell.
 fn tension<R: Real>(lambda: R) -> (R, R) {
     (
         lambda.times(40.0) - lambda.like(10.0) + lambda * lambda,
@@ -157,7 +157,7 @@ fn cross_fibre_share_leaves_its_coupling_out_of_the_tangent() {
     let d = stress::<f64, true>(&with, &c).d;
     let slope = |k: usize, i: usize| stress::<Dual, false>(&with, &along(&c, k)).s[i].slope;
     assert!(near(d[at(1, 1)], slope(1, 1), 1e3));
-    // The stress along knows nothing of the stretch across; the other coupling is left out.
+    // The fibre stress is independent of the sheet stretch; the reverse coupling is omitted.
     assert!(near(d[at(0, 1)], slope(1, 0), 1e3) && slope(0, 1) != slope(1, 0));
     let (ta, _) = tension(c[0].sqrt());
     let more = stress::<f64, false>(&with, &c).s[1] - stress::<f64, false>(&make(0.0), &c).s[1];

@@ -6,18 +6,18 @@ use crate::number::Real;
 /// Form of the volumetric energy `U(J)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VolumetricLaw {
-    /// `κ/2 (ln J)²`, the paper's for myocardium.
+    /// `κ/2 (ln J)²`, the paper's form for myocardium.
     LnSquared,
-    /// `κ/2 (J − 1)²`, the paper's for the aorta.
+    /// `κ/2 (J − 1)²`, the paper's form for the aorta.
     Quadratic,
-    /// `κ/4 (J² − 1 − 2 ln J)`, of the benchmark of Aróstica et al. 2025.
+    /// `κ/4 (J² − 1 − 2 ln J)`, the form of the benchmark of Aróstica et al. 2025.
     QuadraticLn,
 }
 
 /// Volumetric energy with its modulus.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volumetric {
-    /// Form.
+    /// Form of the energy.
     pub law: VolumetricLaw,
     /// Bulk modulus `κ` \[kPa\].
     pub kappa_kpa: f64,

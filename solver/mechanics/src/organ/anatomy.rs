@@ -1,4 +1,4 @@
-//! From a mesh of linear tetrahedra to what a body is made of: nodes, elements, fibre frames, surfaces.
+//! Nodes, elements, fibre frames and surfaces of a ventricle, taken from a mesh of linear tetrahedra.
 
 use std::borrow::Cow;
 
@@ -15,25 +15,25 @@ use crate::element::kernel::VolumeChange;
 use crate::element::quadratic::QuadraticMesh;
 use crate::parallel::Part;
 
-/// Which elements a ventricle is made of.
+/// Interpolation and volume law of a ventricle's elements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElementKind {
-    /// Quadratic tetrahedra with straight sides on the mesh's elements; linear ones otherwise.
+    /// Whether the tetrahedra are quadratic (ten nodes, straight edges) rather than linear.
     pub quadratic: bool,
-    /// How the change of volume is resisted.
+    /// How elements resist a change of volume.
     pub volume: VolumeChange,
 }
 
 impl ElementKind {
-    /// Linear tetrahedra with nodal volume change, a hundredth of it pointwise: at 1,000 kPa a modulus of 10 kPa, which is that of
-    /// the tissue across its fibres and does not lock.
+    /// Linear tetrahedra with nodal volume change, a hundredth of it pointwise: of 1,000 kPa that is a modulus of 10 kPa, about
+    /// the tissue's across its fibres, which does not lock.
     pub const LINEAR_NODAL: Self = Self {
         quadratic: false,
         volume: VolumeChange::Nodal {
             pointwise_share: 0.01,
         },
     };
-    /// Linear tetrahedra with a plain penalty: the paper's P1/P0, which locks.
+    /// Linear tetrahedra with a plain pointwise penalty (P1/P0 of the paper), which lock.
     pub const LINEAR_POINTWISE: Self = Self {
         quadratic: false,
         volume: VolumeChange::Pointwise,
@@ -47,7 +47,7 @@ impl ElementKind {
     };
 }
 
-/// A cohort's elements, where it asks for no others.
+/// The elements of a cohort that names none.
 impl Default for ElementKind {
     fn default() -> Self {
         Self::LINEAR_NODAL
@@ -76,49 +76,49 @@ impl std::fmt::Display for ElementKind {
 /// Triangles of a surface with three or six nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Triangles {
-    /// Three nodes each.
+    /// Triangles with three nodes.
     Linear(Vec<[u32; 3]>),
-    /// Six nodes each.
+    /// Triangles with six nodes.
     Quadratic(Vec<[u32; 6]>),
 }
 
 /// Elements with four or ten nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Tets {
-    /// Four nodes each.
+    /// Tetrahedra with four nodes.
     Linear(Vec<[u32; 4]>),
-    /// Ten nodes each.
+    /// Tetrahedra with ten nodes.
     Quadratic(Vec<[u32; 10]>),
 }
 
-/// Why a mesh is no anatomy.
+/// Why a mesh does not describe a ventricle.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AnatomyError {
-    /// A surface is missing.
+    /// A required surface is missing.
     #[error("the mesh has no surface {name:?}; find or give surfaces first")]
     NoSurface {
-        /// Which.
+        /// Its name.
         name: &'static str,
     },
-    /// The endocardium is no surface with one or more openings.
+    /// The endocardium is not an orientable surface with one or more openings.
     #[error("endocardium")]
     Endocardium(#[from] SurfaceDefect),
-    /// The endocardium is closed.
+    /// The endocardium has no opening for a valve.
     #[error("the endocardium has no opening, expected one for each valve or one for all")]
     Closed,
-    /// A contracting element without a fibre.
+    /// A contracting element has no fibre direction.
     #[error("element {element} contracts, but has no fibre; make fibres first")]
     NoFibre {
-        /// Which.
+        /// Its number in the mesh.
         element: usize,
     },
-    /// No transmural depth.
+    /// The transmural depth could not be computed.
     #[error(transparent)]
     Depth(#[from] LaplaceError),
-    /// No element contracts.
+    /// No element has a contracting tag.
     #[error("no element has one of the contracting tags {tags:?}")]
     NoMuscle {
-        /// The tags.
+        /// The tags that contract.
         tags: Vec<i32>,
     },
 }
@@ -164,34 +164,35 @@ impl LongAxis {
     }
 }
 
-/// A left ventricle as it was imaged.
+/// A left ventricle in its imaged configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anatomy {
     /// Node positions \[mm\], vertices first.
     pub nodes: Vec<[f64; 3]>,
     /// Number of vertices.
     pub n_vertices: usize,
-    /// Elements.
+    /// Elements with the nodes of their interpolation.
     pub tets: Tets,
-    /// Their vertices.
+    /// The four vertices of each element.
     pub corners: Vec<[u32; 4]>,
-    /// How the change of volume is resisted.
+    /// How elements resist a change of volume.
     pub volume: VolumeChange,
-    /// Whether an element contracts.
+    /// Whether each element contracts.
     pub contracts: Vec<bool>,
     /// Tag of each element.
     pub tags: Vec<i32>,
-    /// Fibre frame of each element in the imaged configuration; any axes in passive tissue. Not read where there are `fibres`.
+    /// Fibre frame of each element in the imaged configuration, arbitrary in passive tissue; unused where `fibres` holds
+    /// directions.
     pub frames: Vec<Frame>,
     /// Fibre directions at the vertices, in the imaged configuration.
     pub fibres: NodeFibres,
     /// Transmural depth of each vertex of the muscle: 0 at the endocardium, 1 at the epicardium.
     pub depth: Vec<f64>,
-    /// Endocardium.
+    /// Triangles of the endocardium.
     pub endocardium: Triangles,
-    /// Epicardium.
+    /// Triangles of the epicardium.
     pub epicardium: Triangles,
-    /// Septum, where it is told apart.
+    /// Triangles of the septum, where the mesh distinguishes it.
     pub septum: Option<Triangles>,
     /// Rim at the base.
     pub rim: Triangles,
@@ -199,14 +200,14 @@ pub struct Anatomy {
     pub right: Option<RightVentricle>,
     /// Further surfaces of the mesh, by their names.
     pub further: Vec<(String, Triangles)>,
-    /// From apex to base, in the image.
+    /// Long axis in the imaged configuration.
     pub axis: LongAxis,
-    /// Loops of nodes around the endocardium's openings; [`NOT_HERE`] for nodes that another rank owns.
+    /// Closed node loops around the endocardium's openings; [`NOT_HERE`] stands for nodes that another rank owns.
     pub openings: Vec<Vec<u32>>,
 }
 
 impl Anatomy {
-    /// Takes a mesh over; elements with one of the `contracting` tags contract.
+    /// Reads a mesh; elements with one of the `contracting` tags contract.
     ///
     /// # Errors
     /// [`AnatomyError`] where surfaces, openings or fibres are missing.
@@ -248,7 +249,7 @@ impl Anatomy {
             .then(|| QuadraticMesh::new(&mesh.nodes_mm, &mesh.tets, |_, _| None));
         let surface = |triangles: Vec<[u32; 3]>| match &quadratic {
             None => Triangles::Linear(triangles),
-            // Triangles of the mesh: their edges have middles.
+            // The edges of the mesh's triangles are edges of its elements and so have mid-edge nodes.
             Some(q) => Triangles::Quadratic(
                 triangles
                     .into_iter()
@@ -338,8 +339,8 @@ impl Anatomy {
         })
     }
 
-    /// What a rank computes of it, in the rank's numbers: nodes, the elements and the triangles that touch owned nodes. None of
-    /// it is left out of a `part` that is whole, the only one there is of quadratic elements.
+    /// The nodes, elements and triangles that touch the nodes of one rank, in that rank's numbering. The anatomy is borrowed
+    /// whole for a `part` without neighbours and for quadratic elements, which are never partitioned.
     #[must_use]
     pub fn part(&self, part: &Part) -> Cow<'_, Self> {
         let (Tets::Linear(tets), false) = (&self.tets, part.layout.neighbours.is_empty()) else {
@@ -390,7 +391,7 @@ impl Anatomy {
         })
     }
 
-    /// The surface of that name in the mesh.
+    /// A surface by its name in the mesh.
     #[must_use]
     pub fn surface(&self, name: &str) -> Option<&Triangles> {
         match name {
@@ -407,7 +408,7 @@ impl Anatomy {
         }
     }
 
-    /// Fibre frame at the point `x` \[mm\] of element `e` where nodes lie at `positions`: fibres and sheets move with the
+    /// Fibre frame at the point `x` \[mm\] of element `e` with the nodes at `positions`; fibres and sheets move with the
     /// tissue.
     #[must_use]
     pub fn frame_at(&self, positions: &[[f64; 3]], e: usize, x: [f64; 3]) -> Frame {
@@ -428,7 +429,7 @@ impl Anatomy {
         orthonormal(moved(0), moved(1)).unwrap_or(frame)
     }
 
-    /// Fibre frame of an element in the image, at barycentric coordinates that are asked for where directions are at nodes.
+    /// Fibre frame of an element in the image. Barycentric coordinates are evaluated only where directions are given at nodes.
     fn imaged_frame(&self, e: usize, l: impl FnOnce() -> [f64; 4]) -> Frame {
         if !(self.contracts[e] && self.fibres.at_nodes()) {
             return self.frames[e];
@@ -470,7 +471,7 @@ fn triple(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
     dot(a, cross(b, c))
 }
 
-/// The right-handed frame with this fibre and the sheet's part across it.
+/// The right-handed orthonormal frame of this fibre and of the sheet's component perpendicular to it.
 fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
     let unit = |a: [f64; 3]| {
         let n = dot(a, a).sqrt();

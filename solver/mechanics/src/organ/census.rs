@@ -1,31 +1,31 @@
-//! Who holds what, for rank 0: how values of ranks make up those of the whole ventricle, in the order of one rank alone.
+//! Rank 0's record of which rank holds which nodes and points, to merge ranks' values in the order of a single rank.
 
 use super::rank::{OrganRank, Places};
 
-/// Places of each rank's values among those of all.
+/// For each rank, the positions of its values in the whole ventricle.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Lists {
     n_all: usize,
     of_ranks: Vec<Vec<u32>>,
 }
 
-/// Nodes, points and nodes of the muscle of each rank.
+/// Nodes, points and muscle nodes of each rank.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Census {
     nodes: Lists,
-    /// Points that a rank speaks for: each is in one list.
+    /// Points for which a rank is responsible: each point is in exactly one list.
     spoken_points: Lists,
-    /// Points that a rank holds: those of elements at the cut are in several.
+    /// Points that a rank holds; points of elements at the cut are in several lists.
     held_points: Lists,
     muscle: Lists,
     /// Nodes of the muscle, ascending.
     pub muscle_nodes: Vec<u32>,
-    /// Their shares of its volume.
+    /// Share of the muscle's volume of each muscle node.
     pub weights: Vec<f64>,
 }
 
 impl Census {
-    /// Asks all ranks; empty on all but rank 0. Collective.
+    /// Collects the record from all ranks; it is empty on all but rank 0. Collective.
     pub fn take(rank: &OrganRank) -> Self {
         let comm = rank.comm();
         let owned: Vec<f64> = rank
@@ -65,7 +65,7 @@ impl Census {
             of_ranks,
         };
         let held_points = match <[Vec<f64>; 1]>::try_from(elements) {
-            // One rank has all points in its order, which need not be that of elements.
+            // A single rank keeps its own order of points, which may differ from the order of the elements.
             Ok([all]) => Lists {
                 n_all: all.len(),
                 of_ranks: vec![(0..all.len() as u32).collect()],
@@ -101,7 +101,7 @@ impl Census {
         }
     }
 
-    /// How many values of this kind the whole ventricle has, `width` a place.
+    /// Number of values in the whole ventricle, `width` for each place.
     pub fn n_values(&self, places: Places, width: usize) -> usize {
         width * self.spoken(places).n_all
     }
@@ -114,14 +114,14 @@ impl Census {
         }
     }
 
-    /// The whole ventricle's values from those of ranks; nothing of nothing.
+    /// Merges the ranks' values into the whole ventricle's; empty if the ranks sent nothing.
     pub fn merged(&self, places: Places, of_ranks: &[Vec<f64>]) -> Vec<f64> {
         let lists = self.spoken(places);
         let n: usize = of_ranks.iter().map(Vec::len).sum();
         lists.merged(n / lists.n_all.max(1), of_ranks)
     }
 
-    /// What each rank takes of the whole ventricle's values: owned nodes, all points held.
+    /// Splits the whole ventricle's values by rank: owned nodes, and all points that a rank holds.
     pub fn split(&self, places: Places, all: &[f64]) -> Vec<Vec<f64>> {
         let lists = if places == Places::Points {
             &self.held_points
@@ -139,7 +139,7 @@ impl Census {
 }
 
 impl Lists {
-    /// Places among the distinct numbers, ascending, and those.
+    /// Positions of the numbers among the distinct numbers in ascending order, and these distinct numbers.
     fn ascending(numbers: Vec<Vec<u32>>) -> (Self, Vec<u32>) {
         let mut all: Vec<u32> = numbers.iter().flatten().copied().collect();
         all.sort_unstable();

@@ -1,10 +1,10 @@
 //! A contraction model at every integration point of the muscle, implicit in the stretch.
 //!
-//! Each candidate of a time step gives every point its stretch at the step's end; the model answers with stress and with the
-//! stress's whole derivative, its states' own answer included. So both stress and states are those of the step's end, and a
-//! model whose stress depends on the rate of stretch (Land) keeps its stiffness in residual and tangent: what a staggered
-//! scheme has to add as a stabilising term (Regazzoni and Quarteroni 2021, Comput Methods Appl Mech Eng 373:113506) is the
-//! linear part of it.
+//! For each candidate of a time step the model receives the stretch of every point at the step's end, and returns the stress
+//! and its total derivative, in which the model's states follow the stretch. Stress and states thus belong to the step's end,
+//! and a model whose stress depends on the stretch rate (Land) keeps its stiffness in residual and tangent. The stabilising
+//! term of staggered schemes (Regazzoni and Quarteroni 2021, Comput Methods Appl Mech Eng 373:113506) is the linear part of
+//! this derivative.
 
 use std::sync::Arc;
 
@@ -25,17 +25,17 @@ use crate::step::PointStress;
 /// States of the points at the end of a step.
 #[derive(Debug, Clone, Default)]
 struct Points {
-    /// Contraction states, point after point.
+    /// Contraction states, ordered by point.
     cells: Vec<f64>,
-    /// Stretch from the length that the cell knows.
+    /// Stretch relative to the contraction model's reference length.
     lambda: Vec<f64>,
     /// Active stress as the model gives it \[kPa\].
     sa_kpa: Vec<f64>,
-    /// Calcium \[µM\]; empty without.
+    /// Calcium concentration \[µM\]; empty for a model without calcium.
     ca_um: Vec<f64>,
 }
 
-/// A contraction model for the points of all ranks.
+/// A contraction model shared by the points of all ranks.
 #[derive(Debug, Clone)]
 pub(super) struct SharedModel {
     model: Arc<dyn Contraction>,
@@ -56,7 +56,7 @@ impl SharedModel {
     }
 }
 
-/// The model and its points.
+/// A contraction model and its integration points.
 #[derive(Debug)]
 pub struct PointContraction {
     model: Arc<dyn Contraction>,
@@ -64,13 +64,13 @@ pub struct PointContraction {
     cycle_length_ms: f64,
     convention: ActiveConvention,
     viscosity: Option<FibreViscosity>,
-    /// Position of each point: entry of eight and lane.
+    /// Position of each point: index of its batch of eight and lane in it.
     places: Vec<(u32, u8)>,
     n_batches: usize,
     activation_ms: Vec<f64>,
-    /// How long the contraction of each point lasts over that of the middle of the wall.
+    /// Duration of contraction at each point, relative to mid-wall.
     duration: Vec<f64>,
-    /// Stretch of end-diastole from the unloaded state.
+    /// Fibre stretch at end-diastole from the unloaded state.
     lambda_ed: Vec<f64>,
     stretch: StretchReference,
     since_ms: Vec<f64>,
@@ -78,24 +78,25 @@ pub struct PointContraction {
     trial: Points,
 }
 
-/// A node that another rank owns.
+/// Marks a node that another rank owns.
 const GHOST: u32 = u32::MAX;
 
-/// What depends on the anatomy alone: which points contract, and how they make up the values of nodes.
+/// Weights by which values at contracting points are averaged to nodes; they depend on the anatomy alone.
 #[derive(Debug, Clone)]
 pub(super) struct NodeAverage {
-    /// Nodes (vertices) of the muscle that this rank owns.
+    /// Muscle nodes (vertices) that this rank owns.
     pub nodes: Vec<u32>,
-    /// Share of the whole muscle's volume of each.
+    /// Share of the whole muscle's volume of each node.
     pub weights: Vec<f64>,
-    /// For each point its four nodes (positions in `nodes`, [`GHOST`] for those of other ranks), and its volume times their shape function over the node's.
+    /// For each point its four nodes (positions in `nodes`, or [`GHOST`]) and its volume times their shape function over the
+    /// node's volume.
     shares: Vec<[(u32, f64); 4]>,
 }
 
 impl PointContraction {
     /// The model at all points of the muscle of `body`.
     ///
-    /// - `wall`: convention of the active stress, and how much earlier contraction ends at the epicardium
+    /// - `wall`: convention of the active stress, and the ratio of contraction durations across the wall
     /// - `activation_ms`: activation time of each vertex of the mesh
     /// - `end_diastole`: deformation at end-diastole
     pub(super) fn new(
@@ -167,27 +168,27 @@ impl PointContraction {
         points
     }
 
-    /// The earliest activation of these points, zero if none is before the beat.
+    /// The earliest activation of these points \[ms\], zero if none precedes the beat.
     pub(super) fn earliest_activation_ms(&self) -> f64 {
         self.activation_ms
             .iter()
             .fold(0.0, |earliest, t| earliest.min(*t))
     }
 
-    /// Sets the time at which the first step begins.
+    /// Sets the start time of the first step \[ms\].
     pub(super) fn begin(&mut self, time_ms: f64) {
         self.begin_step(time_ms);
         self.now.ca_um.clone_from(&self.trial.ca_um);
     }
 
-    /// The same with viscous stress along the fibre. It is no part of the active stress of the nodal traces.
+    /// Adds a viscous stress along the fibre, which the nodal traces of active stress exclude.
     #[must_use]
     pub fn with_viscosity(mut self, viscosity: Option<FibreViscosity>) -> Self {
         self.viscosity = viscosity;
         self
     }
 
-    /// Sets the time at the end of the step to be tried.
+    /// Sets the end time of the next step to try \[ms\].
     pub fn begin_step(&mut self, end_ms: f64) {
         let length = self.cycle_length_ms;
         for ((since, t_a), duration) in self
@@ -202,7 +203,7 @@ impl PointContraction {
             } else {
                 time
             };
-            // The model's own time runs slower where its contraction lasts longer.
+            // The model's own time runs more slowly where contraction lasts longer.
             *since = if time > 0.0 { time / duration } else { time };
         }
         if let Some(calcium) = &self.calcium {
@@ -237,19 +238,19 @@ impl PointContraction {
         self.places.len()
     }
 
-    /// Committed stretch, stress and calcium of each point; no calcium where the model has none.
+    /// Committed stretch, stress and calcium of each point; calcium is empty for a model without it.
     pub(super) fn committed(&self) -> [&[f64]; 3] {
         [&self.now.lambda, &self.now.sa_kpa, &self.now.ca_um]
     }
 
-    /// Element of each point, and which of the element's points it is.
+    /// Number of each point's element on this rank.
     pub(super) fn elements<'a>(&'a self, body: &'a Body) -> impl Iterator<Item = u32> + 'a {
         self.places
             .iter()
             .map(|(idx, lane)| body.point_lanes(*idx as usize).1[*lane as usize])
     }
 
-    /// All committed numbers, with how many of them a point has.
+    /// All committed state vectors, each with its numbers per point.
     pub(super) fn states(&self) -> [(usize, &Vec<f64>); 4] {
         let Points {
             cells,
@@ -265,7 +266,7 @@ impl PointContraction {
         ]
     }
 
-    /// The same, to be replaced by as many.
+    /// The same state vectors, to be overwritten in place.
     pub(super) fn states_mut(&mut self) -> [&mut Vec<f64>; 4] {
         [
             &mut self.now.cells,
@@ -275,14 +276,14 @@ impl PointContraction {
         ]
     }
 
-    /// Nodal averages over these points. Collective.
+    /// Weights of nodal averages over these points. Collective.
     pub(super) fn node_average(
         &self,
         anatomy: &Anatomy,
         body: &Body,
         comm: &dyn Communicator,
     ) -> NodeAverage {
-        // Every element around an owned node is here.
+        // A rank holds every element around its owned nodes.
         let n_owned = body.layout().n_owned.min(anatomy.n_vertices);
         let mut volume = vec![0.0; n_owned];
         let mut parts = Vec::with_capacity(self.places.len());
@@ -326,7 +327,7 @@ impl PointContraction {
 }
 
 impl NodeAverage {
-    /// Volume-weighted means of values at points, one a node.
+    /// Volume-weighted means of point values at each node of the muscle.
     pub fn apply(&self, values: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for (value, shares) in values.iter().zip(&self.shares) {
@@ -356,7 +357,7 @@ impl PointStress for PointContraction {
         for (k, &(idx, lane)) in self.places.iter().enumerate() {
             let (idx, lane) = (idx as usize, lane as usize);
             let ed = self.lambda_ed[k];
-            // The body's reference is the unloaded state.
+            // Deformation is measured from the unloaded state.
             let per_stretch = self.stretch.at_end_diastole(ed) / ed;
             let lambda = deformation.squared_stretch[idx][lane].sqrt() * per_stretch;
             let step = NodeStep {

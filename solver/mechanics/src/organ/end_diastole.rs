@@ -1,4 +1,4 @@
-//! Where a beat begins: the wall's geometry without load and at end-diastole, as numbers.
+//! The state from which a beat starts: the wall's unloaded geometry and its displacement at end-diastole.
 
 use super::passive_state::PassiveState;
 use crate::parallel::Part;
@@ -8,7 +8,7 @@ use crate::parallel::Part;
 pub struct EndDiastole {
     /// Unloaded node positions \[mm\].
     pub unloaded: Vec<[f64; 3]>,
-    /// What the rim's springs rest away from the image \[mm\], three numbers a node.
+    /// Displacement from the image at which the rim's springs are at rest \[mm\], three numbers a node.
     pub anchor: Vec<f64>,
     /// Displacement from the unloaded geometry \[mm\], three numbers a node.
     pub u: Vec<f64>,
@@ -29,7 +29,7 @@ impl From<PassiveState> for EndDiastole {
 }
 
 impl EndDiastole {
-    /// What a rank holds of it.
+    /// The values at the nodes of one rank.
     #[must_use]
     pub fn part(&self, part: &Part) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! What a time step is made of, one at a time: for measurements.
+//! Single kernels of a time step, for measurements of their speed.
 
 use super::rank::OrganRank;
 use crate::body::Deformation;
@@ -8,16 +8,16 @@ use crate::element::kernel::ActivePoint;
 use crate::linear::{BlockJacobi, KrylovSettings, PackedTangent, conjugate_gradients};
 use crate::time_integration::Motion;
 
-/// A part of the work of a time step.
+/// A kernel of a time step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kernel {
     /// Volume ratios, stretches and nodal pressures.
     Deform,
-    /// Forces of the elements.
+    /// Internal forces of the elements.
     Forces,
-    /// Forces and stiffness of the elements, and its scatter.
+    /// Internal forces and stiffness of the elements, scattered into the tangent.
     Tangent,
-    /// So many iterations of conjugate gradients with block Jacobi, on the matrix of a step of 1 ms.
+    /// The given number of conjugate-gradient iterations with block Jacobi, on the matrix of a step of 1 ms.
     Krylov(u32),
 }
 
@@ -41,23 +41,22 @@ impl Kernel {
     }
 }
 
-/// What kernels work on, made at the first one.
+/// Buffers of the kernels, made for the first one.
 #[derive(Debug)]
 pub(super) struct Bench {
     candidate: Candidate,
     force: Vec<f64>,
     residual: Vec<f64>,
     tangent: PackedTangent,
-    /// Whether the tangent is that of a step.
+    /// Whether the tangent belongs to a time step.
     linearised: bool,
 }
 
-/// Step of the matrix \[ms\].
 const STEP_MS: f64 = 1.0;
 
 impl OrganRank {
-    /// Does a part of a step's work at the committed displacement, under an active stress; the ranks then wait for each other.
-    /// `None` for elements without a tangent in single precision. Collective.
+    /// Runs a kernel at the committed displacement under a constant active stress, then waits for all ranks. `None` for
+    /// elements without a tangent in single precision. Collective.
     pub fn run(&mut self, kernel: Kernel) -> Option<()> {
         let mut bench = self.bench.take().map_or_else(|| self.new_bench(), Some)?;
         let (body, comm) = (&self.dynamics.body, self.dynamics.comm.as_ref());
@@ -139,13 +138,14 @@ impl OrganRank {
         })
     }
 
-    /// Bytes that an iteration of conjugate gradients moves through memory, of all ranks, where caches keep nothing from one
-    /// pass to the next. Collective.
+    /// Bytes that one conjugate-gradient iteration moves through memory on all ranks, if caches keep nothing between passes.
+    /// Collective.
     pub fn krylov_bytes(&self) -> f64 {
         let per_product = self.bench.as_ref().map_or(0, |bench| {
             bench.tangent.bytes_of_product(self.part.layout.n_local)
         });
-        // Directions, solution, residual and its preconditioned: read and written as the loops do, with the blocks' inverses.
+        // Reads and writes of directions, solution, residual and preconditioned residual in the solver's loops, plus inverse
+        // blocks.
         let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
         let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];
         self.dynamics.comm.sum(&mut bytes);

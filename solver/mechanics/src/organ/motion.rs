@@ -1,9 +1,9 @@
-//! How the ventricle moves: landmarks of a mesh, the shape that they have at an instant, and measures of a beat.
+//! Motion of the ventricle: landmarks of a mesh, their shape at an instant, and measures of a beat.
 //!
-//! Pure geometry: everything is found on the mesh itself, whatever way it lies in space. The long axis points from the
-//! middle of the rim to the endocardial point farthest from it, towards the **apex**. Rotations are counter-clockwise as
-//! seen from the apex, as the echocardiographic literature counts them: a healthy apex turns by a positive angle, the base
-//! by a negative one, and twist, apical less basal rotation, is positive.
+//! All landmarks are found on the mesh itself, in any orientation. The long axis points from the middle of the rim to the
+//! endocardial point farthest from it, the **apex**. Rotations are counter-clockwise as seen from the apex, as in the
+//! echocardiographic literature: a healthy apex turns by a positive angle, the base by a negative one, and twist (apical minus
+//! basal rotation) is positive.
 
 mod measures;
 
@@ -12,22 +12,21 @@ pub use measures::{Measures, Phases, Series};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 use cardiotwin_mesh::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 
-/// Heights of the short-axis levels on the way from the endocardial apex (0) to the middle of the rim (1): apical, middle
-/// and basal. The basal one lies below a passive ring at the rim.
+/// Heights of the apical, middle and basal short-axis levels from the endocardial apex (0) to the middle of the rim (1). The
+/// basal level lies below a passive ring at the rim.
 pub const LEVELS: [f64; 3] = [0.25, 0.5, 0.75];
-/// Nodes count for a level with a weight that falls linearly to zero at so much above and below it: coarse meshes have a
-/// node in it everywhere.
+/// Distance from a level over which a node's weight falls linearly to zero; wide enough for nodes of coarse meshes.
 const HALF_WIDTH: f64 = 0.125;
-/// Nodes at least so far from the rim, over the farthest one's distance, make up the apex.
+/// Smallest distance of an apical node from the rim's middle, relative to the farthest node's.
 const APEX: f64 = 0.98;
 
-/// Why a mesh has no landmarks.
+/// Why landmarks could not be found on a mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LandmarkError {
     /// A surface is missing or empty.
     #[error("the mesh has no surface {name:?}, on which its motion is measured")]
     NoSurface {
-        /// Which.
+        /// Its name.
         name: &'static str,
     },
     /// No node of a surface lies near a level.
@@ -35,7 +34,7 @@ pub enum LandmarkError {
         "no node of the {name} lies near height {level} between apex, 0, and rim, 1: its motion is not measured"
     )]
     NoNode {
-        /// Which surface.
+        /// Name of the surface.
         name: &'static str,
         /// Height of the level.
         level: f64,
@@ -47,7 +46,7 @@ pub enum LandmarkError {
 struct Patch(Vec<(u32, f64)>);
 
 impl Patch {
-    /// Of nodes with any positive weights; none where there are none.
+    /// Normalises positive weights; `None` if no weight is positive.
     fn of(weights: impl Iterator<Item = (u32, f64)>) -> Option<Self> {
         let mut nodes: Vec<(u32, f64)> = weights.filter(|(_, w)| *w > 0.0).collect();
         let sum: f64 = nodes.iter().map(|(_, w)| w).sum();
@@ -61,7 +60,7 @@ impl Patch {
             .fold([0.0; 3], |sum, (node, w)| axpy(sum, *w, x[*node as usize]))
     }
 
-    /// Mean distance from the patch's own middle across the axis.
+    /// Mean distance from the patch's own centre, perpendicular to the axis \[mm\].
     fn radius(&self, x: &[Vec3], axis: Vec3) -> f64 {
         let middle = self.mean(x);
         self.0
@@ -70,8 +69,8 @@ impl Patch {
             .sum()
     }
 
-    /// Mean rotation around the axis since `begin` about the patch's own middle, weighted by the square of the radius,
-    /// degrees. The axis is tilted back before angles are taken.
+    /// Mean rotation about the axis since `begin`, about the patch's own centre and weighted by the squared radius \[degrees\].
+    /// The axis is first rotated back to its initial direction.
     fn rotation_deg(
         &self,
         (begin, axis_begin): (&[Vec3], Vec3),
@@ -93,14 +92,14 @@ impl Patch {
     }
 }
 
-/// `v` after the smallest rotation that takes the unit vector `from` to `to`.
+/// Rotates `v` by the smallest rotation that takes the unit vector `from` to `to`.
 fn tilted(v: Vec3, from: Vec3, to: Vec3) -> Vec3 {
     let (k, c) = (cross(from, to), dot(from, to));
     let kv = cross(k, v);
     add(v, axpy(kv, 1.0 / (1.0 + c), cross(k, kv)))
 }
 
-/// Parts of a mesh whose motion is followed.
+/// Surface patches whose motion is followed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
     rim: Patch,
@@ -113,23 +112,22 @@ pub struct Landmarks {
 /// Shape of the ventricle at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Shape {
-    /// Middle of the rim along the axis at the beginning, towards the apex \[mm\].
+    /// Position of the rim's middle along the initial axis, positive towards the apex \[mm\].
     pub base_mm: f64,
-    /// Epicardial apex along the same axis \[mm\].
+    /// Position of the epicardial apex along the same axis \[mm\].
     pub apex_mm: f64,
-    /// Endocardial apex to the middle of the rim \[mm\].
+    /// Distance from the endocardial apex to the middle of the rim \[mm\].
     pub cavity_length_mm: f64,
-    /// Mean radius of the endocardium and of the epicardium at the middle level \[mm\]; their difference is the mean wall
-    /// thickness there.
+    /// Mean radii of the endocardium and epicardium at the middle level \[mm\]; their difference is the mean wall thickness.
     pub radius_mm: [f64; 2],
-    /// Rotation of the apical and the basal level of the endocardium since the beginning, degrees.
+    /// Rotations of the apical and basal levels of the endocardium since the beginning \[degrees\].
     pub endo_rotation_deg: [f64; 2],
-    /// The same of the epicardium.
+    /// Rotations of the same levels of the epicardium \[degrees\].
     pub epi_rotation_deg: [f64; 2],
 }
 
 impl Shape {
-    /// How many numbers it is.
+    /// Length of [`Self::numbers`].
     pub const N: usize = 9;
 
     /// Mean thickness of the wall at the middle level \[mm\].
@@ -138,13 +136,13 @@ impl Shape {
         self.radius_mm[1] - self.radius_mm[0]
     }
 
-    /// Apical less basal rotation of the endocardium and of the epicardium, degrees.
+    /// Twist (apical minus basal rotation) of the endocardium and of the epicardium \[degrees\].
     #[must_use]
     pub fn twist_deg(&self) -> [f64; 2] {
         [self.endo_rotation_deg, self.epi_rotation_deg].map(|[apical, basal]| apical - basal)
     }
 
-    /// As numbers.
+    /// The shape as an array of numbers.
     #[must_use]
     pub fn numbers(&self) -> [f64; Self::N] {
         let ([a, b], [c, d], [e, f]) = (
@@ -165,7 +163,7 @@ impl Shape {
         ]
     }
 
-    /// From [`Self::numbers`].
+    /// Restores a shape from [`Self::numbers`].
     #[must_use]
     pub fn of_numbers(
         [base_mm, apex_mm, cavity_length_mm, a, b, c, d, e, f]: [f64; Self::N],
@@ -183,7 +181,7 @@ impl Shape {
 }
 
 impl Landmarks {
-    /// Of a mesh with endocardium, epicardium and rim.
+    /// Finds the landmarks of a mesh with endocardium, epicardium and rim.
     ///
     /// # Errors
     /// [`LandmarkError`] where a surface is missing or a level has no node.
@@ -244,14 +242,15 @@ impl Landmarks {
         Ok(Self { rim, apex, levels })
     }
 
-    /// From the middle of the rim to the endocardial apex, and the distance.
+    /// Unit vector from the middle of the rim to the endocardial apex, and their distance \[mm\].
     fn axis(&self, x: &[Vec3]) -> (Vec3, f64) {
         let long = sub(self.apex[0].mean(x), self.rim.mean(x));
-        // A cavity without length has no axis: any will do, since nothing is measured on it.
+        // A cavity of zero length has no axis; an arbitrary one serves, since nothing is measured on it.
         (unit(long).unwrap_or([0.0, 0.0, 1.0]), norm(long))
     }
 
-    /// Shape of nodes that lie at `x` and lay at `begin` where angles and the axis begin; the mesh's nodes come first in both.
+    /// Shape of the ventricle with nodes at `x`; angles and the axis start from the positions `begin`. The mesh's nodes come
+    /// first in both.
     #[must_use]
     pub fn shape(&self, begin: &[Vec3], x: &[Vec3]) -> Shape {
         let (axis_begin, _) = self.axis(begin);
@@ -272,7 +271,7 @@ impl Landmarks {
     }
 }
 
-/// Area that belongs to each node of a surface, in the order of the nodes; empty where there is no such surface.
+/// Area of a surface assigned to each of its nodes, ascending by node; empty if the mesh lacks the surface.
 fn node_areas(mesh: &TetMesh, name: &str) -> Vec<(u32, f64)> {
     let mut areas = std::collections::BTreeMap::new();
     for triangle in mesh
@@ -289,7 +288,7 @@ fn node_areas(mesh: &TetMesh, name: &str) -> Vec<(u32, f64)> {
     areas.into_iter().collect()
 }
 
-/// Smallest and largest volume of an element over its unloaded one, each element singly, from the elements' corners.
+/// Smallest and largest ratio of an element's volume to its unloaded volume, from the elements' vertices.
 #[must_use]
 pub fn volume_ratios(tets: &[[u32; 4]], unloaded: &[Vec3], x: &[Vec3]) -> [f64; 2] {
     let volume = |tet: &[u32; 4], x: &[Vec3]| {

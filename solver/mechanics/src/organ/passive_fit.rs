@@ -1,28 +1,28 @@
-//! Step 0: the passive law that makes image, end-diastole and unloaded volume fit what was measured.
+//! Step 0: fits the passive law such that image, end-diastole and unloaded volume match the measurements.
 
 use super::passive_state::{PassiveState, PassiveStateError};
 use super::piece::Piece;
 use super::search::{Fitted, Search, Slope};
 use super::wall::WallParameters;
 
-/// What the law is fitted to.
+/// Targets of the fit of the passive law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PassiveFit {
-    /// The image is taken for unloaded, the stiffness is given: there is nothing to find but end-diastole.
+    /// The image is taken as unloaded and the stiffness is given, so that only end-diastole is sought.
     ImageUnloaded {
         /// End-diastolic pressure \[kPa\].
         end_diastolic_pressure_kpa: f64,
     },
-    /// The stiffness is given.
+    /// The stiffness is given, and the image is unloaded and inflated to end-diastole.
     Given {
         /// Pressure at which the image was taken \[kPa\].
         image_pressure_kpa: f64,
         /// End-diastolic pressure \[kPa\].
         end_diastolic_pressure_kpa: f64,
     },
-    /// The image shows diastasis; unloaded and inflated to end-diastole the cavity holds these volumes. Stiffness and a factor
-    /// of the exponents are fitted: with given exponents most pairs of volumes have no stiffness, because how much a ventricle
-    /// grows between two pressures is limited by them, however soft it is.
+    /// The image shows diastasis, and volumes are prescribed at zero load and at end-diastole. Stiffness and a factor of the
+    /// exponents are fitted: with fixed exponents most pairs of volumes have no solution, because exponents limit how much a
+    /// ventricle grows between two pressures, however soft it is.
     ThreePoints {
         /// Pressure at diastasis \[kPa\].
         image_pressure_kpa: f64,
@@ -33,8 +33,7 @@ pub enum PassiveFit {
         /// Unloaded volume \[mm³\].
         unloaded_volume_mm3: f64,
     },
-    /// The image is taken to be at end-diastolic pressure, and the unloaded cavity holds this volume (Klotz 2006); the
-    /// stiffness is fitted.
+    /// The image is taken at end-diastolic pressure with a prescribed unloaded volume (Klotz 2006); the stiffness is fitted.
     Unloaded {
         /// End-diastolic pressure \[kPa\].
         end_diastolic_pressure_kpa: f64,
@@ -43,17 +42,17 @@ pub enum PassiveFit {
     },
 }
 
-/// Error of the unloaded volume over it at which three points are met: it is a rule of thumb's, not a measured one.
+/// Relative tolerance of the unloaded volume in the three-point fit; the target is itself a rule of thumb, not a measurement.
 const UNLOADED_TOLERANCE: f64 = 0.01;
-/// Most unloadings of a fit.
+/// Maximum number of unloadings in a fit.
 const MOST_TRIALS: usize = 40;
 
-/// Fits law and unloaded geometry, and ends in end-diastole. `wall.muscle` is where the search starts, with `slope` where it
-/// is known from another mesh. Collective.
+/// Fits the passive law and the unloaded geometry; the state ends at end-diastole. The search starts at `wall.muscle`, with the
+/// `slope` of a fit on another mesh if there is one. Collective.
 ///
 /// # Errors
-/// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, no
-/// law meets the three points, or who watches asks for an end.
+/// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, no law
+/// meets the three points, or the watcher stops the search.
 pub fn fit(
     piece: &Piece<'_>,
     wall: &WallParameters,
@@ -116,7 +115,7 @@ pub fn fit(
             let mut expected: Option<Vec<f64>> = None;
             let (wall, slope) = fit_law(wall, wanted, tolerance, slope, |wall| {
                 search.trials += 1;
-                // From the last geometry that was found, which a law that finds none leaves alone.
+                // Starts from the last geometry found; a law for which none is found leaves it unchanged.
                 let mut next =
                     PassiveState::at(piece, wall, state.unloaded(), state.anchor().to_vec())?
                         .after(&mut state);
@@ -132,7 +131,8 @@ pub fn fit(
     }
 }
 
-/// The same unloaded geometry with the exponents times `factor`, and the stiffness that keeps the end-diastolic volume. Collective.
+/// Multiplies the exponents by `factor` and refits the stiffness to the end-diastolic volume, at a fixed unloaded geometry.
+/// Collective.
 ///
 /// # Errors
 /// [`PassiveStateError`] when an inflation fails, no stiffness fits or the law has no exponents.
@@ -154,7 +154,7 @@ pub fn stiffened(
         });
     }
     let mut start = wall.clone();
-    // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
+    // At the fibre strain of the original fit, a change of exponents is nearly compensated by this change of scale.
     start.muscle = wall
         .muscle
         .with_stiffness(wall.muscle.stiffness_kpa() / (factor * factor))
@@ -185,8 +185,8 @@ pub fn stiffened(
     })
 }
 
-/// Stiffness and factor of the exponents for which end-diastolic and unloaded volume are `wanted`: Broyden's method in the
-/// logarithms, from `slope` or differences at the start; steps that fail or lead away are halved.
+/// Stiffness and factor of the exponents that give the `wanted` end-diastolic and unloaded volumes. Broyden's method in
+/// logarithms starts from `slope` or finite differences; steps that fail or increase the error are halved.
 fn fit_law(
     start: &WallParameters,
     wanted: [f64; 2],
@@ -212,7 +212,7 @@ fn fit_law(
     let size = |f: [f64; 2]| f[0].hypot(f[1]);
     let mut x = [0.0; 2];
     let mut trials = 0;
-    // A stiffer law bears the load where the first does not.
+    // A stiffer law may bear the load where the first one does not.
     let mut f = loop {
         trials += 1;
         match misses(x) {
@@ -223,7 +223,7 @@ fn fit_law(
         }
     };
     let mut shorter = 1.0;
-    // Whether the slope is of differences here, not of another mesh or of steps that lie behind.
+    // Whether the slope comes from finite differences at the current point rather than from another mesh or earlier steps.
     let mut fresh = false;
     while trials < MOST_TRIALS {
         if met(f) {
@@ -301,7 +301,7 @@ fn fit_law(
     })
 }
 
-/// The stiffness for which a volume that grows with it, or falls, is `wanted`: bracketed secant in ln C.
+/// The stiffness that gives the `wanted` volume, which depends on it monotonically: a bracketed secant method in ln C.
 fn fit_stiffness(
     wall: &WallParameters,
     wanted: f64,
@@ -320,12 +320,12 @@ fn fit_stiffness(
         let volume = match (volume_mm3(&fitted), last) {
             (Ok(found), _) => found,
             (Err(error), _) if error == PassiveStateError::Stopped => return Err(error),
-            // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
+            // The step was too long, or the law too soft to bear the load: it is halved while it is not negligible.
             (Err(_), Some(last)) if (ln_c - last).abs() > 0.02 => {
                 ln_c = 0.5 * (ln_c + last);
                 continue;
             }
-            // Too soft a start to bear the load.
+            // The law is too soft at the start to bear the load.
             (Err(_), None) if ln_c + 0.7 <= highest => {
                 ln_c += 0.7;
                 continue;

@@ -1,4 +1,4 @@
-//! Step 0 on one rank or several: what is looked for, and what all of them find together.
+//! Step 0 on one rank or several: its task, and the state that all ranks find together.
 
 use std::sync::Arc;
 
@@ -11,40 +11,40 @@ use super::search::{Search, Slope};
 use super::wall::WallParameters;
 use crate::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
 
-/// What step 0 looks for.
+/// Task of step 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PassiveJob {
-    /// The wall, whose law is where the search begins.
+    /// The wall; the search begins with its passive law.
     pub wall: WallParameters,
-    /// What the law is fitted to.
+    /// Targets of the fit.
     pub target: PassiveFit,
-    /// The fit's slope, where it is known from another mesh.
+    /// Slope of the fit on another mesh, if there is one.
     pub slope: Option<Slope>,
-    /// Factor of the exponents with which the law is steepened around end-diastole once it is fitted.
+    /// Factor of the exponents by which the fitted law is steepened around end-diastole.
     pub steepened_by: Option<f64>,
 }
 
-/// What step 0 found.
+/// Result of step 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundState {
-    /// End-diastole of the whole mesh, on rank 0; of its own nodes on any other.
+    /// End-diastole of the whole mesh on rank 0, of the rank's own nodes elsewhere.
     pub end_diastole: EndDiastole,
-    /// The wall with the law that was found.
+    /// The wall with the fitted passive law.
     pub wall: WallParameters,
-    /// The fit's slope.
+    /// Slope of the fit.
     pub slope: Option<Slope>,
-    /// Cavity volume in end-diastole \[mm³\].
+    /// Cavity volume at end-diastole \[mm³\].
     pub volume_mm3: f64,
     /// Cavity volume without load \[mm³\].
     pub unloaded_volume_mm3: f64,
     /// Newton iterations.
     pub newton_iterations: usize,
-    /// Passes of the unloading.
+    /// Passes of the unloading, all together.
     pub passes: usize,
 }
 
 impl PassiveJob {
-    /// Does a rank's part. Collective.
+    /// Runs one rank's part of the search. Collective.
     ///
     /// # Errors
     /// [`PassiveStateError`], on all ranks.
@@ -83,11 +83,11 @@ impl PassiveJob {
         })
     }
 
-    /// The same on several threads, each with a part of the mesh; on the calling one where the search's solver is one rank's
-    /// ([`super::UnloadingSettings::are_for_ranks`]).
+    /// Runs the search on several threads, each with a part of the mesh; on the calling thread if the solver only runs on one
+    /// rank ([`super::UnloadingSettings::are_for_ranks`]).
     ///
     /// # Errors
-    /// [`PassiveStateError`]; [`PassiveStateError::Rank`] when the system gives no thread.
+    /// [`PassiveStateError`]; [`PassiveStateError::Rank`] when the system starts no thread.
     pub fn on_threads(
         &self,
         anatomy: &Anatomy,
@@ -102,7 +102,7 @@ impl PassiveJob {
         let Some(first) = parts.next() else {
             unreachable!("there is a rank 0")
         };
-        // Copies of their parts: threads outlive what is borrowed.
+        // Threads outlive borrowed data and therefore copy their parts.
         let mut others = parts
             .map(|part| (anatomy.part(&part).into_owned(), part))
             .collect::<Vec<_>>()
@@ -117,7 +117,7 @@ impl PassiveJob {
                     part,
                     comm: Arc::new(comm),
                 };
-                // Rank 0 says what went wrong, on all ranks.
+                // The error is the same on all ranks, and rank 0 reports it.
                 let _ = job.run(&piece, &mut Search::new(settings));
             }
         })
@@ -127,7 +127,7 @@ impl PassiveJob {
             reason: error.to_string(),
         })?;
         let piece = Piece::of(anatomy, first, Arc::new(comm));
-        // A thread that fails unwinds this one with its reason.
+        // A failed thread unwinds this one and passes on its reason.
         let found = self.run(&piece, search);
         drop(crew);
         found

@@ -1,8 +1,8 @@
 //! Step 0: the unloaded geometry behind an image, and its inflation.
 //!
-//! The unloaded geometry is found by backward displacement (Sellier 2011, Comput Methods Appl Mech Eng 200:2325): nodes are
-//! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
-//! where the last one ended, and needs no load steps.
+//! The unloaded geometry is found by backward displacement (Sellier 2011, Comput Methods Appl Mech Eng 200:2325): the
+//! difference between the image and the inflated geometry is added to the nodes until it vanishes. Every inflation after the
+//! first starts from the previous equilibrium and needs no load steps.
 
 use super::piece::Piece;
 use super::rigid::rigid_motion;
@@ -13,75 +13,75 @@ use crate::parallel::{PartitionError, RankFailure, Space};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
 
-/// A step so long that inertia and damping vanish \[ms\].
+/// A time step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;
 
-/// Distance of a node from its place in the image at which a load step towards the image's pressure may follow \[mm\].
+/// Largest distance of a node from its image at which the pressure may take its next load step towards the image's \[mm\].
 const NEAR_MM: f64 = 0.5;
-/// Share of backward displacement below which none is tried.
+/// Share of the backward displacement below which the search gives up.
 const SMALLEST_SHARE: f64 = 0.1;
-/// Most steps of a relaxation.
+/// Maximum number of steps of a relaxation.
 const MOST_RELAXATIONS: usize = 60;
 
-/// Why there is no passive state.
+/// Why no passive state was found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PassiveStateError {
-    /// Wall or surfaces.
+    /// The wall could not be built.
     #[error("wall")]
     Wall(#[from] WallError),
-    /// The mesh cannot be cut into a part for each rank.
+    /// The mesh cannot be partitioned among the ranks.
     #[error("parts of ranks")]
     Parts(#[from] PartitionError),
-    /// The system gives no thread for a rank.
+    /// The system starts no thread for a rank.
     #[error(transparent)]
     Rank(#[from] RankFailure),
-    /// Whoever watches asked for an end.
+    /// The watcher stopped the search.
     #[error("stopped")]
     Stopped,
-    /// No inflation to the wanted pressure.
+    /// The inflation did not reach its pressure.
     #[error("no equilibrium beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
     Inflation {
         /// Pressure of the last equilibrium.
         reached_kpa: f64,
         /// Pressure wanted.
         wanted_kpa: f64,
-        /// Why the smallest load step failed.
+        /// Failure of the smallest load step.
         source: StepError,
     },
-    /// The unloaded geometry is not found.
+    /// The search for the unloaded geometry did not converge.
     #[error(
         "no unloaded geometry after {passes} passes: volume off by {volume_error:.1e} of it, a node by {distance_mm:.2} mm"
     )]
     NotUnloaded {
-        /// Passes made.
+        /// Number of passes.
         passes: usize,
-        /// Volume error over the volume.
+        /// Relative volume error.
         volume_error: f64,
-        /// Largest distance of a node.
+        /// Largest distance of a node from its place in the image \[mm\].
         distance_mm: f64,
     },
-    /// No law through the three points.
+    /// No law meets the three points.
     #[error(
         "no stiffness and exponents give {wanted_ml:.2} mL at end-diastole and {wanted_unloaded_ml:.2} mL without pressure: the \
          nearest give {found_ml:.2} and {found_unloaded_ml:.2} mL (NaN where there is no equilibrium)"
     )]
     NoLaw {
-        /// End-diastolic volume wanted.
+        /// Wanted end-diastolic volume \[mL\].
         wanted_ml: f64,
-        /// Unloaded volume wanted.
+        /// Wanted unloaded volume \[mL\].
         wanted_unloaded_ml: f64,
-        /// End-diastolic volume found.
+        /// End-diastolic volume reached \[mL\].
         found_ml: f64,
-        /// Unloaded volume found.
+        /// Unloaded volume reached \[mL\].
         found_unloaded_ml: f64,
     },
-    /// Two volumes, or a change of the exponents, asked of a law that has a stiffness alone.
+    /// The fit needs exponents, but the law has only a stiffness.
     #[error(
         "the {law} law of muscle has a stiffness to fit and no exponents: it meets one volume, and end-diastole and unloaded \
          volume are two, or its exponents are to be changed; expected Guccione's or Holzapfel and Ogden's law"
     )]
     NoExponents {
-        /// Which.
+        /// Name of the law.
         law: &'static str,
     },
     /// No stiffness fits.
@@ -91,43 +91,43 @@ pub enum PassiveStateError {
          fit this law"
     )]
     NoStiffness {
-        /// Lower end tried.
+        /// Lower end of the stiffness range \[kPa\].
         low_kpa: f64,
-        /// Upper end tried.
+        /// Upper end of the stiffness range \[kPa\].
         high_kpa: f64,
-        /// Volume wanted.
+        /// Wanted volume \[mL\].
         wanted_ml: f64,
-        /// Volume at the lower end.
+        /// Volume at the lower end \[mL\].
         at_low_ml: f64,
-        /// Volume at the upper end.
+        /// Volume at the upper end \[mL\].
         at_high_ml: f64,
     },
 }
 
-/// A wall with its unloaded geometry, in equilibrium at a pressure.
+/// A wall with its unloaded geometry, in equilibrium under a pressure.
 #[derive(Debug)]
 pub struct PassiveState {
     /// The wall on its supports.
     pub dynamics: Dynamics,
-    /// Stiffness of the law, see [`crate::material::Law::stiffness_kpa`] \[kPa\].
+    /// Stiffness of the passive law ([`crate::material::Law::stiffness_kpa`]) \[kPa\].
     pub stiffness_kpa: f64,
-    /// Displacement from the unloaded geometry \[mm\].
+    /// Displacement from the unloaded geometry \[mm\], three numbers a node.
     pub u: Vec<f64>,
-    /// Pressure \[kPa\].
+    /// Cavity pressure \[kPa\].
     pub pressure_kpa: f64,
     /// Newton iterations so far.
     pub newton_iterations: usize,
     /// Passes of the unloading so far.
     pub passes: usize,
-    /// How far from the image the supports are at rest \[mm\]: a rigid motion, by which they hold forces that have a resultant.
+    /// Rest position of the supports relative to the image \[mm\], a rigid motion; it lets them balance the load's resultant.
     anchor: Vec<f64>,
-    /// Pressure of the right ventricle over that of the left.
+    /// Ratio of right to left ventricular pressure.
     right_per_left: f64,
     solver: Solver,
 }
 
 impl PassiveState {
-    /// The image taken for unloaded. Collective, as is all below.
+    /// Takes the image as unloaded. Collective, as are all further methods.
     ///
     /// # Errors
     /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
@@ -168,13 +168,13 @@ impl PassiveState {
         })
     }
 
-    /// How far from the image the supports are at rest \[mm\], three numbers a node.
+    /// Rest position of the supports relative to the image \[mm\], three numbers a node.
     #[must_use]
     pub fn anchor(&self) -> &[f64] {
         &self.anchor
     }
 
-    /// As it is, with the work of another state that it goes on from, and its factorisation.
+    /// Continues from another state: adds its work counts and takes over its factorisation.
     pub(super) fn after(mut self, before: &mut Self) -> Self {
         self.solver.take_over(&mut before.solver);
         Self {
@@ -202,7 +202,7 @@ impl PassiveState {
         self.dynamics.body.reference().as_chunks::<3>().0
     }
 
-    /// Equilibrium at `pressure_kpa` from `guess`, at once.
+    /// Solves for equilibrium at `pressure_kpa` from `guess` in a single step.
     fn settle(
         &mut self,
         guess: Vec<f64>,
@@ -212,7 +212,7 @@ impl PassiveState {
         self.settle_within(FOREVER_MS, guess, pressure_kpa, newton)
     }
 
-    /// The end of a step of `dt_ms` from rest at `guess`, without damping.
+    /// Solves a time step of `dt_ms` from rest at `guess`, without damping.
     fn settle_within(
         &mut self,
         dt_ms: f64,
@@ -257,8 +257,8 @@ impl PassiveState {
         Ok(())
     }
 
-    /// Equilibrium at `pressure_kpa` from where the wall is, by steps of a heart with mass that is stopped after each: the last
-    /// resort where Newton's method alone does not find it. A step goes down in energy, however far the equilibrium is.
+    /// Relaxes the wall to equilibrium at `pressure_kpa` by time steps with mass, stopped after each. This is the last resort
+    /// where Newton's method alone fails: each step lowers the energy, however far the equilibrium is.
     fn relax(
         &mut self,
         pressure_kpa: f64,
@@ -290,10 +290,10 @@ impl PassiveState {
         })
     }
 
-    /// Inflates (or lets air out) to `pressure_kpa` in steps that are halved on failure and grow after success.
+    /// Inflates (or deflates) to `pressure_kpa` in steps that are halved on failure and grow after success.
     ///
     /// # Errors
-    /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
+    /// [`PassiveStateError::Inflation`]; the state is then the last equilibrium.
     pub fn inflate(
         &mut self,
         pressure_kpa: f64,
@@ -351,12 +351,12 @@ impl PassiveState {
         Ok(())
     }
 
-    /// Inflates to `pressure_kpa` at once from where nodes are expected there, step by step where that fails.
+    /// Inflates to `pressure_kpa` at once from the `expected` positions, or in steps if that fails.
     ///
-    /// - `expected`: three coordinates a node \[mm\]
+    /// - `expected`: node positions, three numbers a node \[mm\]
     ///
     /// # Errors
-    /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
+    /// [`PassiveStateError::Inflation`]; the state is then the last equilibrium.
     pub(super) fn inflate_towards(
         &mut self,
         pressure_kpa: f64,
@@ -380,7 +380,7 @@ impl PassiveState {
         self.inflate(pressure_kpa, search)
     }
 
-    /// Where nodes are now \[mm\], three numbers each.
+    /// Current node positions \[mm\], three numbers a node.
     pub(super) fn positions(&self) -> Vec<f64> {
         self.dynamics
             .body
@@ -391,11 +391,11 @@ impl PassiveState {
             .collect()
     }
 
-    /// Finds the unloaded geometry that `pressure_kpa` inflates to the image, and ends in equilibrium there: from a geometry
-    /// that was found before, else from the image under a pressure that grows, in steps that are halved on failure.
+    /// Finds the unloaded geometry that `pressure_kpa` inflates to the image; the state ends in that equilibrium. It starts
+    /// from a geometry found before, else from the image under a growing pressure, in steps that are halved on failure.
     ///
     /// # Errors
-    /// [`PassiveStateError`] when the smallest step of the pressure fails or the passes do not end.
+    /// [`PassiveStateError`] when the smallest pressure step fails or the passes do not converge.
     pub fn unload(
         &mut self,
         piece: &Piece<'_>,
@@ -462,10 +462,10 @@ impl PassiveState {
         Ok(())
     }
 
-    /// Passes of backward displacement at one pressure.
+    /// Runs passes of backward displacement at one pressure.
     ///
-    /// - `tight`: until the image is met; otherwise a single pass, or, with `patient`, until it is nearly met
-    /// - `patient`: relaxes the wall, too, where Newton's method finds no equilibrium
+    /// - `tight`: iterates until the image is met; otherwise runs a single pass, or, with `patient`, until it is nearly met
+    /// - `patient`: also relaxes the wall where Newton's method finds no equilibrium
     fn meet_image(
         &mut self,
         piece: &Piece<'_>,
@@ -546,7 +546,7 @@ impl PassiveState {
                 continue;
             }
             last_mm = distance_mm;
-            // A load with a resultant moves the heart on its supports: they follow, the unloaded geometry need not.
+            // A load with a resultant shifts the heart on its supports: the supports follow, and the unloaded geometry stays.
             let rigid = rigid_motion(self.dynamics.space(), &piece.anatomy.nodes, &miss);
             let strain: Vec<f64> = miss
                 .iter()
@@ -573,15 +573,15 @@ impl PassiveState {
     }
 }
 
-/// Anderson's mixing of depth one for the fixed point "no miss": from the second pass on, what the last change did to the miss
-/// tells how far to go. In a soft heart at a high pressure that is too far: then the last geometry changes by half as much.
+/// Anderson mixing of depth one for the backward displacement: from the second pass on, the step length follows from how the
+/// last change altered the error. In a soft heart at high pressure the step is too long; the last change is then halved.
 #[derive(Debug)]
 struct Mixing {
-    /// Last miss, and the change that followed it.
+    /// Last error, and the change of geometry that followed it.
     last: Option<(Vec<f64>, Vec<f64>)>,
-    /// Unloaded nodes that missed least, and their miss \[mm\].
+    /// Unloaded nodes with the smallest error, and this error \[mm\].
     nearest: Option<(Vec<f64>, Vec<f64>)>,
-    /// How much of a change is made.
+    /// Share of the computed change that is applied.
     share: f64,
 }
 
@@ -596,7 +596,7 @@ impl Default for Mixing {
 }
 
 impl Mixing {
-    /// Unloaded nodes to try after those at `unloaded`, which `miss` the image \[mm\]. Collective.
+    /// Next unloaded nodes after `unloaded`, whose inflated geometry misses the image by `miss` \[mm\]. Collective.
     fn next(&mut self, space: Space<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
         let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
         if let Some((before, moved)) = &self.last {
@@ -607,7 +607,7 @@ impl Mixing {
             }
             space.comm.sum(&mut sums);
             let [along, square] = sums;
-            // Between none and twice the last change: beyond, it is no contraction that could be extrapolated.
+            // Limits the extrapolation to twice the last change: beyond it the iteration is no contraction.
             let mixed = if square > 0.0 {
                 (along / square).clamp(-2.0, 1.0)
             } else {
@@ -624,7 +624,7 @@ impl Mixing {
         next
     }
 
-    /// Unloaded nodes nearer to those that missed least, after some that miss much more; none where a small change does, too.
+    /// Moves back towards the best unloaded nodes after a step with a much larger error; `None` once steps are too small.
     fn nearer(&mut self) -> Option<Vec<f64>> {
         if self.share <= SMALLEST_SHARE {
             return None;

@@ -1,4 +1,4 @@
-//! What a rank holds of an anatomy in step 0.
+//! One rank's part of an anatomy in step 0.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -9,19 +9,19 @@ use crate::element::kernel::VolumeChange;
 use crate::fibre_parcel;
 use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
 
-/// A rank's part of an anatomy, and what joins it to the others.
+/// A rank's part of an anatomy, and its connection to the other ranks.
 #[derive(Debug, Clone)]
 pub struct Piece<'a> {
-    /// Nodes, elements and surfaces in the rank's own numbers, see [`Anatomy::part`].
+    /// Nodes, elements and surfaces in the rank's own numbering, see [`Anatomy::part`].
     pub anatomy: Cow<'a, Anatomy>,
-    /// What these are in the whole mesh.
+    /// Their numbers in the whole mesh.
     pub part: Part,
-    /// The ranks.
+    /// Communicator of the ranks.
     pub comm: Arc<dyn Communicator>,
 }
 
 impl<'a> Piece<'a> {
-    /// All of an anatomy, on one rank.
+    /// A whole anatomy on one rank.
     #[must_use]
     pub fn whole(anatomy: &'a Anatomy) -> Self {
         let part = Part::whole(anatomy.nodes.len(), anatomy.corners.len());
@@ -32,7 +32,7 @@ impl<'a> Piece<'a> {
         }
     }
 
-    /// A part of it.
+    /// One rank's part of an anatomy.
     #[must_use]
     pub fn of(anatomy: &'a Anatomy, part: Part, comm: Arc<dyn Communicator>) -> Self {
         Self {
@@ -42,7 +42,8 @@ impl<'a> Piece<'a> {
         }
     }
 
-    /// Rank 0's, which sends the other ranks their `parts` ([`Self::received`]): none of them ever holds the mesh. Collective.
+    /// Rank 0's part; sends the other ranks their `parts` ([`Self::received`]), so that none of them ever holds the mesh.
+    /// Collective.
     #[must_use]
     pub fn sent(anatomy: &'a Anatomy, parts: Vec<Part>, comm: Arc<dyn Communicator>) -> Self {
         let parcel = |part: &Part| {
@@ -64,7 +65,7 @@ impl<'a> Piece<'a> {
         Self::of(anatomy, own, comm)
     }
 
-    /// Any other rank's, from rank 0. Collective.
+    /// Receives another rank's part from rank 0. Collective.
     #[must_use]
     pub fn received(comm: Arc<dyn Communicator>) -> Piece<'static> {
         let numbers = comm.scatter(vec![]);
@@ -77,7 +78,7 @@ impl<'a> Piece<'a> {
         }
     }
 
-    /// Values of the whole mesh from those of each rank's nodes, `width` a node, on rank 0; `None` elsewhere. Collective.
+    /// Gathers nodal values of all ranks, `width` a node, into those of the whole mesh on rank 0; `None` elsewhere. Collective.
     #[must_use]
     pub fn gathered(&self, width: usize, values: &[f64]) -> Option<Vec<f64>> {
         let owned: Vec<f64> = self
@@ -103,10 +104,10 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// The part of each of several ranks of a mesh of linear elements.
+/// Partitions a mesh of linear elements among ranks.
 ///
 /// # Errors
-/// [`PartitionError`] where it cannot be cut.
+/// [`PartitionError`] where the mesh cannot be partitioned.
 pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, PartitionError> {
     if n_ranks <= 1 {
         return Ok(vec![Part::whole(
@@ -120,10 +121,10 @@ pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, Partitio
         .collect())
 }
 
-/// Writes a part of an anatomy of linear elements.
+/// Appends an anatomy of linear elements to a message.
 ///
 /// # Panics
-/// For quadratic elements, which have no parts.
+/// For quadratic elements, which are never partitioned.
 pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     let triangles = |surface: &Triangles| match surface {
         Triangles::Linear(triangles) => triangles.clone(),
@@ -135,7 +136,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         VolumeChange::Pointwise => vec![],
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
-    // As bits: a parcel's indices have no sign.
+    // Signed tags travel as bits, since the message's indices are unsigned.
     to.indices(
         &anatomy
             .tags
@@ -182,7 +183,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     }
 }
 
-/// Reads what [`pack`] wrote.
+/// Reads an anatomy that [`pack`] wrote.
 pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
     let nodes = from.numbers().as_chunks().0.to_vec();
     let tets: Vec<[u32; 4]> = from.indices().as_chunks().0.to_vec();

@@ -1,7 +1,7 @@
-//! What every rank of a ventricle does: its part of the wall, and the commands of rank 0.
+//! One rank of a ventricle: its part of the wall, and its execution of rank 0's commands.
 //!
-//! Rank 0 knows the circulation and the program around it; the others wait for its commands. Every operation here is
-//! collective: rank 0 tells what it is ([`Command`]), and all ranks do it.
+//! Rank 0 holds the circulation and talks to the calling program; the other ranks wait for its commands. Every operation here
+//! is collective: rank 0 broadcasts a [`Command`], and all ranks execute it.
 
 use std::sync::Arc;
 
@@ -20,7 +20,6 @@ use crate::newton::{LinearSolver, Smallest};
 use crate::parallel::{Communicator, Counted, Part, Space, Traffic};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
 
-/// What all ranks share.
 #[derive(Debug, Clone)]
 pub(super) struct Setup {
     pub wall: WallParameters,
@@ -30,21 +29,21 @@ pub(super) struct Setup {
     pub settings: StepSettings,
 }
 
-/// Values of nodes or points that rank 0 collects or hands out.
+/// Nodal or point values that rank 0 collects or distributes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Values {
-    /// Displacement, velocity, acceleration, forces, and the solver's response to pressure: three a node.
+    /// Displacement, velocity, acceleration, forces and the solver's response to pressure have three numbers a node.
     Displacement,
     Velocity,
     Acceleration,
     Force,
     Response,
-    /// Contraction states, stretch, stress, calcium: a number of them a point.
+    /// Contraction states, stretch, stress and calcium have one or more numbers a point.
     Cells,
     PointStretch,
     PointStress,
     PointCalcium,
-    /// Means of stretch, stress and calcium, one a node of the muscle; collected only.
+    /// Means of stretch, stress and calcium have one number a muscle node and are only collected.
     Stretch,
     Stress,
     Calcium,
@@ -66,7 +65,7 @@ impl Values {
         Self::Calcium,
     ];
 
-    /// Position among the states of the points.
+    /// Position in the list of point states, if these values belong to points.
     pub fn of_points(self) -> Option<usize> {
         [
             Self::Cells,
@@ -78,7 +77,7 @@ impl Values {
         .position(|v| *v == self)
     }
 
-    /// Position among the means of the nodes of the muscle.
+    /// Position in the list of means, if these values are means at muscle nodes.
     fn of_muscle(self) -> Option<usize> {
         [Self::Stretch, Self::Stress, Self::Calcium]
             .iter()
@@ -94,7 +93,7 @@ impl Values {
     }
 }
 
-/// What values belong to.
+/// Mesh entities to which values belong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Places {
     Nodes,
@@ -102,36 +101,30 @@ pub(super) enum Places {
     Muscle,
 }
 
-/// What rank 0 wants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Command {
-    /// Leave.
     Stop,
-    /// Try a step to `end_ms`.
+    /// Tries a step to `end_ms`.
     Try {
         end_ms: f64,
         dt_ms: f64,
         pressure_kpa: f64,
     },
-    /// Accept the step that was tried.
     Commit,
-    /// Drop it.
     RollBack,
-    /// Forget what the solver keeps, and go on from a state whose values follow.
-    Resume { pressure_kpa: f64 },
-    /// Forget what the solver keeps.
+    /// Discards the solver's memory and continues from a state whose values follow.
+    Resume {
+        pressure_kpa: f64,
+    },
+    /// Discards the solver's memory.
     Forget,
-    /// Collect values on rank 0.
     Collect(Values),
-    /// Take values from rank 0.
     HandOut(Values),
-    /// Find the cavity's volume.
     Volume,
-    /// Do a part of a step's work.
+    /// Runs a kernel for measurements.
     Run(Kernel),
-    /// Count the bytes of an iteration.
+    /// Counts the bytes of a conjugate-gradient iteration.
     KrylovBytes,
-    /// Say what each rank holds and sent.
     Figures,
 }
 
@@ -188,27 +181,27 @@ impl Command {
     }
 }
 
-/// What a rank holds, and what it sent.
+/// Size of a rank's part and its communication so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RankFigures {
-    /// Nodes that it owns.
+    /// Nodes owned by the rank.
     pub nodes: f64,
-    /// Nodes of other ranks that it holds.
+    /// Nodes of other ranks that the rank holds.
     pub ghosts: f64,
-    /// Elements that it computes.
+    /// Elements computed by the rank.
     pub elements: f64,
-    /// Ranks that it exchanges halos with.
+    /// Ranks with which it exchanges halos.
     pub neighbours: f64,
-    /// Messages with halos that it sent.
+    /// Halo messages sent.
     pub halo_messages: f64,
-    /// Bytes in them.
+    /// Bytes in these messages.
     pub halo_bytes: f64,
-    /// Reductions and broadcasts that it took part in.
+    /// Reductions and broadcasts, all together.
     pub reductions: f64,
 }
 
 impl RankFigures {
-    /// What was sent since `before`.
+    /// The same size, with the communication since `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         Self {
@@ -220,7 +213,7 @@ impl RankFigures {
     }
 }
 
-/// A rank's part of the ventricle.
+/// One rank's part of the ventricle.
 #[derive(Debug)]
 pub(super) struct OrganRank {
     pub part: Part,
@@ -228,9 +221,9 @@ pub(super) struct OrganRank {
     pub average: NodeAverage,
     pub now: State,
     contraction: PointContraction,
-    /// Pressure in the right ventricle.
+    /// Pressure in the right ventricle over a beat.
     right: Option<PressureCourse>,
-    /// Whether this rank speaks for the element of each point.
+    /// Whether this rank is responsible for each point's element.
     speaks_for: Vec<bool>,
     pub settings: StepSettings,
     solver: Solver,
@@ -240,10 +233,11 @@ pub(super) struct OrganRank {
 }
 
 impl OrganRank {
-    /// A rank's part in end-diastole, at rest, time zero. Collective.
+    /// Builds a rank's part at end-diastole, at rest at time zero. Collective.
     ///
     /// # Errors
-    /// [`VentricleError`] where the wall cannot be supported, the contraction model fails or several ranks lack a solver.
+    /// [`VentricleError`] where the wall cannot be supported, the contraction model fails or the solver does not run on several
+    /// ranks.
     pub fn new(
         setup: &Setup,
         share: Share<'_>,
@@ -305,7 +299,7 @@ impl OrganRank {
             &deformation,
         )
         .with_viscosity(setup.viscosity);
-        // The same steps on all ranks.
+        // All ranks take the same steps.
         let mut latest = [-points.earliest_activation_ms()];
         dynamics.comm.max(&mut latest);
         let earliest_ms = -latest[0];
@@ -321,14 +315,14 @@ impl OrganRank {
             points.commit();
             Ok::<(), VentricleError>(())
         };
-        // What is activated before time zero contracts at its end-diastolic length until then.
+        // Points activated before time zero contract at their end-diastolic length until then.
         steps_before_the_beat(earliest_ms).try_for_each(|(end_ms, dt_ms)| step(end_ms, dt_ms))?;
-        // The stress at time zero: a step of vanishing length at constant stretch.
+        // A step of vanishing length at constant stretch gives the stress at time zero.
         step(0.0, 1e-6)?;
         let mut now = dynamics
             .start(u, active, pressure_kpa)
             .map_err(|s| failed(&inverted(s)))?;
-        // What the solver of step 0 left is no load: the beat begins at rest.
+        // The residual of step 0's solution is not a load: the beat starts without acceleration.
         now.motion.a.fill(0.0);
         let average = points.node_average(&anatomy, &dynamics.body, dynamics.comm.as_ref());
         let speaks_for = points
@@ -355,14 +349,14 @@ impl OrganRank {
         self.dynamics.comm.as_ref()
     }
 
-    /// Tells the other ranks what to do; for rank 0, which then does it, too.
+    /// Broadcasts a command to the other ranks; rank 0 calls this before it executes the command itself.
     pub fn tell(&self, command: Command) {
         if self.comm().n_ranks() > 1 {
             self.comm().command(&mut command.encoded());
         }
     }
 
-    /// Does what rank 0 wants until it wants no more; for the other ranks.
+    /// Executes rank 0's commands until it sends [`Command::Stop`]; for the other ranks.
     pub fn serve(mut self) {
         loop {
             let mut word = [0.0; 4];
@@ -374,7 +368,7 @@ impl OrganRank {
                     dt_ms,
                     pressure_kpa,
                 } => {
-                    // Rank 0 knows what went wrong.
+                    // The error is the same on rank 0, which reports it.
                     let _ =
                         self.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::BalanceOfRank0);
                 }
@@ -384,7 +378,7 @@ impl OrganRank {
                 Command::Forget => self.solver.forget(),
                 Command::Collect(values) => drop(self.collect(values)),
                 Command::HandOut(values) => self.take(values, vec![]),
-                // What these find out is rank 0's.
+                // The results are rank 0's.
                 Command::Volume => _ = self.volume_mm3(),
                 Command::Run(kernel) => _ = self.run(kernel),
                 Command::KrylovBytes => _ = self.krylov_bytes(),
@@ -393,7 +387,7 @@ impl OrganRank {
         }
     }
 
-    /// Tries a step; returns what it cost, the cavity volume \[mm³\] and the pressure \[kPa\] at its end.
+    /// Tries a step; returns its cost, and the cavity volume \[mm³\] and pressure \[kPa\] at its end.
     ///
     /// # Errors
     /// [`StepError`], on all ranks.
@@ -436,7 +430,7 @@ impl OrganRank {
         Ok((report, volume_mm3, pressure_kpa))
     }
 
-    /// Committed cavity volume.
+    /// Committed cavity volume \[mm³\].
     pub fn volume_mm3(&self) -> f64 {
         self.dynamics.cavity_volume(&self.now.motion.u)
     }
@@ -462,7 +456,7 @@ impl OrganRank {
         self.solver.forget();
     }
 
-    /// Number in the whole mesh of the element of each point, and whether this rank speaks for it.
+    /// Mesh number of each point's element, and whether this rank is responsible for it.
     pub fn points(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
         let elements = self
             .contraction
@@ -471,7 +465,7 @@ impl OrganRank {
         elements.zip(self.speaks_for.iter().copied())
     }
 
-    /// Values of the whole ventricle, rank by rank, on rank 0; of nodes and points that a rank speaks for.
+    /// Collects the values of each rank's own nodes and points on rank 0; `None` elsewhere.
     pub fn collect(&self, values: Values) -> Option<Vec<Vec<f64>>> {
         let n_owned = 3 * self.part.layout.n_owned;
         let State { motion, force, .. } = &self.now;
@@ -508,7 +502,7 @@ impl OrganRank {
         }
     }
 
-    /// Takes what rank 0 has for this rank: of owned nodes, and of all points held.
+    /// Receives this rank's values from rank 0, for owned nodes and all points held.
     pub fn take(&mut self, values: Values, parts: Vec<Vec<f64>>) {
         let own = self.comm().scatter(parts);
         if let Some(k) = values.of_points() {
@@ -532,7 +526,7 @@ impl OrganRank {
         }
     }
 
-    /// What each rank holds and sent so far, on rank 0.
+    /// Collects the figures of all ranks on rank 0.
     pub fn figures(&self) -> Vec<RankFigures> {
         let layout = &self.part.layout;
         let own = [
@@ -556,13 +550,12 @@ impl OrganRank {
         all.iter().map(figures).collect()
     }
 
-    /// How many numbers a point has of each of the states.
+    /// Numbers per point of each point state.
     pub fn widths(&self) -> [usize; 4] {
         self.contraction.states().map(|(width, _)| width)
     }
 }
 
-/// Gives the right ventricle its pressure at a time.
 fn load_right(dynamics: &mut Dynamics, course: Option<&PressureCourse>, time_ms: f64) {
     for (given, course) in dynamics.given_cavities.iter_mut().zip(course) {
         given.pressure_kpa = course.at(time_ms);

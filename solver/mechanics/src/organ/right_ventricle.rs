@@ -1,4 +1,4 @@
-//! The right ventricle, where a mesh has one: passive tissue, and a cavity whose pressure is given.
+//! The right ventricle, where the mesh has one: passive tissue around a cavity of prescribed pressure.
 
 use super::anatomy::Triangles;
 use super::wall::WallError;
@@ -6,21 +6,20 @@ use crate::boundary::{Cavity, SurfaceError, ValvePlane};
 use crate::linear::Pattern;
 use crate::parallel::Communicator;
 
-/// Inner wall of the right ventricle, and the parts of the rim that the two ventricles' valves hang on.
+/// Endocardium of the right ventricle, and the parts of the rim that carry the valves of each ventricle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RightVentricle {
-    /// Its endocardium, the right side of the septum included.
+    /// Right endocardium, including the right side of the septum.
     pub endocardium: Triangles,
-    /// Loops of nodes around its openings, as the left ventricle's; none where it is closed.
+    /// Node loops around its openings, as for the left ventricle; none if it is closed.
     pub openings: Vec<Vec<u32>>,
-    /// Rim around its openings.
+    /// Rim around the right ventricle's openings.
     pub ring: Triangles,
-    /// Rim around the left ventricle's.
+    /// Rim around the left ventricle's openings.
     pub left_ring: Triangles,
 }
 
 impl RightVentricle {
-    /// The same with its triangles and loops in other numbers.
     pub(super) fn mapped(
         &self,
         surface: impl Fn(&Triangles) -> Triangles,
@@ -39,28 +38,28 @@ impl RightVentricle {
     }
 }
 
-/// Pressure in the right ventricle.
+/// Pressure in the right ventricle, in the beat and in step 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RightPressure {
-    /// In the beat.
+    /// Pressure over the beat.
     pub course: PressureCourse,
-    /// In step 0, where both ventricles are loaded together: its share of the left one's pressure, that of end-diastole.
+    /// Ratio of right to left ventricular pressure at end-diastole, at which step 0 loads both ventricles together.
     pub per_left: f64,
 }
 
-/// A pressure that comes again with each beat, straight between its samples.
+/// A periodic pressure, linear between its samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressureCourse {
-    /// Times of the samples from the beat's start, ascending, the first one at zero \[ms\].
+    /// Times of the samples from the beat's start \[ms\], ascending from zero.
     pub time_ms: Vec<f64>,
-    /// Pressures then \[kPa\].
+    /// Pressures at these times \[kPa\].
     pub kpa: Vec<f64>,
     /// Length of a beat \[ms\].
     pub cycle_ms: f64,
 }
 
 impl PressureCourse {
-    /// The same pressure at all times.
+    /// A constant pressure \[kPa\].
     #[must_use]
     pub fn constant(kpa: f64) -> Self {
         Self {
@@ -70,7 +69,7 @@ impl PressureCourse {
         }
     }
 
-    /// Pressure at a time of any beat \[kPa\].
+    /// Pressure at a time in any beat \[kPa\].
     ///
     /// # Panics
     /// For a course without samples.
@@ -82,7 +81,7 @@ impl PressureCourse {
             .partition_point(|sample| *sample <= t)
             .saturating_sub(1);
         let (t0, p0) = (self.time_ms[before], self.kpa[before]);
-        // The first sample follows the last.
+        // The course is periodic, so that the first sample follows the last.
         let next = before + 1;
         let t1 = self
             .time_ms
@@ -98,7 +97,7 @@ impl PressureCourse {
     }
 }
 
-/// The cavity behind an endocardium whose valves hang on a ring. Collective.
+/// A cavity inside an endocardium, with its valves on a ring. Collective.
 pub(super) fn chamber(
     name: &'static str,
     (endocardium, openings, ring): (&Triangles, &[Vec<u32>], &Triangles),

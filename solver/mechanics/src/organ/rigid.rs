@@ -1,10 +1,10 @@
-//! The rigid motion in a displacement.
+//! The rigid part of a displacement.
 
 use nalgebra::{Matrix6, Vector6};
 
 use crate::parallel::Space;
 
-/// The small rigid motion nearest to a displacement of nodes, in the mean square \[mm\], three numbers a node. Collective.
+/// The infinitesimal rigid motion closest to a nodal displacement in the mean square \[mm\], three numbers a node. Collective.
 pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &[f64]) -> Vec<f64> {
     let n_owned = space.n_owned() / 3;
     let mut centre = [0.0; 4];
@@ -14,7 +14,7 @@ pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &
     }
     space.comm.sum(&mut centre);
     let arm = |x: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| x[i] - centre[i] / centre[3]) };
-    // Translations, then rotations about the axes through the centre.
+    // Three translations, then three rotations about axes through the centre.
     let modes = |[x, y, z]: [f64; 3]| -> [[f64; 6]; 3] {
         [
             [1.0, 0.0, 0.0, 0.0, z, -y],

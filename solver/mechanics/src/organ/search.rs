@@ -1,4 +1,4 @@
-//! How the search for a passive state goes, who watches it, and what it finds.
+//! The search for a passive state: its settings, progress and result.
 
 use std::ops::ControlFlow;
 
@@ -9,24 +9,24 @@ use crate::element::kernel::VolumeChange;
 use crate::newton::LinearSolver;
 use crate::step::StepSettings;
 
-/// Nodes up to which a factorisation is faster than multigrid, which is made for nodal volume change; and up to which it serves
-/// the plain penalty better.
+/// Largest node counts at which a factorisation beats multigrid: for nodal volume change, to which multigrid is tuned, and for
+/// the plain penalty.
 const FACTORISED_UP_TO: [usize; 2] = [3000, 20_000];
 
 /// Settings of the search for an unloaded geometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnloadingSettings {
-    /// Volume error over the image's volume at which it has converged.
+    /// Converged once the volume error, relative to the image's volume, is below this.
     pub volume_tolerance: f64,
-    /// Largest distance of a node from its place in the image at which it has converged \[mm\].
+    /// Converged once every node is this close to its place in the image \[mm\].
     pub distance_tolerance_mm: f64,
-    /// Most passes.
+    /// Maximum number of passes.
     pub max_passes: usize,
-    /// First step of the first inflation, a share of the pressure.
+    /// First load step of the first inflation, as a share of the pressure.
     pub first_load: f64,
-    /// Smallest step of an inflation.
+    /// Smallest load step of an inflation.
     pub smallest_load: f64,
-    /// Newton.
+    /// Settings of Newton's method.
     pub newton: StepSettings,
 }
 
@@ -34,8 +34,8 @@ impl Default for UnloadingSettings {
     fn default() -> Self {
         let newton = StepSettings {
             linear: LinearSolver::Direct,
-            // Places nodes to a thousandth of the tolerance below. Newton's method is linear in the unsymmetric part of the
-            // pressure's tangent, which counts in a small soft heart: more iterations.
+            // The nodes' error is then a thousandth of the tolerance below. Convergence is linear in the omitted unsymmetric
+            // part of the pressure's tangent, which matters in a small soft heart: hence more iterations.
             relative_tolerance: 1e-5,
             least_pressure_kpa: 0.05,
             max_iterations: 40,
@@ -43,7 +43,7 @@ impl Default for UnloadingSettings {
             largest_growth: 100.0,
             max_halvings: 8,
             foresee_pressures: true,
-            // A factorisation costs as much as a hundred solves with it.
+            // A factorisation costs as much as about a hundred solves with it.
             keep_until: 25,
             ..StepSettings::default()
         };
@@ -59,7 +59,7 @@ impl Default for UnloadingSettings {
 }
 
 impl UnloadingSettings {
-    /// The linear solver that suits an anatomy: multigrid for many linear elements, a factorisation otherwise.
+    /// Settings with the linear solver that suits an anatomy: multigrid for many linear elements, else a factorisation.
     #[must_use]
     pub fn for_anatomy(anatomy: &Anatomy) -> Self {
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
@@ -71,17 +71,17 @@ impl UnloadingSettings {
         }
     }
 
-    /// The linear solver that several ranks have, multigrid.
+    /// Settings with multigrid, the linear solver that runs on several ranks.
     #[must_use]
     pub fn on_ranks() -> Self {
         let mut settings = Self::default();
         settings.newton.linear = LinearSolver::Multigrid;
-        // A set-up costs as much as some ten iterations; a solve takes forty or more.
+        // A set-up costs as much as some ten iterations; a solve takes at least forty.
         settings.newton.keep_until = 80;
         settings
     }
 
-    /// Whether several ranks can share the work on an anatomy: a factorisation, and what lies on quadratic elements, is one rank's.
+    /// Whether several ranks can share the work on an anatomy: factorisations and quadratic elements run on one rank only.
     #[must_use]
     pub fn are_for_ranks(&self, anatomy: &Anatomy) -> bool {
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
@@ -93,25 +93,25 @@ impl UnloadingSettings {
     }
 }
 
-/// How far a search is.
+/// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
-    /// Passive laws tried.
+    /// Number of passive laws tried.
     pub trials: usize,
-    /// Passes of the unloading.
+    /// Number of passes of the unloading.
     pub passes: usize,
-    /// Newton iterations.
+    /// Number of Newton iterations.
     pub newton_iterations: usize,
-    /// Pressure aimed at \[kPa\].
+    /// Target pressure \[kPa\].
     pub pressure_kpa: f64,
 }
 
-/// Told how far a search is, says whether it goes on.
+/// Receives the progress of a search and decides whether it continues.
 pub type Watch<'a> = dyn FnMut(&SearchProgress) -> ControlFlow<()> + 'a;
 
 /// A search under way.
 pub struct Search<'a> {
-    /// Settings.
+    /// Settings of the search.
     pub settings: UnloadingSettings,
     watch: Option<&'a mut Watch<'a>>,
     pub(super) trials: usize,
@@ -126,7 +126,7 @@ impl std::fmt::Debug for Search<'_> {
 }
 
 impl<'a> Search<'a> {
-    /// One that nobody watches.
+    /// A search without a watcher.
     #[must_use]
     pub fn new(settings: UnloadingSettings) -> Self {
         Self {
@@ -136,7 +136,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// One whose watcher is asked before each equilibrium.
+    /// A search that calls its watcher before each equilibrium.
     #[must_use]
     pub fn watched(settings: UnloadingSettings, watch: &'a mut Watch<'a>) -> Self {
         Self {
@@ -146,7 +146,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether to go on towards an equilibrium at `pressure_kpa`. Collective.
+    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
     pub(super) fn go_on(
         &mut self,
         state: &PassiveState,
@@ -167,7 +167,7 @@ impl<'a> Search<'a> {
             .watch
             .as_mut()
             .is_some_and(|watch| watch(&progress).is_break());
-        // Rank 0 is watched, and speaks for all.
+        // Rank 0 has the watcher and decides for all ranks.
         let mut word = [f64::from(u8::from(stop))];
         state.dynamics.comm.broadcast(&mut word);
         if word[0] == 0.0 {
@@ -178,17 +178,17 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Derivatives of the logarithms of end-diastolic and unloaded volume (rows) with respect to those of stiffness and factor of
-/// the exponents (columns).
+/// Derivatives of the logarithms of end-diastolic and unloaded volume (rows) with respect to the logarithms of stiffness and
+/// exponent factor (columns).
 pub type Slope = [[f64; 2]; 2];
 
-/// A passive state with the law that was fitted.
+/// A passive state with its fitted law.
 #[derive(Debug)]
 pub struct Fitted {
-    /// In equilibrium at end-diastole.
+    /// The state in equilibrium at end-diastole.
     pub state: PassiveState,
-    /// With the law that was fitted.
+    /// The wall with the fitted passive law.
     pub wall: WallParameters,
-    /// Where it was found: a fit on another mesh of the same heart can begin with it.
+    /// Slope at the solution, from which a fit on another mesh of the same heart can start.
     pub slope: Option<Slope>,
 }

@@ -1,4 +1,4 @@
-//! What a rank is given of the heart for a beat, by rank 0.
+//! The message from rank 0 that gives a rank its part of the heart for a beat.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::end_diastole::EndDiastole;
 use super::piece::{pack, unpack};
 use crate::parallel::{Opened, Parcel, Part};
 
-/// A part of the heart in the rank's own numbers.
+/// One rank's part of the heart, in that rank's numbering.
 #[derive(Debug)]
 pub(super) struct Share<'a> {
     pub part: Part,
@@ -45,7 +45,7 @@ impl<'a> Share<'a> {
         }
     }
 
-    /// As a message.
+    /// Encodes the part as a message.
     pub fn parcel(&self) -> Vec<f64> {
         let mut to = Parcel::default();
         self.part.pack(&mut to);
@@ -64,7 +64,7 @@ impl<'a> Share<'a> {
         to.numbers
     }
 
-    /// From a message.
+    /// Decodes a part from a message.
     pub fn opened(numbers: &[f64]) -> Share<'static> {
         let mut from = Opened::of(numbers);
         let part = Part::unpack(&mut from);

@@ -1,4 +1,4 @@
-//! The finite-element ventricle behind the interface of all ventricles, on one rank or several.
+//! The finite-element implementation of the ventricle interface, on one rank or several.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,9 +23,8 @@ use crate::dynamics::Dynamics;
 use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew};
 use crate::step::{Closure, StepError, StepReport, StepSettings};
 
-/// Kind in snapshots.
 const KIND: &str = "finite-element 2";
-/// What a snapshot holds after its scalars, in this order, and the response to pressure where there was one.
+/// Values of a snapshot after its scalars, in this order; the response to pressure follows if there is one.
 const IN_SNAPSHOTS: [Values; 8] = [
     Values::Displacement,
     Values::Velocity,
@@ -37,22 +36,22 @@ const IN_SNAPSHOTS: [Values; 8] = [
     Values::PointCalcium,
 ];
 
-/// Everything that defines a finite-element ventricle.
+/// Definition of a finite-element ventricle.
 #[derive(Debug)]
 pub struct VentricleParts<'a> {
-    /// Anatomy.
+    /// Geometry and fibres.
     pub anatomy: &'a Anatomy,
-    /// Wall, with the stiffness that was fitted.
+    /// The wall, with the fitted passive law.
     pub wall: &'a WallParameters,
     /// End-diastolic state.
     pub end_diastole: EndDiastole,
-    /// Contraction model of every point.
+    /// Contraction model of all points.
     pub contraction: GroupContraction,
     /// Activation time of each vertex of the mesh \[ms\].
     pub activation_ms: &'a [f64],
-    /// Cycle length, after which every point is activated again.
+    /// Cycle length, the period of each point's activation.
     pub cycle_length: Ms,
-    /// Further parts of the cavity pressure.
+    /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
     /// Viscous stress along the fibre.
     pub viscosity: Option<FibreViscosity>,
@@ -60,14 +59,14 @@ pub struct VentricleParts<'a> {
     pub settings: StepSettings,
 }
 
-/// What a rank other than 0 has to know itself of a ventricle; the rest comes from rank 0.
+/// Definition that a rank other than 0 needs of its own; the rest comes from rank 0.
 #[derive(Debug)]
 pub struct RankParts<'a> {
-    /// Wall, with the stiffness that was fitted.
+    /// The wall, with the fitted passive law.
     pub wall: &'a WallParameters,
-    /// Contraction model of every point.
+    /// Contraction model of all points.
     pub contraction: GroupContraction,
-    /// Cycle length, after which every point is activated again.
+    /// Cycle length, the period of each point's activation.
     pub cycle_length: Ms,
     /// Viscous stress along the fibre.
     pub viscosity: Option<FibreViscosity>,
@@ -75,20 +74,20 @@ pub struct RankParts<'a> {
     pub settings: StepSettings,
 }
 
-/// Work of all steps so far, failed ones included.
+/// Work of all steps so far, including failed ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct VentricleWork {
-    /// Steps tried.
+    /// Number of steps tried.
     pub steps: usize,
-    /// Newton iterations.
+    /// Number of Newton iterations.
     pub newton_iterations: usize,
-    /// Krylov iterations of both right-hand sides.
+    /// Number of Krylov iterations for both right-hand sides.
     pub krylov_iterations: usize,
-    /// Factorisations.
+    /// Number of factorisations.
     pub factorisations: usize,
 }
 
-/// The 3D ventricle: rank 0 of it, which the others serve.
+/// The 3D ventricle on rank 0, which commands the other ranks.
 #[derive(Debug)]
 pub struct FiniteElementVentricle {
     rank: OrganRank,
@@ -98,15 +97,15 @@ pub struct FiniteElementVentricle {
     pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
     time_ms: f64,
     volume_mm3: f64,
-    /// Pressure that the circulation sees: the wall's and the further parts' \[kPa\].
+    /// Cavity pressure that the circulation sees, the wall's plus the additional terms' \[kPa\].
     cavity_kpa: f64,
-    /// Change of the wall's pressure over the last step \[kPa/ms\].
+    /// Rate of change of the wall's pressure over the last step \[kPa/ms\].
     rate_kpa_per_ms: f64,
     trial: Option<Trial>,
     work: VentricleWork,
-    /// Whether the ranks are amid an operation: nothing can be told to them.
+    /// Whether the ranks are inside an operation and cannot receive commands.
     busy: AtomicBool,
-    /// The other ranks, where they are threads.
+    /// Threads of the other ranks, if the ranks are threads.
     crew: Option<Crew>,
 }
 
@@ -119,7 +118,7 @@ struct Trial {
     cavity_kpa: f64,
 }
 
-/// What is checked before ranks are made.
+/// Checks the definition before any rank is built.
 fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
     let VentricleParts {
         anatomy,
@@ -171,7 +170,6 @@ fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
     Ok(())
 }
 
-/// The part of each rank.
 fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, VentricleError> {
     if n_ranks > 1 && anatomy.nodes.len() != anatomy.n_vertices {
         let (name, value, expected) = ("ranks", n_ranks as f64, "1 with quadratic elements");
@@ -189,23 +187,23 @@ fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, VentricleErr
 }
 
 impl FiniteElementVentricle {
-    /// A ventricle in end-diastole, at rest, time zero, on the calling thread.
+    /// Builds a ventricle at end-diastole, at rest at time zero, on the calling thread.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for a cycle that ends before the last activation, or activation times that are not of
+    /// [`VentricleError::Parameter`] for a cycle that ends before the last activation, or activation times that do not match
     /// the mesh; [`VentricleError::NoMotion`] where the wall cannot be supported.
     pub fn new(parts: VentricleParts<'_>) -> Result<Self, VentricleError> {
         Self::on_threads(parts, 1, ThreadSettings::default())
     }
 
-    /// The same on several threads, each with a part of the mesh. With linear elements and the solver
+    /// Builds the ventricle on several threads, each with a part of the mesh; for linear elements and the solver
     /// [`crate::newton::LinearSolver::BlockJacobi`] only.
     ///
-    /// A rank that panics, or lets the others wait for too long, ends all: the next operation then unwinds with the failure's
-    /// text ([`crate::parallel::RankFailure`]).
+    /// A rank that panics or does not respond in time ends all ranks: the next operation then unwinds with the failure's text
+    /// ([`crate::parallel::RankFailure`]).
     ///
     /// # Errors
-    /// As for [`Self::new`]; [`VentricleError::Parameter`] for elements or a solver that several ranks do not have.
+    /// As for [`Self::new`]; [`VentricleError::Parameter`] for elements or a solver that do not run on several ranks.
     pub fn on_threads(
         parts: VentricleParts<'_>,
         n_ranks: usize,
@@ -259,8 +257,8 @@ impl FiniteElementVentricle {
         }
     }
 
-    /// Whether a ventricle can be made of these parts on so many ranks, as far as can be told before it is: what all ranks
-    /// would find wrong.
+    /// Checks, without building it, whether a ventricle can be built of these parts on `n_ranks` ranks; finds the errors that
+    /// all ranks would find.
     ///
     /// # Errors
     /// As for [`Self::on_threads`].
@@ -269,11 +267,11 @@ impl FiniteElementVentricle {
         parts_of(parts.anatomy, n_ranks).map(|_| ())
     }
 
-    /// Rank 0 of ranks that `comm` joins; the others call [`Self::serve`] and get their part of the mesh from here: none of them
-    /// ever holds all of it. Collective.
+    /// Builds rank 0 of the ranks joined by `comm`. The other ranks call [`Self::serve`] and receive their part of the mesh
+    /// from here, so that none of them ever holds all of it. Collective.
     ///
     /// # Errors
-    /// As for [`Self::on_threads`], then on all ranks or on this one alone: whoever launched the ranks has to end the others.
+    /// As for [`Self::on_threads`], on all ranks or on this one alone: the launcher of the ranks has to end the others.
     pub fn lead(
         parts: VentricleParts<'_>,
         comm: Box<dyn Communicator>,
@@ -294,7 +292,7 @@ impl FiniteElementVentricle {
         Ok(Self::led_by(OrganRank::new(&setup, own, comm)?, rest, None))
     }
 
-    /// Any other rank: does what rank 0 wants until its ventricle is dropped.
+    /// Runs any other rank: executes rank 0's commands until its ventricle is dropped.
     ///
     /// # Errors
     /// As for [`Self::lead`].
@@ -341,7 +339,7 @@ impl FiniteElementVentricle {
         ventricle
     }
 
-    /// Tells all ranks, and does rank 0's part.
+    /// Sends a command to all ranks, and executes it on rank 0.
     fn do_with<T>(&mut self, command: Command, own: impl FnOnce(&mut OrganRank) -> T) -> T {
         self.busy.store(true, Ordering::Relaxed);
         self.rank.tell(command);
@@ -350,7 +348,6 @@ impl FiniteElementVentricle {
         out
     }
 
-    /// Values of the whole ventricle.
     fn collected(&self, values: Values) -> Vec<f64> {
         self.busy.store(true, Ordering::Relaxed);
         self.rank.tell(Command::Collect(values));
@@ -359,19 +356,18 @@ impl FiniteElementVentricle {
         self.census.merged(values.places(), &of_ranks)
     }
 
-    /// Gives all ranks their share of the whole ventricle's values.
     fn hand_out(&mut self, values: Values, all: &[f64]) {
         let parts = self.census.split(values.places(), all);
         self.do_with(Command::HandOut(values), |rank| rank.take(values, parts));
     }
 
-    /// Ranks that compute it.
+    /// Number of ranks that compute the ventricle.
     #[must_use]
     pub fn n_ranks(&self) -> usize {
         self.rank.comm().n_ranks()
     }
 
-    /// Work so far.
+    /// Work of all steps so far.
     #[must_use]
     pub fn work(&self) -> VentricleWork {
         self.work
@@ -383,30 +379,30 @@ impl FiniteElementVentricle {
         self.collected(Values::Displacement)
     }
 
-    /// Unloaded geometry \[mm\], three numbers a node.
+    /// Unloaded node positions \[mm\], three numbers a node.
     #[must_use]
     pub fn unloaded_mm(&self) -> &[f64] {
         &self.unloaded
     }
 
-    /// The part of the moving wall that the first rank holds: all of it where that is the only one.
+    /// The part of the moving wall that rank 0 holds: the whole wall if there is only one rank.
     #[must_use]
     pub fn dynamics(&self) -> &Dynamics {
         &self.rank.dynamics
     }
 
-    /// Does a part of a step's work on all ranks, for measurements; `false` for elements that have no such part.
+    /// Runs a kernel on all ranks, for measurements; `false` for elements without this kernel.
     pub fn run(&mut self, kernel: Kernel) -> bool {
         self.do_with(Command::Run(kernel), |rank| rank.run(kernel))
             .is_some()
     }
 
-    /// Bytes that an iteration of [`Kernel::Krylov`], which has run before, moves through memory.
+    /// Bytes that an iteration of [`Kernel::Krylov`] moves through memory; run that kernel first.
     pub fn krylov_bytes(&mut self) -> f64 {
         self.do_with(Command::KrylovBytes, |rank| rank.krylov_bytes())
     }
 
-    /// What each rank holds, and what it sent so far.
+    /// Size of each rank's part and its communication so far.
     pub fn of_ranks(&mut self) -> Vec<RankFigures> {
         self.do_with(Command::Figures, |rank| rank.figures())
     }
@@ -417,8 +413,8 @@ impl FiniteElementVentricle {
         &self.census.muscle_nodes
     }
 
-    /// Forgets what the solver keeps from step to step and a snapshot does not hold, a factorisation: before a checkpoint, so
-    /// that the restarted beat is the uninterrupted one to the bit with a direct solver, too.
+    /// Discards the solver's memory that a snapshot omits (a factorisation). Called before a checkpoint, it makes a restarted
+    /// beat equal the uninterrupted one to the bit with a direct solver, too.
     pub fn forget_solver(&mut self) {
         self.do_with(Command::Forget, OrganRank::forget);
     }
@@ -426,14 +422,14 @@ impl FiniteElementVentricle {
 
 impl Drop for FiniteElementVentricle {
     fn drop(&mut self) {
-        // Threads end with their crew. Other ranks have to be told, where they are listening.
+        // Threads end with their crew; other ranks need a command, if they are listening.
         if self.crew.is_none() && !self.busy.load(Ordering::Relaxed) && !std::thread::panicking() {
             self.rank.tell(Command::Stop);
         }
     }
 }
 
-/// What rank 0 alone needs, and what ranks are made from.
+/// Parts of the definition that stay on rank 0 or are partitioned.
 struct Rest<'a> {
     anatomy: &'a Anatomy,
     end_diastole: EndDiastole,
@@ -488,7 +484,7 @@ impl From<RankParts<'_>> for Setup {
     }
 }
 
-/// Cavity pressure \[kPa\] and volume \[mm³\] that the circulation leaves, for the wall's pressure, with the volume's slope.
+/// Cavity pressure \[kPa\], remaining volume \[mm³\] and the volume's slope for a wall pressure, from the circulation.
 fn balance(
     circulation: &mut Circulation,
     terms: &[Box<dyn CavityPressureTerm>],
@@ -499,7 +495,7 @@ fn balance(
     let mut cavity = wall_kpa;
     for iteration in 0.. {
         let flow = circulation.try_step(Mmhg(cavity * MMHG_PER_KPA), Ms(dt_ms))?;
-        // mL/s over ms are mm³.
+        // A flow in mL/s times ms is a volume in mm³.
         let volume = start_mm3 + dt_ms * flow.inflow_ml_per_s;
         let slope = dt_ms * flow.slope_ml_per_s_per_mmhg * MMHG_PER_KPA;
         if terms.is_empty() {
@@ -511,7 +507,7 @@ fn balance(
             added += p / MMHG_PER_KPA;
             added_slope += (by_volume * 1e-3 + by_rate / dt_ms) / MMHG_PER_KPA;
         }
-        // p − p_wall − added(W(p)) grows with p: W falls with p, and added pressure grows with volume.
+        // p − p_wall − added(W(p)) grows with p, since W falls with p and the added pressure grows with volume.
         let gain = 1.0 - added_slope * slope;
         let change = (cavity - wall_kpa - added) / gain;
         if change.abs() <= 1e-12 * (1.0 + cavity.abs()) || iteration >= 50 || !change.is_finite() {
@@ -597,7 +593,7 @@ impl Ventricle for FiniteElementVentricle {
         self.work.newton_iterations += iterations;
         self.work.krylov_iterations += krylov_iterations;
         self.work.factorisations += factorisations;
-        // What passes the valves is what the volume changes by: the residual is not carried on.
+        // The volume changes by exactly the flow through the valves, so that the residual does not accumulate.
         let volume_mm3 = volume_mm3 - volume_residual_mm3;
         self.trial = Some(Trial {
             time_ms: end_ms,
@@ -678,7 +674,7 @@ impl Ventricle for FiniteElementVentricle {
             })
             .collect();
         let expected_values = 5 + parts.iter().map(|(_, n)| n).sum::<usize>();
-        // A solver that has not solved yet has no start for its next solve.
+        // A solver that has not solved yet stores no start for its next solve.
         let lengths = [expected_values, expected_values + self.unloaded.len()];
         if snapshot.kind != KIND || !lengths.contains(&snapshot.values.len()) {
             return Err(VentricleError::ForeignSnapshot {

@@ -1,4 +1,4 @@
-//! The wall: material, supports and damping, and the body that they make of an anatomy.
+//! The wall: material, supports and damping, and their assembly into a body.
 
 use cardiotwin_mesh::tet_mesh::surface_names;
 
@@ -12,60 +12,59 @@ use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, 
 use crate::parallel::{Communicator, Part};
 use crate::time_integration::GeneralisedAlpha;
 
-/// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives the values used where nothing else
-/// is known; those without a source are assumptions of ours.
+/// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives values for use without better
+/// knowledge; values without a source are our assumptions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WallParameters {
-    /// Muscle.
+    /// Passive law of the muscle.
     pub muscle: Law,
     /// Bulk modulus of muscle \[kPa\].
     pub muscle_kappa_kpa: f64,
-    /// Active stress of muscle.
+    /// Law of the muscle's active stress.
     pub active: ActiveLaw,
-    /// How long contraction lasts at the epicardium over how long at the endocardium; linear in the depth between.
+    /// Duration of contraction at the epicardium relative to the endocardium; linear in the depth between.
     pub epicardial_duration: f64,
     /// Shear modulus of passive tissue \[kPa\].
     pub passive_mu_kpa: f64,
     /// Bulk modulus of passive tissue \[kPa\].
     pub passive_kappa_kpa: f64,
-    /// Passive tissue of its own by the mesh's tags.
+    /// Passive tissues of particular mesh tags.
     pub passive_of_tags: Vec<PassiveTissue>,
-    /// Density \[mg/mm³\].
+    /// Mass density \[mg/mm³\].
     pub density: f64,
-    /// Pericardium: along the normal of epicardium and septum, at the apex; at rest in end-diastole.
+    /// Pericardial springs along the normals of epicardium and septum, with their values at the apex; at rest at end-diastole.
     pub pericardium: Spring,
-    /// Stiffness and damping of the pericardium at the base over those at the apex; linear in the height between.
+    /// Ratio of basal to apical pericardial stiffness and damping; linear in the height between.
     pub pericardial_base_share: f64,
-    /// In all directions on the rim; at rest in end-diastole.
+    /// Springs in all directions on the rim, at rest at end-diastole.
     pub rim: Spring,
-    /// Stiffness of the springs on the rim that keep the wall from floating away while step 0 inflates it \[kPa/mm\], at rest in
-    /// the image.
+    /// Stiffness of the rim's springs that keep the wall in place while step 0 inflates it \[kPa/mm\], at rest in the image.
     pub static_spring: f64,
-    /// Damping.
+    /// Rayleigh damping of the wall.
     pub damping: Rayleigh,
-    /// Time integration: damping of the highest frequencies, 0 (at once) to 1 (never).
+    /// Spectral radius of the time integration at infinite frequency: 0 removes the highest frequencies at once, 1 never.
     pub spectral_radius: f64,
-    /// What holds the pressure on the valves.
+    /// Support of the pressure on the valves.
     pub valve_plane: ValvePlane,
-    /// Pressure in the right ventricle, where the mesh has one; `None` for none.
+    /// Pressure in the right ventricle, if the mesh has one; `None` for no pressure.
     pub right_pressure: Option<RightPressure>,
-    /// Springs and dashpots of surfaces of the mesh, beside pericardium and rim.
+    /// Further surfaces on springs and dashpots, beside pericardium and rim.
     pub surfaces: Vec<SprungSurface>,
 }
 
-/// A surface of the mesh on springs along its normal, at rest in end-diastole.
+/// A surface of the mesh on springs along its normal, at rest at end-diastole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SprungSurface {
-    /// Its name in the mesh.
+    /// Name of the surface in the mesh.
     pub name: String,
     /// Springs and dashpots.
     pub spring: Spring,
 }
 
-/// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
+/// Non-contracting neo-Hookean tissue of one mesh tag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassiveTissue {
-    /// The tag.
+    /// Tag of its elements.
     pub tag: i32,
     /// Shear modulus \[kPa\].
     pub mu_kpa: f64,
@@ -118,44 +117,44 @@ pub struct Spring {
     pub damping: f64,
 }
 
-/// Why there is no wall.
+/// Why the wall could not be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WallError {
-    /// Material or elements.
+    /// A material or an element is unusable.
     #[error("body")]
     Body(#[from] BodyError),
-    /// A surface.
+    /// A surface is unusable.
     #[error("surface {name}")]
     Surface {
-        /// Which.
+        /// Name of the surface.
         name: &'static str,
-        /// What is wrong with it.
+        /// Defect of the surface.
         source: SurfaceError,
     },
-    /// A surface with springs of its own.
+    /// A surface on springs of its own is unusable.
     #[error("surface {name}")]
     Sprung {
-        /// Which.
+        /// Name of the surface.
         name: String,
-        /// What is wrong with it.
+        /// Defect of the surface.
         source: SurfaceError,
     },
-    /// A surface that is not there.
+    /// The mesh lacks a surface.
     #[error("the mesh has no surface {name:?}, expected one for {purpose}")]
     NoSurface {
-        /// Which.
+        /// Name of the surface.
         name: String,
-        /// What it is wanted for.
+        /// Use of the surface.
         purpose: &'static str,
     },
-    /// A parameter out of range.
+    /// A parameter is out of range.
     #[error("{name} = {value} must be {expected}")]
     Parameter {
-        /// Which.
+        /// Name of the parameter.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What is allowed.
+        /// Admissible range.
         expected: &'static str,
     },
 }
@@ -252,20 +251,20 @@ impl WallParameters {
         }
     }
 
-    /// The time integration of its motion.
+    /// Time integration of the wall's motion.
     #[must_use]
     pub fn scheme(&self) -> GeneralisedAlpha {
         GeneralisedAlpha::with_spectral_radius(self.spectral_radius)
     }
 
-    /// A rank's part of the wall with its unloaded nodes at `unloaded`, without damping, held by springs on the rim
-    /// alone: what step 0 works with. Collective.
+    /// Assembles a rank's part of the wall for step 0, with unloaded nodes at `unloaded`, undamped and held by springs on the
+    /// rim alone. Collective.
     ///
-    /// - `anatomy`, `unloaded`: of the `part`, see [`Anatomy::part`]
-    /// - `anchor`: how far from the image the supports are at rest \[mm\], three numbers a node
+    /// - `anatomy`, `unloaded`: restricted to `part`, see [`Anatomy::part`]
+    /// - `anchor`: rest position of the supports relative to the image \[mm\], three numbers a node
     ///
     /// # Errors
-    /// [`WallError`] for bad parameters, elements or surfaces; of elements on all ranks.
+    /// [`WallError`] for bad parameters, elements or surfaces; element errors are returned on all ranks.
     pub fn assemble_static(
         &self,
         anatomy: &Anatomy,
@@ -399,11 +398,11 @@ impl WallParameters {
         Ok(dynamics)
     }
 
-    /// Puts the beat's supports and damping on a wall in equilibrium at displacement `u`: springs of all surfaces at rest there,
-    /// those of the rim such that they hold what the static ones held.
+    /// Replaces static supports by the beat's supports and damping at an equilibrium `u`: all springs are at rest there, and
+    /// the rim's springs keep the load of the static ones.
     ///
     /// # Errors
-    /// [`WallError`] for a bad or missing surface.
+    /// [`WallError`] for an unusable or missing surface.
     pub fn support(
         &self,
         anatomy: &Anatomy,
@@ -432,7 +431,8 @@ impl WallParameters {
         Ok(())
     }
 
-    /// Pericardium, rim and the surfaces that have springs of their own, whose nodes lie at `positions`, at rest at displacement `rest`.
+    /// Supports by pericardium, rim and surfaces with springs of their own: nodes are at `positions`, springs at rest at
+    /// displacement `rest`.
     fn supports(
         &self,
         anatomy: &Anatomy,
@@ -519,7 +519,7 @@ impl WallParameters {
     }
 }
 
-/// Displacement from `from` to `to`, three numbers a node.
+/// Displacement from `from` to `to` \[mm\], three numbers a node.
 pub(super) fn displacement(to: &[[f64; 3]], from: &[[f64; 3]]) -> Vec<f64> {
     to.as_flattened()
         .iter()
@@ -528,7 +528,7 @@ pub(super) fn displacement(to: &[[f64; 3]], from: &[[f64; 3]]) -> Vec<f64> {
         .collect()
 }
 
-/// A surface with its support: name, triangles, direction, spring, share of it at a point.
+/// A supported surface: name, triangles, direction, spring, and the spring's share at a point.
 type Supported<'a> = (
     &'static str,
     Option<&'a Triangles>,

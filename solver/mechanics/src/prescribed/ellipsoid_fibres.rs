@@ -1,17 +1,17 @@
-//! Fibres of truncated-ellipsoid ventricles by a closed form in the depth of the wall.
+//! Fibres of truncated-ellipsoid ventricles, in closed form from the depth in the wall.
 
 use crate::element::batch::Frame;
 
-/// Half-axes and angles of the rule: `f = e_u sin α + e_v cos α` on the ellipsoid through the point, `α` linear in depth.
+/// Half-axes and angles of the fibre rule: `f = e_u sin α + e_v cos α` on the ellipsoid through a point, `α` linear in depth.
 ///
-/// `x = (r_l cos u, r_s sin u cos v, r_s sin u sin v)` with the first coordinate along the axis, apex where it is negative;
-/// `e_u` and `e_v` are the unit vectors along growing `u` and `v`.
+/// `x = (r_l cos u, r_s sin u cos v, r_s sin u sin v)`, where the first coordinate runs along the axis and is negative at the
+/// apex; `e_u` and `e_v` are the unit vectors of increasing `u` and `v`.
 ///
-/// Source: Aróstica et al. 2025, Comput Methods Appl Mech Eng 435:117485; Land et al. 2015, Proc R Soc A 471:20150641, whose
-/// `u` runs the other way, so that its angles have the other sign.
+/// Sources: Aróstica et al. 2025, Comput Methods Appl Mech Eng 435:117485; Land et al. 2015, Proc R Soc A 471:20150641, whose
+/// `u` has the opposite direction, which flips the sign of the angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipsoidFibres {
-    /// Which coordinate runs along the axis; the other two follow in cyclic order.
+    /// Index of the coordinate along the axis; the other two follow in cyclic order.
     pub axis: usize,
     /// Short half-axis at endocardium and epicardium \[mm\].
     pub short_mm: [f64; 2],
@@ -27,7 +27,7 @@ impl EllipsoidFibres {
         [at(self.short_mm), at(self.long_mm)]
     }
 
-    /// Depth at which the family's ellipsoid passes through `x`, 0 at the endocardium and 1 at the epicardium; cut to that.
+    /// Depth of the ellipsoid through `x`, from 0 at the endocardium to 1 at the epicardium, clamped to this range.
     #[must_use]
     pub fn depth(&self, x: [f64; 3]) -> f64 {
         let [along, b, c] = [0, 1, 2].map(|k| x[(self.axis + k) % 3]);
@@ -47,8 +47,7 @@ impl EllipsoidFibres {
         0.5 * (low + high)
     }
 
-    /// Frame at `x` \[mm\] of depth `depth`, 0 to 1: fibre; the benchmark's sheet, which lies in the wall; the axis
-    /// across both.
+    /// Frame at `x` \[mm\] and depth 0 to 1: fibre, the benchmark's sheet (in the plane of the wall), and the normal of both.
     #[must_use]
     pub fn frame(&self, x: [f64; 3], depth: f64) -> Frame {
         let t = depth.clamp(0.0, 1.0);
@@ -110,7 +109,7 @@ mod tests {
                 (x[axis], x[(axis + 1) % 3], x[(axis + 2) % 3]) = (first, second, third);
                 x
             };
-            // On the equator of the middle surface the fibre runs around the axis.
+            // On the equator of the mid-wall surface the fibre is circumferential.
             let x = place(0.0, 8.5, 0.0);
             assert!((rule.depth(x) - 0.5).abs() < 1e-9);
             let frame = rule.frame(x, 0.5);
@@ -119,7 +118,7 @@ mod tests {
                 frame[(axis + 1) % 3][2].abs() > 1.0 - 1e-12,
                 "the third axis points through the wall"
             );
-            // At the epicardium's equator it is turned by 60° towards growing u: away from the base.
+            // At the epicardial equator the fibre is rotated by 60° towards increasing u, away from the base.
             let frame = rule.frame(place(0.0, 10.0, 0.0), 1.0);
             assert!((frame[axis][0] + 60.0_f64.to_radians().sin()).abs() < 1e-12);
             let product =

@@ -1,8 +1,8 @@
-//! A body under active stress and surface pressures that are prescribed in time: what mechanics benchmarks ask for.
+//! A body under prescribed active stress and surface pressures, as in mechanics benchmarks.
 //!
-//! - [`time_course`]: prescribed values, among them the equations of Aróstica et al. 2025
+//! - [`time_course`]: prescribed values over time, among them the equations of Aróstica et al. 2025
 //! - [`ellipsoid_fibres`]: the fibre rule of Land et al. 2015 and of Aróstica et al. 2025
-//! - [`problem`]: mesh, tissues, supports and loads to a body with probes and cavities
+//! - [`problem`]: the body with its supports, loads, probes and cavities
 //! - [`run()`]: motion in time, or equilibrium at full load
 
 pub mod ellipsoid_fibres;

@@ -1,4 +1,4 @@
-//! From mesh, tissues, supports and loads to a body with probes and cavities.
+//! Problem definition, and the body with supports, loads, probes and cavities that is built from it.
 
 use cardiotwin_mesh::surface::{SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, shape_gradients};
@@ -17,9 +17,9 @@ use crate::parallel::{Layout, SingleProcess};
 /// Springs and dashpots on triangles of the mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfaceSupport {
-    /// Triangles, normals out of the tissue.
+    /// Triangles with normals out of the tissue.
     pub triangles: Vec<[u32; 3]>,
-    /// Direction.
+    /// Displacement components that the support resists.
     pub direction: RobinDirection,
     /// Stiffness \[kPa/mm\].
     pub spring: f64,
@@ -27,20 +27,20 @@ pub struct SurfaceSupport {
     pub dashpot: f64,
 }
 
-/// Place of the node in the middle of an edge, from its two vertices; `None` for the straight edge's middle.
+/// Position of the mid-edge node between two vertices \[mm\]; `None` for the edge's midpoint.
 pub type Middle<'a> = dyn Fn(u32, u32) -> Option<[f64; 3]> + 'a;
 
-/// A problem on a mesh of linear tetrahedra, whatever elements are then put on it.
+/// A problem on a mesh of linear tetrahedra, for any kind of elements.
 pub struct Problem<'a> {
-    /// The mesh; its frames are not read.
+    /// The mesh; its fibre frames are ignored.
     pub mesh: &'a TetMesh,
-    /// Elements.
+    /// Interpolation and volume law of the elements.
     pub kind: ElementKind,
     /// Curved edges of quadratic elements.
     pub middle: &'a Middle<'a>,
-    /// Kinds of tissue.
+    /// Tissues that elements refer to.
     pub tissues: Vec<Tissue>,
-    /// Their viscosity \[kPa·ms\].
+    /// Viscosity of each tissue \[kPa·ms\].
     pub viscosity_kpa_ms: Vec<f64>,
     /// Tissue of each element.
     pub tissue_of: Vec<usize>,
@@ -48,15 +48,15 @@ pub struct Problem<'a> {
     pub frame: &'a dyn Fn(usize, [f64; 3]) -> Frame,
     /// Springs and dashpots.
     pub supports: Vec<SurfaceSupport>,
-    /// Triangles whose nodes are held, and in which components.
+    /// Triangles with constrained nodes, and the constrained components.
     pub fixed: Vec<(Vec<[u32; 3]>, [bool; 3])>,
     /// Triangles under pressure.
     pub pressures: Vec<(Vec<[u32; 3]>, Course)>,
-    /// Active stress of all tissue that contracts.
+    /// Active stress of all contracting tissue.
     pub active: Course,
-    /// Surfaces that each enclose a cavity, but for openings, which are closed by flat fans.
+    /// Surfaces that each enclose a cavity; openings are closed by flat triangle fans.
     pub cavities: Vec<Vec<[u32; 3]>>,
-    /// Points whose displacement is wanted \[mm\].
+    /// Points whose displacement is sampled \[mm\].
     pub probes: Vec<[f64; 3]>,
 }
 
@@ -72,18 +72,18 @@ impl std::fmt::Debug for Problem<'_> {
 /// Why a problem cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProblemError {
-    /// Elements or tissues.
+    /// An element or tissue is invalid.
     #[error("body")]
     Body(#[from] BodyError),
-    /// A surface is not of the mesh.
+    /// A surface does not belong to the mesh.
     #[error("surface")]
     Surface(#[from] SurfaceError),
-    /// A cavity's surface is no surface.
+    /// A cavity's surface is not an orientable surface.
     #[error("cavity {cavity}")]
     Cavity {
-        /// Position in the list.
+        /// Index of the cavity.
         cavity: usize,
-        /// Why.
+        /// Defect of the surface.
         source: SurfaceDefect,
     },
     /// A probe lies outside of the tissue.
@@ -92,26 +92,26 @@ pub enum ProblemError {
          in the nearest is {outside:.2}, expected at least −{TOLERANCE})", at[0], at[1], at[2]
     )]
     Probe {
-        /// Position in the list.
+        /// Index of the probe.
         probe: usize,
-        /// Where it is.
+        /// Position of the probe \[mm\].
         at: [f64; 3],
-        /// How far it is outside.
+        /// Its smallest barycentric coordinate, which is negative outside of every element.
         outside: f64,
     },
 }
 
-/// How far outside of an element, in barycentric coordinates, a probe may lie: surfaces are faceted.
+/// Largest distance of a probe from its element in barycentric coordinates, since surfaces are faceted.
 const TOLERANCE: f64 = 0.2;
 
-/// A body with everything on it.
+/// A body with supports, loads, cavities and probes.
 #[derive(Debug)]
 pub struct Setup {
     /// The body.
     pub body: Body,
     /// Springs and dashpots: matrix, stiffness \[kPa/mm\], damping \[kPa·ms/mm\].
     pub supports: Vec<(Robin, f64, f64)>,
-    /// Held components, one entry a node; empty for none.
+    /// Constrained components of each node; empty for none.
     pub fixed: Vec<[bool; 3]>,
     /// Surfaces under pressure.
     pub pressures: Vec<(PressureSurface, Course)>,
@@ -119,11 +119,11 @@ pub struct Setup {
     pub active: Course,
     /// Cavities.
     pub cavities: Vec<Cavity>,
-    /// For each probe nodes and their shape functions' values.
+    /// Nodes and shape functions of each probe.
     pub probes: Vec<Vec<(u32, f64)>>,
 }
 
-/// Triangles with as many nodes as the elements' faces.
+/// Triangles with the nodes of the elements' faces.
 enum Faces {
     Linear(Vec<[u32; 3]>),
     Quadratic(Vec<[u32; 6]>),
@@ -133,7 +133,7 @@ impl Problem<'_> {
     /// Builds the body.
     ///
     /// # Errors
-    /// [`ProblemError`] for a tissue, element, surface or probe that cannot be.
+    /// [`ProblemError`] for an invalid tissue, element, surface or probe.
     pub fn set_up(&self) -> Result<Setup, ProblemError> {
         let quadratic = self
             .kind
@@ -242,7 +242,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Nodes and weights of the element that holds a probe, or that it is least far outside of.
+    /// Nodes and weights of the element that contains a probe or is closest to it.
     fn probe(
         &self,
         probe: usize,
@@ -280,7 +280,7 @@ fn enclosed(
     }
 }
 
-/// Barycentric coordinates of a point, whether inside or not.
+/// Barycentric coordinates of a point inside or outside the tetrahedron.
 fn barycentric(corners: [[f64; 3]; 4], at: [f64; 3]) -> [f64; 4] {
     let (gradients, _) = shape_gradients(corners);
     std::array::from_fn(|k| {

@@ -14,20 +14,20 @@ use crate::statics::{LoadSteps, StaticError, StaticProblem, StaticReport, load};
 use crate::step::{Closure, PointStress, Solver, StepError, StepSettings, step};
 use crate::time_integration::GeneralisedAlpha;
 
-/// Steps in time.
+/// Time steps and sampling of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Schedule {
-    /// Step \[ms\].
+    /// Time step \[ms\].
     pub dt_ms: f64,
-    /// End \[ms\].
+    /// End time \[ms\].
     pub end_ms: f64,
-    /// Every how many steps a sample is taken.
+    /// Number of steps between samples.
     pub sample_every: usize,
-    /// A step that fails is halved, but not more often than this.
+    /// Maximum number of halvings of a failing step.
     pub max_halvings: u32,
 }
 
-/// What is known at a time.
+/// Displacements and volumes at an instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// Time \[ms\].
@@ -41,44 +41,43 @@ pub struct Sample {
 /// Work of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RunCost {
-    /// Steps taken.
+    /// Number of steps taken.
     pub steps: usize,
-    /// Steps that failed and were halved.
+    /// Number of steps that failed and were halved.
     pub n_cut: usize,
-    /// Newton iterations.
+    /// Number of Newton iterations.
     pub newton_iterations: usize,
-    /// Iterations of the linear solver.
+    /// Number of iterations of the linear solver.
     pub krylov_iterations: usize,
-    /// Factorisations.
+    /// Number of factorisations.
     pub factorisations: usize,
 }
 
-/// A run that did not reach its end.
+/// Why a run did not reach its end.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RunError {
-    /// The body is inverted before it moves.
+    /// An element is inverted in the reference configuration.
     #[error(
         "element {element} of the reference configuration is inverted (volume ratio {volume_ratio:.3})"
     )]
     Start {
-        /// Element.
+        /// Index of the element.
         element: usize,
         /// Its volume ratio.
         volume_ratio: f64,
     },
-    /// A step failed however short.
+    /// The smallest step failed.
     #[error("no step beyond {t_ms:.3} ms, not even of {dt_ms:.1e} ms")]
     Step {
         /// Time reached \[ms\].
         t_ms: f64,
         /// The step that failed \[ms\].
         dt_ms: f64,
-        /// Why.
+        /// Failure of that step.
         source: StepError,
     },
 }
 
-/// One active stress for all points.
 struct Uniform {
     sa_kpa: f64,
     n: usize,
@@ -105,7 +104,6 @@ impl PointStress for Uniform {
     }
 }
 
-/// Values at a displacement.
 fn sample(setup: &SetupView<'_>, t_ms: f64, u: &[f64]) -> Sample {
     let probes_mm = (setup.probes.iter())
         .map(|nodes| {
@@ -130,8 +128,8 @@ struct SetupView<'a> {
     reference: &'a [f64],
 }
 
-/// Moves the body from rest in its reference configuration, without stress, to the end of the schedule. `each` gets the first
-/// sample at time zero, then one every [`Schedule::sample_every`] steps; [`ControlFlow::Break`] ends the run there.
+/// Moves the body from rest in its stress-free reference configuration to the end of the schedule. `each` receives a sample at
+/// time zero and after every [`Schedule::sample_every`] steps; [`ControlFlow::Break`] stops the run.
 ///
 /// # Errors
 /// [`RunError`] with the time reached.
@@ -270,10 +268,10 @@ pub fn run(
     Ok(cost)
 }
 
-/// Equilibrium at the loads of `end_ms`, all of them growing together from nothing.
+/// Solves for equilibrium at the loads of `end_ms`, which grow together from zero.
 ///
 /// # Errors
-/// [`StaticError`] with the share of the load that was reached.
+/// [`StaticError`] with the share of the load reached.
 pub fn settle(
     setup: &Setup,
     end_ms: f64,

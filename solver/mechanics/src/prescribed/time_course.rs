@@ -1,29 +1,29 @@
-//! Values prescribed in time.
+//! Prescribed values over time.
 
-/// What a value does in time.
+/// A value as a function of time.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TimeCourse {
-    /// Zero up to time zero, then this value \[kPa\].
+    /// Zero before time zero, then constant.
     Constant {
         /// Value \[kPa\].
         value_kpa: f64,
     },
-    /// From zero to a value in a straight line, then constant.
+    /// Linear from zero to a value, then constant.
     Ramp {
-        /// Value at the end \[kPa\].
+        /// Final value \[kPa\].
         value_kpa: f64,
-        /// When it is reached \[s\].
+        /// Time at which it is reached \[s\].
         until_s: f64,
     },
-    /// Straight lines between points; constant before the first and after the last.
+    /// Linear between points, constant before the first and after the last.
     Table {
         /// Times \[s\], ascending.
         t_s: Vec<f64>,
         /// Values \[kPa\].
         value_kpa: Vec<f64>,
     },
-    /// `τ' = −|a| τ + σ₀ max(a, 0)`, `a = rise·f + fall·(1 − f)`, `f = S⁺(t − t_on) S⁻(t − t_off)`,
-    /// `S±(x) = (1 ± tanh(x/γ))/2`, from zero.
+    /// `τ' = −|a| τ + σ₀ max(a, 0)`, `a = rise·f + fall·(1 − f)`, `f = S⁺(t − t_on) S⁻(t − t_off)`, `S±(x) = (1 ±
+    /// tanh(x/γ))/2`, with `τ(0) = 0`.
     ///
     /// Source: active stress of Aróstica et al. 2025, Comput Methods Appl Mech Eng 435:117485.
     Activation {
@@ -40,8 +40,8 @@ pub enum TimeCourse {
         /// Width γ of the switches \[s\].
         switch_s: f64,
     },
-    /// `p' = −|b| p + σ_mid max(b, 0) + σ_pre g`, `b = a + α_pre g + α_mid`, with `a` as in [`Self::Activation`] and
-    /// `g = S⁻(t − t_off)`, from zero.
+    /// `p' = −|b| p + σ_mid max(b, 0) + σ_pre g`, `b = a + α_pre g + α_mid`, with `a` as in [`Self::Activation`], `g = S⁻(t −
+    /// t_off)` and `p(0) = 0`.
     ///
     /// Source: cavity pressure of Aróstica et al. 2025.
     ChamberPressure {
@@ -66,34 +66,34 @@ pub enum TimeCourse {
     },
 }
 
-/// A number of a time course outside of its range.
+/// A parameter of a time course is out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name} = {value}, expected {expected}")]
 pub struct TimeCourseError {
-    /// Which.
+    /// Name of the parameter.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// What is allowed.
+    /// Admissible range.
     pub expected: &'static str,
 }
 
-/// Spacing of the kept values \[ms\]; between them a cubic through values and slopes.
+/// Spacing of the stored values \[ms\], between which a cubic matches values and slopes.
 const SPACING_MS: f64 = 0.25;
 
-/// Steps of the integration between two kept values.
+/// Integration steps between two stored values.
 const SUBSTEPS: usize = 10;
 
-/// A time course, ready to be asked.
+/// A time course that can be evaluated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
     kind: TimeCourse,
-    /// Values and slopes \[kPa, kPa/ms\] every [`SPACING_MS`]; empty where there is a closed form.
+    /// Values and slopes \[kPa, kPa/ms\] every [`SPACING_MS`]; empty for a closed form.
     samples: Vec<(f64, f64)>,
 }
 
 impl TimeCourse {
-    /// Zero for ever.
+    /// A course that is zero at all times.
     pub const ZERO: Self = Self::Constant { value_kpa: 0.0 };
 
     fn check(&self) -> Result<(), TimeCourseError> {
@@ -223,7 +223,7 @@ impl Course {
     /// Prepares `kind` for times from zero to `end_ms`.
     ///
     /// # Errors
-    /// [`TimeCourseError`] for a number outside of its range.
+    /// [`TimeCourseError`] for a parameter out of range.
     pub fn new(kind: TimeCourse, end_ms: f64) -> Result<Self, TimeCourseError> {
         kind.check()?;
         let mut samples = vec![];
@@ -234,7 +234,7 @@ impl Course {
             samples.push((y, first * 1e-3));
             for k in 0..(end_ms / SPACING_MS).ceil() as usize + 1 {
                 for part in 0..SUBSTEPS {
-                    // Runge and Kutta's method of fourth order; short, because |a| has a kink.
+                    // Fourth-order Runge–Kutta steps are short because |a| has a kink.
                     let t = (k * SUBSTEPS + part) as f64 * h;
                     let k1 = slope(t, y);
                     let k2 = slope(t + 0.5 * h, y + 0.5 * h * k1);
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn active_stress_and_pressure_of_the_benchmark_of_2025_have_its_values() {
-        // Values in Pa that an independent integration at tolerance 1e-9 gives.
+        // Values in Pa from an independent integration at tolerance 1e-9.
         let tau = Course::new(activation(), 1000.0).expect("constants");
         for (t, want) in [
             (200.0, 22_703.3),

@@ -1,9 +1,9 @@
-//! One time step: displacement and cavity pressure together.
+//! One time step, solved for displacement and cavity pressure together.
 //!
-//! Newton's method on the bordered system of momentum `r(u, p) = 0` and volume balance `V(u) = W(p)`, with `W` the volume
-//! that the circulation leaves in the cavity at pressure `p`. Each iteration solves for two right-hand sides, `K x = r` and
-//! `K y = q`; along `u − x − y Δp` the volume is linear, and the scalar balance with the circulation, kinks of its valves
-//! included, is then solved exactly by a bracketed Newton method: valves that change state cannot make it cycle.
+//! Newton's method solves the bordered system of momentum `r(u, p) = 0` and volume balance `V(u) = W(p)`, where `W` is the
+//! volume that the circulation leaves in the cavity at pressure `p`. Each iteration solves `K x = r` and `K y = q`. Along `u −
+//! x − y Δp` the volume is linear, and a bracketed Newton method solves the scalar balance exactly, kinks of the valves
+//! included, so that valves that change state cannot make the iteration cycle.
 
 mod solver;
 
@@ -20,7 +20,8 @@ pub use solver::Solver;
 
 /// Active stress at the integration points for a candidate deformation.
 pub trait PointStress {
-    /// Fills `out`, one a point batch, with stress and slope at the end of a step of `dt_ms`; leaves it empty for none.
+    /// Overwrites `out` with stress and slope of each point batch at the end of a step of `dt_ms`; leaves it empty for no
+    /// stress.
     ///
     /// # Errors
     /// [`ContractionError`] of the first point that fails.
@@ -32,7 +33,7 @@ pub trait PointStress {
     ) -> Result<(), ContractionError>;
 }
 
-/// No active stress.
+/// A body without active stress.
 #[derive(Debug, Clone, Copy)]
 pub struct Passive;
 
@@ -48,21 +49,21 @@ impl PointStress for Passive {
     }
 }
 
-/// Volume \[mm³\] that remains in the cavity at the step's end for a pressure \[kPa\], and its slope, never positive.
+/// Maps the cavity pressure at the step's end \[kPa\] to the remaining volume \[mm³\] and its slope, which is never positive.
 pub type Balance<'a> = dyn FnMut(f64) -> Result<(f64, f64), CirculationError> + 'a;
 
-/// What decides on the pressure at the step's end.
+/// Condition that determines the pressure at the step's end.
 pub enum Closure<'a> {
-    /// It is given \[kPa\].
+    /// A prescribed pressure \[kPa\].
     Pressure(f64),
-    /// The circulation.
+    /// The balance with the circulation.
     Balance(&'a mut Balance<'a>),
-    /// The circulation, which rank 0 has: for the other ranks.
+    /// The balance with the circulation on rank 0; for the other ranks.
     BalanceOfRank0,
 }
 
 impl Closure<'_> {
-    /// What rank 0 makes of the circulation, on all ranks; `None` for a given pressure. Collective.
+    /// Evaluates the circulation on rank 0 for all ranks; `None` for a prescribed pressure. Collective.
     fn ask(
         &mut self,
         comm: &dyn Communicator,
@@ -88,39 +89,39 @@ impl Closure<'_> {
     }
 }
 
-/// Settings of a step.
+/// Settings of a time step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepSettings {
-    /// Residual over the scale of the forces at which it has converged.
+    /// Converged once the residual, relative to the scale of the forces, is below this.
     pub relative_tolerance: f64,
-    /// Smallest scale of the forces, a pressure \[kPa\] on the endocardium: what the residual is compared with at rest.
+    /// Smallest scale of the forces, as a pressure on the endocardium \[kPa\]; it sets the scale at rest.
     pub least_pressure_kpa: f64,
-    /// Volume balance at which it has converged \[mm³\].
+    /// Converged once the volume balance is below this \[mm³\].
     pub volume_tolerance_mm3: f64,
-    /// Most iterations.
+    /// Maximum number of Newton iterations.
     pub max_iterations: usize,
-    /// Most halvings of an iteration's step.
+    /// Maximum number of halvings of an iteration's step.
     pub max_halvings: usize,
-    /// An iteration's step is halved when an element's volume would shrink below this share.
+    /// Smallest volume ratio of an element; an iteration's step that goes below it is halved.
     pub smallest_volume_ratio: f64,
-    /// An iteration's step is halved when the residual would grow by more than this factor. It may grow by a good deal: with stiff
-    /// volume change the residual of an early iteration is thirty times the start's, and Newton's method converges all the same.
+    /// Growth of the residual beyond which an iteration's step is halved. Growth is normal: with stiff volume change an early
+    /// residual can be thirty times the first one, and Newton's method still converges.
     pub largest_growth: f64,
-    /// Farthest that an iteration moves a node \[mm\]: exponential laws answer a larger step by a larger error.
+    /// Largest displacement of a node in an iteration \[mm\]: exponential laws amplify the error of a longer one.
     pub farthest_mm: f64,
-    /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw, not at those of the volumes as
-    /// they are: what a volume is off by, to second order, is a pressure beyond the stiffness of a soft material, and spoils
-    /// the tangent. Newton's method of the mixed form; for long steps.
+    /// Whether the tangent uses the nodal pressures predicted by the last iteration rather than those of the current volumes. A
+    /// second-order volume error acts as a pressure larger than the stiffness of a soft material and spoils the tangent. This
+    /// is Newton's method of the mixed form, for long steps.
     ///
     /// Source: Magisano, Leonetti and Garcea 2017, Int J Numer Methods Eng 109:1237.
     pub foresee_pressures: bool,
-    /// Whether a beat's step begins where its predecessor's motion and change of pressure lead; otherwise where that ended.
+    /// Whether a beat's step starts from an extrapolation of motion and pressure rather than from the last step's end.
     pub extrapolate: bool,
     /// Linear solver.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
     pub krylov: KrylovSettings,
-    /// Factorisations and set-ups are kept until a solve takes more iterations than this.
+    /// Iterations of a solve beyond which a factorisation or set-up is renewed.
     pub keep_until: usize,
 }
 
@@ -144,49 +145,49 @@ impl Default for StepSettings {
     }
 }
 
-/// What a step cost.
+/// Work and final residuals of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StepReport {
-    /// Newton iterations.
+    /// Number of Newton iterations.
     pub iterations: usize,
-    /// Krylov iterations of both right-hand sides.
+    /// Number of Krylov iterations for both right-hand sides.
     pub krylov_iterations: usize,
-    /// Factorisations.
+    /// Number of factorisations.
     pub factorisations: usize,
-    /// Residual at the end over the scale of the forces.
+    /// Final residual relative to the scale of the forces.
     pub relative_residual: f64,
-    /// Volume balance at the end \[mm³\].
+    /// Final error of the volume balance \[mm³\].
     pub volume_residual_mm3: f64,
 }
 
 /// Why a step failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// Out of iterations.
+    /// Newton's method did not converge.
     #[error(
         "Newton did not converge in {iterations} iterations: relative residual {relative_residual:.1e}, \
          volume balance {volume_residual_mm3:.1e} mm³"
     )]
     NotConverged {
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
-        /// Residual over the scale of the forces.
+        /// Residual relative to the scale of the forces.
         relative_residual: f64,
-        /// Volume balance.
+        /// Error of the volume balance \[mm³\].
         volume_residual_mm3: f64,
     },
-    /// Every step, however short, inverts an element.
+    /// Even the shortest step inverts an element.
     #[error("element {element} would be inverted (volume ratio {volume_ratio:.3})")]
     Inverted {
-        /// Element.
+        /// Number of the element.
         element: usize,
         /// Its volume ratio at the shortest step.
         volume_ratio: f64,
     },
-    /// Something is not a number.
+    /// A quantity is infinite or NaN.
     #[error("{what} is not finite")]
     NotFinite {
-        /// What.
+        /// Name of the quantity.
         what: &'static str,
     },
     /// The linear solver did not converge.
@@ -194,9 +195,9 @@ pub enum StepError {
         "linear solver: relative residual {relative_residual:.1e} after {iterations} iterations"
     )]
     Linear {
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
-        /// Residual that it reached.
+        /// Relative residual reached.
         relative_residual: f64,
     },
     /// The factorisation failed.
@@ -211,7 +212,7 @@ pub enum StepError {
     /// Another rank failed.
     #[error("{reason}")]
     Elsewhere {
-        /// Which, and why.
+        /// Description of the rank and its failure.
         reason: String,
     },
 }
@@ -225,14 +226,15 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Loosest relative residual of a linear solve.
+/// Loosest relative tolerance of a linear solve.
 const LOOSEST: f64 = 0.1;
 
-/// Takes a step of `dt_ms` from `now`. `candidate` is the end on success: its displacement and pressure are where Newton
-/// starts (see [`crate::time_integration::GeneralisedAlpha::predict`]). Returns the forces there too. Collective.
+/// Takes a step of `dt_ms` from `now`. Newton's method starts at the displacement and pressure of `candidate`
+/// ([`crate::time_integration::GeneralisedAlpha::predict`]), which holds the end on success. Returns the forces at the end.
+/// Collective.
 ///
 /// # Errors
-/// [`StepError`]; `candidate` then is of no use.
+/// [`StepError`]; `candidate` is then invalid.
 #[expect(
     clippy::too_many_arguments,
     reason = "a step needs them all, each of its own kind"
@@ -256,7 +258,7 @@ pub fn step(
     let whole = |s: &Smallest| s.volume_ratio > settings.smallest_volume_ratio;
     let smallest = dynamics.complete(dt_ms, now, candidate);
     if !whole(&smallest) {
-        // Not from the prediction, then: from where the step starts.
+        // The prediction is inadmissible, so Newton's method starts from the step's start instead.
         candidate.motion.u.clone_from(&now.motion.u);
         let smallest = dynamics.complete(dt_ms, now, candidate);
         if !whole(&smallest) {
@@ -277,7 +279,7 @@ pub fn step(
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
-    // Forces alone cost a fraction of the tangent: it is made where it is needed.
+    // Forces alone cost a fraction of the tangent, which is therefore evaluated only where needed.
     let mut linearised = !solver.predicted && !settings.foresee_pressures;
     if linearised {
         solver.linearise(
@@ -359,7 +361,7 @@ pub fn step(
                 linear.solve(&column, &mut y, 0.01, &mut report)?;
             }
             change_kpa = change(&y)?;
-            // The response changes slowly, and is off by no more than what the change of pressure makes of its error.
+            // The response changes slowly; its error enters multiplied by the change of pressure, which sets the tolerance.
             let allowed = 0.3 * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
             if linear.residual_norm(&column, &mut y) > allowed {
                 linear.solve(
@@ -429,7 +431,7 @@ pub fn step(
     }
 }
 
-/// The pressure at which the cavity's volume, `volume + compliance · (p − start)`, is what the circulation leaves in it.
+/// Pressure at which the cavity's volume, `volume + compliance · (p − start)`, equals the volume that the circulation leaves.
 fn solve_balance(
     volume: f64,
     compliance: f64,

@@ -1,5 +1,4 @@
-//! The linear systems of a time step: the tangent in the storage that suits its solver, and what is kept from one system to
-//! the next.
+//! The linear systems of a time step: storage of the tangent for each solver, and reuse from one system to the next.
 
 use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
@@ -11,27 +10,27 @@ use crate::linear::{
 use crate::newton::LinearSolver;
 use crate::parallel::Space;
 
-/// Relative residual of a linear solve with an expensive preconditioner, whatever Newton's method asks for: another of its
-/// iterations costs less.
+/// Loosest relative residual with an expensive preconditioner, since one more of its iterations costs less than one of
+/// Newton's.
 const LOOSE: f64 = 1e-2;
 
-/// Matrices and vectors that outlive a step.
+/// Matrices and vectors kept between steps.
 #[derive(Debug)]
 pub struct Solver {
     matrix: Option<Matrix>,
     direct: Option<Direct>,
     multigrid: Option<Multigrid>,
-    /// Nodal pressures that the tangent is taken at, where that is asked for.
+    /// Nodal pressures at which the tangent is taken, if they are predicted.
     foreseen_kpa: Vec<f64>,
-    /// Whether what is kept served badly.
+    /// Whether the kept factorisation or set-up took too many iterations.
     stale: bool,
-    /// Last solution of `K y = q`: a good start for the next.
+    /// Last solution of `K y = q`, the start of the next solve.
     pub(super) response: Vec<f64>,
-    /// Whether the last step was at its end where it was predicted: the next one may be, too.
+    /// Whether the last step converged at its prediction, as the next one then may, too.
     pub(super) predicted: bool,
 }
 
-/// The tangent, in the storage that the linear solver asks for.
+/// The tangent, in the storage of its linear solver.
 #[derive(Debug)]
 enum Matrix {
     Full(Tangent),
@@ -56,7 +55,7 @@ impl Matrix {
         }
     }
 
-    /// The smallest relative residual that its precision allows.
+    /// The smallest relative residual that the storage's precision allows.
     fn least_tolerance(&self) -> f64 {
         match self {
             Self::Full(_) => 1e-10,
@@ -66,7 +65,7 @@ impl Matrix {
 }
 
 impl Solver {
-    /// A workspace for steps of `dynamics`, always with the same linear solver.
+    /// An empty workspace, for time steps with one and the same linear solver.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -80,33 +79,33 @@ impl Solver {
         }
     }
 
-    /// Where the next solve for the response to pressure begins; empty before the first.
+    /// Start of the next solve for the response to pressure; empty before the first one.
     #[must_use]
     pub fn response(&self) -> &[f64] {
         &self.response
     }
 
-    /// Begins the next solve for the response to pressure there; with an empty slice, at zero.
+    /// Sets the start of the next solve for the response to pressure; an empty slice starts it at zero.
     pub fn respond_from(&mut self, response: &[f64]) {
         self.response.clear();
         self.response.extend_from_slice(response);
     }
 
-    /// Takes over what another solver has factorised, of a body with the same elements.
+    /// Takes over the factorisation of another solver for a body with the same elements.
     pub fn take_over(&mut self, other: &mut Self) {
         (self.direct, self.multigrid) = (other.direct.take(), other.multigrid.take());
         self.foreseen_kpa = std::mem::take(&mut other.foreseen_kpa);
         self.stale = other.stale;
     }
 
-    /// Forgets what was kept from step to step: the next step then depends on its start alone.
+    /// Discards all kept data, so that the next step depends on its start alone.
     pub fn forget(&mut self) {
         self.stale = true;
         self.predicted = false;
         self.response.clear();
     }
 
-    /// Linearises at a complete candidate.
+    /// Evaluates residual and tangent at a complete candidate.
     pub(super) fn linearise(
         &mut self,
         dynamics: &Dynamics,
@@ -133,7 +132,7 @@ impl Solver {
         }
     }
 
-    /// The tangent alone, with nodal pressures as Newton's method foresaw them.
+    /// Evaluates the tangent alone, at the predicted nodal pressures.
     pub(super) fn linearise_as_foreseen(
         &mut self,
         dynamics: &Dynamics,
@@ -162,7 +161,7 @@ impl Solver {
         );
     }
 
-    /// The nodal pressures that displacements less `share` of `x` have to first order.
+    /// Predicts, to first order, the nodal pressures after subtracting `share` of `x` from the displacement.
     pub(super) fn foresee(
         &mut self,
         space: Space<'_>,
@@ -190,7 +189,7 @@ impl Solver {
         );
     }
 
-    /// A linear solver for the tangent as it is now.
+    /// Prepares a linear solver for the current tangent.
     pub(super) fn prepare<'a>(
         &'a mut self,
         dynamics: &'a Dynamics,
@@ -263,7 +262,7 @@ impl Default for Solver {
     }
 }
 
-/// A factorisation that is kept until it serves badly.
+/// A factorisation kept until it takes too many iterations.
 struct Kept<'a> {
     by: &'a mut Direct,
     stale: &'a mut bool,
@@ -277,7 +276,7 @@ enum By<'a> {
     Sweep(SymmetricSweep<'a>),
 }
 
-/// The linear systems of one iteration of Newton's method.
+/// The linear systems of one Newton iteration.
 pub(super) struct Linear<'a> {
     dynamics: &'a Dynamics,
     settings: &'a StepSettings,
@@ -287,7 +286,7 @@ pub(super) struct Linear<'a> {
 }
 
 impl Linear<'_> {
-    /// `K x = b` from `x`, to a relative residual of `tolerance`, or what the matrix's precision allows.
+    /// Solves `K x = b` from `x` to the relative residual `tolerance`, within the storage's precision.
     pub(super) fn solve(
         &mut self,
         b: &[f64],
@@ -311,7 +310,7 @@ impl Linear<'_> {
                 let mut done = conjugate_gradients(space, self.operator, *levels, b, x, &short);
                 let mut iterations = done.iterations;
                 if done.ending != KrylovEnding::Converged {
-                    // Far from equilibrium the tangent need not be positive definite.
+                    // Far from equilibrium the tangent may be indefinite.
                     x.fill(0.0);
                     done = gmres(space, self.operator, *levels, b, x, &short);
                     iterations += done.iterations;
@@ -336,7 +335,7 @@ impl Linear<'_> {
                     max_iterations: self.settings.keep_until,
                     ..limits
                 };
-                // Far from equilibrium neither the tangent nor the one that was factorised need be positive definite.
+                // Far from equilibrium the current or the factorised tangent may be indefinite.
                 let done = gmres(space, self.operator, &*kept.by, b, x, &short);
                 report.krylov_iterations += done.iterations;
                 *kept.stale |= done.ending != KrylovEnding::Converged;
@@ -355,7 +354,6 @@ impl Linear<'_> {
         }
     }
 
-    /// Norm of `b − K x`.
     pub(super) fn residual_norm(&self, b: &[f64], x: &mut [f64]) -> f64 {
         let space = self.dynamics.space();
         let mut r = vec![0.0; b.len()];
@@ -365,7 +363,7 @@ impl Linear<'_> {
     }
 }
 
-/// Conjugate gradients, and GMRES where those stop at an indefinite matrix.
+/// Conjugate gradients, followed by GMRES if they stop at an indefinite matrix.
 fn krylov(
     space: Space<'_>,
     operator: &dyn Operator,

@@ -3,7 +3,7 @@
 use super::*;
 use crate::parallel::SingleProcess;
 
-/// The unit cube's surface seen from the tissue around it: normals inward. Bottom and top come first.
+/// The unit cube's surface with inward normals, out of the surrounding tissue; bottom and top come first.
 fn cube() -> (Vec<f64>, Vec<[u32; 3]>) {
     let nodes = (0..8_u32)
         .flat_map(|i| [i & 1, i >> 1 & 1, i >> 2 & 1].map(f64::from))
@@ -23,7 +23,7 @@ fn cube() -> (Vec<f64>, Vec<[u32; 3]>) {
     (nodes, triangles)
 }
 
-/// The cube without its first `n` sides, and its openings in the direction of the remaining triangles' edges.
+/// The cube without its first `n` sides, with its openings in the direction of the remaining triangles' edges.
 fn open_cube(n: usize) -> (Vec<f64>, Cavity) {
     let (nodes, triangles) = cube();
     let pattern = Pattern::of_elements(
@@ -94,7 +94,7 @@ fn caps_that_hang_on_the_rim_take_the_resultant_away() {
     for i in 0..3 {
         assert!(force.iter().skip(i).step_by(3).sum::<f64>().abs() < 1e-14);
     }
-    // At rest the lid of area one pulls its ring by the pressure, evenly over the four corners.
+    // At rest the lid of unit area pulls its ring with the pressure, evenly over the four corners.
     let mut force = vec![0.0; 24];
     cavity.add_forces(&SingleProcess, 3.0, &nodes, &[0.0; 24], &mut force);
     let ring: f64 = [0, 1, 2, 3].iter().map(|n| force[3 * n + 2]).sum();

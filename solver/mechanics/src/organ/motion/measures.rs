@@ -1,33 +1,33 @@
-//! Measures of a beat's motion from the shapes that the ventricle went through.
+//! Measures of a beat's motion from the ventricle's shapes over time.
 
 use super::Shape;
 
-/// When the phases of a beat begin, ms from its beginning, which is end-diastole.
+/// Start times of a beat's phases \[ms\] from its beginning at end-diastole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phases {
-    /// Ejection begins: the end of isovolumic contraction.
+    /// Start of ejection, the end of isovolumic contraction.
     pub ejection_ms: f64,
-    /// Ejection ends: end-systole, and isovolumic relaxation begins.
+    /// End of ejection (end-systole), where isovolumic relaxation begins.
     pub end_systole_ms: f64,
-    /// Filling begins; none where the beat ends before.
+    /// Start of filling; `None` if the beat ends before it.
     pub filling_ms: Option<f64>,
 }
 
-/// Shapes of a beat, in the order of time, and extremes of the elements' volumes.
+/// Shapes over a beat in the order of time, and extremes of the elements' volume ratios.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Sample of the beat's traces, and the shape then.
+    /// Sample index in the beat's traces, and the shape at that sample.
     shapes: Vec<(usize, Shape)>,
     /// Smallest and largest volume ratio of an element so far.
     volume_ratios: [f64; 2],
 }
 
-/// How the ventricle moved in a beat; percentages are of end-diastole.
+/// Measures of the ventricle's motion in a beat; percentages are relative to end-diastole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measures {
-    /// Base towards the apex, from end-diastole to end-systole \[mm\].
+    /// Displacement of the base towards the apex, from end-diastole to end-systole \[mm\].
     pub base_descent_mm: f64,
-    /// Epicardial apex towards the base likewise \[mm\].
+    /// Displacement of the epicardial apex towards the base over the same time \[mm\].
     pub apex_rise_mm: f64,
     /// Change of the epicardial radius at the middle level \[%\].
     pub epicardial_radius_change_percent: f64,
@@ -35,22 +35,22 @@ pub struct Measures {
     pub shortening_percent: f64,
     /// Thickening of the wall at the middle level \[%\].
     pub wall_thickening_percent: f64,
-    /// The largest twist of the epicardium, with its sign \[degrees\].
+    /// Twist of the epicardium of largest magnitude, with its sign \[degrees\].
     pub twist_epi_deg: f64,
-    /// The same of the endocardium.
+    /// Twist of the endocardium of largest magnitude, with its sign \[degrees\].
     pub twist_endo_deg: f64,
-    /// Change of the cavity's length over isovolumic contraction \[%\].
+    /// Change of the cavity's length over isovolumic contraction, positive for lengthening \[%\].
     pub isovolumic_lengthening_percent: f64,
-    /// Share of the epicardium's largest twist that is undone in isovolumic relaxation \[%\].
+    /// Share of the epicardium's largest twist that is undone in isovolumic relaxation \[%\]; `None` without filling.
     pub isovolumic_untwisting_percent: Option<f64>,
-    /// Smallest volume of an element over its unloaded one.
+    /// Smallest ratio of an element's volume to its unloaded volume.
     pub least_volume_ratio: f64,
-    /// Largest likewise.
+    /// Largest ratio of an element's volume to its unloaded volume.
     pub largest_volume_ratio: f64,
 }
 
 impl Series {
-    /// Begins with the shape at end-diastole.
+    /// Starts a series with the shape at end-diastole.
     #[must_use]
     pub fn new(begin: Shape) -> Self {
         Self {
@@ -59,12 +59,12 @@ impl Series {
         }
     }
 
-    /// Takes note of the shape after a sample of the beat's traces.
+    /// Appends the shape after a sample of the beat's traces.
     pub fn push(&mut self, sample: usize, shape: Shape) {
         self.shapes.push((sample, shape));
     }
 
-    /// Takes note of the smallest and the largest volume ratio at an instant.
+    /// Widens the range of volume ratios by the smallest and the largest one at an instant.
     pub fn strained(&mut self, [least, most]: [f64; 2]) {
         self.volume_ratios = [
             self.volume_ratios[0].min(least),
@@ -72,13 +72,13 @@ impl Series {
         ];
     }
 
-    /// The last sample that is known.
+    /// Sample index of the last shape.
     #[must_use]
     pub fn last_sample(&self) -> usize {
         self.shapes.last().map_or(0, |(sample, _)| *sample)
     }
 
-    /// As numbers.
+    /// The series as an array of numbers.
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
         let shapes = self
@@ -88,7 +88,7 @@ impl Series {
         self.volume_ratios.into_iter().chain(shapes).collect()
     }
 
-    /// From [`Self::numbers`]; none where they are not.
+    /// Restores a series from [`Self::numbers`]; `None` for an array of another layout.
     #[must_use]
     pub fn of_numbers(numbers: &[f64]) -> Option<Self> {
         let (volume_ratios, shapes) = numbers.split_first_chunk::<2>()?;
@@ -103,7 +103,7 @@ impl Series {
         })
     }
 
-    /// The shape at a time, linear between samples, the first or last beyond the ends.
+    /// The shape at a time, interpolated linearly between samples and held constant beyond the ends.
     fn at(&self, time_ms: f64, sample_times_ms: &[f64]) -> Shape {
         let time = |k: usize| {
             sample_times_ms
@@ -127,9 +127,9 @@ impl Series {
         Shape::of_numbers(std::array::from_fn(|i| from[i] + share * (to[i] - from[i])))
     }
 
-    /// Measures of the beat.
+    /// Computes the measures of the beat.
     ///
-    /// - `sample_times_ms`: times of the samples of the beat's traces
+    /// - `sample_times_ms`: times of the samples of the beat's traces \[ms\]
     #[must_use]
     pub fn measures(&self, phases: &Phases, sample_times_ms: &[f64]) -> Measures {
         let at = |time_ms| self.at(time_ms, sample_times_ms);
@@ -146,7 +146,7 @@ impl Series {
             })
         });
         let undone = |filling_ms| systole.twist_deg()[1] - at(filling_ms).twist_deg()[1];
-        // Without a twist nothing is undone.
+        // A ventricle that never twists has nothing to untwist.
         let untwisting = |filling_ms| {
             if peak_epi.abs() > 1e-9 {
                 100.0 * undone(filling_ms) / peak_epi

@@ -3,13 +3,13 @@ use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::vec3::scale;
 use cardiotwin_units::Ml;
 
-/// Parts of a node's place along and across an axis through the origin.
+/// Components of a node's position along and perpendicular to an axis through the origin.
 fn about(origin: Vec3, axis: Vec3, x: Vec3) -> [Vec3; 2] {
     let along = scale(axis, dot(sub(x, origin), axis));
     [along, reject(sub(x, origin), axis)]
 }
 
-/// A rotation by any angles, and a shift.
+/// Moves points by a rotation and a translation.
 fn moved(x: &[Vec3]) -> Vec<Vec3> {
     let axis = unit([0.3, -0.8, 0.5]).expect("a direction");
     let (s, c) = 2.1f64.sin_cos();
@@ -31,7 +31,7 @@ fn mesh(n_nodes: usize) -> TetMesh {
         .mesh
 }
 
-/// The mesh wherever it lies, its landmarks, its apex and its axis.
+/// A mesh in a general orientation, its landmarks, its apex and its axis.
 fn lying(n_nodes: usize) -> (TetMesh, Landmarks, Vec3, Vec3) {
     let mut mesh = mesh(n_nodes);
     mesh.nodes_mm = moved(&mesh.nodes_mm);
@@ -68,7 +68,7 @@ fn a_rigid_motion_changes_no_shape() {
     let (a, b) = (landmarks.shape(x, x), landmarks.shape(x, &moved(x)));
     assert!((a.cavity_length_mm - b.cavity_length_mm).abs() < 1e-9);
     assert!((0..2).all(|k| (a.radius_mm[k] - b.radius_mm[k]).abs() < 1e-9));
-    // Levels turn alike: a rigid rotation has no twist, whatever part of it is about the axis.
+    // All levels turn alike in a rigid rotation, so there is no twist.
     assert!(
         b.twist_deg().iter().all(|twist| twist.abs() < 1e-9),
         "{b:?}"
@@ -81,7 +81,7 @@ fn a_rigid_motion_changes_no_shape() {
 fn a_stretch_along_and_across_the_axis_is_measured() {
     let (mesh, landmarks, apex, axis) = lying(1000);
     let x = &mesh.nodes_mm;
-    // The cavity 15 % shorter and 10 % narrower, the apex still.
+    // The cavity is shortened by 15 % and narrowed by 10 %, with the apex fixed.
     let squeezed: Vec<Vec3> = x
         .iter()
         .map(|x| {
@@ -105,7 +105,7 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
         (m.base_descent_mm, 0.15 * length),
         (m.epicardial_radius_change_percent, -10.0),
         (m.wall_thickening_percent, -10.0),
-        // Half of it, in the middle of the interval between the two samples.
+        // Halfway between the two samples half of the shortening is reached.
         (m.isovolumic_lengthening_percent, -7.5),
         (m.twist_epi_deg, 0.0),
         (m.least_volume_ratio, 0.85 * 0.81),
@@ -117,7 +117,7 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
         );
     }
     assert_eq!(m.isovolumic_untwisting_percent, None);
-    // The epicardial apex lies a wall's thickness beyond the endocardial one, which stays.
+    // The epicardial apex lies a wall thickness beyond the endocardial apex, which is fixed.
     let wall = dot(sub(landmarks.apex[1].mean(x), apex), axis);
     assert!(
         (m.apex_rise_mm - 0.15 * wall).abs() < 1e-6 && wall > 3.0,
@@ -131,7 +131,7 @@ fn a_torsion_is_twist_with_the_sense_of_the_literature() {
         let (mesh, landmarks, apex, axis) = lying(n_nodes);
         let x = &mesh.nodes_mm;
         let length = landmarks.axis(x).1;
-        // Counter-clockwise seen from the apex at the apex, nothing at the rim: 40 degrees over the cavity's length.
+        // Counter-clockwise rotation as seen from the apex: 40 degrees at the apex, falling to zero at the rim.
         let turned = |whole_deg: f64| -> Vec<Vec3> {
             let point = |x: &Vec3| {
                 let [along, across] = about(apex, axis, *x);
