@@ -5,12 +5,12 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, Space};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
-use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 fn tissue() -> Tissue {

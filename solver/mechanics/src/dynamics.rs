@@ -16,8 +16,8 @@ use crate::boundary::{Cavity, PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
 use crate::linear::Assembled;
 use crate::newton::Smallest;
-use crate::parallel::{Communicator, Space};
 use crate::time_integration::{GeneralisedAlpha, Motion};
+use cardiotwin_linalg::parallel::{Communicator, Space};
 
 /// Rayleigh's damping.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@ use cardiotwin_mesh::fibres::Angles;
 use cardiotwin_mesh::node_fibres::WallPoint;
 use cardiotwin_mesh::{Frame, NodeFibres};
 
-use crate::parallel::{Opened, Parcel};
+use cardiotwin_linalg::parallel::{Opened, Parcel};
 
 /// Numbers of a [`WallPoint`].
 pub const WALL_WIDTH: usize = 7;

@@ -1,11 +1,12 @@
 //! Newton's method for the displacement of a body, with a line search that guards against inverted elements rather than
 //! against every rise of the residual.
 
-use crate::linear::{
-    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings,
-    Multigrid, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+use crate::linear::Assembled as _;
+use cardiotwin_linalg::parallel::Space;
+use cardiotwin_linalg::{
+    BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
+    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
-use crate::parallel::Space;
 
 /// How linear systems are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -285,7 +286,13 @@ fn solve_linear(
         }
         LinearSolver::BlockJacobi => with(&BlockJacobi::new(tangent), step),
         LinearSolver::SymmetricSweep => with(&SymmetricSweep::new(tangent), step),
-        LinearSolver::Multigrid => with(&Multigrid::new(space, tangent, system.reference()), step),
+        LinearSolver::Multigrid => {
+            let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));
+            with(
+                &Multigrid::new(space, pattern, &block, system.reference()),
+                step,
+            )
+        }
     };
     // A step a little off costs an iteration of Newton; one that is not a solution at all costs the solve.
     if report.relative_residual.is_finite() && report.relative_residual < 0.1 {

@@ -3,11 +3,12 @@
 use crate::body::{Body, Deformation};
 use crate::boundary::{PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
-use crate::linear::{Assembled as _, Tangent};
+use crate::linear::Assembled as _;
 use crate::newton::{
     NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve,
 };
-use crate::parallel::{Communicator, Space};
+use cardiotwin_linalg::Tangent;
+use cardiotwin_linalg::parallel::{Communicator, Space};
 
 /// Supports and full loads of a static problem.
 #[derive(Debug)]

@@ -15,7 +15,7 @@ use cardiotwin_mesh::{Frame, NodeFibres, TetMesh};
 use cardiotwin_units::Ms;
 
 use crate::fibre_parcel::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numbers, wall_of};
-use crate::parallel::{
+use cardiotwin_linalg::parallel::{
     Communicator, Opened, Parcel, Part, PartitionError, RankFailure, SingleProcess, ThreadSettings,
     on_threads, owners,
 };

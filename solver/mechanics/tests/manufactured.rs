@@ -6,19 +6,20 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::Tangent;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, Space};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
 use cardiotwin_mechanics::element::shape::EDGES;
-use cardiotwin_mechanics::linear::{Assembled as _, Tangent};
+use cardiotwin_mechanics::linear::Assembled as _;
 use cardiotwin_mechanics::material::{
     ActiveLaw, Guccione, Law, Load, Tissue, Volumetric, VolumetricLaw, respond,
 };
 use cardiotwin_mechanics::newton::{NewtonSettings, Smallest, System, Workspace, solve};
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use nalgebra::{Matrix3, Vector3};
 use verification::meshes::{Mesh, cuboid};
 

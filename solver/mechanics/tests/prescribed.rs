@@ -3,8 +3,8 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
-use cardiotwin_mechanics::linear::Operator as _;
-use cardiotwin_mechanics::parallel::{SingleProcess, Space};
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::{SingleProcess, Space};
 use verification::beat::{ETA_KPA_MS, beat, body, deform};
 
 #[test]

@@ -1,6 +1,7 @@
 //! The static problems of the verification: Land et al. 2015, Proc R Soc A 471:20150641, problems 1 to 3, and a thick
 //! neo-Hookean sphere with a closed form.
 
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
@@ -10,7 +11,6 @@ use cardiotwin_mechanics::material::{
     ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw,
 };
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load};
 
 use super::meshes::{Mesh, cuboid, disc, extrude, triangle};

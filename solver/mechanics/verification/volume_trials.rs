@@ -4,9 +4,9 @@
 //! All minimise `∫ W(Ē) + s κ/2 (J − 1)² dV + max_p (pᵀ (B(J) − V) − pᵀ M p / 2)`: pressures `p` in some space, `B(J)` the
 //! deformed volumes that it sees, `M` its compliance. They differ in `B` and `M` alone.
 
+use cardiotwin_linalg::{BlockCsr, Pattern, Tangent};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::{Batch, batches};
-use cardiotwin_mechanics::linear::{BlockCsr, Pattern, Tangent};
 use cardiotwin_mechanics::material::tensor::at;
 use cardiotwin_mechanics::material::{Load, respond};
 

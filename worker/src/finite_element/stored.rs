@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use cardiotwin_linalg::parallel::{Opened, Parcel};
 use cardiotwin_mechanics::fibre_parcel;
 use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, RightPressure, WallParameters};
-use cardiotwin_mechanics::parallel::{Opened, Parcel};
 use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};

@@ -10,9 +10,10 @@ use pulp::Arch;
 use crate::element::batch::{ElementError, Frame, batches};
 use crate::element::kernel::{ActivePoint, VolumeChange};
 use crate::element::{BATCH, Eight};
-use crate::linear::{Assembled, BlockCsr, Coupling, PackedTangent, Pattern, Tangent};
+use crate::linear::{Assembled, PackedTangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
-use crate::parallel::{Communicator, Disagreement, Layout, agree};
+use cardiotwin_linalg::parallel::{Communicator, Disagreement, Layout, agree};
+use cardiotwin_linalg::{BlockCsr, Coupling, Pattern, Tangent};
 use passes::{Elements, Field, Moving, Pass};
 
 /// Why a body could not be made.

@@ -9,9 +9,10 @@ use crate::element::kernel::{
     ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
-use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, PackedVolume, Pattern, Sink, Tangent};
+use crate::linear::{PackedBlock, PackedTangent, PackedVolume, Sink};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
+use cardiotwin_linalg::{NO_SLOT, Pattern, Tangent};
 
 /// What an assembly reads beside the mesh.
 pub(super) struct Pass<'a> {

@@ -2,8 +2,9 @@
 
 use super::SurfaceError;
 use super::pressure::{Faces, PressureSurface, cross};
-use crate::linear::{Assembled, Pattern};
-use crate::parallel::Communicator;
+use crate::linear::Assembled;
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::Communicator;
 
 /// In a loop around an opening: another rank owns this node.
 pub const NOT_HERE: u32 = u32::MAX;

@@ -1,7 +1,8 @@
 //! Pressure that follows the deformed surface, and the volume behind it.
 
 use crate::element::shape::{triangle, triangle_rule};
-use crate::linear::{Assembled, NO_SLOT, Pattern};
+use crate::linear::Assembled;
+use cardiotwin_linalg::{NO_SLOT, Pattern};
 
 /// A surface that cannot carry a load.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -2,7 +2,8 @@
 
 use super::SurfaceError;
 use super::pressure::{Faces, cross};
-use crate::linear::{Assembled, Pattern};
+use crate::linear::Assembled;
+use cardiotwin_linalg::Pattern;
 
 /// Which displacement a support resists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,12 +7,11 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::Space;
+use cardiotwin_linalg::{NO_SLOT, Operator, Pattern, prefetch};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::assembled::{Assembled, Operator, Sink};
-use super::prefetch::prefetch;
-use super::{NO_SLOT, Pattern};
-use crate::parallel::Space;
+use super::assembled::{Assembled, Sink};
 
 /// Three columns of `[K; gᵀ]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,6 +137,10 @@ impl WithSimd for Pressures<'_> {
 }
 
 impl Operator for PackedTangent {
+    fn n_rows(&self) -> usize {
+        self.pattern.n_rows()
+    }
+
     fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
         space.update(x);
         let n = self.pattern.n_rows();

@@ -13,7 +13,7 @@ use crate::boundary::NOT_HERE;
 use crate::element::batch::Frame;
 use crate::element::kernel::VolumeChange;
 use crate::element::quadratic::QuadraticMesh;
-use crate::parallel::Part;
+use cardiotwin_linalg::parallel::Part;
 
 /// Which elements a ventricle is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -19,8 +19,8 @@ use crate::body::{Body, Deformation};
 use crate::element::kernel::ActivePoint;
 use crate::element::{BATCH, Eight};
 use crate::material::ActiveConvention;
-use crate::parallel::Communicator;
 use crate::step::PointStress;
+use cardiotwin_linalg::parallel::Communicator;
 
 /// States of the points at the end of a step.
 #[derive(Debug, Clone, Default)]

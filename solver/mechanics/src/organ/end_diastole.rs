@@ -1,7 +1,7 @@
 //! Where a beat begins: the wall's geometry without load and at end-diastole, as numbers.
 
 use super::passive_state::PassiveState;
-use crate::parallel::Part;
+use cardiotwin_linalg::parallel::Part;
 
 /// A wall in equilibrium at end-diastolic pressure.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,9 @@ use crate::body::Deformation;
 use crate::dynamics::Candidate;
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
-use crate::linear::{BlockJacobi, KrylovSettings, PackedTangent, conjugate_gradients};
+use crate::linear::PackedTangent;
 use crate::time_integration::Motion;
+use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
 
 /// A part of the work of a time step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

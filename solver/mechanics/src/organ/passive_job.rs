@@ -9,7 +9,7 @@ use super::passive_state::PassiveStateError;
 use super::piece::{Piece, parts_of};
 use super::search::{Search, Slope};
 use super::wall::WallParameters;
-use crate::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
+use cardiotwin_linalg::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
 
 /// What step 0 looks for.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,9 +9,9 @@ use super::rigid::rigid_motion;
 use super::search::Search;
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::parallel::{PartitionError, RankFailure, Space};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
+use cardiotwin_linalg::parallel::{PartitionError, RankFailure, Space};
 
 /// A step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;

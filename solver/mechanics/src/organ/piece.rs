@@ -7,7 +7,9 @@ use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
 use super::right_ventricle::RightVentricle;
 use crate::element::kernel::VolumeChange;
 use crate::fibre_parcel;
-use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
+use cardiotwin_linalg::parallel::{
+    Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners,
+};
 
 /// A rank's part of an anatomy, and what joins it to the others.
 #[derive(Debug, Clone)]
@@ -263,7 +265,7 @@ mod tests {
 
     use super::super::anatomy::ElementKind;
     use super::*;
-    use crate::parallel::{ThreadSettings, on_threads};
+    use cardiotwin_linalg::parallel::{ThreadSettings, on_threads};
 
     #[test]
     fn a_piece_arrives_as_it_was_cut_and_pieces_make_up_the_whole() {

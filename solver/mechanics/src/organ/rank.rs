@@ -17,8 +17,8 @@ use super::wall::{WallError, WallParameters};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::{Communicator, Counted, Part, Space, Traffic};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
+use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Space, Traffic};
 
 /// What all ranks share.
 #[derive(Debug, Clone)]

@@ -3,8 +3,8 @@
 use super::anatomy::Triangles;
 use super::wall::WallError;
 use crate::boundary::{Cavity, SurfaceError, ValvePlane};
-use crate::linear::Pattern;
-use crate::parallel::Communicator;
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::Communicator;
 
 /// Inner wall of the right ventricle, and the parts of the rim that the two ventricles' valves hang on.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use crate::parallel::Space;
+use cardiotwin_linalg::parallel::Space;
 
 /// The small rigid motion nearest to a displacement of nodes, in the mean square \[mm\], three numbers a node. Collective.
 pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &[f64]) -> Vec<f64> {
@@ -47,7 +47,7 @@ pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parallel::{Layout, SingleProcess};
+    use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 
     #[test]
     fn a_rigid_motion_is_found_and_a_stretch_has_none() {

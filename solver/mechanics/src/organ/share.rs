@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
 use super::piece::{pack, unpack};
-use crate::parallel::{Opened, Parcel, Part};
+use cardiotwin_linalg::parallel::{Opened, Parcel, Part};
 
 /// A part of the heart in the rank's own numbers.
 #[derive(Debug)]

@@ -20,8 +20,10 @@ use super::rank::{Command, OrganRank, RankFigures, Setup, Values, chain};
 use super::share::Share;
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
-use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew};
 use crate::step::{Closure, StepError, StepReport, StepSettings};
+use cardiotwin_linalg::parallel::{
+    Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew,
+};
 
 /// Kind in snapshots.
 const KIND: &str = "finite-element 2";
@@ -202,7 +204,7 @@ impl FiniteElementVentricle {
     /// [`crate::newton::LinearSolver::BlockJacobi`] only.
     ///
     /// A rank that panics, or lets the others wait for too long, ends all: the next operation then unwinds with the failure's
-    /// text ([`crate::parallel::RankFailure`]).
+    /// text ([`cardiotwin_linalg::parallel::RankFailure`]).
     ///
     /// # Errors
     /// As for [`Self::new`]; [`VentricleError::Parameter`] for elements or a solver that several ranks do not have.

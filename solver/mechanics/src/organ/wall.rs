@@ -7,10 +7,10 @@ use super::right_ventricle::{RightPressure, chamber};
 use crate::body::{Body, BodyError, BodyInput};
 use crate::boundary::{Robin, RobinDirection, SurfaceError, ValvePlane};
 use crate::dynamics::{Dynamics, GivenCavity, Rayleigh, Support};
-use crate::linear::Pattern;
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
-use crate::parallel::{Communicator, Part};
 use crate::time_integration::GeneralisedAlpha;
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Communicator, Part};
 
 /// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives the values used where nothing else
 /// is known; those without a source are assumptions of ours.

@@ -9,10 +9,10 @@ use crate::boundary::{Cavity, PressureSurface, Robin, RobinDirection, SurfaceErr
 use crate::element::batch::Frame;
 use crate::element::quadratic::QuadraticMesh;
 use crate::element::shape::values;
-use crate::linear::Pattern;
 use crate::material::Tissue;
 use crate::organ::ElementKind;
-use crate::parallel::{Layout, SingleProcess};
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 
 /// Springs and dashpots on triangles of the mesh.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,10 +9,10 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, Rayleigh, State, Support, SurfaceLoad};
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
-use crate::parallel::SingleProcess;
 use crate::statics::{LoadSteps, StaticError, StaticProblem, StaticReport, load};
 use crate::step::{Closure, PointStress, Solver, StepError, StepSettings, step};
 use crate::time_integration::GeneralisedAlpha;
+use cardiotwin_linalg::parallel::SingleProcess;
 
 /// Steps in time.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,12 +4,13 @@
 use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::linear::{
-    Assembled, BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
-    Operator, PackedTangent, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
-};
+use crate::linear::{Assembled, PackedTangent};
 use crate::newton::LinearSolver;
-use crate::parallel::Space;
+use cardiotwin_linalg::parallel::Space;
+use cardiotwin_linalg::{
+    BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid, Operator,
+    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+};
 
 /// Relative residual of a linear solve with an expensive preconditioner, whatever Newton's method asks for: another of its
 /// iterations costs less.
@@ -128,7 +129,13 @@ impl Solver {
                 .zip(&candidate.motion.u)
                 .map(|(x, u)| x + u)
                 .collect();
-            self.multigrid = Some(Multigrid::new(dynamics.space(), tangent, &positions));
+            let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));
+            self.multigrid = Some(Multigrid::new(
+                dynamics.space(),
+                pattern,
+                &block,
+                &positions,
+            ));
             self.stale = false;
         }
     }

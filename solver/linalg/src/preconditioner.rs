@@ -1,9 +1,9 @@
 //! Cheap approximations of the inverse: per node, or one symmetric sweep over the nodes of a rank.
 
-use super::{Assembled, Operator, Tangent};
 use crate::parallel::Space;
+use crate::{Operator, Tangent};
 
-/// An approximation of the inverse of a tangent. Linear, and symmetric where it serves CG or MINRES.
+/// An approximation of the inverse of a matrix. Linear, and symmetric where it serves CG or MINRES.
 pub trait Preconditioner {
     /// `z ≈ A⁻¹ r` over owned nodes.
     fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]);
@@ -36,12 +36,12 @@ pub struct BlockJacobi {
 }
 
 impl BlockJacobi {
-    /// Inverts the diagonal blocks of `tangent`, nodal volume change included.
+    /// Inverts the diagonal blocks of the whole matrix.
     #[must_use]
-    pub fn new(tangent: &dyn Assembled) -> Self {
+    pub fn new(matrix: &dyn Operator) -> Self {
         Self {
-            inverses: (0..tangent.pattern().n_rows())
-                .map(|r| inverse(&tangent.diagonal(r)))
+            inverses: (0..matrix.n_rows())
+                .map(|r| inverse(&matrix.diagonal(r)))
                 .collect(),
         }
     }
@@ -57,8 +57,8 @@ impl Preconditioner for BlockJacobi {
     }
 }
 
-/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of the
-/// elements' stiffness with the whole matrix's diagonal blocks.
+/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of `K`
+/// with the whole matrix's diagonal blocks.
 #[derive(Debug)]
 pub struct SymmetricSweep<'a> {
     tangent: &'a Tangent,

@@ -6,6 +6,7 @@ mod communicator;
 mod layout;
 mod parcel;
 mod part;
+#[cfg(feature = "metis")]
 mod partition;
 mod threads;
 mod traffic;
@@ -15,6 +16,7 @@ pub use communicator::{Communicator, SingleProcess};
 pub use layout::{Layout, Neighbour, Space};
 pub use parcel::{Opened, Parcel};
 pub use part::Part;
+#[cfg(feature = "metis")]
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};
 pub use traffic::{Counted, Traffic};

@@ -1,4 +1,4 @@
-//! A direct factorisation for static problems of moderate size, on one process, in single precision: Krylov methods, whose
+//! A direct factorisation for problems of moderate size, on one process, in single precision: Krylov methods, whose
 //! preconditioner it is, make up for what it lacks.
 
 use std::sync::Arc;
@@ -13,9 +13,9 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
-use super::dissection::nested_dissection;
-use super::{Pattern, Preconditioner, Tangent};
+use crate::dissection::nested_dissection;
 use crate::parallel::Space;
+use crate::{Pattern, Preconditioner, Tangent};
 
 /// Why a factorisation failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

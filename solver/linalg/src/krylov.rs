@@ -1,7 +1,7 @@
 //! Krylov solvers over distributed vectors.
 
-use super::{Operator, Preconditioner};
 use crate::parallel::Space;
+use crate::{Operator, Preconditioner};
 
 /// When a Krylov solver stops.
 #[derive(Debug, Clone, Copy, PartialEq)]
