@@ -1,8 +1,9 @@
 //! Linear algebra that meshes, potentials and mechanics share.
 //!
 //! - [`vec3`]: vectors of three numbers
-//! - [`Pattern`], [`BlockCsr`], [`Coupling`]: sparse matrices by rows
-//! - [`conjugate_gradients`], [`minres`], [`gmres`]: Krylov methods, and their [`Preconditioner`]s
+//! - [`Pattern`], [`Csr`], [`BlockCsr`], [`Coupling`]: sparse matrices by rows
+//! - [`mod@conjugate_gradients`]: the one loop of conjugate gradients, for any kind of vectors
+//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their [`Preconditioner`]s
 //! - [`parallel`]: every global operation behind one interface; cuts of a mesh into parts
 //!
 //! Features: `direct` has [`Direct`] factorisations and [`Multigrid`] (crate `faer`), `metis` cuts meshes with METIS. Both are
@@ -17,6 +18,8 @@
 
 mod block_csr;
 mod condensed;
+pub mod conjugate_gradients;
+mod csr;
 #[cfg(feature = "direct")]
 mod direct;
 #[cfg(feature = "direct")]
@@ -33,6 +36,7 @@ pub mod vec3;
 
 pub use block_csr::{BlockCsr, Coupling};
 pub use condensed::Tangent;
+pub use csr::Csr;
 #[cfg(feature = "direct")]
 pub use direct::{Direct, DirectError};
 #[cfg(feature = "direct")]

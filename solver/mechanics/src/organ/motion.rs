@@ -9,8 +9,8 @@ mod measures;
 
 pub use measures::{Measures, Phases, Series};
 
+use cardiotwin_linalg::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
-use cardiotwin_mesh::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 
 /// Heights of the short-axis levels on the way from the endocardial apex (0) to the middle of the rim (1): apical, middle
 /// and basal. The basal one lies below a passive ring at the rim.

@@ -1,6 +1,6 @@
 use super::*;
+use cardiotwin_linalg::vec3::scale;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::vec3::scale;
 use cardiotwin_units::Ml;
 
 /// Parts of a node's place along and across an axis through the origin.
