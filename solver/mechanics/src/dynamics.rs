@@ -11,13 +11,14 @@
 //! `1 + τ ∂v/∂u`. That share pulls along the fibre of `u + τ v` by a stretch along the fibre of `u`; the tangent has the first
 //! for both, which keeps it symmetric, and is off by the angle that the fibre turns by in the time `τ`: a thousandth or so.
 
+use cardiotwin_linalg::parallel::{Communicator, Space};
+
 use crate::body::{Body, Deformation};
 use crate::boundary::{Cavity, PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
 use crate::linear::Assembled;
 use crate::newton::Smallest;
 use crate::time_integration::{GeneralisedAlpha, Motion};
-use cardiotwin_linalg::parallel::{Communicator, Space};
 
 /// Rayleigh's damping.
 #[derive(Debug, Clone, Copy, PartialEq)]

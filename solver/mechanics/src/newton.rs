@@ -1,12 +1,13 @@
 //! Newton's method for the displacement of a body, with a line search that guards against inverted elements rather than
 //! against every rise of the residual.
 
-use crate::linear::Assembled as _;
 use cardiotwin_linalg::parallel::Space;
 use cardiotwin_linalg::{
     BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
     Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
+
+use crate::linear::Assembled as _;
 
 /// How linear systems are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,8 @@
 //! Equilibrium under a load that grows from nothing, in steps that are halved on failure and grown after success.
 
+use cardiotwin_linalg::Tangent;
+use cardiotwin_linalg::parallel::{Communicator, Space};
+
 use crate::body::{Body, Deformation};
 use crate::boundary::{PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
@@ -7,8 +10,6 @@ use crate::linear::Assembled as _;
 use crate::newton::{
     NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve,
 };
-use cardiotwin_linalg::Tangent;
-use cardiotwin_linalg::parallel::{Communicator, Space};
 
 /// Supports and full loads of a static problem.
 #[derive(Debug)]

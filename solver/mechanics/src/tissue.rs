@@ -4,6 +4,10 @@
 //! theirs themselves ([`TissueJob::on_threads`]). Fibres are the same to the bit on any number of ranks
 //! ([`cardiotwin_mesh::joint`]), times to round-off, 1e-10 ms.
 
+use cardiotwin_linalg::parallel::{
+    Communicator, Opened, Parcel, Part, PartitionError, RankFailure, SingleProcess, ThreadSettings,
+    on_threads, owners,
+};
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, Site, Speeds, activation_of_part};
 use cardiotwin_mesh::fibres::{
     Angles, Longitudinal, fields_of_part, frames_at_centroids, rule_of_part,
@@ -15,10 +19,6 @@ use cardiotwin_mesh::{Frame, NodeFibres, TetMesh};
 use cardiotwin_units::Ms;
 
 use crate::fibre_parcel::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numbers, wall_of};
-use cardiotwin_linalg::parallel::{
-    Communicator, Opened, Parcel, Part, PartitionError, RankFailure, SingleProcess, ThreadSettings,
-    on_threads, owners,
-};
 
 /// Meshes of fewer nodes stay on one rank.
 pub const FEWEST_NODES: usize = 3000;

@@ -2,6 +2,7 @@
 //! neo-Hookean sphere with a closed form.
 
 use cardiotwin_linalg::parallel::{Layout, SingleProcess};
+use cardiotwin_linalg::vec3::{cross, norm};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
@@ -354,16 +355,8 @@ fn ventricle_frame(x: [f64; 3]) -> Frame {
     std::array::from_fn(|i| [f[i], side[i], n[i]])
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 fn unit(a: [f64; 3]) -> [f64; 3] {
-    let n = a.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let n = norm(a);
     a.map(|x| x / n)
 }
 

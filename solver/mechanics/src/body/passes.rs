@@ -1,5 +1,6 @@
 //! Passes over the batches of a body: volumes, forces, stiffness, and their scatter in the order of the batches.
 
+use cardiotwin_linalg::{NO_SLOT, Pattern, Tangent};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Deformation;
@@ -12,7 +13,6 @@ use crate::element::{BATCH, Eight};
 use crate::linear::{PackedBlock, PackedTangent, PackedVolume, Sink};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
-use cardiotwin_linalg::{NO_SLOT, Pattern, Tangent};
 
 /// What an assembly reads beside the mesh.
 pub(super) struct Pass<'a> {

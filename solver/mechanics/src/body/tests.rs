@@ -1,12 +1,13 @@
 //! Assembly against finite differences, rigid motions and the patch test.
 
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::SingleProcess;
+
 use super::*;
 use crate::element::quadratic::QuadraticMesh;
 use crate::element::shape::EDGES;
 use crate::linear::Assembled;
 use crate::material::{ActiveLaw, Guccione, Law, Volumetric};
-use cardiotwin_linalg::Operator as _;
-use cardiotwin_linalg::parallel::SingleProcess;
 
 /// A cube of `n`³ cells of six tetrahedra, inner nodes moved so that no element is regular.
 fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {

@@ -8,6 +8,7 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::Communicator;
 use cardiotwin_models::calcium::Calcium;
 use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep, StretchReference};
 use cardiotwin_models::effects::FibreViscosity;
@@ -20,7 +21,6 @@ use crate::element::kernel::ActivePoint;
 use crate::element::{BATCH, Eight};
 use crate::material::ActiveConvention;
 use crate::step::PointStress;
-use cardiotwin_linalg::parallel::Communicator;
 
 /// States of the points at the end of a step.
 #[derive(Debug, Clone, Default)]

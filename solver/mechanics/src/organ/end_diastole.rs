@@ -1,7 +1,8 @@
 //! Where a beat begins: the wall's geometry without load and at end-diastole, as numbers.
 
-use super::passive_state::PassiveState;
 use cardiotwin_linalg::parallel::Part;
+
+use super::passive_state::PassiveState;
 
 /// A wall in equilibrium at end-diastolic pressure.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,5 +1,7 @@
 //! What a time step is made of, one at a time: for measurements.
 
+use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
+
 use super::rank::OrganRank;
 use crate::body::Deformation;
 use crate::dynamics::Candidate;
@@ -7,7 +9,6 @@ use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
 use crate::linear::PackedTangent;
 use crate::time_integration::Motion;
-use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
 
 /// A part of the work of a time step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,6 +4,8 @@
 //! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
 //! where the last one ended, and needs no load steps.
 
+use cardiotwin_linalg::parallel::{PartitionError, RankFailure, Space};
+
 use super::piece::Piece;
 use super::rigid::rigid_motion;
 use super::search::Search;
@@ -11,7 +13,6 @@ use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
-use cardiotwin_linalg::parallel::{PartitionError, RankFailure, Space};
 
 /// A step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;

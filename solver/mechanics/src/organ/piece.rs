@@ -3,13 +3,14 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::{
+    Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners,
+};
+
 use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
 use super::right_ventricle::RightVentricle;
 use crate::element::kernel::VolumeChange;
 use crate::fibre_parcel;
-use cardiotwin_linalg::parallel::{
-    Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners,
-};
 
 /// A rank's part of an anatomy, and what joins it to the others.
 #[derive(Debug, Clone)]

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Space, Traffic};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
 
@@ -18,7 +19,6 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::newton::{LinearSolver, Smallest};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
-use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Space, Traffic};
 
 /// What all ranks share.
 #[derive(Debug, Clone)]

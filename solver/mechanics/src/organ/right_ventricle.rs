@@ -1,10 +1,11 @@
 //! The right ventricle, where a mesh has one: passive tissue, and a cavity whose pressure is given.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::Communicator;
+
 use super::anatomy::Triangles;
 use super::wall::WallError;
 use crate::boundary::{Cavity, SurfaceError, ValvePlane};
-use cardiotwin_linalg::Pattern;
-use cardiotwin_linalg::parallel::Communicator;
 
 /// Inner wall of the right ventricle, and the parts of the rim that the two ventricles' valves hang on.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use cardiotwin_linalg::parallel::{Opened, Parcel, Part};
+
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
 use super::piece::{pack, unpack};
-use cardiotwin_linalg::parallel::{Opened, Parcel, Part};
 
 /// A part of the heart in the rank's own numbers.
 #[derive(Debug)]

@@ -3,6 +3,9 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use cardiotwin_linalg::parallel::{
+    Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew,
+};
 use cardiotwin_models::circulation::{Circulation, CirculationError};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{
@@ -21,9 +24,6 @@ use super::share::Share;
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
 use crate::step::{Closure, StepError, StepReport, StepSettings};
-use cardiotwin_linalg::parallel::{
-    Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew,
-};
 
 /// Kind in snapshots.
 const KIND: &str = "finite-element 2";

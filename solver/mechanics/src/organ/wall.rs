@@ -1,5 +1,7 @@
 //! The wall: material, supports and damping, and the body that they make of an anatomy.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Communicator, Part};
 use cardiotwin_mesh::tet_mesh::surface_names;
 
 use super::anatomy::{Anatomy, Tets, Triangles};
@@ -9,8 +11,6 @@ use crate::boundary::{Robin, RobinDirection, SurfaceError, ValvePlane};
 use crate::dynamics::{Dynamics, GivenCavity, Rayleigh, Support};
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use crate::time_integration::GeneralisedAlpha;
-use cardiotwin_linalg::Pattern;
-use cardiotwin_linalg::parallel::{Communicator, Part};
 
 /// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives the values used where nothing else
 /// is known; those without a source are assumptions of ours.

@@ -1,5 +1,7 @@
 //! From mesh, tissues, supports and loads to a body with probes and cavities.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 use cardiotwin_mesh::surface::{SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, shape_gradients};
 
@@ -11,8 +13,6 @@ use crate::element::quadratic::QuadraticMesh;
 use crate::element::shape::values;
 use crate::material::Tissue;
 use crate::organ::ElementKind;
-use cardiotwin_linalg::Pattern;
-use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 
 /// Springs and dashpots on triangles of the mesh.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use cardiotwin_linalg::parallel::SingleProcess;
 use cardiotwin_models::contraction::ContractionError;
 
 use super::problem::Setup;
@@ -12,7 +13,6 @@ use crate::element::kernel::ActivePoint;
 use crate::statics::{LoadSteps, StaticError, StaticProblem, StaticReport, load};
 use crate::step::{Closure, PointStress, Solver, StepError, StepSettings, step};
 use crate::time_integration::GeneralisedAlpha;
-use cardiotwin_linalg::parallel::SingleProcess;
 
 /// Steps in time.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,6 +7,8 @@
 
 mod solver;
 
+use cardiotwin_linalg::parallel::{Communicator, Disagreement, agree};
+use cardiotwin_linalg::{DirectError, KrylovSettings};
 use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::contraction::ContractionError;
 
@@ -14,8 +16,6 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::kernel::ActivePoint;
 use crate::newton::{LinearSolver, Smallest};
-use cardiotwin_linalg::parallel::{Communicator, Disagreement, agree};
-use cardiotwin_linalg::{DirectError, KrylovSettings};
 pub use solver::Solver;
 
 /// Active stress at the integration points for a candidate deformation.

@@ -1,16 +1,17 @@
 //! The linear systems of a time step: the tangent in the storage that suits its solver, and what is kept from one system to
 //! the next.
 
-use super::{StepError, StepReport, StepSettings};
-use crate::body::Deformation;
-use crate::dynamics::{Candidate, Dynamics, State};
-use crate::linear::{Assembled, PackedTangent};
-use crate::newton::LinearSolver;
 use cardiotwin_linalg::parallel::Space;
 use cardiotwin_linalg::{
     BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid, Operator,
     Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
+
+use super::{StepError, StepReport, StepSettings};
+use crate::body::Deformation;
+use crate::dynamics::{Candidate, Dynamics, State};
+use crate::linear::{Assembled, PackedTangent};
+use crate::newton::LinearSolver;
 
 /// Relative residual of a linear solve with an expensive preconditioner, whatever Newton's method asks for: another of its
 /// iterations costs less.

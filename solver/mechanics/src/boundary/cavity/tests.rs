@@ -1,7 +1,8 @@
 //! Volume, its gradient and the load of a box without a lid, and of a tube.
 
-use super::*;
 use cardiotwin_linalg::parallel::SingleProcess;
+
+use super::*;
 
 /// The unit cube's surface seen from the tissue around it: normals inward. Bottom and top come first.
 fn cube() -> (Vec<f64>, Vec<[u32; 3]>) {
