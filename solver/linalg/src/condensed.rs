@@ -1,14 +1,14 @@
 //! A matrix from which scalar unknowns were condensed: a sparse stiffness, and a product of sparse matrices.
 
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
 use crate::{BlockCsr, Coupling, Operator};
 
-/// `K + G D Gᵀ`: `K` with the pattern of a mesh, `G` couples its nodes to scalar unknowns that were eliminated, `D` is diagonal. The product
-/// is never formed: its rows would reach two rings of neighbours.
+/// `K + G D Gᵀ`: `K` has the pattern of a mesh, `G` couples its nodes to scalar unknowns that were eliminated, `D` is diagonal.
+/// The product is never formed: its rows would reach two rings of neighbours.
 ///
 /// In elasticity with nodal volume changes `G` is the derivative of the vertices' volumes, and `D` their bulk stiffness.
 #[derive(Debug, Clone)]
-pub struct Tangent {
+pub struct CondensedMatrix {
     /// `K`.
     pub stiffness: BlockCsr,
     /// `G`, where scalar unknowns were eliminated.
@@ -17,14 +17,14 @@ pub struct Tangent {
     pub bulk: Vec<f64>,
 }
 
-impl Operator for Tangent {
+impl Operator for CondensedMatrix {
     fn n_rows(&self) -> usize {
         self.stiffness.pattern.n_rows()
     }
 
     /// # Panics
     /// With a coupling on several ranks: a rank holds `G` by rows, and lacks the ghosts' share of `Gᵀ x`.
-    fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+    fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]) {
         assert!(
             self.coupling.is_none() || space.layout.neighbours.is_empty(),
             "scalar unknowns on several ranks"
@@ -60,7 +60,7 @@ impl Operator for Tangent {
     }
 }
 
-impl Tangent {
+impl CondensedMatrix {
     /// A block of `K`, row-major, in single precision.
     #[must_use]
     pub fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3] {

@@ -1,7 +1,7 @@
 //! Krylov solvers over distributed vectors.
 
 use crate::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
 use crate::{Operator, Preconditioner};
 
 /// When a Krylov solver stops.
@@ -53,7 +53,13 @@ fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-fn residual(space: Space<'_>, a: &dyn Operator, x: &mut [f64], b: &[f64], r: &mut [f64]) -> f64 {
+fn residual(
+    space: VectorLayout<'_>,
+    a: &dyn Operator,
+    x: &mut [f64],
+    b: &[f64],
+    r: &mut [f64],
+) -> f64 {
     a.multiply(space, x, r);
     for (r, b) in r.iter_mut().zip(b).take(space.n_owned()) {
         *r = b - *r;
@@ -84,7 +90,7 @@ fn report(
 
 /// `A x = b` with a preconditioner, over the nodes of all ranks.
 struct OnRanks<'a> {
-    space: Space<'a>,
+    space: VectorLayout<'a>,
     a: &'a dyn Operator,
     m: &'a dyn Preconditioner,
 }
@@ -115,7 +121,7 @@ impl SymmetricSystem for OnRanks<'_> {
 
 /// Conjugate gradients for a symmetric positive definite `a`, from `x`. Collective.
 pub fn conjugate_gradients(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
@@ -151,7 +157,7 @@ pub fn conjugate_gradients(
 ///
 /// Source: Paige and Saunders 1975; recurrence of Elman, Silvester and Wathen 2005, algorithm 6.1.
 pub fn minres(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
@@ -225,7 +231,7 @@ pub fn minres(
 /// Restarted flexible GMRES with modified Gram–Schmidt, preconditioned on the right, so that it stops on the true
 /// residual; for any regular `a`, from `x`. Collective.
 pub fn gmres(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],

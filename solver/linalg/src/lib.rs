@@ -35,7 +35,7 @@ mod prefetch;
 pub mod vec3;
 
 pub use block_csr::{BlockCsr, Coupling};
-pub use condensed::Tangent;
+pub use condensed::CondensedMatrix;
 pub use csr::Csr;
 #[cfg(feature = "direct")]
 pub use direct::{Direct, DirectError};

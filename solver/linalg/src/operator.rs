@@ -1,6 +1,6 @@
 //! A matrix as iterative solvers see it, whatever its storage.
 
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
 
 /// A matrix that multiplies vectors over nodes.
 pub trait Operator {
@@ -8,7 +8,7 @@ pub trait Operator {
     fn n_rows(&self) -> usize;
 
     /// `y = A x` over owned rows; brings ghosts of `x` up to date first. Collective.
-    fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]);
+    fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]);
 
     /// The 3×3 diagonal block of a row, of the whole matrix.
     fn diagonal(&self, row: usize) -> [f64; 9];

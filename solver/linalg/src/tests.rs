@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::parallel::{Layout, SingleProcess, Space};
+use crate::parallel::{Layout, SingleProcess, VectorLayout};
 
 type Solver = fn(
-    Space<'_>,
+    VectorLayout<'_>,
     &dyn Operator,
     &dyn Preconditioner,
     &[f64],
@@ -16,7 +16,7 @@ type Solver = fn(
 
 /// A graph Laplacian of 3×3 blocks on an `n`³ lattice, with a coupling; `shift` on the diagonal, `skew` makes it
 /// unsymmetric.
-fn lattice(n: usize, shift: f64, skew: f64) -> (Tangent, Vec<f64>) {
+fn lattice(n: usize, shift: f64, skew: f64) -> (CondensedMatrix, Vec<f64>) {
     let at = |i: usize, j: usize, k: usize| ((i * n + j) * n + k) as u32;
     let (mut pairs, mut points) = (vec![], vec![]);
     for i in 0..n {
@@ -60,7 +60,7 @@ fn lattice(n: usize, shift: f64, skew: f64) -> (Tangent, Vec<f64>) {
         }
     }
     (
-        Tangent {
+        CondensedMatrix {
             stiffness,
             coupling: Some(coupling),
             bulk: vec![2.0; n * n * n],
@@ -77,7 +77,7 @@ fn right_hand_side(n: usize) -> Vec<f64> {
 fn every_solver_finds_the_same_solution() {
     let (a, points) = lattice(6, 0.05, 0.0);
     let layout = Layout::whole(216);
-    let space = Space {
+    let space = VectorLayout {
         comm: &SingleProcess,
         layout: &layout,
     };
@@ -100,7 +100,7 @@ fn every_solver_finds_the_same_solution() {
     let jacobi = BlockJacobi::new(&a);
     let sweep = SymmetricSweep::new(&a);
     type Solver = fn(
-        Space<'_>,
+        VectorLayout<'_>,
         &dyn Operator,
         &dyn Preconditioner,
         &[f64],
@@ -135,7 +135,7 @@ fn multigrid_needs_few_iterations_whatever_the_size() {
         let (mut a, points) = lattice(n, 1e-3, 0.0);
         a.bulk.fill(0.2);
         let layout = Layout::whole(n * n * n);
-        let space = Space {
+        let space = VectorLayout {
             comm: &SingleProcess,
             layout: &layout,
         };
@@ -178,7 +178,7 @@ fn multigrid_needs_few_iterations_whatever_the_size() {
 fn an_indefinite_matrix_stops_conjugate_gradients_but_not_minres_and_gmres() {
     let (a, points) = lattice(5, -0.35, 0.0);
     let layout = Layout::whole(125);
-    let space = Space {
+    let space = VectorLayout {
         comm: &SingleProcess,
         layout: &layout,
     };
@@ -212,7 +212,7 @@ fn an_indefinite_matrix_stops_conjugate_gradients_but_not_minres_and_gmres() {
 fn gmres_with_the_symmetric_half_solves_an_unsymmetric_matrix_in_a_few_steps() {
     let (a, points) = lattice(6, 0.5, 0.05);
     let layout = Layout::whole(216);
-    let space = Space {
+    let space = VectorLayout {
         comm: &SingleProcess,
         layout: &layout,
     };

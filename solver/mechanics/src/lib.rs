@@ -26,7 +26,7 @@ pub mod body;
 pub mod boundary;
 pub mod dynamics;
 pub mod element;
-pub mod fibre_parcel;
+pub mod fibre_message;
 pub mod linear;
 pub mod material;
 pub mod newton;

@@ -6,8 +6,8 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
-use cardiotwin_linalg::Tangent;
-use cardiotwin_linalg::parallel::{Layout, SingleProcess, Space};
+use cardiotwin_linalg::CondensedMatrix;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, VectorLayout};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
@@ -345,8 +345,8 @@ fn input<'a, const N: usize>(
 }
 
 impl System for Slab {
-    fn space(&self) -> Space<'_> {
-        Space {
+    fn space(&self) -> VectorLayout<'_> {
+        VectorLayout {
             comm: &SingleProcess,
             layout: self.body.layout(),
         }
@@ -366,7 +366,7 @@ impl System for Slab {
         }
     }
 
-    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
+    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut CondensedMatrix) {
         self.body.deform(u, &SingleProcess, &mut self.deformation);
         r.fill(0.0);
         self.body

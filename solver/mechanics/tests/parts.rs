@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use cardiotwin_linalg::parallel::{
-    Communicator as _, Opened, Parcel, Part, Space, ThreadSettings, cut_figures, on_threads, owners,
+    Communicator as _, MessageReader, MessageWriter, Part, ThreadSettings, VectorLayout,
+    cut_figures, on_threads, owners,
 };
 use cardiotwin_linalg::{
-    BlockCsr, KrylovEnding, KrylovSettings, Multigrid, NO_SLOT, Pattern, Preconditioner as _,
-    Tangent, conjugate_gradients,
+    BlockCsr, CondensedMatrix, KrylovEnding, KrylovSettings, Multigrid, NO_SLOT, Pattern,
+    Preconditioner as _, conjugate_gradients,
 };
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
@@ -95,9 +96,12 @@ fn parts_make_up_the_mesh_and_know_each_other() {
                 .filter(|(_, speaks)| **speaks);
             own.for_each(|(e, _)| spoken[*e as usize] += 1);
             assert!(part.elements.is_sorted() && part.owned_nodes().is_sorted());
-            let mut parcel = Parcel::default();
-            part.pack(&mut parcel);
-            assert_eq!(&Part::unpack(&mut Opened::of(&parcel.numbers)), part);
+            let mut message = MessageWriter::default();
+            part.pack(&mut message);
+            assert_eq!(
+                &Part::unpack(&mut MessageReader::new(&message.numbers)),
+                part
+            );
             let held = |node: u32| {
                 part.nodes
                     .iter()
@@ -181,7 +185,7 @@ fn multigrid_on_ranks_is_that_on_one_but_for_groups_at_borders() {
                 )
             });
         }
-        Tangent {
+        CondensedMatrix {
             stiffness,
             coupling: None,
             bulk: vec![],
@@ -198,7 +202,7 @@ fn multigrid_on_ranks_is_that_on_one_but_for_groups_at_borders() {
         let owners = owners(n, tets, n_ranks).expect("a cut");
         let of_ranks = on_threads(n_ranks, ThreadSettings::default(), |comm| {
             let part = Part::of(comm.rank(), &owners, tets);
-            let space = Space {
+            let space = VectorLayout {
                 comm: &comm,
                 layout: &part.layout,
             };

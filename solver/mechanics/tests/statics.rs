@@ -5,7 +5,7 @@ mod verification;
 
 use cardiotwin_linalg::KrylovSettings;
 use cardiotwin_linalg::Operator as _;
-use cardiotwin_linalg::parallel::{Layout, SingleProcess, Space};
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, VectorLayout};
 use cardiotwin_mechanics::body::{Body, BodyInput};
 use cardiotwin_mechanics::boundary::{PressureSurface, Robin, RobinDirection};
 use cardiotwin_mechanics::element::kernel::VolumeChange;
@@ -283,7 +283,7 @@ fn pressure_and_springs_have_the_tangent_of_their_forces() {
     let mut d: Vec<f64> = (0..u.len()).map(|k| (1.7 * k as f64).cos()).collect();
     let mut got = vec![0.0; u.len()];
     tangent.multiply(
-        Space {
+        VectorLayout {
             comm: &SingleProcess,
             layout: body.layout(),
         },

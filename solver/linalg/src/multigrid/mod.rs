@@ -2,7 +2,7 @@
 //!
 //! A preconditioner for static problems, where what one node feels reaches through the whole body and Jacobi's method
 //! takes thousands of iterations. It is made of the stiffness `K` alone, without the product `G D Gᵀ` of a
-//! [`crate::Tangent`]: with a share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
+//! [`crate::CondensedMatrix`]: with a share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
 //! gradients on the whole tangent bridge, and has the narrow stencil that aggregation needs.
 //!
 //! Every level is spread over the ranks like the first; groups of nodes end at the border of a rank. The coarsest is factorised on
@@ -18,7 +18,7 @@ mod level;
 
 use self::blocks::Blocks;
 use self::level::{Coarse, Level};
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
 use crate::{Pattern, Preconditioner};
 
 /// One V-cycle on a stiffness, as it was when this was made.
@@ -35,7 +35,7 @@ impl Multigrid {
     /// - `points`: where the nodes are now, ghosts included, three numbers each
     #[must_use]
     pub fn new(
-        space: Space<'_>,
+        space: VectorLayout<'_>,
         pattern: &Pattern,
         block: &dyn Fn(usize) -> [[f32; 3]; 3],
         points: &[f64],
@@ -81,7 +81,7 @@ impl Multigrid {
 }
 
 impl Preconditioner for Multigrid {
-    fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let n = 3 * self.fine.n();
         // Scaled to one, so that nothing is too small for single precision.
         let mut largest = [r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()))];

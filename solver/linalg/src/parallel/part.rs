@@ -1,6 +1,6 @@
 //! What one rank holds of a mesh.
 
-use super::{Layout, Neighbour, Opened, Parcel};
+use super::{Layout, MessageReader, MessageWriter, Neighbour};
 
 /// Not among the nodes of a rank.
 const ELSEWHERE: u32 = u32::MAX;
@@ -124,7 +124,7 @@ impl Part {
     }
 
     /// Writes the part for a rank that has no mesh; [`Self::unpack`] reads it.
-    pub fn pack(&self, to: &mut Parcel) {
+    pub fn pack(&self, to: &mut MessageWriter) {
         to.indices(&self.nodes)
             .indices(&self.elements)
             .flags(&self.speaks_for);
@@ -141,7 +141,7 @@ impl Part {
     /// # Panics
     /// Where it is something else.
     #[must_use]
-    pub fn unpack(from: &mut Opened<'_>) -> Self {
+    pub fn unpack(from: &mut MessageReader<'_>) -> Self {
         let (nodes, elements, speaks_for) = (from.indices(), from.indices(), from.flags());
         let (n_owned, ranks) = (from.indices()[0] as usize, from.indices());
         let mut neighbour = |rank: u32| Neighbour {

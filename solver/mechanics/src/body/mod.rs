@@ -13,7 +13,7 @@ use crate::element::{BATCH, Eight};
 use crate::linear::{Assembled, PackedTangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
 use cardiotwin_linalg::parallel::{Communicator, Disagreement, Layout, agree};
-use cardiotwin_linalg::{BlockCsr, Coupling, Pattern, Tangent};
+use cardiotwin_linalg::{BlockCsr, CondensedMatrix, Coupling, Pattern};
 use passes::{Elements, Field, Moving, Pass};
 
 /// Why a body could not be made.
@@ -306,8 +306,8 @@ impl Body {
 
     /// Zero matrices of the body's patterns.
     #[must_use]
-    pub fn new_tangent(&self) -> Tangent {
-        Tangent {
+    pub fn new_tangent(&self) -> CondensedMatrix {
+        CondensedMatrix {
             stiffness: BlockCsr::zeros(self.pattern.clone()),
             coupling: self.coupling_pattern.clone().map(Coupling::zeros),
             bulk: vec![0.0; self.vertices.len()],

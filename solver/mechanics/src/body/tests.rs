@@ -183,7 +183,7 @@ fn tangent_is_the_slope_of_the_forces() {
         );
         let mut direction: Vec<f64> = (0..u.len()).map(|k| (k as f64 * 1.3).cos()).collect();
         let mut product = vec![0.0; u.len()];
-        let space = cardiotwin_linalg::parallel::Space {
+        let space = cardiotwin_linalg::parallel::VectorLayout {
             comm: &SingleProcess,
             layout: body.layout(),
         };

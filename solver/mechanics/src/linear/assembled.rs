@@ -1,7 +1,7 @@
 //! What assembly asks of a tangent, whatever its storage.
 
-use cardiotwin_linalg::parallel::Space;
-use cardiotwin_linalg::{NO_SLOT, Operator, Pattern, Tangent};
+use cardiotwin_linalg::parallel::VectorLayout;
+use cardiotwin_linalg::{CondensedMatrix, NO_SLOT, Operator, Pattern};
 
 use super::PackedTangent;
 
@@ -9,7 +9,7 @@ use super::PackedTangent;
 #[derive(Debug)]
 pub enum Sink<'a> {
     /// In double precision, for factorisations and tight solves.
-    Full(&'a mut Tangent),
+    Full(&'a mut CondensedMatrix),
     /// In single precision, for the Krylov solvers of time steps.
     Packed(&'a mut PackedTangent),
 }
@@ -27,7 +27,7 @@ pub trait Assembled: Operator {
 
     /// `Gᵀ x`, the change of the vertices' volumes \[mm³\], ghosts up to date; empty without nodal volume change. Brings
     /// ghosts of `x` up to date first. Collective.
-    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64>;
+    fn vertex_volumes(&self, space: VectorLayout<'_>, x: &mut [f64]) -> Vec<f64>;
 
     /// For the elements' stiffness.
     fn sink(&mut self) -> Sink<'_>;
@@ -44,7 +44,7 @@ pub trait Assembled: Operator {
     fn constrain(&mut self, fixed: &[[bool; 3]], scale: f64);
 
     /// Mean of the absolute values on the stiffness's diagonal: a scale. Collective.
-    fn mean_diagonal(&self, space: Space<'_>) -> f64;
+    fn mean_diagonal(&self, space: VectorLayout<'_>) -> f64;
 
     /// Adds `k` to the diagonal of a row.
     fn add_to_diagonal(&mut self, row: usize, k: f64) {
@@ -53,7 +53,7 @@ pub trait Assembled: Operator {
     }
 }
 
-impl Assembled for Tangent {
+impl Assembled for CondensedMatrix {
     fn pattern(&self) -> &Pattern {
         &self.stiffness.pattern
     }
@@ -66,7 +66,7 @@ impl Assembled for Tangent {
         self.bulk.copy_from_slice(bulk);
     }
 
-    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64> {
+    fn vertex_volumes(&self, space: VectorLayout<'_>, x: &mut [f64]) -> Vec<f64> {
         space.update(x);
         let mut p = vec![0.0; self.bulk.len()];
         if let Some(coupling) = &self.coupling {
@@ -97,7 +97,7 @@ impl Assembled for Tangent {
         }
     }
 
-    fn mean_diagonal(&self, space: Space<'_>) -> f64 {
+    fn mean_diagonal(&self, space: VectorLayout<'_>) -> f64 {
         let n = self.stiffness.pattern.n_rows();
         let mut sums = [0.0, n as f64];
         for row in 0..n {
@@ -165,7 +165,7 @@ mod tests {
             8,
             elements.iter().map(|e| (&e[..], &e[..])),
         ));
-        let mut a = Tangent {
+        let mut a = CondensedMatrix {
             stiffness: BlockCsr::zeros(pattern.clone()),
             coupling: Some(Coupling::zeros(pattern)),
             bulk: vec![2.0; 8],
@@ -185,7 +185,7 @@ mod tests {
         fixed[5] = [true, false, true];
         a.constrain(&fixed, 7.0);
         let layout = Layout::whole(8);
-        let space = Space {
+        let space = VectorLayout {
             comm: &SingleProcess,
             layout: &layout,
         };

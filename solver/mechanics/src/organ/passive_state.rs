@@ -4,7 +4,7 @@
 //! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
 //! where the last one ended, and needs no load steps.
 
-use cardiotwin_linalg::parallel::{PartitionError, RankFailure, Space};
+use cardiotwin_linalg::parallel::{PartitionError, RankFailure, VectorLayout};
 
 use super::piece::Piece;
 use super::rigid::rigid_motion;
@@ -598,7 +598,7 @@ impl Default for Mixing {
 
 impl Mixing {
     /// Unloaded nodes to try after those at `unloaded`, which `miss` the image \[mm\]. Collective.
-    fn next(&mut self, space: Space<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
+    fn next(&mut self, space: VectorLayout<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
         let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
         if let Some((before, moved)) = &self.last {
             let mut sums = [0.0; 2];

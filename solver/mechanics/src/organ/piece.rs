@@ -4,13 +4,13 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use cardiotwin_linalg::parallel::{
-    Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners,
+    Communicator, MessageReader, MessageWriter, Part, PartitionError, SingleProcess, owners,
 };
 
 use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
 use super::right_ventricle::RightVentricle;
 use crate::element::kernel::VolumeChange;
-use crate::fibre_parcel;
+use crate::fibre_message;
 
 /// A rank's part of an anatomy, and what joins it to the others.
 #[derive(Debug, Clone)]
@@ -48,17 +48,17 @@ impl<'a> Piece<'a> {
     /// Rank 0's, which sends the other ranks their `parts` ([`Self::received`]): none of them ever holds the mesh. Collective.
     #[must_use]
     pub fn sent(anatomy: &'a Anatomy, parts: Vec<Part>, comm: Arc<dyn Communicator>) -> Self {
-        let parcel = |part: &Part| {
-            let mut parcel = Parcel::default();
-            part.pack(&mut parcel);
-            pack(&anatomy.part(part), &mut parcel);
-            parcel.numbers
+        let message = |part: &Part| {
+            let mut message = MessageWriter::default();
+            part.pack(&mut message);
+            pack(&anatomy.part(part), &mut message);
+            message.numbers
         };
         comm.scatter(
             parts
                 .iter()
                 .enumerate()
-                .map(|(k, part)| if k == 0 { vec![] } else { parcel(part) })
+                .map(|(k, part)| if k == 0 { vec![] } else { message(part) })
                 .collect(),
         );
         let Some(own) = parts.into_iter().next() else {
@@ -71,7 +71,7 @@ impl<'a> Piece<'a> {
     #[must_use]
     pub fn received(comm: Arc<dyn Communicator>) -> Piece<'static> {
         let numbers = comm.scatter(vec![]);
-        let mut from = Opened::of(&numbers);
+        let mut from = MessageReader::new(&numbers);
         let part = Part::unpack(&mut from);
         Piece {
             anatomy: Cow::Owned(unpack(&mut from)),
@@ -127,7 +127,7 @@ pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, Partitio
 ///
 /// # Panics
 /// For quadratic elements, which have no parts.
-pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
+pub(super) fn pack(anatomy: &Anatomy, to: &mut MessageWriter) {
     let triangles = |surface: &Triangles| match surface {
         Triangles::Linear(triangles) => triangles.clone(),
         Triangles::Quadratic(_) => unreachable!("quadratic elements stay on one rank"),
@@ -138,7 +138,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         VolumeChange::Pointwise => vec![],
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
-    // As bits: a parcel's indices have no sign.
+    // As bits: a message's indices have no sign.
     to.indices(
         &anatomy
             .tags
@@ -148,7 +148,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     );
     to.flags(&anatomy.contracts)
         .numbers(anatomy.frames.as_flattened().as_flattened());
-    fibre_parcel::pack(&anatomy.fibres, to);
+    fibre_message::pack(&anatomy.fibres, to);
     to.numbers(&anatomy.depth);
     for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim]
         .into_iter()
@@ -186,7 +186,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
 }
 
 /// Reads what [`pack`] wrote.
-pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
+pub(super) fn unpack(from: &mut MessageReader<'_>) -> Anatomy {
     let nodes = from.numbers().as_chunks().0.to_vec();
     let tets: Vec<[u32; 4]> = from.indices().as_chunks().0.to_vec();
     let volume = match from.numbers() {
@@ -205,9 +205,9 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
             .0
             .to_vec(),
     );
-    let (fibres, depth) = (fibre_parcel::unpack(from), from.numbers().to_vec());
+    let (fibres, depth) = (fibre_message::unpack(from), from.numbers().to_vec());
     let triangles =
-        |from: &mut Opened<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
+        |from: &mut MessageReader<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let [endocardium, epicardium, rim, septum] = std::array::from_fn(|_| triangles(from));
     let mut point = || {
         let x = from.numbers();
@@ -218,7 +218,8 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         base_mm: point(),
     };
     let septum = from.flags()[0].then_some(septum);
-    let openings = |from: &mut Opened<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
+    let openings =
+        |from: &mut MessageReader<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
     let own_openings = openings(from);
     let right = from.flags()[0].then(|| {
         let [endocardium, ring, left_ring] = std::array::from_fn(|_| triangles(from));

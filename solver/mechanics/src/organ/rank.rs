@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Space, Traffic};
+use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Traffic, VectorLayout};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
 
@@ -517,7 +517,7 @@ impl OrganRank {
         }
         let mut all = own;
         all.resize(3 * self.part.layout.n_local, 0.0);
-        Space {
+        VectorLayout {
             comm: self.dynamics.comm.as_ref(),
             layout: &self.part.layout,
         }

@@ -290,7 +290,7 @@ impl FiniteElementVentricle {
         };
         comm.scatter(
             std::iter::once(vec![])
-                .chain(of_ranks.map(|part| share(part).parcel()))
+                .chain(of_ranks.map(|part| share(part).message()))
                 .collect(),
         );
         Ok(Self::led_by(OrganRank::new(&setup, own, comm)?, rest, None))
@@ -302,7 +302,7 @@ impl FiniteElementVentricle {
     /// As for [`Self::lead`].
     pub fn serve(parts: RankParts<'_>, comm: Box<dyn Communicator>) -> Result<(), VentricleError> {
         let setup = parts.into();
-        let share = Share::opened(&comm.scatter(vec![]));
+        let share = Share::from_message(&comm.scatter(vec![]));
         let rank = OrganRank::new(&setup, share, comm)?;
         Census::take(&rank);
         rank.serve();

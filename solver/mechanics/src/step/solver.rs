@@ -1,10 +1,10 @@
 //! The linear systems of a time step: the tangent in the storage that suits its solver, and what is kept from one system to
 //! the next.
 
-use cardiotwin_linalg::parallel::Space;
+use cardiotwin_linalg::parallel::VectorLayout;
 use cardiotwin_linalg::{
-    BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid, Operator,
-    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+    BlockJacobi, CondensedMatrix, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
+    Operator, Preconditioner, SymmetricSweep, conjugate_gradients, gmres,
 };
 
 use super::{StepError, StepReport, StepSettings};
@@ -36,7 +36,7 @@ pub struct Solver {
 /// The tangent, in the storage that the linear solver asks for.
 #[derive(Debug)]
 enum Matrix {
-    Full(Tangent),
+    Full(CondensedMatrix),
     Packed(PackedTangent),
 }
 
@@ -173,7 +173,7 @@ impl Solver {
     /// The nodal pressures that displacements less `share` of `x` have to first order.
     pub(super) fn foresee(
         &mut self,
-        space: Space<'_>,
+        space: VectorLayout<'_>,
         deformation: &Deformation,
         share: f64,
         x: &mut [f64],
@@ -279,7 +279,7 @@ struct Kept<'a> {
 }
 
 enum By<'a> {
-    Direct(Kept<'a>, &'a Tangent),
+    Direct(Kept<'a>, &'a CondensedMatrix),
     Multigrid(&'a Multigrid, &'a mut bool),
     Jacobi(BlockJacobi),
     Sweep(SymmetricSweep<'a>),
@@ -375,7 +375,7 @@ impl Linear<'_> {
 
 /// Conjugate gradients, and GMRES where those stop at an indefinite matrix.
 fn krylov(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     operator: &dyn Operator,
     preconditioner: &dyn Preconditioner,
     b: &[f64],
