@@ -38,8 +38,13 @@ pub const CRATES: &[Rule] = &[
         why: "beats are made of recordings without any model of a heart; validation only in tests and examples",
     },
     Rule {
+        who: "linalg",
+        may: &[],
+        why: "one matrix, one Krylov method and one way to talk between ranks for all that is solved on a mesh",
+    },
+    Rule {
         who: "mesh",
-        may: &["units"],
+        may: &["units", "linalg"],
         why: "a mesh knows no material, load or task, so any solver can stand on it",
     },
     Rule {
@@ -59,12 +64,12 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "mechanics",
-        may: &["units", "mesh", "models", "signals"],
+        may: &["units", "linalg", "mesh", "models", "signals"],
         why: "a solver of the organ knows no task, queue or file of a patient",
     },
     Rule {
         who: "electrophysiology",
-        may: &["units", "mesh"],
+        may: &["units", "linalg", "mesh"],
         why: "potentials need tissue and activation times, no contraction; the eikonal solver alone serves the mechanics",
     },
     Rule {
@@ -88,6 +93,7 @@ pub const CRATES: &[Rule] = &[
             "schemas",
             "units",
             "signals",
+            "linalg",
             "mesh",
             "models",
             "cell-engine",

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use cardiotwin_mechanics::parallel::Communicator;
+use cardiotwin_linalg::parallel::Communicator;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde::{Deserialize, Serialize};
 

@@ -9,7 +9,6 @@ pub mod diffusion;
 pub mod foot;
 pub mod luo_rudy1991;
 pub mod reaction_eikonal;
-pub mod sparse;
 pub mod tissue;
 
 pub use crossings::Crossings;

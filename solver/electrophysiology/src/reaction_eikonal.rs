@@ -10,8 +10,8 @@ use crate::foot::{Feet, FootCurrent};
 use crate::luo_rudy1991::cells::{Cells, Membrane};
 use crate::luo_rudy1991::{Parameters, State};
 use crate::tissue::Tissue;
+use cardiotwin_linalg::vec3::norm;
 use cardiotwin_mesh::TetMesh;
-use cardiotwin_mesh::vec3::norm;
 
 /// How the model is run.
 #[derive(Debug, Clone, PartialEq)]

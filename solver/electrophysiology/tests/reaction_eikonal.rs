@@ -4,9 +4,9 @@ mod common;
 
 use cardiotwin_electrophysiology::luo_rudy1991::paced::rest;
 use cardiotwin_electrophysiology::{Crossings, Parameters, ReactionEikonal, Settings, Tissue};
+use cardiotwin_linalg::vec3::{Vec3, distance};
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::eikonal::{Conduction, Site, Speeds, activation_ms};
-use cardiotwin_mesh::vec3::{Vec3, distance};
 use cardiotwin_units::Ms;
 use common::block;
 

@@ -5,12 +5,12 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, VectorLayout};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
-use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 fn tissue() -> Tissue {
@@ -121,7 +121,7 @@ fn assembly(criterion: &mut Criterion) {
                     },
                 );
                 let (mut x, mut y) = (u.clone(), vec![0.0; u.len()]);
-                let space = Space {
+                let space = VectorLayout {
                     comm: &SingleProcess,
                     layout: body.layout(),
                 };
@@ -132,7 +132,7 @@ fn assembly(criterion: &mut Criterion) {
             }
             let mut x = u.clone();
             let mut y = vec![0.0; u.len()];
-            let space = Space {
+            let space = VectorLayout {
                 comm: &SingleProcess,
                 layout: body.layout(),
             };

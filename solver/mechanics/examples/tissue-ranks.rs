@@ -5,7 +5,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use cardiotwin_mechanics::parallel::ThreadSettings;
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::tissue::{Tissue, TissueJob};
 use cardiotwin_mesh::eikonal::Conduction;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};

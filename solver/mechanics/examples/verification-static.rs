@@ -7,7 +7,7 @@ mod verification;
 
 use std::time::Instant;
 
-use cardiotwin_mechanics::linear::KrylovSettings;
+use cardiotwin_linalg::KrylovSettings;
 use cardiotwin_mechanics::newton::{LinearSolver, NewtonSettings};
 use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::statics::LoadSteps;

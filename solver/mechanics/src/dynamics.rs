@@ -11,12 +11,13 @@
 //! `1 + τ ∂v/∂u`. That share pulls along the fibre of `u + τ v` by a stretch along the fibre of `u`; the tangent has the first
 //! for both, which keeps it symmetric, and is off by the angle that the fibre turns by in the time `τ`: a thousandth or so.
 
+use cardiotwin_linalg::parallel::{Communicator, VectorLayout};
+
 use crate::body::{Body, Deformation};
 use crate::boundary::{Cavity, PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
 use crate::linear::Assembled;
 use crate::newton::Smallest;
-use crate::parallel::{Communicator, Space};
 use crate::time_integration::{GeneralisedAlpha, Motion};
 
 /// Rayleigh's damping.
@@ -151,8 +152,8 @@ impl Dynamics {
 
     /// Vectors of the body.
     #[must_use]
-    pub fn space(&self) -> Space<'_> {
-        Space {
+    pub fn space(&self) -> VectorLayout<'_> {
+        VectorLayout {
             comm: self.comm.as_ref(),
             layout: self.body.layout(),
         }

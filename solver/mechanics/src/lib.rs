@@ -5,9 +5,8 @@
 //! - [`body`]: assembly of forces and stiffness
 //! - [`boundary`]: follower pressure, springs
 //! - [`newton`], [`statics`]: equilibrium under a growing load
-//! - [`linear`]: sparse matrices of 3×3 blocks and solvers
+//! - [`linear`]: the tangent and its storage; solvers are in [`cardiotwin_linalg`]
 //! - [`prescribed`]: bodies under active stress and pressures that are prescribed in time
-//! - [`parallel`]: every global operation behind one interface
 //! - [`tissue`]: fibres and activation times on ranks
 //! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
 //!
@@ -27,13 +26,12 @@ pub mod body;
 pub mod boundary;
 pub mod dynamics;
 pub mod element;
-pub mod fibre_parcel;
+pub mod fibre_message;
 pub mod linear;
 pub mod material;
 pub mod newton;
 pub mod number;
 pub mod organ;
-pub mod parallel;
 pub mod prescribed;
 pub mod statics;
 pub mod step;

@@ -1,11 +1,13 @@
 //! Newton's method for the displacement of a body, with a line search that guards against inverted elements rather than
 //! against every rise of the residual.
 
-use crate::linear::{
-    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings,
-    Multigrid, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+use cardiotwin_linalg::parallel::VectorLayout;
+use cardiotwin_linalg::{
+    BlockJacobi, CondensedMatrix, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings,
+    Multigrid, Preconditioner, SymmetricSweep, conjugate_gradients, gmres,
 };
-use crate::parallel::Space;
+
+use crate::linear::Assembled as _;
 
 /// How linear systems are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -136,17 +138,17 @@ pub struct Smallest {
 /// A nonlinear system for displacements. Implementations bring ghosts up to date and zero the residual of fixed components.
 pub trait System {
     /// Vectors of the system.
-    fn space(&self) -> Space<'_>;
+    fn space(&self) -> VectorLayout<'_>;
 
     /// Residual at `u` into `r` \[mN\]; where an element is inverted `r` need not be filled. Collective.
     fn residual(&mut self, u: &mut [f64], r: &mut [f64]) -> Smallest;
 
     /// Residual and its derivative, constrained.
-    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent);
+    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut CondensedMatrix);
 
     /// Lets the next derivative be that at the nodal pressures which a step of `change` from the last one would have to first
     /// order, if [`NewtonSettings::foresee_pressures`] asks for it. Does nothing by default. Collective.
-    fn foresee(&mut self, change: &mut [f64], tangent: &Tangent) {
+    fn foresee(&mut self, change: &mut [f64], tangent: &CondensedMatrix) {
         let _ = (change, tangent);
     }
 
@@ -161,14 +163,14 @@ pub trait System {
 #[derive(Debug)]
 pub struct Workspace {
     /// The tangent.
-    pub tangent: Tangent,
+    pub tangent: CondensedMatrix,
     direct: Option<Direct>,
 }
 
 impl Workspace {
     /// A workspace around a body's zero tangent.
     #[must_use]
-    pub fn new(tangent: Tangent) -> Self {
+    pub fn new(tangent: CondensedMatrix) -> Self {
         Self {
             tangent,
             direct: None,
@@ -285,7 +287,13 @@ fn solve_linear(
         }
         LinearSolver::BlockJacobi => with(&BlockJacobi::new(tangent), step),
         LinearSolver::SymmetricSweep => with(&SymmetricSweep::new(tangent), step),
-        LinearSolver::Multigrid => with(&Multigrid::new(space, tangent, system.reference()), step),
+        LinearSolver::Multigrid => {
+            let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));
+            with(
+                &Multigrid::new(space, pattern, &block, system.reference()),
+                step,
+            )
+        }
     };
     // A step a little off costs an iteration of Newton; one that is not a solution at all costs the solve.
     if report.relative_residual.is_finite() && report.relative_residual < 0.1 {

@@ -1,13 +1,15 @@
 //! Equilibrium under a load that grows from nothing, in steps that are halved on failure and grown after success.
 
+use cardiotwin_linalg::CondensedMatrix;
+use cardiotwin_linalg::parallel::{Communicator, VectorLayout};
+
 use crate::body::{Body, Deformation};
 use crate::boundary::{PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
-use crate::linear::{Assembled as _, Tangent};
+use crate::linear::Assembled as _;
 use crate::newton::{
     NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve,
 };
-use crate::parallel::{Communicator, Space};
 
 /// Supports and full loads of a static problem.
 #[derive(Debug)]
@@ -146,8 +148,8 @@ fn zero_fixed(fixed: &[[bool; 3]], r: &mut [f64]) {
 }
 
 impl System for AtLoad<'_, '_> {
-    fn space(&self) -> Space<'_> {
-        Space {
+    fn space(&self) -> VectorLayout<'_> {
+        VectorLayout {
             comm: self.problem.comm,
             layout: self.problem.body.layout(),
         }
@@ -165,7 +167,7 @@ impl System for AtLoad<'_, '_> {
         smallest
     }
 
-    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
+    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut CondensedMatrix) {
         self.deform(u);
         self.linearised = (
             self.deformation.nodal_pressure.clone(),
@@ -194,7 +196,7 @@ impl System for AtLoad<'_, '_> {
         tangent.constrain(&self.problem.fixed, mean);
     }
 
-    fn foresee(&mut self, change: &mut [f64], tangent: &Tangent) {
+    fn foresee(&mut self, change: &mut [f64], tangent: &CondensedMatrix) {
         let volumes = tangent.vertex_volumes(self.space(), change);
         let (pressures, slopes) = &self.linearised;
         let foreseen = pressures

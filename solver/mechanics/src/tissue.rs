@@ -4,6 +4,10 @@
 //! theirs themselves ([`TissueJob::on_threads`]). Fibres are the same to the bit on any number of ranks
 //! ([`cardiotwin_mesh::joint`]), times to round-off, 1e-10 ms.
 
+use cardiotwin_linalg::parallel::{
+    Communicator, MessageReader, MessageWriter, Part, PartitionError, RankFailure, SingleProcess,
+    ThreadSettings, on_threads, owners,
+};
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, Site, Speeds, activation_of_part};
 use cardiotwin_mesh::fibres::{
     Angles, Longitudinal, fields_of_part, frames_at_centroids, rule_of_part,
@@ -14,11 +18,7 @@ use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::{Frame, NodeFibres, TetMesh};
 use cardiotwin_units::Ms;
 
-use crate::fibre_parcel::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numbers, wall_of};
-use crate::parallel::{
-    Communicator, Opened, Parcel, Part, PartitionError, RankFailure, SingleProcess, ThreadSettings,
-    on_threads, owners,
-};
+use crate::fibre_message::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numbers, wall_of};
 
 /// Meshes of fewer nodes stay on one rank.
 pub const FEWEST_NODES: usize = 3000;
@@ -150,15 +150,15 @@ fn frame([fibre, sheet, normal]: [[f64; 3]; 3]) -> Frame {
 }
 
 /// Tags are whole numbers of 32 bits, exact among numbers.
-fn pack_tags(tags: &[i32], to: &mut Parcel) {
+fn pack_tags(tags: &[i32], to: &mut MessageWriter) {
     to.numbers(&tags.iter().map(|tag| f64::from(*tag)).collect::<Vec<f64>>());
 }
 
-fn unpack_tags(from: &mut Opened<'_>) -> Vec<i32> {
+fn unpack_tags(from: &mut MessageReader<'_>) -> Vec<i32> {
     from.numbers().iter().map(|tag| *tag as i32).collect()
 }
 
-fn pack_mesh(mesh: &TetMesh, to: &mut Parcel) {
+fn pack_mesh(mesh: &TetMesh, to: &mut MessageWriter) {
     to.numbers(mesh.nodes_mm.as_flattened())
         .indices(mesh.tets.as_flattened());
     pack_tags(&mesh.tags, to);
@@ -170,7 +170,7 @@ fn pack_mesh(mesh: &TetMesh, to: &mut Parcel) {
             .as_flattened()
             .as_flattened(),
     );
-    fibre_parcel::pack(&mesh.fibres, to);
+    fibre_message::pack(&mesh.fibres, to);
     to.indices(&[mesh.surfaces.len() as u32]);
     for Surface { name, triangles } in &mesh.surfaces {
         to.indices(&name.bytes().map(u32::from).collect::<Vec<u32>>())
@@ -178,7 +178,7 @@ fn pack_mesh(mesh: &TetMesh, to: &mut Parcel) {
     }
 }
 
-fn unpack_mesh(from: &mut Opened<'_>) -> TetMesh {
+fn unpack_mesh(from: &mut MessageReader<'_>) -> TetMesh {
     let nodes_mm = from.numbers().as_chunks().0.to_vec();
     let tets = from.indices().as_chunks().0.to_vec();
     let tags = unpack_tags(from);
@@ -191,7 +191,7 @@ fn unpack_mesh(from: &mut Opened<'_>) -> TetMesh {
         .iter()
         .map(|axes| frame(*axes))
         .collect();
-    let fibres = fibre_parcel::unpack(from);
+    let fibres = fibre_message::unpack(from);
     let n_surfaces = from.indices()[0];
     let mut surface = |_| {
         let name: Vec<u8> = from.indices().into_iter().map(|byte| byte as u8).collect();
@@ -213,7 +213,7 @@ fn unpack_mesh(from: &mut Opened<'_>) -> TetMesh {
 }
 
 impl TissueJob {
-    fn pack(&self, to: &mut Parcel) {
+    fn pack(&self, to: &mut MessageWriter) {
         pack_tags(&self.muscle, to);
         to.numbers(
             self.fibres
@@ -238,7 +238,7 @@ impl TissueJob {
         }
     }
 
-    fn unpack(from: &mut Opened<'_>) -> Self {
+    fn unpack(from: &mut MessageReader<'_>) -> Self {
         let muscle = unpack_tags(from);
         let fibres = angles_of(from.numbers());
         let conduction = from.flags()[0].then(|| {
@@ -361,18 +361,18 @@ impl TissueJob {
     ) -> Result<Tissue, TissueError> {
         let parts = parts_of(mesh, comm.n_ranks())?;
         let _session = begin();
-        let parcel = |part: &Part| {
-            let mut parcel = Parcel::default();
-            self.pack(&mut parcel);
-            part.pack(&mut parcel);
-            pack_mesh(&part_of(mesh, part), &mut parcel);
-            parcel.numbers
+        let message = |part: &Part| {
+            let mut message = MessageWriter::default();
+            self.pack(&mut message);
+            part.pack(&mut message);
+            pack_mesh(&part_of(mesh, part), &mut message);
+            message.numbers
         };
         comm.scatter(
             parts
                 .iter()
                 .enumerate()
-                .map(|(k, part)| if k == 0 { vec![] } else { parcel(part) })
+                .map(|(k, part)| if k == 0 { vec![] } else { message(part) })
                 .collect(),
         );
         let Some(part) = parts.into_iter().next() else {
@@ -392,7 +392,7 @@ impl TissueJob {
 /// Any other rank's part of what [`TissueJob::lead`] does on rank 0, which says what went wrong. Collective.
 pub fn serve(comm: &dyn Communicator) {
     let numbers = comm.scatter(vec![]);
-    let mut from = Opened::of(&numbers);
+    let mut from = MessageReader::new(&numbers);
     let job = TissueJob::unpack(&mut from);
     let part = Part::unpack(&mut from);
     let mesh = unpack_mesh(&mut from);

@@ -4,12 +4,12 @@ mod support;
 
 use std::path::Path;
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, PassiveState, Piece, PressureCourse,
     RightPressure, Search, Spring, SprungSurface, UnloadingSettings, VentricleParts, WallError,
     WallParameters,
 };
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::fibres::{Angles, make};
 use cardiotwin_mesh::files::{LengthUnit, carp};

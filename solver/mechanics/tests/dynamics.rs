@@ -3,9 +3,9 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::Operator as _;
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State};
 use cardiotwin_mechanics::element::kernel::ActivePoint;
-use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{ActiveConvention, ActiveLaw};
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};

@@ -6,19 +6,20 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::CondensedMatrix;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, VectorLayout};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
 use cardiotwin_mechanics::element::shape::EDGES;
-use cardiotwin_mechanics::linear::{Assembled as _, Tangent};
+use cardiotwin_mechanics::linear::Assembled as _;
 use cardiotwin_mechanics::material::{
     ActiveLaw, Guccione, Law, Load, Tissue, Volumetric, VolumetricLaw, respond,
 };
 use cardiotwin_mechanics::newton::{NewtonSettings, Smallest, System, Workspace, solve};
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use nalgebra::{Matrix3, Vector3};
 use verification::meshes::{Mesh, cuboid};
 
@@ -344,8 +345,8 @@ fn input<'a, const N: usize>(
 }
 
 impl System for Slab {
-    fn space(&self) -> Space<'_> {
-        Space {
+    fn space(&self) -> VectorLayout<'_> {
+        VectorLayout {
             comm: &SingleProcess,
             layout: self.body.layout(),
         }
@@ -365,7 +366,7 @@ impl System for Slab {
         }
     }
 
-    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
+    fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut CondensedMatrix) {
         self.body.deform(u, &SingleProcess, &mut self.deformation);
         r.fill(0.0);
         self.body

@@ -3,8 +3,8 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
-use cardiotwin_mechanics::linear::Operator as _;
-use cardiotwin_mechanics::parallel::{SingleProcess, Space};
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::{SingleProcess, VectorLayout};
 use verification::beat::{ETA_KPA_MS, beat, body, deform};
 
 #[test]
@@ -64,7 +64,7 @@ fn viscous_power_is_viscosity_times_the_squared_rate_of_strain_and_its_tangent_i
     let mut d: Vec<f64> = (0..n).map(|k| (1.3 * k as f64).sin()).collect();
     let mut got = vec![0.0; n];
     tangent.multiply(
-        Space {
+        VectorLayout {
             comm: &SingleProcess,
             layout: body.layout(),
         },

@@ -4,12 +4,12 @@ mod support;
 
 use std::ops::ControlFlow;
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, FoundState, PassiveFit, PassiveJob,
     PassiveState, PassiveStateError, Piece, Search, SearchProgress, UnloadingSettings,
     VentricleParts, WallParameters,
 };
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
 use cardiotwin_models::circulation::Circulation;

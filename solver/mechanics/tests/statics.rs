@@ -3,15 +3,15 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_linalg::KrylovSettings;
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess, VectorLayout};
 use cardiotwin_mechanics::body::{Body, BodyInput};
 use cardiotwin_mechanics::boundary::{PressureSurface, Robin, RobinDirection};
 use cardiotwin_mechanics::element::kernel::VolumeChange;
-use cardiotwin_mechanics::linear::KrylovSettings;
-use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::newton::{LinearSolver, NewtonSettings};
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, load};
 use verification::meshes::cuboid;
 use verification::problems::{
@@ -283,7 +283,7 @@ fn pressure_and_springs_have_the_tangent_of_their_forces() {
     let mut d: Vec<f64> = (0..u.len()).map(|k| (1.7 * k as f64).cos()).collect();
     let mut got = vec![0.0; u.len()];
     tangent.multiply(
-        Space {
+        VectorLayout {
             comm: &SingleProcess,
             layout: body.layout(),
         },

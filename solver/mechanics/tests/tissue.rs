@@ -1,6 +1,6 @@
 //! Fibres and activation times on several ranks are those on one.
 
-use cardiotwin_mechanics::parallel::{Communicator as _, ThreadSettings, on_threads};
+use cardiotwin_linalg::parallel::{Communicator as _, ThreadSettings, on_threads};
 use cardiotwin_mechanics::tissue::{FEWEST_NODES, Tissue, TissueError, TissueJob, serve};
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};

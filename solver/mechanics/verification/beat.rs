@@ -1,5 +1,6 @@
 //! Energy over a beat of a block of the benchmark's myocardium, under active stress and pressure.
 
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::{PressureSurface, Robin, RobinDirection};
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, State, Support, SurfaceLoad};
@@ -7,7 +8,6 @@ use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::material::{
     ActiveLaw, HolzapfelOgden, Law, Tissue, Volumetric, VolumetricLaw,
 };
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::prescribed::{Course, TimeCourse};
 use cardiotwin_mechanics::step::{Closure, Passive, PointStress, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;

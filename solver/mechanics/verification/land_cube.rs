@@ -3,6 +3,7 @@
 //! 373:113506: the shorter the step, the more so.
 
 use super::meshes::cuboid;
+use cardiotwin_linalg::parallel::SingleProcess;
 use cardiotwin_mechanics::body::Deformation;
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, State, SurfaceLoad};
@@ -10,7 +11,6 @@ use cardiotwin_mechanics::element::BATCH;
 use cardiotwin_mechanics::element::kernel::ActivePoint;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::newton::LinearSolver;
-use cardiotwin_mechanics::parallel::SingleProcess;
 use cardiotwin_mechanics::step::{Closure, PointStress, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 use cardiotwin_models::contraction::{

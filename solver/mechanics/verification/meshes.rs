@@ -1,9 +1,9 @@
 //! Meshes with closed forms: a box, and shells extruded from a triangulated surface.
 
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::body::{Body, BodyInput};
 use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::material::Tissue;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 
 /// Linear tetrahedra with the boundary triangles of each named side; triangles are seen counter-clockwise from outside.
 #[derive(Debug, Clone)]

@@ -1,9 +1,9 @@
 //! A block in motion under a pulse of pressure: what shows the order of the time integration.
 
+use cardiotwin_linalg::parallel::SingleProcess;
 use cardiotwin_mechanics::boundary::{Cavity, Robin, RobinDirection};
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State, Support};
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
-use cardiotwin_mechanics::parallel::SingleProcess;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 

@@ -1,6 +1,8 @@
 //! The static problems of the verification: Land et al. 2015, Proc R Soc A 471:20150641, problems 1 to 3, and a thick
 //! neo-Hookean sphere with a closed form.
 
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
+use cardiotwin_linalg::vec3::{cross, norm};
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
@@ -10,7 +12,6 @@ use cardiotwin_mechanics::material::{
     ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw,
 };
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load};
 
 use super::meshes::{Mesh, cuboid, disc, extrude, triangle};
@@ -354,16 +355,8 @@ fn ventricle_frame(x: [f64; 3]) -> Frame {
     std::array::from_fn(|i| [f[i], side[i], n[i]])
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 fn unit(a: [f64; 3]) -> [f64; 3] {
-    let n = a.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let n = norm(a);
     a.map(|x| x / n)
 }
 

@@ -1,7 +1,7 @@
 //! A sparse symmetric matrix in double precision with its factorisation, for the problems of the verification that the library's
 //! tangent cannot hold.
 
-use cardiotwin_mechanics::linear::Pattern;
+use cardiotwin_linalg::Pattern;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::sparse::linalg::cholesky::{

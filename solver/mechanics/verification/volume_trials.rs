@@ -4,9 +4,9 @@
 //! All minimise `∫ W(Ē) + s κ/2 (J − 1)² dV + max_p (pᵀ (B(J) − V) − pᵀ M p / 2)`: pressures `p` in some space, `B(J)` the
 //! deformed volumes that it sees, `M` its compliance. They differ in `B` and `M` alone.
 
+use cardiotwin_linalg::{BlockCsr, CondensedMatrix, Pattern};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::{Batch, batches};
-use cardiotwin_mechanics::linear::{BlockCsr, Pattern, Tangent};
 use cardiotwin_mechanics::material::tensor::at;
 use cardiotwin_mechanics::material::{Load, respond};
 
@@ -42,7 +42,7 @@ struct Setting<'a> {
     problem: &'a Problem,
     batches: Vec<Batch<4, 1>>,
     surface: PressureSurface,
-    surface_tangent: Tangent,
+    surface_tangent: CondensedMatrix,
     fixed: Vec<bool>,
     /// Unknowns of each element: twelve displacements, then its pressures.
     unknowns: Vec<Vec<u32>>,
@@ -189,7 +189,7 @@ impl<'a> Setting<'a> {
         ));
         let surface = PressureSurface::new(&mesh.sides[problem.pressure.0], &pattern)
             .expect("faces of the mesh");
-        let surface_tangent = Tangent {
+        let surface_tangent = CondensedMatrix {
             stiffness: BlockCsr::zeros(pattern),
             coupling: None,
             bulk: vec![],

@@ -1,6 +1,8 @@
 //! Laplace and Poisson problems on linear tetrahedra, for fields that fibre rules and depths are made of.
 
-use crate::adjacency::Adjacency;
+use cardiotwin_linalg::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
+use cardiotwin_linalg::{Csr, Pattern};
+
 use crate::joint::{Joint, any, dots, flags};
 use crate::tet_mesh::{TetMesh, shape_gradients};
 use crate::vec3::dot;
@@ -35,51 +37,6 @@ pub enum LaplaceError {
         /// After so many.
         iterations: usize,
     },
-}
-
-/// Rows of owned nodes of a symmetric matrix, compressed, each in the order of the whole mesh: a part's row is added up as
-/// the whole mesh's.
-struct Matrix {
-    pattern: Adjacency,
-    values: Vec<f64>,
-    /// Number of each node in the whole mesh.
-    numbers: Vec<u32>,
-}
-
-impl Matrix {
-    fn new(joint: &dyn Joint, n_nodes: usize, tets: &[[u32; 4]]) -> Self {
-        let mut pattern = Adjacency::node_to_nodes(n_nodes, tets);
-        let numbers: Vec<u32> = (0..n_nodes).map(|node| joint.node(node)).collect();
-        pattern.starts.truncate(joint.n_owned() + 1);
-        pattern.items.truncate(pattern.starts[joint.n_owned()]);
-        for rows in pattern.starts.windows(2) {
-            pattern.items[rows[0]..rows[1]].sort_unstable_by_key(|node| numbers[*node as usize]);
-        }
-        Self {
-            values: vec![0.0; pattern.items.len()],
-            pattern,
-            numbers,
-        }
-    }
-
-    /// Where an entry's value is.
-    fn place(&self, row: usize, column: u32) -> Option<usize> {
-        let number = |node: u32| self.numbers[node as usize];
-        let found = self
-            .pattern
-            .row(row)
-            .binary_search_by_key(&number(column), |node| number(*node));
-        found.ok().map(|k| self.pattern.starts[row] + k)
-    }
-
-    fn times(&self, x: &[f64], y: &mut [f64]) {
-        for (i, out) in y.iter_mut().enumerate().take(self.pattern.n_rows()) {
-            let row = self.pattern.starts[i]..self.pattern.starts[i + 1];
-            *out = row
-                .map(|k| self.values[k] * x[self.pattern.items[k] as usize])
-                .sum();
-        }
-    }
 }
 
 /// Solves −Δu = `source` (per mm²) on the elements that `within` accepts, with u = `fixed` at the nodes where that is
@@ -125,7 +82,8 @@ pub fn solve(
             expected: "its ends",
         });
     }
-    let mut matrix = Matrix::new(joint, n, &tets);
+    let rows = tets.iter().map(|tet| (&tet[..], &tet[..]));
+    let mut matrix = Csr::zeros(Pattern::of_elements(n_owned, rows));
     let mut right = vec![0.0; n];
     for tet in &tets {
         let (gradients, volume) = shape_gradients(tet.map(|node| mesh.nodes_mm[node as usize]));
@@ -138,16 +96,12 @@ pub fn solve(
                 let entry = volume * dot(gradients[i], gradients[j]);
                 match fixed[*column as usize] {
                     Some(value) => right[row] -= entry * value,
-                    None => {
-                        if let Some(k) = matrix.place(row, *column) {
-                            matrix.values[k] += entry;
-                        }
-                    }
+                    None => matrix.add(row as u32, *column, entry),
                 }
             }
         }
     }
-    let mut u = conjugate_gradients(field, &matrix, joint, &right)?;
+    let mut u = conjugate_gradients(field, matrix, joint, right)?;
     for node in 0..n_owned {
         u[node] = match fixed[node] {
             _ if !active[node] => f64::NAN,
@@ -159,63 +113,79 @@ pub fn solve(
     Ok(u)
 }
 
-/// Jacobi-preconditioned; rows without entries stay zero.
+/// Rows of owned nodes, with the inverses of their diagonals.
+struct Jacobi<'a> {
+    matrix: &'a Csr,
+    inverse: &'a [f64],
+    joint: &'a dyn Joint,
+}
+
+impl SymmetricSystem for Jacobi<'_> {
+    fn precondition(&self, r: &[f64], z: &mut [f64]) {
+        for ((z, r), inverse) in z.iter_mut().zip(r).zip(self.inverse) {
+            *z = inverse * r;
+        }
+    }
+
+    fn multiply(&self, p: &mut [f64], q: &mut [f64]) {
+        self.joint.update(p);
+        self.matrix
+            .multiply_rows(0, p, &mut q[..self.joint.n_owned()]);
+    }
+
+    fn dot(&self, p: &[f64], q: &[f64]) -> f64 {
+        dots(self.joint, [(p, q)])[0]
+    }
+
+    fn measure(&self, r: &[f64], z: &[f64]) -> Measure {
+        let [squared_size, rz] = dots(self.joint, [(r, r), (r, z)]);
+        Measure { rz, squared_size }
+    }
+}
+
+/// Jacobi-preconditioned; rows without entries stay zero. Products add a row in the order of the whole mesh: a part's row
+/// is added up as the whole mesh's.
 fn conjugate_gradients(
     field: &'static str,
-    a: &Matrix,
+    mut matrix: Csr,
     joint: &dyn Joint,
-    b: &[f64],
+    b: Vec<f64>,
 ) -> Result<Vec<f64>, LaplaceError> {
-    let (n, n_owned) = (b.len(), joint.n_owned());
-    let inverse: Vec<f64> = (0..n_owned)
-        .map(|i| {
-            let diagonal = a.place(i, i as u32).map_or(0.0, |k| a.values[k]);
-            if diagonal > 0.0 { 1.0 / diagonal } else { 0.0 }
+    let mut inverse = matrix.diagonal();
+    for d in &mut inverse {
+        *d = if *d > 0.0 { 1.0 / *d } else { 0.0 };
+    }
+    matrix.order_rows_by(|column| joint.node(column as usize));
+    let mut x = vec![0.0; b.len()];
+    let mut directions = Directions::new(b.len());
+    directions.r = b;
+    let system = Jacobi {
+        matrix: &matrix,
+        inverse: &inverse,
+        joint,
+    };
+    let (mut start, mut residual) = (None, 1.0);
+    let ended = iterate(
+        &system,
+        &mut x,
+        &mut directions,
+        MOST_ITERATIONS,
+        |squared| {
+            let size = squared.sqrt();
+            let start = *start.get_or_insert(size);
+            residual = if start == 0.0 { 0.0 } else { size / start };
+            residual < TOLERANCE || !residual.is_finite()
+        },
+    );
+    if residual < TOLERANCE {
+        Ok(x)
+    } else {
+        Err(LaplaceError::NotConverged {
+            field,
+            residual,
+            iterations: ended.iterations,
         })
-        .collect();
-    let mut x = vec![0.0; n];
-    let mut r = b.to_vec();
-    let mut z = vec![0.0; n];
-    for i in 0..n_owned {
-        z[i] = inverse[i] * r[i];
     }
-    let mut p = z.clone();
-    let mut ap = vec![0.0; n];
-    let [mut rz, bb] = dots(joint, [(&r, &z), (b, b)]);
-    let start = bb.sqrt();
-    let mut residual = 1.0;
-    if start == 0.0 {
-        return Ok(x);
-    }
-    for _ in 0..MOST_ITERATIONS {
-        joint.update(&mut p);
-        a.times(&p, &mut ap);
-        let [pap] = dots(joint, [(&p, &ap)]);
-        let step = rz / pap;
-        for i in 0..n_owned {
-            x[i] += step * p[i];
-            r[i] -= step * ap[i];
-            z[i] = inverse[i] * r[i];
-        }
-        let [rr, next] = dots(joint, [(&r, &r), (&r, &z)]);
-        residual = rr.sqrt() / start;
-        if residual < TOLERANCE {
-            return Ok(x);
-        }
-        if !residual.is_finite() {
-            break;
-        }
-        let turn = next / rz;
-        rz = next;
-        for i in 0..n_owned {
-            p[i] = z[i] + turn * p[i];
-        }
-    }
-    Err(LaplaceError::NotConverged {
-        field,
-        residual,
-        iterations: MOST_ITERATIONS,
-    })
 }
 
 #[cfg(test)]

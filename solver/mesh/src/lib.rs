@@ -29,9 +29,9 @@ pub mod surface;
 mod test_meshes;
 pub mod tet_mesh;
 pub mod transfer;
-pub mod vec3;
 
 pub use adjacency::Adjacency;
+pub use cardiotwin_linalg::vec3;
 pub use cavity::Cavity;
 pub use ellipsoid::EllipsoidSpec;
 pub use files::{LengthUnit, MeshFileError};

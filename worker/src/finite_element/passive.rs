@@ -1,10 +1,10 @@
 //! Step 0's search on one rank, on threads, or on the ranks of a team.
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{
     Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, RightPressure, Search,
     UnloadingSettings, WallParameters, parts_of,
 };
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_schemas::finite_element::WallSettings;
 use serde::{Deserialize, Serialize};
 

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use cardiotwin_mechanics::fibre_parcel;
+use cardiotwin_linalg::parallel::{MessageReader, MessageWriter};
+use cardiotwin_mechanics::fibre_message;
 use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, RightPressure, WallParameters};
-use cardiotwin_mechanics::parallel::{Opened, Parcel};
 use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
@@ -109,8 +109,8 @@ impl StoredVentricle {
                     .collect::<Vec<_>>(),
             )
             .with("frames", frames.collect::<Vec<_>>());
-        let mut fibres = Parcel::default();
-        fibre_parcel::pack(&mesh.fibres, &mut fibres);
+        let mut fibres = MessageWriter::default();
+        fibre_message::pack(&mesh.fibres, &mut fibres);
         arrays = arrays.with("fibres", fibres.numbers);
         let (mut triangles, mut lengths) = (Vec::new(), Vec::new());
         for surface in &mesh.surfaces {
@@ -160,7 +160,7 @@ impl StoredVentricle {
                 .map(u32::cast_signed)
                 .collect(),
             frames: frames.as_chunks::<9>().0.iter().map(frame).collect(),
-            fibres: fibre_parcel::unpack(&mut Opened::of(&fibres)),
+            fibres: fibre_message::unpack(&mut MessageReader::new(&fibres)),
             surfaces: Vec::new(),
         };
         let lengths = arrays.take_indices("surface_lengths")?;

@@ -1,7 +1,7 @@
 //! Fibres and activation times on one rank, on threads, or on the ranks of a team.
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::PassiveStateError;
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::tissue::{self, FEWEST_NODES, Tissue, TissueError, TissueJob};
 use cardiotwin_mesh::TetMesh;
 

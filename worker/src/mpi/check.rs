@@ -3,7 +3,7 @@
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use cardiotwin_mechanics::parallel::{Communicator, Layout, Neighbour};
+use cardiotwin_linalg::parallel::{Communicator, Layout, Neighbour};
 use cardiotwin_worker::process;
 use serde::Serialize;
 

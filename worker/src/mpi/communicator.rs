@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use cardiotwin_mechanics::parallel::{Communicator, Layout};
+use cardiotwin_linalg::parallel::{Communicator, Layout};
 use mpi::Tag;
 use mpi::point_to_point::Message;
 use mpi::request::{Request, Scope, scope};

@@ -1,8 +1,8 @@
 //! Blocks of tissue with fibres in one direction.
 
+use cardiotwin_linalg::vec3::{Vec3, any_perpendicular, cross, unit};
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::tet_mesh::Frame;
-use cardiotwin_mesh::vec3::{Vec3, any_perpendicular, cross, unit};
 
 /// A block with a corner in the origin, in cells of six tetrahedra around a diagonal, all of tag 1.
 pub fn block(n: [usize; 3], lengths_mm: [f64; 3], fibre: Vec3) -> TetMesh {

@@ -10,9 +10,10 @@ use pulp::Arch;
 use crate::element::batch::{ElementError, Frame, batches};
 use crate::element::kernel::{ActivePoint, VolumeChange};
 use crate::element::{BATCH, Eight};
-use crate::linear::{Assembled, BlockCsr, Coupling, PackedTangent, Pattern, Tangent};
+use crate::linear::{Assembled, PackedTangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
-use crate::parallel::{Communicator, Disagreement, Layout, agree};
+use cardiotwin_linalg::parallel::{Communicator, Disagreement, Layout, agree};
+use cardiotwin_linalg::{BlockCsr, CondensedMatrix, Coupling, Pattern};
 use passes::{Elements, Field, Moving, Pass};
 
 /// Why a body could not be built.
@@ -305,8 +306,8 @@ impl Body {
 
     /// A zero tangent with the body's sparsity pattern.
     #[must_use]
-    pub fn new_tangent(&self) -> Tangent {
-        Tangent {
+    pub fn new_tangent(&self) -> CondensedMatrix {
+        CondensedMatrix {
             stiffness: BlockCsr::zeros(self.pattern.clone()),
             coupling: self.coupling_pattern.clone().map(Coupling::zeros),
             bulk: vec![0.0; self.vertices.len()],

@@ -1,5 +1,6 @@
 //! Passes over a body's batches: volumes, forces, stiffness, and their scatter in the order of the batches.
 
+use cardiotwin_linalg::{CondensedMatrix, NO_SLOT, Pattern};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Deformation;
@@ -9,7 +10,7 @@ use crate::element::kernel::{
     ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
-use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, PackedVolume, Pattern, Sink, Tangent};
+use crate::linear::{PackedBlock, PackedTangent, PackedVolume, Sink};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
 
@@ -261,7 +262,13 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
 
 impl<const N: usize, const Q: usize> Field<N, Q> {
     #[inline(always)]
-    fn scatter(&self, idx: usize, n_lanes: usize, scratch: &Scratch<N>, tangent: &mut Tangent) {
+    fn scatter(
+        &self,
+        idx: usize,
+        n_lanes: usize,
+        scratch: &Scratch<N>,
+        tangent: &mut CondensedMatrix,
+    ) {
         let slots = &self.slots[idx * N..(idx + 1) * N];
         for lane in 0..n_lanes {
             for a in 0..N {

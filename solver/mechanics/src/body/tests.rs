@@ -1,11 +1,13 @@
 //! Assembly against finite differences, rigid motions and the patch test.
 
+use cardiotwin_linalg::Operator as _;
+use cardiotwin_linalg::parallel::SingleProcess;
+
 use super::*;
 use crate::element::quadratic::QuadraticMesh;
 use crate::element::shape::EDGES;
-use crate::linear::{Assembled, Operator as _};
+use crate::linear::Assembled;
 use crate::material::{ActiveLaw, Guccione, Law, Volumetric};
-use crate::parallel::SingleProcess;
 
 /// A cube of `n`³ cells of six tetrahedra, with inner nodes moved so that no element is regular.
 fn cube(n: usize) -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
@@ -181,7 +183,7 @@ fn tangent_is_the_slope_of_the_forces() {
         );
         let mut direction: Vec<f64> = (0..u.len()).map(|k| (k as f64 * 1.3).cos()).collect();
         let mut product = vec![0.0; u.len()];
-        let space = crate::parallel::Space {
+        let space = cardiotwin_linalg::parallel::VectorLayout {
             comm: &SingleProcess,
             layout: body.layout(),
         };

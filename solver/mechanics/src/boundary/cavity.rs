@@ -1,9 +1,12 @@
 //! The cavity: its volume with flat caps over the openings, and the load of its pressure on wall and valve plane.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::Communicator;
+use cardiotwin_linalg::vec3::{cross, dot, norm, sub};
+
 use super::SurfaceError;
-use super::pressure::{Faces, PressureSurface, cross};
-use crate::linear::{Assembled, Pattern};
-use crate::parallel::Communicator;
+use super::pressure::{Faces, PressureSurface};
+use crate::linear::Assembled;
 
 /// Marks a node of an opening's loop that another rank owns.
 pub const NOT_HERE: u32 = u32::MAX;
@@ -55,7 +58,7 @@ impl Cavity {
             let share = faces.share(nodes);
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let da = 0.5 * weight * cross(&e1, &e2).iter().map(|n| n * n).sum::<f64>().sqrt();
+                let da = 0.5 * weight * norm(cross(e1, e2));
                 area[0] += share * da;
                 for (node, (value, _)) in nodes.iter().zip(shape) {
                     *shares.entry(*node).or_default() += value * da;
@@ -112,8 +115,8 @@ impl Cavity {
             let centre = mean(nodes);
             for (a, b) in edges(nodes) {
                 // The cap runs against the loop's direction, which orients it like the endocardium.
-                let (p, q, r) = (minus(*b, origin), minus(*a, origin), minus(centre, origin));
-                volume[0] -= dot(p, cross(&q, &r)) / 6.0;
+                let (p, q, r) = (sub(*b, origin), sub(*a, origin), sub(centre, origin));
+                volume[0] -= dot(p, cross(q, r)) / 6.0;
             }
         }
         volume[0]
@@ -144,11 +147,11 @@ impl Cavity {
             let share = faces.share(nodes);
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let n = cross(&e1, &e2);
+                let n = cross(e1, e2);
                 let r: [f64; 3] = std::array::from_fn(|i| {
                     shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum::<f64>() - origin[i]
                 });
-                let (g1, g2) = (cross(&e2, &r), cross(&r, &e1));
+                let (g1, g2) = (cross(e2, r), cross(r, e1));
                 let k = -weight / 6.0;
                 for (&node, (value, slope)) in nodes.iter().zip(shape) {
                     add(
@@ -166,12 +169,8 @@ impl Cavity {
             let centre = mean(nodes);
             let mut of_centre = [0.0; 3];
             for ((a, b), (at_a, at_b)) in edges(places).zip(edges(nodes)) {
-                let (p, q, r) = (
-                    minus(*at_b, origin),
-                    minus(*at_a, origin),
-                    minus(centre, origin),
-                );
-                let g = [cross(&q, &r), cross(&r, &p), cross(&p, &q)].map(|g| g.map(|g| -g / 6.0));
+                let (p, q, r) = (sub(*at_b, origin), sub(*at_a, origin), sub(centre, origin));
+                let g = [cross(q, r), cross(r, p), cross(p, q)].map(|g| g.map(|g| -g / 6.0));
                 add(*b, g[0]);
                 add(*a, g[1]);
                 for i in 0..3 {
@@ -248,14 +247,6 @@ fn mean(nodes: &[[f64; 3]]) -> [f64; 3] {
         (0..3).for_each(|i| sum[i] += x[i] / nodes.len() as f64);
     }
     sum
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! Pressure that follows a deforming surface, and the volume enclosed by it.
 
+use cardiotwin_linalg::vec3::cross;
+use cardiotwin_linalg::{NO_SLOT, Pattern};
+
 use crate::element::shape::{triangle, triangle_rule};
-use crate::linear::{Assembled, NO_SLOT, Pattern};
+use crate::linear::Assembled;
 
 /// Why a surface cannot carry a load.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -126,14 +129,6 @@ impl Faces {
     }
 }
 
-pub(crate) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 /// A surface under pressure.
 #[derive(Debug, Clone)]
 pub struct PressureSurface {
@@ -166,7 +161,7 @@ impl PressureSurface {
             let x = Faces::positions(nodes, reference, displacement);
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let n = cross(&e1, &e2);
+                let n = cross(e1, e2);
                 for (&node, (value, _)) in nodes.iter().zip(shape) {
                     for i in 0..3 {
                         if let Some(f) = force.get_mut(3 * node as usize + i) {
@@ -190,7 +185,7 @@ impl PressureSurface {
             let share = self.faces.share(nodes);
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let n = cross(&e1, &e2);
+                let n = cross(e1, e2);
                 (0..3).for_each(|i| sum[i] += share * (0.5 * weight * n[i]));
             }
         }
@@ -278,7 +273,7 @@ impl PressureSurface {
             let share = self.faces.share(nodes);
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let n = cross(&e1, &e2);
+                let n = cross(e1, e2);
                 for i in 0..3 {
                     let at: f64 = shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum();
                     volume -= share * (0.5 * weight * (at - about[i]) * n[i] / 3.0);

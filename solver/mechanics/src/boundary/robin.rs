@@ -1,8 +1,11 @@
 //! Springs and dashpots between a surface and a fixed frame, with constant matrices.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::vec3::{cross, norm};
+
 use super::SurfaceError;
-use super::pressure::{Faces, cross};
-use crate::linear::{Assembled, Pattern};
+use super::pressure::Faces;
+use crate::linear::Assembled;
 
 /// Displacement components that a support resists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,8 +64,8 @@ impl Robin {
             let mut blocks = vec![[0.0; 9]; N * N];
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
-                let normal = cross(&e1, &e2);
-                let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+                let normal = cross(e1, e2);
+                let length = norm(normal);
                 let at =
                     std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum());
                 let share = share(at);

@@ -7,12 +7,11 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::VectorLayout;
+use cardiotwin_linalg::{NO_SLOT, Operator, Pattern, prefetch};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::assembled::{Assembled, Operator, Sink};
-use super::prefetch::prefetch;
-use super::{NO_SLOT, Pattern};
-use crate::parallel::Space;
+use super::assembled::{Assembled, Sink};
 
 /// Three columns of `[K; gᵀ]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,7 +137,11 @@ impl WithSimd for Pressures<'_> {
 }
 
 impl Operator for PackedTangent {
-    fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+    fn n_rows(&self) -> usize {
+        self.pattern.n_rows()
+    }
+
+    fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]) {
         space.update(x);
         let n = self.pattern.n_rows();
         let (x, y) = (x.as_chunks::<3>().0, &mut y.as_chunks_mut::<3>().0[..n]);
@@ -185,7 +188,7 @@ impl Assembled for PackedTangent {
         self.bulk.extend_from_slice(bulk);
     }
 
-    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64> {
+    fn vertex_volumes(&self, space: VectorLayout<'_>, x: &mut [f64]) -> Vec<f64> {
         if self.bulk.is_empty() {
             return vec![];
         }
@@ -264,7 +267,7 @@ impl Assembled for PackedTangent {
         }
     }
 
-    fn mean_diagonal(&self, space: Space<'_>) -> f64 {
+    fn mean_diagonal(&self, space: VectorLayout<'_>) -> f64 {
         let n = self.pattern.n_rows();
         let mut sums = [0.0, n as f64];
         for row in 0..n {

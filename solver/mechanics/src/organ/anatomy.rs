@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use cardiotwin_linalg::parallel::Part;
+use cardiotwin_linalg::vec3::{cross, dot, norm, sub};
 use cardiotwin_mesh::NodeFibres;
 use cardiotwin_mesh::laplace::LaplaceError;
 use cardiotwin_mesh::right_ventricle::{left_alone, rims};
@@ -13,7 +15,6 @@ use crate::boundary::NOT_HERE;
 use crate::element::batch::Frame;
 use crate::element::kernel::VolumeChange;
 use crate::element::quadratic::QuadraticMesh;
-use crate::parallel::Part;
 
 /// Interpolation and volume law of a ventricle's elements.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,7 +147,7 @@ impl LongAxis {
         let base_mm = rim.iter().fold([0.0; 3], |sum: [f64; 3], x| {
             std::array::from_fn(|i| sum[i] + x[i] / n)
         });
-        let far = |x: &[f64; 3]| dot(minus(*x, base_mm), minus(*x, base_mm));
+        let far = |x: &[f64; 3]| dot(sub(*x, base_mm), sub(*x, base_mm));
         let apex_mm = at(surface_names::EPICARDIUM)
             .into_iter()
             .max_by(|a, b| far(a).total_cmp(&far(b)));
@@ -159,8 +160,8 @@ impl LongAxis {
     /// Height of a point \[mm\] along the axis: 0 at the apex, 1 at the base and above.
     #[must_use]
     pub fn height(&self, x: [f64; 3]) -> f64 {
-        let axis = minus(self.base_mm, self.apex_mm);
-        (dot(minus(x, self.apex_mm), axis) / dot(axis, axis)).clamp(0.0, 1.0)
+        let axis = sub(self.base_mm, self.apex_mm);
+        (dot(sub(x, self.apex_mm), axis) / dot(axis, axis)).clamp(0.0, 1.0)
     }
 }
 
@@ -415,11 +416,11 @@ impl Anatomy {
         let corners = self.corners[e];
         let edges = |nodes: &[[f64; 3]]| -> [[f64; 3]; 3] {
             let a = nodes[corners[0] as usize];
-            std::array::from_fn(|k| minus(nodes[corners[k + 1] as usize], a))
+            std::array::from_fn(|k| sub(nodes[corners[k + 1] as usize], a))
         };
         let (from, to) = (edges(&self.nodes), edges(positions));
         let frame = self.imaged_frame(e, || {
-            let [l1, l2, l3] = components(minus(x, positions[corners[0] as usize]), &to);
+            let [l1, l2, l3] = components(sub(x, positions[corners[0] as usize]), &to);
             [1.0 - l1 - l2 - l3, l1, l2, l3]
         });
         let moved = |axis: usize| -> [f64; 3] {
@@ -451,22 +452,6 @@ fn components(d: [f64; 3], edges: &[[f64; 3]; 3]) -> [f64; 3] {
     ]
 }
 
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 fn triple(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
     dot(a, cross(b, c))
 }
@@ -474,7 +459,7 @@ fn triple(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
 /// The right-handed orthonormal frame of this fibre and of the sheet's component perpendicular to it.
 fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
     let unit = |a: [f64; 3]| {
-        let n = dot(a, a).sqrt();
+        let n = norm(a);
         (n > 1e-12).then(|| a.map(|x| x / n))
     };
     let f = unit(fibre)?;

@@ -8,6 +8,7 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::Communicator;
 use cardiotwin_models::calcium::Calcium;
 use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep, StretchReference};
 use cardiotwin_models::effects::FibreViscosity;
@@ -19,7 +20,6 @@ use crate::body::{Body, Deformation};
 use crate::element::kernel::ActivePoint;
 use crate::element::{BATCH, Eight};
 use crate::material::ActiveConvention;
-use crate::parallel::Communicator;
 use crate::step::PointStress;
 
 /// States of the points at the end of a step.

@@ -1,7 +1,8 @@
 //! The state from which a beat starts: the wall's unloaded geometry and its displacement at end-diastole.
 
+use cardiotwin_linalg::parallel::Part;
+
 use super::passive_state::PassiveState;
-use crate::parallel::Part;
 
 /// A wall in equilibrium at end-diastolic pressure.
 #[derive(Debug, Clone, PartialEq)]

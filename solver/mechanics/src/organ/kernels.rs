@@ -1,11 +1,13 @@
 //! Single kernels of a time step, for measurements of their speed.
 
+use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
+
 use super::rank::OrganRank;
 use crate::body::Deformation;
 use crate::dynamics::Candidate;
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
-use crate::linear::{BlockJacobi, KrylovSettings, PackedTangent, conjugate_gradients};
+use crate::linear::PackedTangent;
 use crate::time_integration::Motion;
 
 /// A kernel of a time step.

@@ -9,8 +9,8 @@ mod measures;
 
 pub use measures::{Measures, Phases, Series};
 
+use cardiotwin_linalg::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
-use cardiotwin_mesh::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 
 /// Heights of the apical, middle and basal short-axis levels from the endocardial apex (0) to the middle of the rim (1). The
 /// basal level lies below a passive ring at the rim.

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
+
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
 use super::passive_fit::{PassiveFit, fit, stiffened};
@@ -9,7 +11,6 @@ use super::passive_state::PassiveStateError;
 use super::piece::{Piece, parts_of};
 use super::search::{Search, Slope};
 use super::wall::WallParameters;
-use crate::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
 
 /// Task of step 0.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,12 +4,13 @@
 //! difference between the image and the inflated geometry is added to the nodes until it vanishes. Every inflation after the
 //! first starts from the previous equilibrium and needs no load steps.
 
+use cardiotwin_linalg::parallel::{PartitionError, RankFailure, VectorLayout};
+
 use super::piece::Piece;
 use super::rigid::rigid_motion;
 use super::search::Search;
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::parallel::{PartitionError, RankFailure, Space};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
 
@@ -597,7 +598,7 @@ impl Default for Mixing {
 
 impl Mixing {
     /// Next unloaded nodes after `unloaded`, whose inflated geometry misses the image by `miss` \[mm\]. Collective.
-    fn next(&mut self, space: Space<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
+    fn next(&mut self, space: VectorLayout<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
         let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
         if let Some((before, moved)) = &self.last {
             let mut sums = [0.0; 2];

@@ -3,11 +3,14 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::{
+    Communicator, MessageReader, MessageWriter, Part, PartitionError, SingleProcess, owners,
+};
+
 use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
 use super::right_ventricle::RightVentricle;
 use crate::element::kernel::VolumeChange;
-use crate::fibre_parcel;
-use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
+use crate::fibre_message;
 
 /// A rank's part of an anatomy, and its connection to the other ranks.
 #[derive(Debug, Clone)]
@@ -46,17 +49,17 @@ impl<'a> Piece<'a> {
     /// Collective.
     #[must_use]
     pub fn sent(anatomy: &'a Anatomy, parts: Vec<Part>, comm: Arc<dyn Communicator>) -> Self {
-        let parcel = |part: &Part| {
-            let mut parcel = Parcel::default();
-            part.pack(&mut parcel);
-            pack(&anatomy.part(part), &mut parcel);
-            parcel.numbers
+        let message = |part: &Part| {
+            let mut message = MessageWriter::default();
+            part.pack(&mut message);
+            pack(&anatomy.part(part), &mut message);
+            message.numbers
         };
         comm.scatter(
             parts
                 .iter()
                 .enumerate()
-                .map(|(k, part)| if k == 0 { vec![] } else { parcel(part) })
+                .map(|(k, part)| if k == 0 { vec![] } else { message(part) })
                 .collect(),
         );
         let Some(own) = parts.into_iter().next() else {
@@ -69,7 +72,7 @@ impl<'a> Piece<'a> {
     #[must_use]
     pub fn received(comm: Arc<dyn Communicator>) -> Piece<'static> {
         let numbers = comm.scatter(vec![]);
-        let mut from = Opened::of(&numbers);
+        let mut from = MessageReader::new(&numbers);
         let part = Part::unpack(&mut from);
         Piece {
             anatomy: Cow::Owned(unpack(&mut from)),
@@ -125,7 +128,7 @@ pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, Partitio
 ///
 /// # Panics
 /// For quadratic elements, which are never partitioned.
-pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
+pub(super) fn pack(anatomy: &Anatomy, to: &mut MessageWriter) {
     let triangles = |surface: &Triangles| match surface {
         Triangles::Linear(triangles) => triangles.clone(),
         Triangles::Quadratic(_) => unreachable!("quadratic elements stay on one rank"),
@@ -146,7 +149,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     );
     to.flags(&anatomy.contracts)
         .numbers(anatomy.frames.as_flattened().as_flattened());
-    fibre_parcel::pack(&anatomy.fibres, to);
+    fibre_message::pack(&anatomy.fibres, to);
     to.numbers(&anatomy.depth);
     for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim]
         .into_iter()
@@ -184,7 +187,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
 }
 
 /// Reads an anatomy that [`pack`] wrote.
-pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
+pub(super) fn unpack(from: &mut MessageReader<'_>) -> Anatomy {
     let nodes = from.numbers().as_chunks().0.to_vec();
     let tets: Vec<[u32; 4]> = from.indices().as_chunks().0.to_vec();
     let volume = match from.numbers() {
@@ -203,9 +206,9 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
             .0
             .to_vec(),
     );
-    let (fibres, depth) = (fibre_parcel::unpack(from), from.numbers().to_vec());
+    let (fibres, depth) = (fibre_message::unpack(from), from.numbers().to_vec());
     let triangles =
-        |from: &mut Opened<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
+        |from: &mut MessageReader<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let [endocardium, epicardium, rim, septum] = std::array::from_fn(|_| triangles(from));
     let mut point = || {
         let x = from.numbers();
@@ -216,7 +219,8 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         base_mm: point(),
     };
     let septum = from.flags()[0].then_some(septum);
-    let openings = |from: &mut Opened<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
+    let openings =
+        |from: &mut MessageReader<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
     let own_openings = openings(from);
     let right = from.flags()[0].then(|| {
         let [endocardium, ring, left_ring] = std::array::from_fn(|_| triangles(from));
@@ -264,7 +268,7 @@ mod tests {
 
     use super::super::anatomy::ElementKind;
     use super::*;
-    use crate::parallel::{ThreadSettings, on_threads};
+    use cardiotwin_linalg::parallel::{ThreadSettings, on_threads};
 
     #[test]
     fn a_piece_arrives_as_it_was_cut_and_pieces_make_up_the_whole() {

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Traffic, VectorLayout};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
 
@@ -17,7 +18,6 @@ use super::wall::{WallError, WallParameters};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::{Communicator, Counted, Part, Space, Traffic};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
 
 #[derive(Debug, Clone)]
@@ -511,7 +511,7 @@ impl OrganRank {
         }
         let mut all = own;
         all.resize(3 * self.part.layout.n_local, 0.0);
-        Space {
+        VectorLayout {
             comm: self.dynamics.comm.as_ref(),
             layout: &self.part.layout,
         }

@@ -1,10 +1,11 @@
 //! The right ventricle, where the mesh has one: passive tissue around a cavity of prescribed pressure.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::Communicator;
+
 use super::anatomy::Triangles;
 use super::wall::WallError;
 use crate::boundary::{Cavity, SurfaceError, ValvePlane};
-use crate::linear::Pattern;
-use crate::parallel::Communicator;
 
 /// Endocardium of the right ventricle, and the parts of the rim that carry the valves of each ventricle.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,10 +2,14 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use crate::parallel::Space;
+use cardiotwin_linalg::parallel::VectorLayout;
 
 /// The infinitesimal rigid motion closest to a nodal displacement in the mean square \[mm\], three numbers a node. Collective.
-pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &[f64]) -> Vec<f64> {
+pub(super) fn rigid_motion(
+    space: VectorLayout<'_>,
+    nodes: &[[f64; 3]],
+    displacement: &[f64],
+) -> Vec<f64> {
     let n_owned = space.n_owned() / 3;
     let mut centre = [0.0; 4];
     for x in &nodes[..n_owned] {
@@ -47,7 +51,7 @@ pub(super) fn rigid_motion(space: Space<'_>, nodes: &[[f64; 3]], displacement: &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parallel::{Layout, SingleProcess};
+    use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 
     #[test]
     fn a_rigid_motion_is_found_and_a_stretch_has_none() {
@@ -55,7 +59,7 @@ mod tests {
             .map(|k| [k % 3, k / 3 % 3, k / 9].map(|c| f64::from(c) + 5.0))
             .collect();
         let layout = Layout::whole(nodes.len());
-        let space = Space {
+        let space = VectorLayout {
             comm: &SingleProcess,
             layout: &layout,
         };

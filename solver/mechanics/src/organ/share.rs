@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use cardiotwin_linalg::parallel::{MessageReader, MessageWriter, Part};
+
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
 use super::piece::{pack, unpack};
-use crate::parallel::{Opened, Parcel, Part};
 
 /// One rank's part of the heart, in that rank's numbering.
 #[derive(Debug)]
@@ -46,8 +47,8 @@ impl<'a> Share<'a> {
     }
 
     /// Encodes the part as a message.
-    pub fn parcel(&self) -> Vec<f64> {
-        let mut to = Parcel::default();
+    pub fn message(&self) -> Vec<f64> {
+        let mut to = MessageWriter::default();
         self.part.pack(&mut to);
         pack(&self.anatomy, &mut to);
         let EndDiastole {
@@ -65,8 +66,8 @@ impl<'a> Share<'a> {
     }
 
     /// Decodes a part from a message.
-    pub fn opened(numbers: &[f64]) -> Share<'static> {
-        let mut from = Opened::of(numbers);
+    pub fn from_message(numbers: &[f64]) -> Share<'static> {
+        let mut from = MessageReader::new(numbers);
         let part = Part::unpack(&mut from);
         let anatomy = Cow::Owned(unpack(&mut from));
         let end_diastole = EndDiastole {

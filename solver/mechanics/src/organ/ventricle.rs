@@ -3,6 +3,9 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use cardiotwin_linalg::parallel::{
+    Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew,
+};
 use cardiotwin_models::circulation::{Circulation, CirculationError};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{
@@ -20,7 +23,6 @@ use super::rank::{Command, OrganRank, RankFigures, Setup, Values, chain};
 use super::share::Share;
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
-use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew};
 use crate::step::{Closure, StepError, StepReport, StepSettings};
 
 const KIND: &str = "finite-element 2";
@@ -286,7 +288,7 @@ impl FiniteElementVentricle {
         };
         comm.scatter(
             std::iter::once(vec![])
-                .chain(of_ranks.map(|part| share(part).parcel()))
+                .chain(of_ranks.map(|part| share(part).message()))
                 .collect(),
         );
         Ok(Self::led_by(OrganRank::new(&setup, own, comm)?, rest, None))
@@ -298,7 +300,7 @@ impl FiniteElementVentricle {
     /// As for [`Self::lead`].
     pub fn serve(parts: RankParts<'_>, comm: Box<dyn Communicator>) -> Result<(), VentricleError> {
         let setup = parts.into();
-        let share = Share::opened(&comm.scatter(vec![]));
+        let share = Share::from_message(&comm.scatter(vec![]));
         let rank = OrganRank::new(&setup, share, comm)?;
         Census::take(&rank);
         rank.serve();

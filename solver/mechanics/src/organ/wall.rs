@@ -1,5 +1,7 @@
 //! The wall: material, supports and damping, and their assembly into a body.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Communicator, Part};
 use cardiotwin_mesh::tet_mesh::surface_names;
 
 use super::anatomy::{Anatomy, Tets, Triangles};
@@ -7,9 +9,7 @@ use super::right_ventricle::{RightPressure, chamber};
 use crate::body::{Body, BodyError, BodyInput};
 use crate::boundary::{Robin, RobinDirection, SurfaceError, ValvePlane};
 use crate::dynamics::{Dynamics, GivenCavity, Rayleigh, Support};
-use crate::linear::Pattern;
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
-use crate::parallel::{Communicator, Part};
 use crate::time_integration::GeneralisedAlpha;
 
 /// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives values for use without better

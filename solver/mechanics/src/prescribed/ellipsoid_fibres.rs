@@ -1,5 +1,7 @@
 //! Fibres of truncated-ellipsoid ventricles, in closed form from the depth in the wall.
 
+use cardiotwin_linalg::vec3::{cross, norm};
+
 use crate::element::batch::Frame;
 
 /// Half-axes and angles of the fibre rule: `f = e_u sin α + e_v cos α` on the ellipsoid through a point, `α` linear in depth.
@@ -78,16 +80,8 @@ impl EllipsoidFibres {
     }
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 fn unit(a: [f64; 3]) -> [f64; 3] {
-    let n = a.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let n = norm(a);
     a.map(|x| x / n)
 }
 

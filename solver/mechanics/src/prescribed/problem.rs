@@ -1,5 +1,7 @@
 //! Problem definition, and the body with supports, loads, probes and cavities that is built from it.
 
+use cardiotwin_linalg::Pattern;
+use cardiotwin_linalg::parallel::{Layout, SingleProcess};
 use cardiotwin_mesh::surface::{SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, shape_gradients};
 
@@ -9,10 +11,8 @@ use crate::boundary::{Cavity, PressureSurface, Robin, RobinDirection, SurfaceErr
 use crate::element::batch::Frame;
 use crate::element::quadratic::QuadraticMesh;
 use crate::element::shape::values;
-use crate::linear::Pattern;
 use crate::material::Tissue;
 use crate::organ::ElementKind;
-use crate::parallel::{Layout, SingleProcess};
 
 /// Springs and dashpots on triangles of the mesh.
 #[derive(Debug, Clone, PartialEq)]

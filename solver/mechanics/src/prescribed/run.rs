@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use cardiotwin_linalg::parallel::SingleProcess;
 use cardiotwin_models::contraction::ContractionError;
 
 use super::problem::Setup;
@@ -9,7 +10,6 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, Rayleigh, State, Support, SurfaceLoad};
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
-use crate::parallel::SingleProcess;
 use crate::statics::{LoadSteps, StaticError, StaticProblem, StaticReport, load};
 use crate::step::{Closure, PointStress, Solver, StepError, StepSettings, step};
 use crate::time_integration::GeneralisedAlpha;

@@ -7,15 +7,15 @@
 
 mod solver;
 
+use cardiotwin_linalg::parallel::{Communicator, Disagreement, agree};
+use cardiotwin_linalg::{DirectError, KrylovSettings};
 use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::contraction::ContractionError;
 
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::kernel::ActivePoint;
-use crate::linear::{DirectError, KrylovSettings};
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::{Communicator, Disagreement, agree};
 pub use solver::Solver;
 
 /// Active stress at the integration points for a candidate deformation.

@@ -1,14 +1,16 @@
 //! The linear systems of a time step: storage of the tangent for each solver, and reuse from one system to the next.
 
+use cardiotwin_linalg::parallel::VectorLayout;
+use cardiotwin_linalg::{
+    BlockJacobi, CondensedMatrix, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
+    Operator, Preconditioner, SymmetricSweep, conjugate_gradients, gmres,
+};
+
 use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::linear::{
-    Assembled, BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
-    Operator, PackedTangent, Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
-};
+use crate::linear::{Assembled, PackedTangent};
 use crate::newton::LinearSolver;
-use crate::parallel::Space;
 
 /// Loosest relative residual with an expensive preconditioner, since one more of its iterations costs less than one of
 /// Newton's.
@@ -33,7 +35,7 @@ pub struct Solver {
 /// The tangent, in the storage of its linear solver.
 #[derive(Debug)]
 enum Matrix {
-    Full(Tangent),
+    Full(CondensedMatrix),
     Packed(PackedTangent),
 }
 
@@ -127,7 +129,13 @@ impl Solver {
                 .zip(&candidate.motion.u)
                 .map(|(x, u)| x + u)
                 .collect();
-            self.multigrid = Some(Multigrid::new(dynamics.space(), tangent, &positions));
+            let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));
+            self.multigrid = Some(Multigrid::new(
+                dynamics.space(),
+                pattern,
+                &block,
+                &positions,
+            ));
             self.stale = false;
         }
     }
@@ -164,7 +172,7 @@ impl Solver {
     /// Predicts, to first order, the nodal pressures after subtracting `share` of `x` from the displacement.
     pub(super) fn foresee(
         &mut self,
-        space: Space<'_>,
+        space: VectorLayout<'_>,
         deformation: &Deformation,
         share: f64,
         x: &mut [f64],
@@ -270,7 +278,7 @@ struct Kept<'a> {
 }
 
 enum By<'a> {
-    Direct(Kept<'a>, &'a Tangent),
+    Direct(Kept<'a>, &'a CondensedMatrix),
     Multigrid(&'a Multigrid, &'a mut bool),
     Jacobi(BlockJacobi),
     Sweep(SymmetricSweep<'a>),
@@ -365,7 +373,7 @@ impl Linear<'_> {
 
 /// Conjugate gradients, followed by GMRES if they stop at an indefinite matrix.
 fn krylov(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     operator: &dyn Operator,
     preconditioner: &dyn Preconditioner,
     b: &[f64],

@@ -1,6 +1,6 @@
 //! The local problem: earliest arrival at a corner from the simplex of the others.
 
-use crate::vec3::{Vec3, dot};
+use crate::vec3::{Vec3, dot, norm};
 
 /// Earliest arrival at the origin from the simplex of `rays` (in ms: displacement over speed) with linear arrival
 /// `times` on it: min over λ ≥ 0, Σ λ = 1 of λ·t + |Σ λ r|. Infinite where no time is finite.
@@ -22,7 +22,7 @@ pub fn arrival<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> f64 {
         }
         _ => {
             for (ray, time) in rays.iter().zip(times) {
-                best = best.min(time + dot(*ray, *ray).sqrt());
+                best = best.min(time + norm(*ray));
             }
         }
     }
@@ -99,7 +99,7 @@ mod tests {
             let found = arrival(&rays, &times);
             let cost = |l: [f64; 3]| {
                 let at: Vec3 = std::array::from_fn(|k| (0..3).map(|i| l[i] * rays[i][k]).sum());
-                (0..3).map(|i| l[i] * times[i]).sum::<f64>() + dot(at, at).sqrt()
+                (0..3).map(|i| l[i] * times[i]).sum::<f64>() + norm(at)
             };
             let n = 120;
             let mut least = f64::INFINITY;

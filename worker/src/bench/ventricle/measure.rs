@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{FiniteElementVentricle, Kernel, RankFigures};
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_observed};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};

@@ -7,11 +7,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
+use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::{
     ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork,
 };
-use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;

@@ -1,7 +1,8 @@
 //! Volume, its gradient and the load of a box without a lid, and of a tube.
 
+use cardiotwin_linalg::parallel::SingleProcess;
+
 use super::*;
-use crate::parallel::SingleProcess;
 
 /// The unit cube's surface with inward normals, out of the surrounding tissue; bottom and top come first.
 fn cube() -> (Vec<f64>, Vec<[u32; 3]>) {

@@ -1,6 +1,6 @@
 use super::*;
+use cardiotwin_linalg::vec3::scale;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::vec3::scale;
 use cardiotwin_units::Ml;
 
 /// Components of a node's position along and perpendicular to an axis through the origin.

@@ -1,6 +1,6 @@
 //! What the ranks of a level exchange: values of ghosts, contributions to nodes of others, lists of any length.
 
-use crate::linear::Pattern;
+use crate::Pattern;
 use crate::parallel::{Communicator, Layout, Neighbour};
 
 /// The nodes of a level over ranks. Each rank holds its own first, then ghosts, ascending by their numbers over all ranks, which

@@ -2,12 +2,12 @@
 
 /// A message under way: lists one after the other, each behind its length.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Parcel {
+pub struct MessageWriter {
     /// What is sent.
     pub numbers: Vec<f64>,
 }
 
-impl Parcel {
+impl MessageWriter {
     /// Adds numbers.
     pub fn numbers(&mut self, values: &[f64]) -> &mut Self {
         self.numbers.push(values.len() as f64);
@@ -33,14 +33,14 @@ impl Parcel {
 
 /// A message that arrived: lists are taken in the order in which they were added.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Opened<'a> {
+pub struct MessageReader<'a> {
     rest: &'a [f64],
 }
 
-impl<'a> Opened<'a> {
-    /// The lists of [`Parcel::numbers`].
+impl<'a> MessageReader<'a> {
+    /// The lists of [`MessageWriter::numbers`].
     #[must_use]
-    pub fn of(numbers: &'a [f64]) -> Self {
+    pub fn new(numbers: &'a [f64]) -> Self {
         Self { rest: numbers }
     }
 

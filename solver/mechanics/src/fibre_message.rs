@@ -4,7 +4,7 @@ use cardiotwin_mesh::fibres::Angles;
 use cardiotwin_mesh::node_fibres::WallPoint;
 use cardiotwin_mesh::{Frame, NodeFibres};
 
-use crate::parallel::{Opened, Parcel};
+use cardiotwin_linalg::parallel::{MessageReader, MessageWriter};
 
 /// Numbers of a [`WallPoint`].
 pub const WALL_WIDTH: usize = 7;
@@ -52,7 +52,7 @@ pub fn angles_of(numbers: &[f64]) -> Option<Angles> {
 }
 
 /// Adds a field to a message.
-pub fn pack(fibres: &NodeFibres, to: &mut Parcel) {
+pub fn pack(fibres: &NodeFibres, to: &mut MessageWriter) {
     let axes = |f: &Frame| [f.fibre, f.sheet, f.normal];
     match fibres {
         NodeFibres::PerElement => to.numbers(&[]).numbers(&[]),
@@ -73,7 +73,7 @@ pub fn pack(fibres: &NodeFibres, to: &mut Parcel) {
 }
 
 /// Reads what [`pack`] wrote.
-pub fn unpack(from: &mut Opened<'_>) -> NodeFibres {
+pub fn unpack(from: &mut MessageReader<'_>) -> NodeFibres {
     let (angles, values) = (angles_of(from.numbers()), from.numbers());
     match angles {
         Some(angles) => {

@@ -1,4 +1,4 @@
-//! A direct factorisation for static problems of moderate size, on one process, in single precision: Krylov methods, whose
+//! A direct factorisation for problems of moderate size, on one process, in single precision: Krylov methods, whose
 //! preconditioner it is, make up for what it lacks.
 
 use std::sync::Arc;
@@ -13,9 +13,9 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
-use super::dissection::nested_dissection;
-use super::{Pattern, Preconditioner, Tangent};
-use crate::parallel::Space;
+use crate::dissection::nested_dissection;
+use crate::parallel::VectorLayout;
+use crate::{CondensedMatrix, Pattern, Preconditioner};
 
 /// Why a factorisation failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -67,7 +67,7 @@ impl Direct {
     ///
     /// # Errors
     /// [`DirectError::Symbolic`] when memory or index range does not suffice.
-    pub fn new(tangent: &Tangent, points: &[f64]) -> Result<Self, DirectError> {
+    pub fn new(tangent: &CondensedMatrix, points: &[f64]) -> Result<Self, DirectError> {
         let pattern = tangent.stiffness.pattern.clone();
         let coupling = tangent.coupling.as_ref().map(|c| c.pattern.clone());
         let n_rows = pattern.n_rows();
@@ -138,7 +138,7 @@ impl Direct {
     ///
     /// # Errors
     /// [`DirectError::Numeric`] when a pivot vanishes.
-    pub fn factorise(&mut self, tangent: &Tangent) -> Result<(), DirectError> {
+    pub fn factorise(&mut self, tangent: &CondensedMatrix) -> Result<(), DirectError> {
         debug_assert_eq!(self.pattern, tangent.stiffness.pattern);
         let blocks = &tangent.stiffness.blocks;
         let mut at = 0;
@@ -195,7 +195,7 @@ impl Direct {
 }
 
 impl Preconditioner for Direct {
-    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, _space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let mut full = vec![0.0_f32; self.n];
         // Scaled to one, so that nothing is too small for single precision.
         let largest = r[..3 * self.n_rows]

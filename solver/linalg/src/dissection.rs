@@ -1,6 +1,6 @@
 //! A fill-reducing order from coordinates: nested dissection by halving boxes.
 
-use super::Pattern;
+use crate::Pattern;
 
 /// Parts smaller than this are not cut again.
 const SMALLEST_PART: usize = 24;

@@ -4,17 +4,19 @@
 mod agreement;
 mod communicator;
 mod layout;
-mod parcel;
+mod message;
 mod part;
+#[cfg(feature = "metis")]
 mod partition;
 mod threads;
 mod traffic;
 
 pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
-pub use layout::{Layout, Neighbour, Space};
-pub use parcel::{Opened, Parcel};
+pub use layout::{Layout, Neighbour, VectorLayout};
+pub use message::{MessageReader, MessageWriter};
 pub use part::Part;
+#[cfg(feature = "metis")]
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};
 pub use traffic::{Counted, Traffic};

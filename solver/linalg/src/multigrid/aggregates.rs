@@ -1,6 +1,6 @@
 //! Nodes in groups, each of which becomes a node of the next coarser level.
 
-use crate::linear::Pattern;
+use crate::Pattern;
 
 /// The group of each row of `pattern`, and the number of groups: a root with all its neighbours where none of them is
 /// taken, then what is left over with the neighbouring group that it shares most with. Columns without a row, ghosts, are left

@@ -1,6 +1,6 @@
 //! What one rank holds of a mesh.
 
-use super::{Layout, Neighbour, Opened, Parcel};
+use super::{Layout, MessageReader, MessageWriter, Neighbour};
 
 /// Not among the nodes of a rank.
 const ELSEWHERE: u32 = u32::MAX;
@@ -124,7 +124,7 @@ impl Part {
     }
 
     /// Writes the part for a rank that has no mesh; [`Self::unpack`] reads it.
-    pub fn pack(&self, to: &mut Parcel) {
+    pub fn pack(&self, to: &mut MessageWriter) {
         to.indices(&self.nodes)
             .indices(&self.elements)
             .flags(&self.speaks_for);
@@ -141,7 +141,7 @@ impl Part {
     /// # Panics
     /// Where it is something else.
     #[must_use]
-    pub fn unpack(from: &mut Opened<'_>) -> Self {
+    pub fn unpack(from: &mut MessageReader<'_>) -> Self {
         let (nodes, elements, speaks_for) = (from.indices(), from.indices(), from.flags());
         let (n_owned, ranks) = (from.indices()[0] as usize, from.indices());
         let mut neighbour = |rank: u32| Neighbour {
@@ -166,82 +166,5 @@ impl Part {
             .flat_map(|n| &values[*n as usize * width..(*n as usize + 1) * width])
             .copied()
             .collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-    use cardiotwin_units::Ml;
-
-    use super::super::{Communicator as _, ThreadSettings, on_threads, owners};
-    use super::*;
-
-    #[test]
-    fn parts_make_up_the_mesh_and_know_each_other() {
-        let mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 700))
-            .expect("a mesh")
-            .mesh;
-        let n = mesh.n_nodes();
-        for n_ranks in [1, 2, 5] {
-            let owners = owners(n, &mesh.tets, n_ranks).expect("a cut");
-            let parts: Vec<Part> = (0..n_ranks)
-                .map(|rank| Part::of(rank, &owners, &mesh.tets))
-                .collect();
-            let mut seen = vec![0; n];
-            parts
-                .iter()
-                .flat_map(Part::owned_nodes)
-                .for_each(|node| seen[*node as usize] += 1);
-            assert_eq!(seen, vec![1; n]);
-            let mut spoken = vec![0; mesh.n_tets()];
-            for part in &parts {
-                let own = part
-                    .elements
-                    .iter()
-                    .zip(&part.speaks_for)
-                    .filter(|(_, speaks)| **speaks);
-                own.for_each(|(e, _)| spoken[*e as usize] += 1);
-                assert!(part.elements.is_sorted() && part.owned_nodes().is_sorted());
-                let mut parcel = Parcel::default();
-                part.pack(&mut parcel);
-                assert_eq!(&Part::unpack(&mut Opened::of(&parcel.numbers)), part);
-                let held = |node: u32| {
-                    part.nodes
-                        .iter()
-                        .position(|own| *own == node)
-                        .map(|at| at as u32)
-                };
-                assert!(
-                    (0..n as u32)
-                        .step_by(7)
-                        .all(|node| part.local(node) == held(node))
-                );
-                // Every row of an owned node is complete.
-                for (e, tet) in mesh.tets.iter().enumerate() {
-                    let touches = tet.iter().any(|node| part.owned(*node).is_some());
-                    assert_eq!(touches, part.elements.binary_search(&(e as u32)).is_ok());
-                    assert!(!touches || tet.iter().all(|node| part.local(*node).is_some()));
-                }
-            }
-            assert_eq!(spoken, vec![1; mesh.n_tets()]);
-            // Every ghost becomes what its owner has.
-            let arrived = on_threads(n_ranks, ThreadSettings::default(), |comm| {
-                let part = &parts[comm.rank()];
-                let mut values = part.take(1, &(0..n).map(|k| k as f64).collect::<Vec<_>>());
-                values[part.layout.n_owned..].fill(-1.0);
-                comm.update_ghosts(&part.layout, 1, &mut values);
-                values
-                    .iter()
-                    .zip(&part.nodes)
-                    .all(|(value, node)| *value == f64::from(*node))
-            });
-            assert_eq!(arrived, Ok(vec![true; n_ranks]));
-        }
-        let owners = vec![0; n];
-        assert_eq!(
-            Part::of(0, &owners, &mesh.tets),
-            Part::whole(n, mesh.n_tets())
-        );
     }
 }

@@ -39,14 +39,14 @@ impl Layout {
 
 /// Vectors over the nodes of all ranks, three numbers a node, owned nodes first.
 #[derive(Debug, Clone, Copy)]
-pub struct Space<'a> {
+pub struct VectorLayout<'a> {
     /// Global operations.
     pub comm: &'a dyn Communicator,
     /// Nodes of this rank.
     pub layout: &'a Layout,
 }
 
-impl Space<'_> {
+impl VectorLayout<'_> {
     /// Numbers in a vector, with ghosts.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -121,7 +121,7 @@ mod tests {
             n_local: 4,
             neighbours: vec![],
         };
-        let space = Space {
+        let space = VectorLayout {
             comm: &SingleProcess,
             layout: &layout,
         };

@@ -1,39 +1,45 @@
-//! Vectors of three numbers, as plain arrays: what the mesh needs of linear algebra.
+//! Vectors of three numbers, as plain arrays.
 
 /// A point in mm, or a direction.
 pub type Vec3 = [f64; 3];
 
 /// a + b
+#[inline]
 #[must_use]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// a − b
+#[inline]
 #[must_use]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// s a
+#[inline]
 #[must_use]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// a + s b
+#[inline]
 #[must_use]
 pub fn axpy(a: Vec3, s: f64, b: Vec3) -> Vec3 {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
 /// a · b
+#[inline]
 #[must_use]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// a × b
+#[inline]
 #[must_use]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [
@@ -44,18 +50,21 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 /// |a|
+#[inline]
 #[must_use]
 pub fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// |a − b|
+#[inline]
 #[must_use]
 pub fn distance(a: Vec3, b: Vec3) -> f64 {
     norm(sub(a, b))
 }
 
 /// a / |a|, or nothing where |a| is zero or not finite.
+#[inline]
 #[must_use]
 pub fn unit(a: Vec3) -> Option<Vec3> {
     let length = norm(a);
@@ -63,12 +72,14 @@ pub fn unit(a: Vec3) -> Option<Vec3> {
 }
 
 /// The part of `a` that is perpendicular to the unit vector `n`.
+#[inline]
 #[must_use]
 pub fn reject(a: Vec3, n: Vec3) -> Vec3 {
     axpy(a, -dot(a, n), n)
 }
 
 /// Some unit vector perpendicular to the unit vector `n`, always the same for the same `n`.
+#[inline]
 #[must_use]
 pub fn any_perpendicular(n: Vec3) -> Vec3 {
     let smallest = (0..3)

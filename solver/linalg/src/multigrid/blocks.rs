@@ -1,7 +1,7 @@
 //! Sparse matrices of small dense blocks in single precision: the matrices of the levels, and the prolongations between them.
 
-use crate::linear::Pattern;
-use crate::linear::prefetch::prefetch;
+use crate::Pattern;
+use crate::prefetch;
 
 /// A dense block: `C` columns of `W` numbers, of which the last may be padding, zero.
 pub(super) type Block<const W: usize, const C: usize> = [[f32; W]; C];

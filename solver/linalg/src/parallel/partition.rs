@@ -2,9 +2,10 @@
 
 use std::sync::Mutex;
 
-use cardiotwin_mesh::adjacency::Adjacency;
 use metis::option::{Seed, UFactor};
 use metis::{Graph, Idx};
+
+use crate::Pattern;
 
 /// Parts up to which METIS bisects again and again; it cuts more parts at once.
 const MOST_BY_BISECTION: usize = 8;
@@ -39,6 +40,11 @@ pub enum PartitionError {
     },
 }
 
+/// The nodes that share an element with each node.
+fn graph(n_nodes: usize, tets: &[[u32; 4]]) -> Pattern {
+    Pattern::of_elements(n_nodes, tets.iter().map(|tet| (&tet[..], &tet[..])))
+}
+
 /// The rank that owns each node. A node weighs what its elements cost, so that ranks get equal work rather than equally many
 /// nodes; of cuts that do, one through few edges is taken. The same mesh gives the same cut.
 ///
@@ -67,15 +73,15 @@ pub fn owners(
         n_ranks,
         reason,
     };
-    let nodes = Adjacency::node_to_nodes(n_nodes, tets);
+    let nodes = graph(n_nodes, tets);
     let mut starts: Vec<Idx> = Vec::with_capacity(n_nodes + 1);
-    let mut neighbours: Vec<Idx> = Vec::with_capacity(nodes.items.len());
+    let mut neighbours: Vec<Idx> = Vec::with_capacity(nodes.column.len());
     starts.push(0);
     for node in 0..n_nodes {
         // Ours hold the node itself, METIS wants neighbours alone.
         neighbours.extend(
             nodes
-                .row(node)
+                .columns(node)
                 .iter()
                 .filter(|n| **n as usize != node)
                 .map(|n| *n as Idx),
@@ -144,11 +150,11 @@ pub fn figures(n_nodes: usize, tets: &[[u32; 4]], owners: &[u32], n_ranks: usize
             .chunk_by(|a, b| a == b)
             .for_each(|same| elements[same[0] as usize] += 1);
     }
-    let graph = Adjacency::node_to_nodes(n_nodes, tets);
+    let graph = graph(n_nodes, tets);
     let (mut all, mut cut) = (0_usize, 0_usize);
     for node in 0..n_nodes {
         for other in graph
-            .row(node)
+            .columns(node)
             .iter()
             .filter(|other| **other as usize > node)
         {
@@ -168,69 +174,7 @@ pub fn figures(n_nodes: usize, tets: &[[u32; 4]], owners: &[u32], n_ranks: usize
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_mesh::TetMesh;
-    use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-    use cardiotwin_mesh::partition::{CoordinateBisection, Partitioner as _, node_owners};
-    use cardiotwin_units::Ml;
-
     use super::*;
-
-    fn ventricle(n_nodes: usize) -> TetMesh {
-        generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes))
-            .expect("a mesh")
-            .mesh
-    }
-
-    #[test]
-    fn parts_are_balanced_and_cut_few_edges() {
-        for (size, most_cut) in [
-            (2000, [0.06, 0.08, 0.11, 0.16]),
-            (8000, [0.03, 0.05, 0.06, 0.09]),
-        ] {
-            let mesh = ventricle(size);
-            let n = mesh.n_nodes();
-            for (n_ranks, most_cut) in [2, 3, 4, 8].into_iter().zip(most_cut) {
-                let found = owners(n, &mesh.tets, n_ranks).expect("a cut");
-                let cut = figures(n, &mesh.tets, &found, n_ranks);
-                // What is computed twice at the cut is about two elements for each edge that is cut.
-                assert!(
-                    cut.elements < 1.02 + 2.2 * cut.cut_edges,
-                    "{size} nodes, {n_ranks} ranks: {cut:?}"
-                );
-                assert!(
-                    cut.nodes < 1.08 && cut.cut_edges < most_cut,
-                    "{size} nodes, {n_ranks} ranks: {cut:?}"
-                );
-                let parts = CoordinateBisection.parts(&mesh, &vec![1.0; mesh.n_tets()], n_ranks);
-                let simple = figures(n, &mesh.tets, &node_owners(&mesh, &parts), n_ranks);
-                assert!(
-                    cut.elements < simple.elements,
-                    "{size} nodes, {n_ranks} ranks: {cut:?} {simple:?}"
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn the_same_mesh_gives_the_same_cut_whoever_else_cuts() {
-        let mesh = ventricle(500);
-        let cut = || owners(mesh.n_nodes(), &mesh.tets, 4).expect("a cut");
-        let want = cut();
-        std::thread::scope(|scope| {
-            let others: Vec<_> = (0..4)
-                .map(|_| scope.spawn(|| (0..5).map(|_| cut()).collect::<Vec<_>>()))
-                .collect();
-            for other in others {
-                assert!(
-                    other
-                        .join()
-                        .expect("no panic")
-                        .iter()
-                        .all(|got| *got == want)
-                );
-            }
-        });
-    }
 
     #[test]
     fn one_rank_owns_all_and_too_many_are_refused() {

@@ -1,12 +1,12 @@
 //! Cheap approximations of the inverse: per node, or one symmetric sweep over the nodes of a rank.
 
-use super::{Assembled, Operator, Tangent};
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
+use crate::{CondensedMatrix, Operator};
 
-/// An approximation of the inverse of a tangent. Linear, and symmetric where it serves CG or MINRES.
+/// An approximation of the inverse of a matrix. Linear, and symmetric where it serves CG or MINRES.
 pub trait Preconditioner {
     /// `z ≈ A⁻¹ r` over owned nodes.
-    fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]);
+    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]);
 }
 
 /// Inverse of a 3×3 block; the identity over its trace where it is singular.
@@ -36,19 +36,19 @@ pub struct BlockJacobi {
 }
 
 impl BlockJacobi {
-    /// Inverts the diagonal blocks of `tangent`, nodal volume change included.
+    /// Inverts the diagonal blocks of the whole matrix.
     #[must_use]
-    pub fn new(tangent: &dyn Assembled) -> Self {
+    pub fn new(matrix: &dyn Operator) -> Self {
         Self {
-            inverses: (0..tangent.pattern().n_rows())
-                .map(|r| inverse(&tangent.diagonal(r)))
+            inverses: (0..matrix.n_rows())
+                .map(|r| inverse(&matrix.diagonal(r)))
                 .collect(),
         }
     }
 }
 
 impl Preconditioner for BlockJacobi {
-    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, _space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let (r, _) = r.as_chunks::<3>();
         let (z, _) = z.as_chunks_mut::<3>();
         for ((inverse, r), z) in self.inverses.iter().zip(r).zip(z) {
@@ -57,11 +57,11 @@ impl Preconditioner for BlockJacobi {
     }
 }
 
-/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of the
-/// elements' stiffness with the whole matrix's diagonal blocks.
+/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of `K`
+/// with the whole matrix's diagonal blocks.
 #[derive(Debug)]
 pub struct SymmetricSweep<'a> {
-    tangent: &'a Tangent,
+    tangent: &'a CondensedMatrix,
     diagonal: Vec<[f64; 9]>,
     inverses: Vec<[f64; 9]>,
 }
@@ -69,7 +69,7 @@ pub struct SymmetricSweep<'a> {
 impl<'a> SymmetricSweep<'a> {
     /// Prepares the sweeps of `tangent`.
     #[must_use]
-    pub fn new(tangent: &'a Tangent) -> Self {
+    pub fn new(tangent: &'a CondensedMatrix) -> Self {
         let diagonal: Vec<[f64; 9]> = (0..tangent.stiffness.pattern.n_rows())
             .map(|r| tangent.diagonal(r))
             .collect();
@@ -83,7 +83,7 @@ impl<'a> SymmetricSweep<'a> {
 }
 
 impl Preconditioner for SymmetricSweep<'_> {
-    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, _space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let pattern = &self.tangent.stiffness.pattern;
         let blocks = &self.tangent.stiffness.blocks;
         let (r, _) = r.as_chunks::<3>();

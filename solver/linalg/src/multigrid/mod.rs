@@ -1,8 +1,8 @@
 //! Algebraic multigrid for elasticity: smoothed aggregation with rigid motions.
 //!
 //! A preconditioner for static problems, where what one node feels reaches through the whole body and Jacobi's method
-//! takes thousands of iterations. It is made of the stiffness `K` alone, without the nodal volume change `G D Gᵀ`: with a
-//! share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
+//! takes thousands of iterations. It is made of the stiffness `K` alone, without the product `G D Gᵀ` of a
+//! [`crate::CondensedMatrix`]: with a share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
 //! gradients on the whole tangent bridge, and has the narrow stencil that aggregation needs.
 //!
 //! Every level is spread over the ranks like the first; groups of nodes end at the border of a rank. The coarsest is factorised on
@@ -18,10 +18,10 @@ mod level;
 
 use self::blocks::Blocks;
 use self::level::{Coarse, Level};
-use super::{Assembled, Pattern, Preconditioner};
-use crate::parallel::Space;
+use crate::parallel::VectorLayout;
+use crate::{Pattern, Preconditioner};
 
-/// One V-cycle on the stiffness of a tangent, as it was when this was made.
+/// One V-cycle on a stiffness, as it was when this was made.
 #[derive(Debug)]
 pub struct Multigrid {
     fine: Level<4, 3>,
@@ -31,12 +31,17 @@ pub struct Multigrid {
 impl Multigrid {
     /// Builds the levels. Collective.
     ///
+    /// - `pattern`, `block`: the stiffness, with the 3×3 block of each entry, row-major
     /// - `points`: where the nodes are now, ghosts included, three numbers each
     #[must_use]
-    pub fn new(space: Space<'_>, tangent: &dyn Assembled, points: &[f64]) -> Self {
-        let pattern = tangent.pattern();
+    pub fn new(
+        space: VectorLayout<'_>,
+        pattern: &Pattern,
+        block: &dyn Fn(usize) -> [[f32; 3]; 3],
+        points: &[f64],
+    ) -> Self {
         let padded = |slot: usize| {
-            let block = tangent.stiffness_block(slot);
+            let block = block(slot);
             std::array::from_fn(|j| [block[0][j], block[1][j], block[2][j], 0.0])
         };
         let blocks = (0..pattern.column.len()).map(padded).collect();
@@ -76,7 +81,7 @@ impl Multigrid {
 }
 
 impl Preconditioner for Multigrid {
-    fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let n = 3 * self.fine.n();
         // Scaled to one, so that nothing is too small for single precision.
         let mut largest = [r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()))];

@@ -1,7 +1,8 @@
 //! Krylov solvers over distributed vectors.
 
-use super::{Operator, Preconditioner};
-use crate::parallel::Space;
+use crate::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
+use crate::parallel::VectorLayout;
+use crate::{Operator, Preconditioner};
 
 /// When a Krylov solver stops.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +53,13 @@ fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-fn residual(space: Space<'_>, a: &dyn Operator, x: &mut [f64], b: &[f64], r: &mut [f64]) -> f64 {
+fn residual(
+    space: VectorLayout<'_>,
+    a: &dyn Operator,
+    x: &mut [f64],
+    b: &[f64],
+    r: &mut [f64],
+) -> f64 {
     a.multiply(space, x, r);
     for (r, b) in r.iter_mut().zip(b).take(space.n_owned()) {
         *r = b - *r;
@@ -81,64 +88,76 @@ fn report(
     }
 }
 
+/// `A x = b` with a preconditioner, over the nodes of all ranks.
+struct OnRanks<'a> {
+    space: VectorLayout<'a>,
+    a: &'a dyn Operator,
+    m: &'a dyn Preconditioner,
+}
+
+impl SymmetricSystem for OnRanks<'_> {
+    fn precondition(&self, r: &[f64], z: &mut [f64]) {
+        self.m.apply(self.space, r, z);
+    }
+
+    fn multiply(&self, p: &mut [f64], q: &mut [f64]) {
+        self.a.multiply(self.space, p, q);
+    }
+
+    fn dot(&self, p: &[f64], q: &[f64]) -> f64 {
+        self.space.dot(p, q)
+    }
+
+    fn measure(&self, r: &[f64], z: &[f64]) -> Measure {
+        // One reduction for both: a preconditioner applied once too often costs less than another wait for all ranks.
+        let [squared_size, rz] = self.space.dots([(r, r), (r, z)]);
+        Measure { rz, squared_size }
+    }
+
+    fn accepts(&self, curvature: f64, rz: f64) -> bool {
+        curvature > 0.0 && rz > 0.0
+    }
+}
+
 /// Conjugate gradients for a symmetric positive definite `a`, from `x`. Collective.
 pub fn conjugate_gradients(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
     x: &mut [f64],
     settings: &KrylovSettings,
 ) -> KrylovReport {
-    let n = space.len();
     let b_norm = space.norm(b).max(f64::MIN_POSITIVE);
-    let (mut r, mut z, mut p, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-    residual(space, a, x, b, &mut r);
-    let mut r_norm;
-    let mut rz = 0.0;
-    let mut ending = KrylovEnding::Exhausted;
-    let mut iterations = 0;
-    loop {
-        m.apply(space, &r, &mut z);
-        // One reduction for both: a preconditioner applied once too often costs less than another wait for all ranks.
-        let [rr, rz_new] = space.dots([(&r, &r), (&r, &z)]);
-        r_norm = rr.sqrt();
-        if !(r_norm > settings.relative_tolerance * b_norm) || iterations >= settings.max_iterations
-        {
-            break;
-        }
-        let beta = if iterations == 0 { 0.0 } else { rz_new / rz };
-        rz = rz_new;
-        for (p, z) in p.iter_mut().zip(&z) {
-            *p = z + beta * *p;
-        }
-        a.multiply(space, &mut p, &mut q);
-        let curvature = space.dot(&p, &q);
-        if !(curvature > 0.0 && rz > 0.0) {
-            ending = KrylovEnding::Indefinite;
-            break;
-        }
-        let alpha = rz / curvature;
-        for ((x, r), (p, q)) in x.iter_mut().zip(&mut r).zip(p.iter().zip(&q)) {
-            *x += alpha * p;
-            *r -= alpha * q;
-        }
-        iterations += 1;
-    }
+    let mut directions = Directions::new(space.len());
+    residual(space, a, x, b, &mut directions.r);
+    let goal = settings.relative_tolerance * b_norm;
+    let ended = iterate(
+        &OnRanks { space, a, m },
+        x,
+        &mut directions,
+        settings.max_iterations,
+        |squared| !(squared.sqrt() > goal),
+    );
     // The recurrence drifts from the true residual by rounding alone, which counts where the tolerance is tight.
     let r_norm = if settings.relative_tolerance < 1e-6 {
-        residual(space, a, x, b, &mut r)
+        residual(space, a, x, b, &mut directions.r)
     } else {
-        r_norm
+        ended.squared_size.sqrt()
     };
-    report(iterations, r_norm, b_norm, settings, ending)
+    let otherwise = if ended.is_indefinite {
+        KrylovEnding::Indefinite
+    } else {
+        KrylovEnding::Exhausted
+    };
+    report(ended.iterations, r_norm, b_norm, settings, otherwise)
 }
 
 /// MINRES for a symmetric, possibly indefinite `a` with a positive definite preconditioner, from `x`. Collective.
 ///
 /// Source: Paige and Saunders 1975; recurrence of Elman, Silvester and Wathen 2005, algorithm 6.1.
 pub fn minres(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
@@ -212,7 +231,7 @@ pub fn minres(
 /// Restarted flexible GMRES with modified Gram–Schmidt, preconditioned on the right, so that it stops on the true
 /// residual; for any regular `a`, from `x`. Collective.
 pub fn gmres(
-    space: Space<'_>,
+    space: VectorLayout<'_>,
     a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],

@@ -1,0 +1,192 @@
+//! The method of conjugate gradients, whatever its vectors are spread over and whatever ends it.
+
+/// What conjugate gradients ask of a system `A x = b` with a symmetric positive definite `A`.
+pub trait SymmetricSystem {
+    /// `z ≈ A⁻¹ r`.
+    fn precondition(&self, r: &[f64], z: &mut [f64]);
+
+    /// `q = A p`; brings ghosts of `p` up to date first.
+    fn multiply(&self, p: &mut [f64], q: &mut [f64]);
+
+    /// `p · q`.
+    fn dot(&self, p: &[f64], q: &[f64]) -> f64;
+
+    /// `r · z`, and what the residual is judged by.
+    fn measure(&self, r: &[f64], z: &[f64]) -> Measure;
+
+    /// Whether a direction of this curvature `p · A p` is taken, where `r · z` is `rz`; the method ends where it is not.
+    fn accepts(&self, _curvature: f64, _rz: f64) -> bool {
+        true
+    }
+}
+
+/// Two scalar products of a residual.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measure {
+    /// `r · z`.
+    pub rz: f64,
+    /// The square of the residual's size.
+    pub squared_size: f64,
+}
+
+/// The vectors of conjugate gradients, of equal lengths; they serve any number of solves.
+#[derive(Debug, Clone)]
+pub struct Directions {
+    /// The residual `b − A x`.
+    pub r: Vec<f64>,
+    z: Vec<f64>,
+    p: Vec<f64>,
+    q: Vec<f64>,
+}
+
+impl Directions {
+    /// Of length `n`.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        Self {
+            r: vec![0.0; n],
+            z: vec![0.0; n],
+            p: vec![0.0; n],
+            q: vec![0.0; n],
+        }
+    }
+}
+
+/// How conjugate gradients ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ended {
+    /// Iterations.
+    pub iterations: usize,
+    /// The square of the residual's size.
+    pub squared_size: f64,
+    /// Whether a direction was not accepted.
+    pub is_indefinite: bool,
+}
+
+/// Improves `x`, whose residual is in `directions.r`, until `ends` says so of the square of the residual's size, or for
+/// `max_iterations`. Collective where the system's operations are.
+///
+/// Source: Hestenes and Stiefel 1952, J. Res. Natl. Bur. Stand. 49:409, with a preconditioner.
+#[inline]
+pub fn iterate<S: SymmetricSystem + ?Sized>(
+    system: &S,
+    x: &mut [f64],
+    directions: &mut Directions,
+    max_iterations: usize,
+    mut ends: impl FnMut(f64) -> bool,
+) -> Ended {
+    let Directions { r, z, p, q } = directions;
+    p.fill(0.0);
+    let (mut rz, mut iterations) = (0.0, 0);
+    loop {
+        system.precondition(r, z);
+        let measure = system.measure(r, z);
+        let ended = |is_indefinite| Ended {
+            iterations,
+            squared_size: measure.squared_size,
+            is_indefinite,
+        };
+        if ends(measure.squared_size) || iterations >= max_iterations {
+            return ended(false);
+        }
+        let beta = if iterations == 0 {
+            0.0
+        } else {
+            measure.rz / rz
+        };
+        rz = measure.rz;
+        for (p, z) in p.iter_mut().zip(&*z) {
+            *p = z + beta * *p;
+        }
+        system.multiply(p, q);
+        let curvature = system.dot(p, q);
+        if !system.accepts(curvature, rz) {
+            return ended(true);
+        }
+        let alpha = rz / curvature;
+        for ((x, r), (p, q)) in x.iter_mut().zip(&mut *r).zip(p.iter().zip(&*q)) {
+            *x += alpha * p;
+            *r -= alpha * q;
+        }
+        iterations += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Csr, Pattern};
+
+    struct Jacobi(Csr);
+
+    impl SymmetricSystem for Jacobi {
+        fn precondition(&self, r: &[f64], z: &mut [f64]) {
+            for ((z, r), d) in z.iter_mut().zip(r).zip(self.0.diagonal()) {
+                *z = r / d;
+            }
+        }
+
+        fn multiply(&self, p: &mut [f64], q: &mut [f64]) {
+            self.0.multiply_rows(0, p, q);
+        }
+
+        fn dot(&self, p: &[f64], q: &[f64]) -> f64 {
+            p.iter().zip(q).map(|(p, q)| p * q).sum()
+        }
+
+        fn measure(&self, r: &[f64], z: &[f64]) -> Measure {
+            Measure {
+                rz: self.dot(r, z),
+                squared_size: self.dot(r, r),
+            }
+        }
+
+        fn accepts(&self, curvature: f64, _: f64) -> bool {
+            curvature > 0.0
+        }
+    }
+
+    fn system(diagonal: f64) -> Jacobi {
+        let tets = [[0_u32, 1, 2, 3], [1, 2, 3, 4]];
+        let rows = tets.iter().map(|e| (&e[..], &e[..]));
+        let mut a = Csr::zeros(Pattern::of_elements(5, rows));
+        for tet in tets {
+            for i in tet {
+                for j in tet {
+                    a.add(i, j, if i == j { diagonal } else { -0.5 });
+                }
+            }
+        }
+        Jacobi(a)
+    }
+
+    #[test]
+    fn a_small_system_is_solved_in_as_many_iterations_as_it_has_unknowns() {
+        let a = system(4.0);
+        let mut exact = [1.0, -2.0, 3.0, 0.5, 4.0];
+        let (mut x, mut directions) = ([0.0; 5], Directions::new(5));
+        a.multiply(&mut exact, &mut directions.r);
+        let ended = iterate(&a, &mut x, &mut directions, 20, |squared| squared < 1e-24);
+        assert!(
+            ended.iterations <= 6 && ended.squared_size < 1e-24,
+            "{ended:?}"
+        );
+        for (x, exact) in x.iter().zip(exact) {
+            assert!((x - exact).abs() < 1e-10, "{x} {exact}");
+        }
+    }
+
+    #[test]
+    fn limits_and_refused_directions_end_the_method() {
+        let ending = |a: &Jacobi, most| {
+            let mut directions = Directions::new(5);
+            directions.r = vec![1.0, 2.0, -1.0, 0.5, 1.0];
+            iterate(a, &mut [0.0; 5], &mut directions, most, |squared| {
+                squared < 1e-24
+            })
+        };
+        let short = ending(&system(4.0), 2);
+        assert_eq!((short.iterations, short.is_indefinite), (2, false));
+        assert!(ending(&system(0.5), 20).is_indefinite);
+    }
+}

@@ -1,0 +1,53 @@
+//! Linear algebra that meshes, potentials and mechanics share.
+//!
+//! - [`vec3`]: vectors of three numbers
+//! - [`Pattern`], [`Csr`], [`BlockCsr`], [`Coupling`]: sparse matrices by rows
+//! - [`mod@conjugate_gradients`]: the one loop of conjugate gradients, for any kind of vectors
+//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their [`Preconditioner`]s
+//! - [`parallel`]: every global operation behind one interface; cuts of a mesh into parts
+//!
+//! Features: `direct` has [`Direct`] factorisations and [`Multigrid`] (crate `faer`), `metis` cuts meshes with METIS. Both are
+//! left out where only meshes are read, so that the coordinator builds without them.
+
+#![deny(missing_docs)]
+#![allow(clippy::needless_range_loop, reason = "components are read as indices")]
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a comparison with NaN must end on the cautious side"
+)]
+
+mod block_csr;
+mod condensed;
+pub mod conjugate_gradients;
+mod csr;
+#[cfg(feature = "direct")]
+mod direct;
+#[cfg(feature = "direct")]
+mod dissection;
+mod krylov;
+#[cfg(feature = "direct")]
+mod multigrid;
+mod operator;
+pub mod parallel;
+mod pattern;
+mod preconditioner;
+mod prefetch;
+pub mod vec3;
+
+pub use block_csr::{BlockCsr, Coupling};
+pub use condensed::CondensedMatrix;
+pub use csr::Csr;
+#[cfg(feature = "direct")]
+pub use direct::{Direct, DirectError};
+#[cfg(feature = "direct")]
+pub use dissection::nested_dissection;
+pub use krylov::{KrylovEnding, KrylovReport, KrylovSettings, conjugate_gradients, gmres, minres};
+#[cfg(feature = "direct")]
+pub use multigrid::Multigrid;
+pub use operator::Operator;
+pub use pattern::{NO_SLOT, Pattern};
+pub use preconditioner::{BlockJacobi, Preconditioner, SymmetricSweep};
+pub use prefetch::prefetch;
+
+#[cfg(all(test, feature = "direct"))]
+mod tests;
