@@ -91,7 +91,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::PassiveState(_) => 8,
-            Self::Discover(_) => 4,
+            Self::Discover(_) => 5,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) => 5,
             Self::OrganBeat(_) => 6,

@@ -71,9 +71,11 @@ impl Tangent {
 pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent> {
     let n_data = at.minimum.residuals.len() - at.z.len();
     let n = at.z.len();
+    // The last row before the priors is a determinant, which no noise moves.
+    let determinant = n_data - 1;
     // Orthonormal basis of what is fitted anyway, priors as data of their own; one more row for the strength's prior.
     let jacobian = DMatrix::from_fn(n_data + n + 1, n, |r, c| {
-        if r < n_data + n {
+        if r < n_data + n && r != determinant {
             at.minimum.jacobian[(r, c)]
         } else {
             0.0
@@ -117,7 +119,7 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
                 Some(&at.minimum.warm),
             )?;
             let mut direction = DVector::zeros(n_data + n + 1);
-            for i in 0..n_data {
+            for i in 0..determinant {
                 direction[i] = (there[i] - at.minimum.residuals[i]) / step;
             }
             direction[n_data + n] = 1.0;

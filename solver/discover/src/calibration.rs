@@ -2,7 +2,7 @@
 //! tolerance while a model is fitted, and estimated afterwards, so that predictions can be compared with the data.
 
 use crate::forward::Prediction;
-use crate::noise::{Signal, slopes};
+use crate::noise::{Whitener, slopes};
 use crate::problem::Data;
 use serde::{Deserialize, Serialize};
 
@@ -23,10 +23,8 @@ const LARGEST_SD: f64 = 2.0;
 
 /// Posterior mean of the amplitude of an error of this shape with prior standard deviation `sd`, given the residuals: the
 /// covariance holds it already, so sd² hᵀ C⁻¹ r; no larger than what would have a name.
-fn amplitude(signal: &Signal, shape: &[f64], residual: &[f64], sd: f64) -> f64 {
-    let (mut h, mut r) = (Vec::new(), Vec::new());
-    signal.whiten(shape, &mut h);
-    signal.whiten(residual, &mut r);
+fn amplitude(whitener: &Whitener<'_>, shape: &[f64], residual: &[f64], sd: f64) -> f64 {
+    let (h, r) = (whitener.whiten(shape), whitener.whiten(residual));
     let mean = sd * sd * h.iter().zip(&r).map(|(h, r)| h * r).sum::<f64>();
     mean.clamp(-LARGEST_SD * sd, LARGEST_SD * sd)
 }
@@ -35,19 +33,13 @@ impl Calibration {
     /// Estimates from the residuals of a beat.
     #[must_use]
     pub fn of(data: &Data, beat: &Prediction) -> Self {
-        let residual = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
-            signal
-                .time_ms
-                .iter()
-                .zip(&signal.value)
-                .map(|(t, v)| v - beat.at(trace, *t))
-                .collect()
-        };
         let (p, v) = (&data.pressure, &data.volume);
-        let (rp, rv) = (
-            residual(p, &beat.pressure_mmhg),
-            residual(v, &beat.volume_ml),
+        let (model_p, model_v) = (
+            beat.sampled(&beat.pressure_mmhg, &p.time_ms),
+            beat.sampled(&beat.volume_ml, &v.time_ms),
         );
+        let (rp, rv) = (p.residual(&model_p), v.residual(&model_v));
+        let (white_p, white_v) = (p.whitener(&model_p), v.whitener(&model_v));
         let tolerance = &data.tolerance;
         // A delay of the frames moves them by less its slope.
         let delayed: Vec<f64> = slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS)
@@ -55,9 +47,14 @@ impl Calibration {
             .map(|s| -s)
             .collect();
         Self {
-            pressure_offset_mmHg: amplitude(p, &vec![1.0; p.len()], &rp, tolerance.offset_mmhg),
-            volume_delay_ms: amplitude(v, &delayed, &rv, tolerance.shift_ms),
-            volume_excess: amplitude(v, &v.value, &rv, tolerance.scale),
+            pressure_offset_mmHg: amplitude(
+                &white_p,
+                &vec![1.0; p.len()],
+                &rp,
+                tolerance.offset_mmhg,
+            ),
+            volume_delay_ms: amplitude(&white_v, &delayed, &rv, tolerance.shift_ms),
+            volume_excess: amplitude(&white_v, &model_v, &rv, tolerance.scale),
         }
     }
 

@@ -128,6 +128,7 @@ impl Problem<'_> {
             + part(nu_v, self.data.volume.len(), misfit.volume)
             + misfit.side
             + misfit.prior
+            + misfit.volume_factor
             + self.data.pressure.log_determinant
             + self.data.volume.log_determinant
     }

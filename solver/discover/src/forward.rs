@@ -31,6 +31,12 @@ pub struct Prediction {
 }
 
 impl Prediction {
+    /// A trace of this beat at some times \[ms\].
+    #[must_use]
+    pub fn sampled(&self, trace: &[f64], time_ms: &[f64]) -> Vec<f64> {
+        time_ms.iter().map(|t| self.at(trace, *t)).collect()
+    }
+
     /// A trace of this beat at any time, linear between samples, periodic.
     #[must_use]
     pub fn at(&self, trace: &[f64], time_ms: f64) -> f64 {

@@ -173,14 +173,9 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
         ("pressure", &data.pressure, &beat.pressure_mmhg),
         ("volume", &data.volume, &beat.volume_ml),
     ] {
-        let residual: Vec<f64> = signal
-            .time_ms
-            .iter()
-            .zip(&signal.value)
-            .map(|(t, v)| v - beat.at(trace, *t))
-            .collect();
-        let mut white = Vec::new();
-        signal.whiten(&residual, &mut white);
+        let model = beat.sampled(trace, &signal.time_ms);
+        let residual = signal.residual(&model);
+        let white = signal.whitener(&model).whiten(&residual);
         for (phase, phase_name) in PHASES.iter().enumerate() {
             let inside: Vec<usize> = (0..signal.len())
                 .filter(|i| phases.at(signal.time_ms[*i], cycle) == phase)
@@ -194,7 +189,7 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
                 signal: name.to_owned(),
                 phase: (*phase_name).to_owned(),
                 size,
-                z: size / signal.mean_sd(&inside),
+                z: size / signal.mean_sd(&inside, &model),
                 share: inside.iter().map(|i| white[*i] * white[*i]).sum(),
                 biomarkers: biomarkers(name, phase),
             });
@@ -294,9 +289,16 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
             .filter(|i| near(signal.time_ms[*i]) <= width)
             .collect();
         if !inside.is_empty() {
-            let difference = |i: &usize| signal.value[*i] - beat.at(trace, signal.time_ms[*i]);
+            let model = beat.sampled(trace, &signal.time_ms);
+            let difference = |i: &usize| signal.value[*i] - model[*i];
             let size = inside.iter().map(difference).sum::<f64>() / inside.len() as f64;
-            row(name, "beat", size, signal.mean_sd(&inside), biomarker);
+            row(
+                name,
+                "beat",
+                size,
+                signal.mean_sd(&inside, &model),
+                biomarker,
+            );
         }
     }
     let model: Vec<f64> = data

@@ -177,16 +177,61 @@ pub struct Signal {
     pub noise_sd: f64,
     /// Rows of the inverse of the covariance's lower Cholesky factor, packed.
     whitening: Vec<f64>,
-    /// Covariance of the data.
+    /// Covariance of the data without the common factor.
     covariance: DMatrix<f64>,
-    /// Logarithm of the covariance's determinant.
+    /// Logarithm of the determinant of the covariance without the common factor.
     pub log_determinant: f64,
+    /// Standard deviation of a factor that all data have in common, with mean one.
+    factor_sd: f64,
+}
+
+/// Whitening of residuals from one model curve, whose values carry the common factor of the data.
+///
+/// With data d = (1 + s) m + e, s of standard deviation σ and e of covariance C₀ = L Lᵀ, integrating over s gives residuals
+/// d − m of covariance C₀ + σ² m mᵀ. The factor multiplies the model's values m: with the measured values in their place,
+/// each fit lies below its data (Peelle's pertinent puzzle; D'Agostini 1994, Nucl Instrum Methods A 346:306). With
+/// u = σ L⁻¹ m, the covariance is L (1 + u uᵀ) Lᵀ; its inverse square root is the symmetric one of the bracket times L⁻¹.
+#[derive(Debug, Clone)]
+pub struct Whitener<'a> {
+    signal: &'a Signal,
+    u: Vec<f64>,
+    /// |u|².
+    square: f64,
+}
+
+impl Whitener<'_> {
+    /// White residuals (1 + u uᵀ)^(−1/2) L⁻¹ r of residuals r.
+    #[must_use]
+    pub fn whiten(&self, residual: &[f64]) -> Vec<f64> {
+        let mut white = self.signal.solve_factor(residual);
+        if self.square > 0.0 {
+            let along: f64 = self.u.iter().zip(&white).map(|(u, w)| u * w).sum();
+            let share = along * (1.0 - (1.0 + self.square).sqrt().recip()) / self.square;
+            white
+                .iter_mut()
+                .zip(&self.u)
+                .for_each(|(w, u)| *w -= share * u);
+        }
+        white
+    }
+
+    /// Logarithm of the determinant that the common factor adds: ln(1 + |u|²).
+    #[must_use]
+    pub fn factor_log_determinant(&self) -> f64 {
+        self.square.ln_1p()
+    }
 }
 
 impl Signal {
     /// # Panics
     /// When the covariance is not positive definite, which noise on the diagonal excludes.
-    fn new(time_ms: Vec<f64>, value: Vec<f64>, noise_sd: f64, covariance: DMatrix<f64>) -> Self {
+    fn new(
+        time_ms: Vec<f64>,
+        value: Vec<f64>,
+        noise_sd: f64,
+        covariance: DMatrix<f64>,
+        factor_sd: f64,
+    ) -> Self {
         let (whitening, log_determinant) = packed_inverse_factor(&covariance);
         Self {
             time_ms,
@@ -195,6 +240,7 @@ impl Signal {
             whitening,
             covariance,
             log_determinant,
+            factor_sd,
         }
     }
 
@@ -210,24 +256,55 @@ impl Signal {
         self.value.is_empty()
     }
 
-    /// White residuals from residuals: L⁻¹ r.
-    pub fn whiten(&self, residual: &[f64], out: &mut Vec<f64>) {
+    /// Data minus model.
+    ///
+    /// - `model`: values of the model at the times of the data
+    #[must_use]
+    pub fn residual(&self, model: &[f64]) -> Vec<f64> {
+        self.value.iter().zip(model).map(|(v, m)| v - m).collect()
+    }
+
+    /// L⁻¹ x.
+    fn solve_factor(&self, x: &[f64]) -> Vec<f64> {
         let mut row = 0;
-        for i in 0..residual.len() {
-            let weights = &self.whitening[row..=row + i];
-            out.push(weights.iter().zip(residual).map(|(w, r)| w * r).sum());
-            row += i + 1;
+        (0..x.len())
+            .map(|i| {
+                let weights = &self.whitening[row..=row + i];
+                row += i + 1;
+                weights.iter().zip(x).map(|(w, x)| w * x).sum()
+            })
+            .collect()
+    }
+
+    /// Whitening of residuals from a model.
+    ///
+    /// - `model`: values of the model at the times of the data
+    #[must_use]
+    pub fn whitener(&self, model: &[f64]) -> Whitener<'_> {
+        let u: Vec<f64> = if self.factor_sd > 0.0 {
+            let scaled: Vec<f64> = model.iter().map(|m| self.factor_sd * m).collect();
+            self.solve_factor(&scaled)
+        } else {
+            Vec::new()
+        };
+        Whitener {
+            signal: self,
+            square: u.iter().map(|u| u * u).sum(),
+            u,
         }
     }
 
-    /// Standard deviation of the mean of these data's errors.
+    /// Standard deviation of the mean error of the data at some positions.
+    ///
+    /// - `model`: values of the model at the times of all data
     #[must_use]
-    pub fn mean_sd(&self, positions: &[usize]) -> f64 {
-        let sum: f64 = positions
+    pub fn mean_sd(&self, positions: &[usize], model: &[f64]) -> f64 {
+        let own: f64 = positions
             .iter()
             .flat_map(|i| positions.iter().map(|j| self.covariance[(*i, *j)]))
             .sum();
-        sum.sqrt() / positions.len().max(1) as f64
+        let common = self.factor_sd * positions.iter().map(|i| model[*i]).sum::<f64>();
+        (own + common * common).sqrt() / positions.len().max(1) as f64
     }
 
     /// The same with other data: a simulated patient.
@@ -251,6 +328,7 @@ impl Signal {
             pick(&self.value),
             self.noise_sd,
             covariance,
+            self.factor_sd,
         )
     }
 }
@@ -332,7 +410,7 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
             covariance[(j, i)] = c;
         }
     }
-    Signal::new(time, value, rms, covariance)
+    Signal::new(time, value, rms, covariance, 0.0)
 }
 
 /// Half width of the line through the frames that gives a slope \[ms\].
@@ -353,14 +431,15 @@ pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tole
             * slope[i]
             * slope[j]
             * bell(dt, tolerance.timing_correlation_ms);
-        let common = tolerance.shift_ms.powi(2) * slope[i] * slope[j]
-            + tolerance.scale.powi(2) * value[i] * value[j];
+        // Slopes of the data may stand for slopes of the model here: an error of the data is not correlated with its own
+        // slope, so that a shift pulls no fit to one side.
+        let shift = tolerance.shift_ms.powi(2) * slope[i] * slope[j];
         noise
             + timing
-            + common
+            + shift
             + tolerance.volume_ml.powi(2) * bell(dt, tolerance.volume_correlation_ms)
     });
-    Signal::new(time, value, rms, covariance)
+    Signal::new(time, value, rms, covariance, tolerance.scale)
 }
 
 fn bell(dt: f64, length: f64) -> f64 {
@@ -474,8 +553,9 @@ mod tests {
             ];
             for (which, (signal, mean)) in signals.iter().enumerate() {
                 let residual: Vec<f64> = signal.value.iter().map(|v| v - mean).collect();
-                let mut white = Vec::new();
-                signal.whiten(&residual, &mut white);
+                let white = signal
+                    .whitener(&vec![*mean; residual.len()])
+                    .whiten(&residual);
                 square[which] += white.iter().map(|w| w * w).sum::<f64>();
                 product[which] += white.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
                 n[which] += white.len() as f64;
@@ -527,8 +607,91 @@ mod tests {
         let measured = noise_only(1.0, 10.0, 1.0, 5);
         let signal = volume_signal(&measured, &NoiseLevels::of(&measured), &none());
         let part = signal.subset(&[0, 10, 20]);
-        let mut white = Vec::new();
-        part.whiten(&[2.5, 2.5, 2.5], &mut white);
+        let white = part.whitener(&[100.0; 3]).whiten(&[2.5, 2.5, 2.5]);
         assert!(white.iter().all(|w| (w - 1.0).abs() < 1e-3), "{white:?}");
+    }
+
+    /// Misfit of a constant volume.
+    fn misfit_of_constant(signal: &Signal, volume_ml: f64) -> f64 {
+        let residual: Vec<f64> = signal.value.iter().map(|v| v - volume_ml).collect();
+        let white = signal
+            .whitener(&vec![volume_ml; residual.len()])
+            .whiten(&residual);
+        white.iter().map(|w| w * w).sum()
+    }
+
+    /// Constant volume of least misfit \[mL\], by golden section.
+    fn best_constant(signal: &Signal, (mut low, mut high): (f64, f64)) -> f64 {
+        let ratio = 0.5 * (5.0f64.sqrt() - 1.0);
+        while high - low > 1e-7 * high {
+            let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+            if misfit_of_constant(signal, a) < misfit_of_constant(signal, b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Peelle's pertinent puzzle: 1.5 and 1.0, each known to 10 % and both to 20 % in common, are fitted by their weighted
+    /// mean 1.154. With the measured values in the common term the fit is 0.882, below both.
+    #[test]
+    fn peelles_two_measurements_are_fitted_between_them() {
+        let own = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![0.0225, 0.01]));
+        let data = || (vec![0.0, 1.0], vec![1.5, 1.0]);
+        let (time, value) = data();
+        let puzzle = Signal::new(time, value, 0.1, own.clone(), 0.2);
+        let best = best_constant(&puzzle, (0.2, 3.0));
+        assert!((best - 1.153_846).abs() < 1e-4, "{best}");
+        let (time, value) = data();
+        let common = DMatrix::from_fn(2, 2, |i, j| 0.04 * value[i] * value[j]);
+        let naive = Signal::new(time, value, 0.1, own + common, 0.0);
+        let best = best_constant(&naive, (0.2, 3.0));
+        assert!((best - 0.882_353).abs() < 1e-4, "{best}");
+    }
+
+    #[test]
+    fn the_common_factor_is_a_rank_one_term_of_the_covariance() {
+        let measured = noise_only(1.3, 11.0, 1.3, 6);
+        let only_factor = Tolerance {
+            scale: 0.02,
+            ..none()
+        };
+        let signal = volume_signal(&measured, &NoiseLevels::of(&measured), &only_factor);
+        let model: Vec<f64> = (0..signal.len()).map(|i| 80.0 + i as f64).collect();
+        let residual: Vec<f64> = (0..signal.len()).map(|i| (i as f64).sin() + 1.0).collect();
+        let n = signal.len();
+        let whole = &signal.covariance + DMatrix::from_fn(n, n, |i, j| 4e-4 * model[i] * model[j]);
+        let r = nalgebra::DVector::from_vec(residual.clone());
+        let factor = whole.cholesky().unwrap();
+        let whitener = signal.whitener(&model);
+        let square: f64 = whitener.whiten(&residual).iter().map(|w| w * w).sum();
+        assert!((square / r.dot(&factor.solve(&r)) - 1.0).abs() < 1e-9);
+        let log_determinant = signal.log_determinant + whitener.factor_log_determinant();
+        assert!((log_determinant - factor.ln_determinant()).abs() < 1e-9);
+        let all: Vec<usize> = (0..n).collect();
+        let whole = factor.l() * factor.l().transpose();
+        assert!((signal.mean_sd(&all, &model) * n as f64 / whole.sum().sqrt() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_common_volume_factor_does_not_pull_the_fit_below_the_data() {
+        let only_factor = Tolerance {
+            scale: 0.02,
+            ..none()
+        };
+        let mut ratio = 0.0;
+        for seed in 0..20 {
+            let measured = noise_only(1.3, 11.0, 1.3, seed);
+            let levels = NoiseLevels::of(&measured);
+            let without = best_constant(&volume_signal(&measured, &levels, &none()), (50.0, 150.0));
+            let with = best_constant(
+                &volume_signal(&measured, &levels, &only_factor),
+                (50.0, 150.0),
+            );
+            ratio += with / without / 20.0;
+        }
+        assert!((ratio - 1.0).abs() < 1e-5, "{ratio}");
     }
 }

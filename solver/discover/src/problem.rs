@@ -104,6 +104,8 @@ pub struct Misfit {
     pub volume: f64,
     /// Side data.
     pub side: f64,
+    /// Logarithm of the determinant that the common factor of the volumes adds to their covariance.
+    pub volume_factor: f64,
     /// Priors.
     pub prior: f64,
 }
@@ -155,28 +157,29 @@ impl Problem<'_> {
         )
     }
 
-    /// White residuals of a beat, data minus model: pressure, volume, side data. Weights multiply the squares.
+    /// White residuals of a beat, data minus model: pressure, volume, side data, and the root of the logarithm of the
+    /// determinant that the volumes' common factor adds, since it moves with the model. Weights multiply the squares of the
+    /// first two.
     #[must_use]
     pub fn white(&self, beat: &Prediction, weights: Weights) -> Vec<f64> {
         let data = self.data;
         let mut out = Vec::with_capacity(data.pressure.len() + data.volume.len() + 32);
-        let difference = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
-            signal
-                .time_ms
-                .iter()
-                .zip(&signal.value)
-                .map(|(t, v)| v - beat.at(trace, *t))
-                .collect()
-        };
-        data.pressure
-            .whiten(&difference(&data.pressure, &beat.pressure_mmhg), &mut out);
-        data.volume
-            .whiten(&difference(&data.volume, &beat.volume_ml), &mut out);
+        let mut factor = 0.0;
+        for (signal, trace) in [
+            (&data.pressure, &beat.pressure_mmhg),
+            (&data.volume, &beat.volume_ml),
+        ] {
+            let model = beat.sampled(trace, &signal.time_ms);
+            let whitener = signal.whitener(&model);
+            out.extend(whitener.whiten(&signal.residual(&model)));
+            factor += whitener.factor_log_determinant();
+        }
         let (p, v) = (weights.pressure.sqrt(), weights.volume.sqrt());
         let n_p = data.pressure.len();
         out[..n_p].iter_mut().for_each(|r| *r *= p);
         out[n_p..].iter_mut().for_each(|r| *r *= v);
         out.extend(self.side(beat));
+        out.push(factor.sqrt());
         out
     }
 
@@ -231,7 +234,8 @@ impl Problem<'_> {
             pressure: sum(0, n_p) / weights.pressure,
             volume: sum(n_p, n_v) / weights.volume,
             side: sum(n_p + n_v, n_s),
-            prior: sum(n_p + n_v + n_s, residuals.len() - n_p - n_v - n_s),
+            volume_factor: sum(n_p + n_v + n_s, 1),
+            prior: sum(n_p + n_v + n_s + 1, residuals.len() - n_p - n_v - n_s - 1),
         }
     }
 }

@@ -6,7 +6,8 @@ use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
 };
 use cardiotwin_discover::noise::Tolerance;
-use cardiotwin_discover::problem::Data;
+use cardiotwin_discover::problem::{Data, Problem};
+use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -235,6 +236,33 @@ fn a_strange_activation_is_unexplained_and_hides_nothing() {
         "{:?}",
         both.effects[0]
     );
+}
+
+/// The measured volumes of a base fit have no systematic sign against the fitted ones, although all of them may be off by a
+/// common factor.
+#[test]
+fn fitted_volumes_do_not_lie_below_the_measured_ones() {
+    let beat = beat(&[], &[]);
+    let settings = cardiotwin_discover::least_squares::Settings::default();
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let ratio = |seed: u64| {
+        let mut measured = measured(&beat, seed);
+        // Without scalars nothing but weak priors holds the volumes elsewhere.
+        measured.side = SideData::default();
+        let model = Reduced::new(&measured);
+        let data = Data::new(measured, &Tolerance::default());
+        let problem = Problem {
+            forward: &model,
+            data: &data,
+        };
+        let fit = fit_base(&problem, &settings).unwrap();
+        let fitted = problem
+            .predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm))
+            .unwrap();
+        mean(&fitted.sampled(&fitted.volume_ml, &data.volume.time_ms)) / mean(&data.volume.value)
+    };
+    let ratios: Vec<f64> = (1..=4).map(ratio).collect();
+    assert!((mean(&ratios) - 1.0).abs() < 0.003, "{ratios:?}");
 }
 
 /// The same bits whatever the number of threads.
