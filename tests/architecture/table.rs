@@ -23,6 +23,11 @@ pub const CRATES: &[Rule] = &[
         why: "formats stand still: they outlive every process",
     },
     Rule {
+        who: "protocol",
+        may: &["schemas"],
+        why: "an attempt's directory is written and read by the same code on both sides",
+    },
+    Rule {
         who: "signals",
         may: &["units"],
         why: "a trace knows no model, so measured and simulated ones are treated alike",
@@ -81,6 +86,7 @@ pub const CRATES: &[Rule] = &[
         who: "worker",
         may: &[
             "schemas",
+            "protocol",
             "units",
             "signals",
             "mesh",
@@ -97,6 +103,7 @@ pub const CRATES: &[Rule] = &[
         who: "coordinator",
         may: &[
             "schemas",
+            "protocol",
             "units",
             "signals",
             "recordings",
@@ -133,7 +140,7 @@ pub const ROOMS: &[Rule] = &[
     },
     Rule {
         who: "dispatch",
-        may: &["schemas", "clock", "slurm"],
+        may: &["schemas", "protocol", "clock", "slurm"],
         why: "processes and schedulers are reached in one place, tested without decisions",
     },
     Rule {
@@ -187,6 +194,7 @@ pub const ROOMS: &[Rule] = &[
         who: "engine",
         may: &[
             "schemas",
+            "protocol",
             "workflow",
             "store",
             "dispatch",

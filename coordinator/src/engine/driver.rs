@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::closing;
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{
     AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing,
@@ -322,8 +323,9 @@ impl<E: Executor> Driver<'_, E> {
         Ok(true)
     }
 
-    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; one whose job
-    /// was revoked is fenced and gone past; one whose job may live keeps the patient. Tells why the patient is left.
+    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; an attempt
+    /// whose job was revoked is revoked and gone past; an attempt whose job may live keeps the patient. Tells why the
+    /// patient is left.
     fn take_over(
         &mut self,
         attempt: &AttemptId,
@@ -331,15 +333,18 @@ impl<E: Executor> Driver<'_, E> {
     ) -> Result<Option<String>, EngineError> {
         let directory = self.directory(attempt);
         let owner = folder::allocation_of(&directory);
-        let revoked = directory.join(dispatch::FENCE).exists()
+        let revoked = closing::is_revoked(&directory)
             || owner
                 .as_ref()
                 .is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
-        if revoked {
-            dispatch::fence(&directory)?;
-        }
-        // After the fence: what is not there now will never be.
-        if let Some(evidence) = dispatch::outcome(&directory)? {
+        // An attempt that is revoked here has no outcome, now or later.
+        let evidence = if revoked {
+            let reason = format!("job {} went past it", self.order.job);
+            dispatch::revoke(&directory, attempt, &reason)?
+        } else {
+            dispatch::outcome(&directory)?
+        };
+        if let Some(evidence) = evidence {
             if matches!(&evidence, Evidence::Outcome { outcome, .. } if matches!(outcome.ending, Ending::Cancelled))
             {
                 self.ledger.skip(&attempt.task);

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::Path;
 
+use cardiotwin_protocol::files;
 use cardiotwin_schemas::organ::{OrganSpec, VALVE_PARAMETERS};
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
@@ -130,7 +131,7 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
             }
         }
         let kept = folder.join(format!("model.v{version}.toml"));
-        replace(&kept, text.as_bytes()).map_err(file("write", &kept))?;
+        files::write_atomic(&kept, text.as_bytes()).map_err(file("write", &kept))?;
         overlay.version = version + 1;
     } else {
         overlay.version = kept_versions(&folder) + 1;
@@ -140,7 +141,7 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
         .map_err(|error| file("write", &path)(io::Error::new(io::ErrorKind::InvalidData, error)))?;
     let head = "# Written by cardiotwin from results; measured input is never changed. Older versions: model.vN.toml\n";
     fs::create_dir_all(&folder).map_err(file("make", &folder))?;
-    replace(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
+    files::write_atomic(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
 }
 
 /// Highest N of `model.vN.toml`.
@@ -160,16 +161,6 @@ fn kept_versions(folder: &Path) -> u32 {
                 .unwrap_or(0)
         })
         .unwrap_or(0)
-}
-
-/// Old content or new, never half of one.
-fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let draft = path.with_extension("toml.new");
-    let mut file = fs::File::create(&draft)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    fs::rename(&draft, path)?;
-    fs::File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
 }
 
 #[cfg(test)]

@@ -4,7 +4,8 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use cardiotwin_mechanics::parallel::{Communicator, Layout, Neighbour};
-use cardiotwin_worker::process;
+use cardiotwin_protocol::process;
+
 use serde::Serialize;
 
 use crate::failure::Failures;

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::claim;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
@@ -392,12 +393,10 @@ impl Executor for AtWork {
     }
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
-        let claim = order.directory.join("started.json");
-        let text = serde_json::to_string(&crate::dispatch::claim_of_this_process())
-            .expect("a claim is JSON");
-        std::fs::write(&claim, text).map_err(|source| DispatchError::File {
-            what: "write",
-            path: claim,
+        let by = crate::dispatch::claim_of_this_process();
+        claim::take(&order.directory, &by).map_err(|source| DispatchError::File {
+            what: "claim",
+            path: order.directory,
             source,
         })?;
         self.holds = true;

@@ -44,7 +44,7 @@ impl<S: Scheduler> Cluster<S> {
         let Some(row) = self.world.jobs.rows.get(name).cloned() else {
             return Ok(());
         };
-        // Before the decision: what is not there after the fence will never be.
+        // Before the decision: an outcome that is not there after the revocation will never be.
         let folder = JobFolder::of(&self.world.run_dir, name);
         folder.fence(element)?;
         let patients = row.spec.elements[element].clone();
@@ -53,8 +53,8 @@ impl<S: Scheduler> Cluster<S> {
             let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
                 continue;
             };
-            let interrupted = self.fence_attempt(i, name)?;
-            // What was published before the fence counts.
+            let interrupted = self.revoke_attempt(i, name)?;
+            // An outcome that was published first counts.
             self.follow(i)?;
             let interrupted = interrupted.filter(|attempt| {
                 self.world
@@ -98,8 +98,8 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Fences the attempt at a patient's present task, where this job began it and it has no outcome.
-    fn fence_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
+    /// Revokes the attempt at a patient's present task, where this job began it and it has no outcome.
+    fn revoke_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
         self.follow(i)?;
         let Some(task) = present_task(&self.world, i) else {
             return Ok(None);
@@ -114,7 +114,7 @@ impl<S: Scheduler> Cluster<S> {
         if folder::allocation_of(&directory).is_none_or(|allocation| allocation.job != job) {
             return Ok(None);
         }
-        dispatch::fence(&directory)?;
+        dispatch::revoke(&directory, &attempt, &format!("job {job} ended"))?;
         Ok(Some(attempt))
     }
 
@@ -274,7 +274,10 @@ impl<S: Scheduler> Cluster<S> {
                     path: directory.clone(),
                     source,
                 })?;
-                dispatch::fence(&directory)?;
+                let published = dispatch::revoke(&directory, &attempt, &failure.message)?;
+                if let Some(evidence) = published {
+                    return self.take_up(&attempt, evidence);
+                }
                 attempt
             }
         };

@@ -52,9 +52,13 @@ impl<S: Scheduler> Cluster<S> {
                     JobFolder::of(&self.world.run_dir, &job).fence(element)?
                 }
                 Action::Stop { attempt } => {
-                    dispatch::fence(&self.world.directory(&attempt))?;
+                    let directory = self.world.directory(&attempt);
+                    let published = dispatch::revoke(&directory, &attempt, "not wanted any more")?;
                     if self.world.attempts.contains_key(&attempt) {
-                        self.interrupt(&attempt, "ended by us")?;
+                        match published {
+                            Some(evidence) => self.take_up(&attempt, evidence)?,
+                            None => self.interrupt(&attempt, "ended by us")?,
+                        }
                     }
                 }
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,

@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
+use cardiotwin_protocol::closing::{self, Closing, PreparedOutcome, Winner};
+use cardiotwin_protocol::{claim, names};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
@@ -55,7 +57,7 @@ impl Scheduler for Modelled {
     }
 }
 
-/// Workers that claim, heed fences and publish as the real one does, with results by script.
+/// Workers that claim, heed revocations and publish as the real one does, with results by script.
 pub struct OnDisk {
     script: Arc<Mutex<Script>>,
     ended: VecDeque<AttemptId>,
@@ -86,11 +88,9 @@ impl Executor for OnDisk {
         }
         self.begun += 1;
         let attempt = order.spec.attempt.clone();
-        let claimed = fs::File::options()
-            .write(true)
-            .create_new(true)
-            .open(order.directory.join("started.json"));
-        if claimed.is_err() || order.directory.join(dispatch::FENCE).exists() {
+        let by = dispatch::claim_of_this_process();
+        let is_revoked = closing::is_revoked(&order.directory);
+        if is_revoked || !claim::take(&order.directory, &by).unwrap() {
             return Err(died(&order.directory));
         }
         if self.dies == Some((self.begun - 1, true)) {
@@ -110,11 +110,10 @@ impl Executor for OnDisk {
             artefacts: vec![nodal],
             provenance: Provenance::default(),
         };
-        fs::write(
-            order.directory.join("outcome.json"),
-            serde_json::to_string(&outcome).unwrap(),
-        )
-        .unwrap();
+        let outcome = PreparedOutcome::new(&order.directory, &outcome).unwrap();
+        if outcome.publish().unwrap() == Winner::Coordinator {
+            return Err(died(&order.directory));
+        }
         self.directories.insert(attempt.clone(), order.directory);
         self.ended.push_back(attempt);
         Ok(ExternalId::from("1"))
@@ -325,7 +324,7 @@ impl Lab {
         }
     }
 
-    /// How many attempts were claimed by a worker, and how many left an outcome.
+    /// How many attempts were claimed by a worker, and how many were published.
     pub fn attempts(&self) -> (usize, usize) {
         let folders = |path: &Path| -> Vec<PathBuf> {
             fs::read_dir(path)
@@ -336,7 +335,10 @@ impl Lab {
             .iter()
             .flat_map(|p| folders(p))
             .collect();
-        let with = |name: &str| all.iter().filter(|path| path.join(name).exists()).count();
-        (with("started.json"), with("outcome.json"))
+        let n = |is: fn(&PathBuf) -> bool| all.iter().filter(|path| is(path)).count();
+        (
+            n(|path| path.join(names::CLAIM).exists()),
+            n(|path| matches!(closing::read(path), Ok(Closing::Published(_)))),
+        )
     }
 }
