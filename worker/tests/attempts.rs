@@ -179,10 +179,22 @@ fn a_revocation_just_before_the_publication_wins() {
         let directory = attempt_directory(root.path(), &task, 1);
         let mut child = worker(&directory).spawn().unwrap();
         let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
-        while child.try_wait().unwrap().is_none() && !has_draft_of_outcome(&directory) {}
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::STOP);
+        let is_at_its_end = loop {
+            match child.try_wait().unwrap() {
+                Some(_) => break false,
+                None if has_draft_of_outcome(&directory) => break true,
+                None => {}
+            }
+        };
+        // The process is not reaped, so that its number is its own.
+        let signal = |signal| {
+            if is_at_its_end {
+                rustix::process::kill_process(pid, signal).unwrap();
+            }
+        };
+        signal(rustix::process::Signal::STOP);
         let winner = revoke(&directory, &task);
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::CONT);
+        signal(rustix::process::Signal::CONT);
         let code = child.wait_with_output().unwrap().status.code();
         match winner {
             Winner::Coordinator => {

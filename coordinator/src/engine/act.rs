@@ -12,7 +12,6 @@ use super::drive::Drive;
 use super::watch::Tail;
 use super::world::AttemptEntry;
 use super::{EngineError, StopLevel, overlay};
-use crate::clock;
 use crate::dispatch::{DispatchError, Evidence, Executor, Order};
 use crate::store::outbox::Action;
 
@@ -22,13 +21,13 @@ impl<E: Executor> Drive<E> {
         if self.seen_stop == StopLevel::Now {
             return Ok(());
         }
-        self.world.now_ms = clock::now_ms();
+        self.world.now_ms = self.surroundings.clock.now_ms();
         for (id, action) in std::mem::take(&mut self.world.outbox) {
             // Stopped before it was handed over: the next run does it.
             if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
                 continue;
             }
-            self.crash.pass("before an action")?;
+            self.surroundings.crash.pass("before an action")?;
             match action {
                 Action::Submit { attempt } => self.submit(&attempt).await?,
                 Action::Stop { attempt } => {
@@ -44,7 +43,7 @@ impl<E: Executor> Drive<E> {
                     continue;
                 }
             }
-            self.crash.pass("after an action")?;
+            self.surroundings.crash.pass("after an action")?;
             self.world.action_done(id);
         }
         Ok(())

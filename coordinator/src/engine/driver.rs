@@ -26,9 +26,10 @@ use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 use tokio::signal::unix::{SignalKind, signal};
 
+use super::surroundings::Surroundings;
 use super::world::attempt_directory;
 use super::{EngineError, StopLevel, StopSignal};
-use crate::clock;
+use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
 
@@ -63,6 +64,7 @@ pub async fn drive_job<E: Executor>(
     executor: impl FnOnce(&JobOrder) -> E,
     stop: StopSignal,
     warned: impl Fn() -> bool,
+    surroundings: Surroundings,
 ) -> Result<Option<DriverEnd>, EngineError> {
     let began = Instant::now();
     let folder = JobFolder::at(&place.folder);
@@ -82,6 +84,7 @@ pub async fn drive_job<E: Executor>(
         place,
         folder: folder.clone(),
         executor,
+        surroundings: surroundings.clone(),
         running: HashMap::new(),
         left: BTreeMap::new(),
         defects: BTreeSet::new(),
@@ -89,7 +92,7 @@ pub async fn drive_job<E: Executor>(
     };
     driver.run(&stop, &warned).await?;
     let end = DriverEnd {
-        at: clock::now_utc(),
+        at: utc_text(surroundings.clock.now_ms()),
         because: driver.leaving.unwrap_or(DriverEnding::Finished),
         left: driver
             .left
@@ -99,6 +102,7 @@ pub async fn drive_job<E: Executor>(
         defects: driver.defects.iter().map(|&p| driver.id(p)).collect(),
         wall_s: began.elapsed().as_secs_f64(),
     };
+    surroundings.crash.pass("before a driver's last word")?;
     folder.leave(place.element, place.node, &end)?;
     Ok(Some(end))
 }
@@ -130,7 +134,9 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
             .with_grace(GRACE)
             .with_launcher(launcher)
     };
-    drive_job(place, local, stop, || warned.load(Ordering::Relaxed)).await
+    let surroundings = Surroundings::of_this_process();
+    let is_warned = || warned.load(Ordering::Relaxed);
+    drive_job(place, local, stop, is_warned, surroundings).await
 }
 
 struct Driver<'a, E> {
@@ -138,6 +144,7 @@ struct Driver<'a, E> {
     place: &'a DriverPlace,
     folder: JobFolder,
     executor: E,
+    surroundings: Surroundings,
     ledger: Ledger,
     /// Patients that nobody has taken yet, as far as this driver knows.
     queue: VecDeque<usize>,
@@ -162,6 +169,7 @@ impl<E: Executor> Driver<'_, E> {
                     break;
                 };
                 if self.folder.take(self.place.element, patient)? {
+                    self.pass("after a patient was taken")?;
                     self.walk(patient).await?;
                 }
             }
@@ -227,11 +235,16 @@ impl<E: Executor> Driver<'_, E> {
         Ok(())
     }
 
+    /// A crash point.
+    fn pass(&self, place: &str) -> Result<(), EngineError> {
+        self.surroundings.crash.pass(place)
+    }
+
     /// Whether something that takes so long would not be done in time.
     fn is_late(&self, takes_s: f64) -> bool {
-        self.place
-            .leave_at_ms
-            .is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
+        self.place.leave_at_ms.is_some_and(|at| {
+            self.surroundings.clock.now_ms() as f64 + takes_s * 1000.0 >= at as f64
+        })
     }
 
     fn id(&self, patient: usize) -> PatientId {
@@ -318,8 +331,10 @@ impl<E: Executor> Driver<'_, E> {
         if !folder::make_attempt(&directory, &spec, &AttemptAllocation { job, element, id })? {
             return Ok(false);
         }
+        self.pass("after an attempt's directory was made")?;
         self.ledger.start(attempt, task.kind());
         self.executor.submit(Order { spec, directory }).await?;
+        self.pass("after an attempt was begun")?;
         Ok(true)
     }
 
@@ -340,7 +355,9 @@ impl<E: Executor> Driver<'_, E> {
         // An attempt that is revoked here has no outcome, now or later.
         let evidence = if revoked {
             let reason = format!("job {} went past it", self.order.job);
-            dispatch::revoke(&directory, attempt, &reason)?
+            let evidence = dispatch::revoke(&directory, attempt, &reason)?;
+            self.pass("after an attempt was revoked")?;
+            evidence
         } else {
             dispatch::outcome(&directory)?
         };

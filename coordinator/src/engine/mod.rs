@@ -13,7 +13,7 @@ use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 
 pub use cardiotwin_workflow::patient::Stage;
 
-use crate::clock;
+use crate::clock::{self, Clock};
 use crate::dispatch::slurm::{Installed, Scheduler};
 use crate::dispatch::{self, Executor, InProcess, Launcher, Local};
 use crate::store::Writer;
@@ -21,10 +21,10 @@ use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
 use cluster::{Cluster, load_site};
-use crash::CrashPoints;
 use decide::Decider;
 use drive::Drive;
 use requests::Request;
+use surroundings::Surroundings;
 use world::World;
 
 mod act;
@@ -51,6 +51,7 @@ mod requests;
 mod settings;
 mod show;
 mod stop;
+mod surroundings;
 #[cfg(test)]
 mod tests;
 mod watch;
@@ -145,13 +146,12 @@ pub async fn run(
             path: "this program".into(),
             source,
         })?;
-        let crash = CrashPoints::from_environment();
         return tick(
             options,
             (run_dir, lease),
             Installed::default(),
             (worker, program),
-            crash,
+            Surroundings::of_this_process(),
             events,
             stop,
         )
@@ -184,7 +184,8 @@ async fn drive<E: Executor>(
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
-    let (mut writer, mut world, decider) = open(&options, run_dir).await?;
+    let surroundings = Surroundings::of_this_process();
+    let (mut writer, mut world, decider) = open(&options, run_dir, &surroundings.clock).await?;
     if let Some(worker) = worker {
         let kept =
             worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
@@ -207,11 +208,10 @@ async fn drive<E: Executor>(
         .open_allocation(executor.kind(), &pid, &host, world.now_ms)
         .await?;
     Drive::new(
-        world,
-        decider,
-        writer,
+        (writer, world, decider),
         executor,
         options.executor,
+        surroundings,
         events,
         stop,
     )
@@ -225,13 +225,13 @@ async fn tick<S: Scheduler>(
     (run_dir, lease): (PathBuf, Lease),
     scheduler: S,
     programs: (PathBuf, PathBuf),
-    crash: CrashPoints,
+    surroundings: Surroundings,
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
     let began = std::time::Instant::now();
     let site = load_site(&options.executor.slurm)?;
-    let mut opened = open(&options, &run_dir).await?;
+    let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     opened.0.under(lease);
     let (writer, world, _) = &mut opened;
     let kept = worker_identity::keep(writer, world, &programs.0, options.adopt_version).await?;
@@ -243,7 +243,7 @@ async fn tick<S: Scheduler>(
         options.executor,
         programs,
         events,
-        crash,
+        surroundings,
     )
     .await?;
     cluster.begin().await?;
@@ -275,7 +275,8 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         adopt_version: true,
         watch: false,
     };
-    let mut opened = open(&options, &run_dir).await?;
+    let surroundings = Surroundings::of_this_process();
+    let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     // Nobody is to be taken further: only ends are taken up.
     opened.0.under(lease);
     opened
@@ -285,10 +286,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         .for_each(|patient| patient.selected = false);
     let site = load_site(&options.executor.slurm)?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
-    let (nowhere, crash) = (
-        (PathBuf::new(), PathBuf::new()),
-        CrashPoints::from_environment(),
-    );
+    let nowhere = (PathBuf::new(), PathBuf::new());
     let mut cluster = Cluster::new(
         opened,
         Installed::default(),
@@ -296,7 +294,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         options.executor,
         nowhere,
         events,
-        crash,
+        surroundings,
     )
     .await?;
     cluster.begin().await?;
@@ -308,9 +306,10 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
 async fn open(
     options: &RunOptions,
     run_dir: &Path,
+    clock: &Clock,
 ) -> Result<(Writer, World, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
-    let now_ms = clock::now_ms();
+    let now_ms = clock.now_ms();
     let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
     let mut decider = Decider {
         site_retries: options.executor.site_retries,

@@ -16,7 +16,7 @@ use cardiotwin_workflow::patient::Step;
 
 use super::EngineError;
 use super::world::World;
-use crate::clock;
+use crate::clock::utc_text;
 
 /// What is learned about a patient so far, without version and time; `None` before step 0.
 pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
@@ -99,13 +99,15 @@ pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
         return Ok(());
     };
     match learned(world, i)? {
-        Some(learned) => write(&world.run_dir, learned),
+        Some(learned) => write(&world.run_dir, learned, utc_text(world.now_ms)),
         None => Ok(()),
     }
 }
 
 /// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.
-pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineError> {
+///
+/// - `now`: UTC, RFC 3339
+pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(), EngineError> {
     let folder = run_dir.join("models").join(&overlay.patient);
     let path = folder.join("model.toml");
     let file = |what, path: &Path| {
@@ -136,7 +138,7 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
     } else {
         overlay.version = kept_versions(&folder) + 1;
     }
-    overlay.written = clock::now_utc();
+    overlay.written = now;
     let text = toml::to_string(&overlay)
         .map_err(|error| file("write", &path)(io::Error::new(io::ErrorKind::InvalidData, error)))?;
     let head = "# Written by cardiotwin from results; measured input is never changed. Older versions: model.vN.toml\n";
@@ -192,10 +194,10 @@ mod tests {
             let text = fs::read_to_string(dir.path().join("models/P1").join(name)).unwrap();
             toml::from_str::<ModelOverlay>(&text).unwrap()
         };
-        write(dir.path(), overlay(6.0)).unwrap();
-        write(dir.path(), overlay(6.0)).unwrap();
+        write(dir.path(), overlay(6.0), "t".into()).unwrap();
+        write(dir.path(), overlay(6.0), "t".into()).unwrap();
         assert_eq!(read("model.toml").version, 1);
-        write(dir.path(), overlay(7.0)).unwrap();
+        write(dir.path(), overlay(7.0), "t".into()).unwrap();
         let now = read("model.toml");
         assert_eq!((now.version, now.left_atrial_pressure_mmhg), (2, Some(7.0)));
         assert_eq!(read("model.v1.toml").left_atrial_pressure_mmhg, Some(6.0));

@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use cardiotwin_mechanics::parallel::{Communicator, Layout, Neighbour};
 use cardiotwin_protocol::process;
-
 use serde::Serialize;
 
 use crate::failure::Failures;

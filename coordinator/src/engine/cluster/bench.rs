@@ -22,8 +22,8 @@ use tokio::sync::Notify;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{DispatchError, Executor, Found, News, Order};
 use crate::engine::bench::noop_patient;
-use crate::engine::crash::CrashPoints;
 use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::surroundings::Surroundings;
 use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
 
 /// What to measure.
@@ -274,7 +274,7 @@ impl Stand {
             (run_dir, lease),
             slurm,
             nowhere,
-            CrashPoints::default(),
+            Surroundings::default(),
             events,
             StopSignal::new(),
         )
@@ -311,7 +311,7 @@ impl Stand {
             };
             tokio::select! {
                 biased;
-                end = drive_job(&place, executor, StopSignal::new(), || false) => drop(end?),
+                end = drive_job(&place, executor, StopSignal::new(), || false, Surroundings::default()) => drop(end?),
                 () = begun.notified() => {}
             }
         }

@@ -28,17 +28,17 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::settings::ExecutorSettings;
-use cardiotwin_slurm::answers::Table;
 use cardiotwin_slurm::answers::queue::QueueRow;
+use cardiotwin_slurm::answers::{Output, Table};
+use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
-use super::crash::CrashPoints;
 use super::decide::Decider;
 use super::program_identity::DECIDED_BY;
+use super::surroundings::Surroundings;
 use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
-use crate::clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
@@ -64,7 +64,7 @@ pub struct Cluster<S> {
     /// This program's, which is the driver inside the allocations.
     pub program: PathBuf,
     pub events: EventSender,
-    pub crash: CrashPoints,
+    pub surroundings: Surroundings,
     /// What the queue said in this tick.
     pub queue: Option<Table<QueueRow>>,
     /// Whether the site said that it has no accounting.
@@ -87,7 +87,7 @@ impl<S: Scheduler> Cluster<S> {
         settings: ExecutorSettings,
         programs: (PathBuf, PathBuf),
         events: EventSender,
-        crash: CrashPoints,
+        surroundings: Surroundings,
     ) -> Result<Self, EngineError> {
         world.allocation = writer
             .cluster_allocation(&crate::store::lock::host_name(), world.now_ms)
@@ -115,7 +115,7 @@ impl<S: Scheduler> Cluster<S> {
             worker,
             program,
             events,
-            crash,
+            surroundings,
             queue,
             no_accounting,
             report,
@@ -129,7 +129,7 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// [`EngineError`]; what was committed stays.
     pub async fn tick(&mut self) -> Result<(), EngineError> {
-        self.world.now_ms = clock::now_ms();
+        self.world.now_ms = self.surroundings.clock.now_ms();
         self.report.commands = 0;
         self.take_requests().await?;
         for i in 0..self.world.patients.len() {
@@ -228,13 +228,27 @@ impl<S: Scheduler> Cluster<S> {
         let mut batch = self.world.flush();
         let report = serde_json::to_string(&self.report).expect("a report is JSON");
         batch.put_meta(REPORT, &report);
+        self.pass("before a commit")?;
         self.writer.commit(&mut batch).await?;
-        self.crash.pass("after a commit")?;
+        self.pass("after a commit")?;
         for event in self.decider.events.drain(..) {
             // Nobody may be listening.
             let _ = self.events.send(event);
         }
         Ok(())
+    }
+
+    /// A crash point.
+    pub(super) fn pass(&self, place: &str) -> Result<(), EngineError> {
+        self.surroundings.crash.pass(place)
+    }
+
+    /// Runs a command of the scheduler's.
+    pub(super) async fn run_command(&mut self, command: &Command) -> Result<Output, EngineError> {
+        self.pass("before a command")?;
+        let output = self.scheduler.ask(command).await;
+        self.pass("after a command")?;
+        Ok(output)
     }
 
     async fn take_requests(&mut self) -> Result<(), EngineError> {
@@ -244,7 +258,8 @@ impl<S: Scheduler> Cluster<S> {
         }
         self.decider.events.extend(told);
         self.commit().await?;
-        requests::remove(&paths)
+        requests::remove(&paths)?;
+        self.pass("after requests were removed")
     }
 
     /// What became of the patients.

@@ -54,7 +54,7 @@ impl<S: Scheduler> Cluster<S> {
         if self.leaves_slurm_alone() {
             return Ok(());
         }
-        let queue = self.ask(commands::queue(), queue::read).await;
+        let queue = self.ask(commands::queue(), queue::read).await?;
         self.queue.clone_from(&queue);
         let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
         let work = self.world.elements_at_work();
@@ -67,7 +67,7 @@ impl<S: Scheduler> Cluster<S> {
             true => None,
             false => self
                 .ask_accounting(&unclear)
-                .await
+                .await?
                 .map(|table| by_key(table, |row| row.name.clone())),
         };
         for (name, element) in work {
@@ -81,10 +81,10 @@ impl<S: Scheduler> Cluster<S> {
         &mut self,
         command: commands::Command,
         read: impl Fn(&cardiotwin_slurm::answers::Output) -> Result<T, NoAnswer>,
-    ) -> Option<T> {
+    ) -> Result<Option<T>, EngineError> {
         self.report.commands += 1;
-        let output = self.scheduler.ask(&command).await;
-        match read(&output) {
+        let output = self.run_command(&command).await?;
+        Ok(match read(&output) {
             Ok(answer) => {
                 if command.program == "squeue" {
                     self.report.answered_ms = Some(self.world.now_ms);
@@ -102,10 +102,13 @@ impl<S: Scheduler> Cluster<S> {
                 }
                 None
             }
-        }
+        })
     }
 
-    async fn ask_accounting(&mut self, names: &[&String]) -> Option<Table<AccountingRow>> {
+    async fn ask_accounting(
+        &mut self,
+        names: &[&String],
+    ) -> Result<Option<Table<AccountingRow>>, EngineError> {
         let rows = names
             .iter()
             .filter_map(|name| self.world.jobs.rows.get(*name));

@@ -47,6 +47,7 @@ impl<S: Scheduler> Cluster<S> {
         // Before the decision: an outcome that is not there after the revocation will never be.
         let folder = JobFolder::of(&self.world.run_dir, name);
         folder.fence(element)?;
+        self.pass("after an element was revoked")?;
         let patients = row.spec.elements[element].clone();
         let mut standings = Vec::new();
         for placed in patients {
@@ -115,6 +116,7 @@ impl<S: Scheduler> Cluster<S> {
             return Ok(None);
         }
         dispatch::revoke(&directory, &attempt, &format!("job {job} ended"))?;
+        self.pass("after an attempt was revoked")?;
         Ok(Some(attempt))
     }
 

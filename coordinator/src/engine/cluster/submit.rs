@@ -46,7 +46,7 @@ impl<S: Scheduler> Cluster<S> {
             matches!(action, Action::FenceJob { .. } | Action::Stop { .. })
         });
         for (id, action) in fences.into_iter().chain(others) {
-            self.crash.pass("before an action")?;
+            self.pass("before an action")?;
             match action {
                 Action::FenceJob { job, element } => {
                     JobFolder::of(&self.world.run_dir, &job).fence(element)?
@@ -79,7 +79,7 @@ impl<S: Scheduler> Cluster<S> {
                 // Attempts of jobs are begun by their drivers.
                 Action::Submit { .. } => {}
             }
-            self.crash.pass("after an action")?;
+            self.pass("after an action")?;
             self.world.action_done(id);
         }
         self.cancel(cancelled, &mut kept).await?;
@@ -118,7 +118,7 @@ impl<S: Scheduler> Cluster<S> {
                 .chain(names.iter().map(commands::cancel_name))
             {
                 self.report.commands += 1;
-                done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
+                done &= self.run_command(&command).await?.exit == Exit::Code(0);
             }
         }
         for (id, job, element) in wanted {
@@ -159,15 +159,12 @@ impl<S: Scheduler> Cluster<S> {
             }
         };
         folder.write(&self.orders(&row)?, &text)?;
-        self.crash.pass("before a submission")?;
+        self.pass("after a job's files were written")?;
         folder.mark_submitting()?;
-        self.crash.pass("before sbatch")?;
         self.report.commands += 1;
         let output = self
-            .scheduler
-            .ask(&commands::submit(&folder.script().to_string_lossy()))
-            .await;
-        self.crash.pass("after sbatch")?;
+            .run_command(&commands::submit(&folder.script().to_string_lossy()))
+            .await?;
         let answer = submit::read(&output);
         match &answer {
             Answer::Doubtful { why } => self.answered(Some(why)),
@@ -194,6 +191,7 @@ impl<S: Scheduler> Cluster<S> {
             Answer::Refused(refusal) => {
                 // A definite no: the name is free to be asked for again.
                 folder.unmark_submitting()?;
+                self.pass("after a mark was taken back")?;
                 let why = format!("refused for now: {}", refusal.said);
                 for element in 0..row.spec.elements.len() {
                     self.world

@@ -17,10 +17,12 @@ use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::model::{Fault, Model, Settings};
 
+use crate::clock::Clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
 use crate::engine::crash::CrashPoints;
 use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::surroundings::Surroundings;
 use crate::engine::tests::scripted::Script;
 use crate::engine::{
     EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick,
@@ -31,7 +33,7 @@ use crate::engine::{
 pub struct Modelled {
     pub model: Arc<Mutex<Model>>,
     /// Faults of the next commands, by program; used up in order.
-    pub faults: Arc<Mutex<VecDeque<(&'static str, Fault)>>>,
+    pub faults: Arc<Mutex<Vec<(&'static str, Fault)>>>,
     pub asked: Arc<Mutex<Vec<&'static str>>>,
 }
 
@@ -46,12 +48,10 @@ impl Scheduler for Modelled {
             };
         }
         let mut faults = self.faults.lock().unwrap();
-        let fault = match faults.front() {
-            Some((program, _)) if *program == command.program => {
-                faults.pop_front().map(|(_, fault)| fault)
-            }
-            _ => None,
-        };
+        let next = faults
+            .iter()
+            .position(|(program, _)| *program == command.program);
+        let fault = next.map(|n| faults.remove(n).1);
         let mut model = self.model.lock().unwrap();
         model.answer(command, |path| fs::read_to_string(path).ok(), fault)
     }
@@ -157,10 +157,15 @@ pub struct Lab {
     pub patients: Vec<ResolvedPatient>,
     pub settings: SlurmSettings,
     pub site_retries: u32,
+    /// The clock of ticks and drivers.
+    pub clock: Clock,
     /// Ticks go on with the stored plans.
     pub has_stored_plans: bool,
     driven: HashSet<usize>,
 }
+
+/// A moment in 2023, at which the lab's clock begins.
+const START_MS: i64 = 1_700_000_000_000;
 
 const SITE: &str = "name = 'model'\ndescription = ''\nscheduler = 'slurm'\nnode = { cores = 4, memory_mib = 8000, unit = 'core' }\n\
                     [[queue]]\nname = 'q'\nqos = 'normal'\nuses = ['chunks', 'simulations']\nwalltime = '01:00:00'\n";
@@ -189,6 +194,7 @@ impl Lab {
             patients,
             settings,
             site_retries: 2,
+            clock: Clock::manual(START_MS),
             has_stored_plans: false,
             driven: HashSet::new(),
         }
@@ -208,8 +214,18 @@ impl Lab {
         self.dir.path().join("run")
     }
 
-    /// One tick, which dies at its n-th crash point where one is given.
-    pub async fn tick(&self, crash: Option<u64>) -> Result<RunSummary, EngineError> {
+    /// One tick.
+    pub async fn tick(&self) -> RunSummary {
+        self.tick_until(&CrashPoints::default()).await.unwrap()
+    }
+
+    /// One tick, which dies at its n-th crash point.
+    pub async fn tick_dying_at(&self, n: u64) -> Result<RunSummary, EngineError> {
+        self.tick_until(&CrashPoints::ending_at(n)).await
+    }
+
+    /// One tick, which dies where these crash points say, counted over all ticks that are given them.
+    pub async fn tick_until(&self, crash: &CrashPoints) -> Result<RunSummary, EngineError> {
         let slurm = self.settings.clone();
         let options = RunOptions {
             run_dir: self.run_dir(),
@@ -228,7 +244,6 @@ impl Lab {
             adopt_version: true,
             watch: false,
         };
-        let crash = crash.map_or_else(CrashPoints::default, CrashPoints::ending_at);
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         let (_lock, lease, run_dir) = enter_with_lease(&self.run_dir())?;
         let programs = (PathBuf::from("/w"), PathBuf::from("/p"));
@@ -237,19 +252,53 @@ impl Lab {
             (run_dir, lease),
             self.slurm.clone(),
             programs,
-            crash,
+            self.surroundings(crash),
             events,
             StopSignal::new(),
         )
         .await
     }
 
+    fn surroundings(&self, crash: &CrashPoints) -> Surroundings {
+        Surroundings {
+            clock: self.clock.clone(),
+            crash: crash.clone(),
+        }
+    }
+
+    /// Lets time pass, for Slurm and for the coordinator.
     pub fn pass(&self, seconds: i64) {
         self.slurm.model.lock().unwrap().advance(seconds);
+        self.clock.advance_ms(seconds * 1000);
+    }
+
+    /// Lets a moment pass for the coordinator alone: a grace of nothing is over then.
+    pub fn moment(&self) {
+        self.clock.advance_ms(1);
+    }
+
+    /// The next command of this program meets this fault.
+    pub fn fault(&self, program: &'static str, fault: Fault) {
+        self.slurm.faults.lock().unwrap().push((program, fault));
+    }
+
+    /// How often this program was asked.
+    pub fn n_asked(&self, program: &str) -> usize {
+        let asked = self.slurm.asked.lock().unwrap();
+        asked.iter().filter(|p| **p == program).count()
     }
 
     /// Runs the drivers of what Slurm has started; those whose processes were killed do not run any more.
-    pub async fn drive(&mut self, mut dies: impl FnMut() -> Option<(usize, bool)>) {
+    pub async fn drive(&mut self, dies: impl FnMut() -> Option<(usize, bool)>) {
+        self.drive_until(dies, &CrashPoints::default()).await;
+    }
+
+    /// The same with drivers that die where these crash points say; a driver that is dead does nothing more.
+    pub async fn drive_until(
+        &mut self,
+        mut dies: impl FnMut() -> Option<(usize, bool)>,
+        crash: &CrashPoints,
+    ) {
         let runs = self.slurm.model.lock().unwrap().runs().to_vec();
         for (n, run) in runs.into_iter().enumerate() {
             if run.ended.is_some() || !self.driven.insert(n) {
@@ -275,7 +324,9 @@ impl Lab {
                     directories: BTreeMap::new(),
                 };
                 // A driver that dies says nothing; its job ends all the same.
-                let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
+                let surroundings = self.surroundings(crash);
+                let _ =
+                    drive_job(&place, executor, StopSignal::new(), || false, surroundings).await;
             }
         }
     }
@@ -283,7 +334,7 @@ impl Lab {
     /// Ticks, lets time pass and runs drivers until everything is over.
     pub async fn finish(&mut self) -> RunSummary {
         for _ in 0..400 {
-            let summary = self.tick(None).await.unwrap();
+            let summary = self.tick().await;
             if !summary.on_cluster() {
                 return summary;
             }
