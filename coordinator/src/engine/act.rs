@@ -7,15 +7,15 @@ use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
 use super::cores;
-use super::decide::Circumstance;
-use super::drive::Drive;
+use super::local_loop::LocalLoop;
+use super::transitions::Circumstance;
 use super::watch::Tail;
 use super::world::AttemptEntry;
 use super::{EngineError, StopLevel, overlay};
 use crate::dispatch::{DispatchError, Evidence, Executor, Order};
 use crate::store::outbox::Action;
 
-impl<E: Executor> Drive<E> {
+impl<E: Executor> LocalLoop<E> {
     /// Does what was committed to be done.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         if self.seen_stop == StopLevel::Now {

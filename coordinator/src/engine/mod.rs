@@ -21,27 +21,25 @@ use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
 use cluster::{Cluster, load_site};
-use decide::Decider;
-use drive::Drive;
+use local_loop::LocalLoop;
 use requests::Request;
 use surroundings::Surroundings;
+use transitions::Decider;
 use world::World;
 
 mod act;
+mod apply_requests;
 pub mod bench;
-mod change;
+mod book_rows;
 mod cluster;
 mod cores;
 mod crash;
-mod decide;
-mod drive;
-mod driver;
-mod entries;
 mod error;
 mod events;
 mod foresee;
 mod housekeeping;
-mod leave;
+mod in_job_loop;
+mod local_loop;
 mod notices;
 mod overlay;
 mod program_identity;
@@ -50,10 +48,12 @@ mod purged;
 mod requests;
 mod settings;
 mod show;
+mod shutdown;
 mod stop;
 mod surroundings;
 #[cfg(test)]
 mod tests;
+mod transitions;
 mod watch;
 mod worker_identity;
 mod world;
@@ -71,11 +71,11 @@ pub use cluster::{
     ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport,
     SiteReport, TickCost, examine_site, measure as measure_cluster, preview,
 };
-pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use foresee::{Foreseen, foresee};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
+pub use in_job_loop::{DriverPlace, drive_here};
 pub use notices::tell;
 pub use programs::first_line;
 pub use stop::{StopLevel, StopSignal};
@@ -207,7 +207,7 @@ async fn drive<E: Executor>(
     world.allocation = writer
         .open_allocation(executor.kind(), &pid, &host, world.now_ms)
         .await?;
-    Drive::new(
+    LocalLoop::new(
         (writer, world, decider),
         executor,
         options.executor,

@@ -11,7 +11,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_workflow::patient::Stage;
 use serde::{Deserialize, Serialize};
 
-use super::decide::Decider;
+use super::transitions::Decider;
 use super::world::World;
 use super::{EngineError, EngineEvent};
 use crate::clock;

@@ -18,8 +18,8 @@ use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde::Serialize;
 
 use super::EngineError;
-pub use super::entries::AttemptEntry;
-use super::entries::{PatientEntry, TaskEntry};
+pub use super::book_rows::AttemptEntry;
+use super::book_rows::{PatientEntry, TaskEntry};
 pub use super::world_jobs::Jobs;
 use crate::store::events::NewEvent;
 use crate::store::outbox::{Action, NewAction};

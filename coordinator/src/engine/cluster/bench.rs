@@ -22,7 +22,7 @@ use tokio::sync::Notify;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{DispatchError, Executor, Found, News, Order};
 use crate::engine::bench::noop_patient;
-use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::in_job_loop::{DriverPlace, drive_job};
 use crate::engine::surroundings::Surroundings;
 use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
 

@@ -10,7 +10,7 @@ use super::place::present_task;
 use crate::dispatch::slurm::{Scheduler, folder};
 use crate::dispatch::{self, Evidence};
 use crate::engine::EngineError;
-use crate::engine::decide::Circumstance;
+use crate::engine::transitions::Circumstance;
 
 impl<S: Scheduler> Cluster<S> {
     /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.

@@ -34,9 +34,9 @@ use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
-use super::decide::Decider;
 use super::program_identity::DECIDED_BY;
 use super::surroundings::Surroundings;
+use super::transitions::Decider;
 use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
 use crate::dispatch::slurm::Scheduler;

@@ -21,7 +21,7 @@ use crate::clock::Clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
 use crate::engine::crash::CrashPoints;
-use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::in_job_loop::{DriverPlace, drive_job};
 use crate::engine::surroundings::Surroundings;
 use crate::engine::tests::scripted::Script;
 use crate::engine::{

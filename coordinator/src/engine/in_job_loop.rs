@@ -77,7 +77,7 @@ pub async fn drive_job<E: Executor>(
         return Ok(None);
     }
     let executor = executor(&order);
-    let mut driver = Driver {
+    let mut driver = InJobLoop {
         ledger: Ledger::new(&order),
         queue: (0..order.patients.len()).collect(),
         order,
@@ -139,7 +139,7 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
     drive_job(place, local, stop, is_warned, surroundings).await
 }
 
-struct Driver<'a, E> {
+struct InJobLoop<'a, E> {
     order: JobOrder,
     place: &'a DriverPlace,
     folder: JobFolder,
@@ -156,7 +156,7 @@ struct Driver<'a, E> {
     leaving: Option<DriverEnding>,
 }
 
-impl<E: Executor> Driver<'_, E> {
+impl<E: Executor> InJobLoop<'_, E> {
     async fn run(
         &mut self,
         stop: &StopSignal,

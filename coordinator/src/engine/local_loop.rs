@@ -20,9 +20,9 @@ use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 
 use super::cores;
-use super::decide::{Circumstance, Decider};
 use super::program_identity::DECIDED_BY;
 use super::surroundings::Surroundings;
+use super::transitions::{Circumstance, Decider};
 use super::watch::Tail;
 use super::world::{AttemptEntry, World};
 use super::{EngineError, EngineEvent, EventSender, RunSummary, StopLevel, StopSignal, requests};
@@ -38,7 +38,7 @@ const LEAST_FREE_BYTES: u64 = 2 << 20;
 const LARGEST_GROUP: usize = 2048;
 
 /// A run at work.
-pub struct Drive<E> {
+pub struct LocalLoop<E> {
     pub world: World,
     pub decider: Decider,
     pub writer: Writer,
@@ -58,7 +58,7 @@ pub struct Drive<E> {
     pub(super) leave_until: Option<Instant>,
 }
 
-impl<E: Executor> Drive<E> {
+impl<E: Executor> LocalLoop<E> {
     /// A run about to begin.
     pub fn new(
         (writer, world, decider): (Writer, World, Decider),
