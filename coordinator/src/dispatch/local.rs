@@ -464,6 +464,8 @@ impl Executor for Local {
 
 #[cfg(test)]
 mod tests {
+    use cardiotwin_protocol::closing::{PreparedOutcome, Winner};
+
     use super::*;
 
     #[test]
@@ -482,6 +484,45 @@ mod tests {
             matches!(found, Found::Over { claim: None, .. }),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn an_outcome_that_is_there_before_the_stop_is_found_and_none_comes_after() {
+        let attempt = AttemptId {
+            task: cardiotwin_schemas::ids::TaskKey("0".repeat(64)),
+            generation: 1,
+        };
+        let outcome = cardiotwin_schemas::outcome::TaskOutcome {
+            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            attempt: attempt.clone(),
+            ending: cardiotwin_schemas::outcome::Ending::Cancelled,
+            artefacts: vec![],
+            provenance: Default::default(),
+        };
+        for is_first in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let dead = Claim {
+                pid_start_ticks: 0,
+                ..crate::dispatch::claim_of_this_process()
+            };
+            assert!(claim::take(folder.path(), &dead).unwrap());
+            let prepared = PreparedOutcome::new(folder.path(), &outcome).unwrap();
+            let mut local = Local::new("/bin/worker".into(), 1);
+            let winner = if is_first {
+                let winner = prepared.publish().unwrap();
+                assert!(!local.stop(&attempt, folder.path(), false).unwrap());
+                winner
+            } else {
+                assert!(!local.stop(&attempt, folder.path(), false).unwrap());
+                prepared.publish().unwrap()
+            };
+            assert_eq!(winner == Winner::Worker, is_first);
+            let found = local.adopt(&attempt, folder.path()).unwrap();
+            let Found::Over { evidence, .. } = found else {
+                panic!("{found:?}")
+            };
+            assert_eq!(matches!(evidence, Evidence::Outcome { .. }), is_first);
+        }
     }
 
     #[test]

@@ -39,14 +39,14 @@ const LARGEST_GROUP: usize = 2048;
 
 /// A run at work.
 pub struct LocalLoop<E> {
-    pub world: World,
-    pub decider: Decider,
-    pub writer: Writer,
-    pub executor: E,
-    pub settings: ExecutorSettings,
-    pub events: EventSender,
-    pub stop: StopSignal,
-    pub surroundings: Surroundings,
+    pub(super) world: World,
+    pub(super) decider: Decider,
+    pub(super) writer: Writer,
+    pub(super) executor: E,
+    pub(super) settings: ExecutorSettings,
+    pub(super) events: EventSender,
+    pub(super) stop: StopSignal,
+    pub(super) surroundings: Surroundings,
     pub(super) tails: HashMap<AttemptId, Tail>,
     pub(super) hung: HashMap<AttemptId, String>,
     pub(super) submitted: u64,
@@ -448,7 +448,8 @@ impl<E: Executor> LocalLoop<E> {
         }
         self.decider.events.extend(told);
         self.commit().await?;
-        requests::remove(&paths)
+        requests::remove(&paths)?;
+        self.surroundings.crash.pass("after requests were removed")
     }
 
     /// Whether nothing runs and nothing can be begun.

@@ -39,6 +39,7 @@ mod events;
 mod foresee;
 mod housekeeping;
 mod in_job_loop;
+mod job_book;
 mod local_loop;
 mod notices;
 mod overlay;
@@ -253,7 +254,7 @@ async fn tick<S: Scheduler>(
         cluster.tick().await?;
     }
     let summary = cluster.summary(began, stop.level() > StopLevel::Run);
-    cluster.writer.close_file().await?;
+    cluster.close().await?;
     Ok(summary)
 }
 
@@ -299,7 +300,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     .await?;
     cluster.begin().await?;
     cluster.end_jobs(&stop).await?;
-    Ok(cluster.writer.close_file().await?)
+    cluster.close().await
 }
 
 /// Store, mirror and decider of a run, with the cohort taken up.

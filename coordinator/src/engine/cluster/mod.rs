@@ -2,7 +2,8 @@
 //! ticks; a tick may be killed anywhere and the next one goes on.
 //!
 //! ```text
-//!  observe: attempts and jobs by what they left ([`follow`], [`observe`]); one squeue, at most one sacct
+//!  observe: attempts and jobs by what they left ([`follow`], [`observe`]); one squeue, at most one sacct; jobs that ended
+//!           are revoked, once their end is committed, so that what they left stands still
 //!  decide:  chains as ever (`Decider`), what ended jobs mean for their patients ([`settle`]), new jobs ([`place`])
 //!  commit:  events, states, names of new jobs, actions, in one transaction
 //!  act:     fences, scancel, sbatch ([`submit`])
@@ -53,26 +54,26 @@ pub use profile::load_site;
 
 /// A run whose tasks are jobs of a cluster.
 pub struct Cluster<S> {
-    pub world: World,
-    pub decider: Decider,
-    pub writer: Writer,
-    pub scheduler: S,
-    pub site: Site,
-    pub settings: ExecutorSettings,
+    world: World,
+    decider: Decider,
+    writer: Writer,
+    scheduler: S,
+    site: Site,
+    settings: ExecutorSettings,
     /// The worker's executable, as compute nodes see it.
-    pub worker: PathBuf,
+    worker: PathBuf,
     /// This program's, which is the driver inside the allocations.
-    pub program: PathBuf,
-    pub events: EventSender,
-    pub surroundings: Surroundings,
+    program: PathBuf,
+    events: EventSender,
+    surroundings: Surroundings,
     /// What the queue said in this tick.
-    pub queue: Option<Table<QueueRow>>,
+    queue: Option<Table<QueueRow>>,
     /// Whether the site said that it has no accounting.
-    pub no_accounting: bool,
-    pub report: ClusterReport,
-    pub submitted: u64,
+    no_accounting: bool,
+    report: ClusterReport,
+    submitted: u64,
     /// Names made by this process.
-    pub names: u32,
+    names: u32,
 }
 
 impl<S: Scheduler> Cluster<S> {
@@ -136,6 +137,7 @@ impl<S: Scheduler> Cluster<S> {
             self.follow(i)?;
         }
         self.observe().await?;
+        self.revoke_ended().await?;
         self.settle_all()?;
         self.cancel_unwanted()?;
         self.place().await?;
@@ -260,6 +262,14 @@ impl<S: Scheduler> Cluster<S> {
         self.commit().await?;
         requests::remove(&paths)?;
         self.pass("after requests were removed")
+    }
+
+    /// Closes the database.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn close(self) -> Result<(), EngineError> {
+        Ok(self.writer.close_file().await?)
     }
 
     /// What became of the patients.

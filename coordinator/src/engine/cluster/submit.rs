@@ -17,6 +17,7 @@ use crate::engine::world::World;
 use crate::engine::{EngineError, overlay};
 use crate::store::cluster_jobs::{JobRow, JobSpec};
 use crate::store::outbox::Action;
+use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::cluster_job::{JobEvent, Submission};
 use cardiotwin_workflow::task::Task;
@@ -51,16 +52,7 @@ impl<S: Scheduler> Cluster<S> {
                 Action::FenceJob { job, element } => {
                     JobFolder::of(&self.world.run_dir, &job).fence(element)?
                 }
-                Action::Stop { attempt } => {
-                    let directory = self.world.directory(&attempt);
-                    let published = dispatch::revoke(&directory, &attempt, "not wanted any more")?;
-                    if self.world.attempts.contains_key(&attempt) {
-                        match published {
-                            Some(evidence) => self.take_up(&attempt, evidence)?,
-                            None => self.interrupt(&attempt, "ended by us")?,
-                        }
-                    }
-                }
+                Action::Stop { attempt } => self.stop(&attempt)?,
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
                 Action::CancelJob { job, element } => {
                     cancelled.push((id, job, element));
@@ -86,6 +78,25 @@ impl<S: Scheduler> Cluster<S> {
         kept.append(&mut self.world.outbox);
         self.world.outbox = kept;
         Ok(())
+    }
+
+    /// Revokes an attempt that is not wanted any more; an outcome that was published first is taken up.
+    fn stop(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        let directory = self.world.directory(attempt);
+        // An attempt that never began is revoked as well, so that no driver begins it.
+        std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
+            what: "make",
+            path: directory.clone(),
+            source,
+        })?;
+        let published = dispatch::revoke(&directory, attempt, "not wanted any more")?;
+        if !self.world.attempts.contains_key(attempt) {
+            return Ok(());
+        }
+        match published {
+            Some(evidence) => self.take_up(attempt, evidence),
+            None => self.interrupt(attempt, "ended by us"),
+        }
     }
 
     /// One scancel for all; what is not known by a number is cancelled by its name.

@@ -42,6 +42,7 @@ impl Course {
         if self == Self::DoubtfulSubmission {
             lab.fault("sbatch", Fault::TimeoutAfter);
         }
+        let mut is_cancelled = false;
         for round in 0..40 {
             match lab.tick_until(coordinator).await {
                 Err(error) => {
@@ -53,7 +54,10 @@ impl Course {
             }
             lab.pass(30);
             match (self, round) {
-                (Self::Cancelled, 0) => drop(cancel(&lab.run_dir(), None).await.unwrap()),
+                (Self::Cancelled, 0) => {
+                    cancel(&lab.run_dir(), None).await.unwrap();
+                    is_cancelled = true;
+                }
                 (Self::LostNode, 0) => {
                     lab.drive_until(|| Some((1, true)), driver).await;
                     lab.slurm.model.lock().unwrap().lose_node(1);
@@ -63,6 +67,10 @@ impl Course {
         }
         let has_died = coordinator.is_over() || driver.is_over();
         lab.moment();
+        if self == Self::Cancelled && !is_cancelled {
+            lab.tick().await; // Died before there was anything to cancel.
+            cancel(&lab.run_dir(), None).await.unwrap();
+        }
         let summary = lab.finish().await;
         let found = (summary.done, summary.failed, summary.cancelled);
         let expected = match self {

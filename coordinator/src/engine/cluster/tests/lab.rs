@@ -375,17 +375,28 @@ impl Lab {
         }
     }
 
-    /// How many attempts were claimed by a worker, and how many were published.
-    pub fn attempts(&self) -> (usize, usize) {
+    fn attempt_directories(&self) -> Vec<PathBuf> {
         let folders = |path: &Path| -> Vec<PathBuf> {
             fs::read_dir(path)
                 .map(|entries| entries.flatten().map(|e| e.path()).collect())
                 .unwrap_or_default()
         };
-        let all: Vec<PathBuf> = folders(&self.run_dir().join("attempts"))
-            .iter()
-            .flat_map(|p| folders(p))
-            .collect();
+        let shards = folders(&self.run_dir().join("attempts"));
+        shards.iter().flat_map(|p| folders(p)).collect()
+    }
+
+    /// Attempts that a worker claimed and nobody closed.
+    pub fn attempts_at_work(&self) -> Vec<PathBuf> {
+        let mut all = self.attempt_directories();
+        all.retain(|path| {
+            path.join(names::CLAIM).exists() && closing::read(path).unwrap() == Closing::Open
+        });
+        all
+    }
+
+    /// How many attempts were claimed by a worker, and how many were published.
+    pub fn attempts(&self) -> (usize, usize) {
+        let all = self.attempt_directories();
         let n = |is: fn(&PathBuf) -> bool| all.iter().filter(|path| is(path)).count();
         (
             n(|path| path.join(names::CLAIM).exists()),

@@ -6,6 +6,7 @@ mod cancelled;
 mod crashes;
 mod faults;
 mod lab;
+mod revoked;
 
 use std::collections::BTreeMap;
 
@@ -133,14 +134,7 @@ async fn a_doubtful_submission_is_adopted_and_not_repeated() {
         lab.moment();
         let summary = lab.finish().await;
         assert_eq!(summary.done, 1);
-        let submissions = lab
-            .slurm
-            .asked
-            .lock()
-            .unwrap()
-            .iter()
-            .filter(|p| **p == "sbatch")
-            .count();
+        let submissions = lab.n_asked("sbatch");
         assert_eq!((submissions, lab.attempts()), (1, (3, 3)), "{fault:?}");
     }
     let mut lab = Lab::new(noops(1), Settings::default());
@@ -148,14 +142,7 @@ async fn a_doubtful_submission_is_adopted_and_not_repeated() {
     lab.tick().await;
     lab.moment();
     assert_eq!(lab.finish().await.done, 1);
-    let submissions = lab
-        .slurm
-        .asked
-        .lock()
-        .unwrap()
-        .iter()
-        .filter(|p| **p == "sbatch")
-        .count();
+    let submissions = lab.n_asked("sbatch");
     assert_eq!(
         submissions, 2,
         "it never arrived: after the lookup it is asked for again, under another name"
@@ -287,7 +274,7 @@ async fn a_node_that_is_lost_publishes_nothing_and_is_avoided() {
     lab.tick().await;
     lab.pass(2);
     lab.slurm.model.lock().unwrap().lose_node(1);
-    lab.tick().await; // NODE_FAIL is seen, the zombie is fenced, another job is submitted
+    lab.tick().await; // NODE_FAIL is seen, the zombie is revoked, another job is submitted
     lab.drive(|| None).await; // only now the zombie wakes
     assert_eq!(lab.attempts(), (0, 0), "a revoked job begins nothing");
     assert_eq!(lab.finish().await.done, 1);
