@@ -115,7 +115,8 @@ def cardiotwin(program: str, tasks: int, folder: Path) -> dict:
     calm, killed = bench("cardiotwin-calm"), bench("cardiotwin-killed", "--kill")
     books = sqlite3.connect(f"file:{folder / 'cardiotwin-killed' / 'cardiotwin.db'}?mode=ro", uri=True)
     ask = lambda sql: books.execute(sql).fetchone()[0]
-    outcomes = sum(1 for _ in (folder / "cardiotwin-killed" / "attempts").rglob("outcome.json"))
+    closed = (folder / "cardiotwin-killed" / "attempts").rglob("outcome.json")
+    outcomes = sum(1 for path in closed if "revoked" not in json.loads(path.read_text()))
     published = ask("SELECT count(*) FROM tasks WHERE word = 'published'")
     return {
         "ms_per_task": calm["ms_per_task"],

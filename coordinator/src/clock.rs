@@ -1,8 +1,44 @@
 //! The one place that reads the wall clock. Times as text are UTC, RFC 3339, with milliseconds.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub use cardiotwin_schemas::time::utc_text;
+
+/// The clock that an engine is given: the wall's, or one that a test sets.
+#[derive(Debug, Clone, Default)]
+pub enum Clock {
+    /// The wall clock.
+    #[default]
+    Wall,
+    /// A clock that stands still until it is moved; clones move together.
+    Manual(Arc<AtomicI64>),
+}
+
+impl Clock {
+    /// A clock that stands at `ms` since 1970-01-01T00:00:00Z.
+    #[must_use]
+    pub fn manual(ms: i64) -> Self {
+        Self::Manual(Arc::new(AtomicI64::new(ms)))
+    }
+
+    /// Moves a manual clock on; the wall clock goes by itself.
+    pub fn advance_ms(&self, by_ms: i64) {
+        if let Self::Manual(ms) = self {
+            ms.fetch_add(by_ms, Ordering::Relaxed);
+        }
+    }
+
+    /// Milliseconds since 1970-01-01T00:00:00Z.
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
+        match self {
+            Self::Wall => now_ms(),
+            Self::Manual(ms) => ms.load(Ordering::Relaxed),
+        }
+    }
+}
 
 /// Milliseconds since 1970-01-01T00:00:00Z.
 #[must_use]

@@ -21,6 +21,10 @@ pub fn all() -> Vec<(&'static str, Schema)> {
             schema_for!(crate::outcome::TaskOutcome),
         ),
         (
+            "revoked.schema.json",
+            schema_for!(crate::outcome::RevokedAttempt),
+        ),
+        (
             "external-parameters.schema.json",
             schema_for!(crate::external::ExternalParameters),
         ),

@@ -31,6 +31,28 @@ pub struct TaskOutcome {
     pub provenance: Provenance,
 }
 
+/// `outcome.json` of an attempt that was revoked before its worker published: the coordinator took the name first.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RevokedAttempt {
+    /// The revocation in an outcome's place.
+    pub revoked: Revocation,
+}
+
+/// The coordinator's word that an attempt is to publish nothing.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Revocation {
+    /// Format version.
+    pub schema_version: u32,
+    /// Which try of which task.
+    pub attempt: AttemptId,
+    /// Why, for a person.
+    pub reason: String,
+    /// UTC, RFC 3339.
+    pub at: String,
+}
+
 /// How an attempt ended. Divergence is an ending with data, not an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "ending", rename_all = "kebab-case")]

@@ -28,6 +28,11 @@ pub const CRATES: &[Rule] = &[
         why: "formats stand still: they outlive every process",
     },
     Rule {
+        who: "protocol",
+        may: &["schemas"],
+        why: "an attempt's directory is written and read by the same code on both sides",
+    },
+    Rule {
         who: "signals",
         may: &["units"],
         why: "a trace knows no model, so measured and simulated ones are treated alike",
@@ -91,6 +96,7 @@ pub const CRATES: &[Rule] = &[
         who: "worker",
         may: &[
             "schemas",
+            "protocol",
             "units",
             "signals",
             "linalg",
@@ -108,6 +114,7 @@ pub const CRATES: &[Rule] = &[
         who: "coordinator",
         may: &[
             "schemas",
+            "protocol",
             "units",
             "signals",
             "recordings",
@@ -144,7 +151,7 @@ pub const ROOMS: &[Rule] = &[
     },
     Rule {
         who: "dispatch",
-        may: &["schemas", "clock", "slurm"],
+        may: &["schemas", "protocol", "clock", "slurm"],
         why: "processes and schedulers are reached in one place, tested without decisions",
     },
     Rule {
@@ -198,6 +205,7 @@ pub const ROOMS: &[Rule] = &[
         who: "engine",
         may: &[
             "schemas",
+            "protocol",
             "workflow",
             "store",
             "dispatch",

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
 use rustix::process::{Pid, Signal};
 
@@ -260,14 +259,14 @@ fn failures_of_another_solver_have_their_classes() {
     );
 }
 
-/// Kills everything at changing moments; each time the next coordinator goes on.
+/// Kills everything within a call of the solver or right after it; each time the next coordinator goes on.
 #[test]
 fn kills_lose_nothing_and_repeat_nothing_of_another_solver() {
     let Some(cohort) = cohort("02-CoA", "") else {
         return;
     };
     let log = cohort.path().join("solver.log");
-    // The solver says where it begins and ends; longer than a moment, so that kills come in between.
+    // The solver says where it begins and ends, and takes a moment in between.
     let begin = format!(
         "if __name__ == \"__main__\":\n    import time\n    def say(word):\n        with open({:?}, \"a\") as log:\n            \
          log.write(f\"{{word}} {{sys.argv[2]}}\\n\")\n    say(\"begin\")\n    time.sleep(0.2)\n    main()\n    say(\"end\")\n",
@@ -278,9 +277,18 @@ fn kills_lose_nothing_and_repeat_nothing_of_another_solver() {
         "if __name__ == \"__main__\":\n    main()\n",
         &begin,
     );
-    for round in 0..8_u64 {
-        let coordinator = cohort.start(&["--no-report", "--quiet"]);
-        std::thread::sleep(Duration::from_millis(150 + 130 * round));
+    let n_said = |word: &str| {
+        let said = std::fs::read_to_string(&log).unwrap_or_default();
+        said.lines().filter(|line| line.starts_with(word)).count()
+    };
+    for round in 0..8 {
+        // Within a call of the solver, and after one, when its results are about to be read and published.
+        let word = ["begin", "end"][round / 2 % 2];
+        let before = n_said(word);
+        let mut coordinator = cohort.start(&["--no-report", "--quiet"]);
+        if !coordinator.wait_until(&format!("{word} of a call"), || n_said(word) > before) {
+            break; // Nothing was left to be done.
+        }
         coordinator.signal(Signal::KILL);
         // Every other time the workers, too: their solvers go with them.
         if round % 2 == 0 {

@@ -288,6 +288,23 @@ impl Running {
         }
     }
 
+    /// Waits until something is so; tells whether it was before the coordinator ended.
+    #[track_caller]
+    pub fn wait_until(&mut self, what: &str, is_so: impl Fn() -> bool) -> bool {
+        let began = Instant::now();
+        loop {
+            let has_ended = self.child.try_wait().expect("our own child").is_some();
+            if is_so() {
+                return !has_ended;
+            }
+            if has_ended {
+                return false;
+            }
+            assert!(began.elapsed() < PATIENCE, "never saw {what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     /// Waits for its end.
     pub fn end(mut self) -> Said {
         let mut out = String::new();

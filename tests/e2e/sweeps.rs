@@ -92,7 +92,8 @@ impl Place {
         let mut found = BTreeMap::new();
         for folder in children(&self.path(out).join("attempts")) {
             for attempt in children(&folder) {
-                if attempt.join("outcome.json").exists() {
+                let outcome = std::fs::read_to_string(attempt.join("outcome.json"));
+                if outcome.is_ok_and(|text| !text.contains("\"revoked\"")) {
                     let name = attempt.file_name().unwrap().to_string_lossy().into_owned();
                     let task = name.rsplit_once("-g").unwrap().0.to_owned();
                     *found.entry(task).or_default() += 1;

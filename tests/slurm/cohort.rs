@@ -309,6 +309,8 @@ impl<'a> Cohort<'a> {
             .collect::<Vec<_>>();
         all.into_iter()
             .filter(|path| path.join(name).exists())
+            // A revocation takes the place of an outcome.
+            .filter(|path| name != "outcome.json" || !is_revoked(path))
             .collect()
     }
 
@@ -395,4 +397,11 @@ impl<'a> Cohort<'a> {
         }
         tally
     }
+}
+
+/// Whether the coordinator revoked an attempt before its worker published.
+pub fn is_revoked(attempt: &Path) -> bool {
+    let text = fs::read_to_string(attempt.join("outcome.json")).unwrap_or_default();
+    serde_json::from_str::<serde_json::Value>(&text)
+        .is_ok_and(|outcome| outcome.get("revoked").is_some())
 }

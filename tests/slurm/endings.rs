@@ -7,7 +7,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::cluster::Cluster;
-use crate::cohort::{Cohort, SLOW, lives, pid_of, signal};
+use crate::cohort::{Cohort, SLOW, is_revoked, lives, pid_of, signal};
 
 /// How far an attempt has reported to be.
 fn reports(attempt: &Path) -> Vec<f64> {
@@ -120,7 +120,7 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
         .into_iter()
         .find(claimed)
         .expect("its attempt");
-    assert!(!attempt.join("outcome.json").exists() && attempt.join("fence").exists());
+    assert!(is_revoked(&attempt));
     for cohort in [&late, &orphan] {
         let twice = || {
             cohort

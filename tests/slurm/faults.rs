@@ -94,7 +94,7 @@ pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
 /// Killed at each of its first crash points, with jobs on the real cluster.
 pub fn a_killed_coordinator_is_continued(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);
-    for point in 1..=8 {
+    for point in 1..=20 {
         let tick = cohort
             .command(&["advance"])
             .env("CARDIOTWIN_CRASH_POINT", point.to_string())

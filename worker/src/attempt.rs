@@ -1,20 +1,22 @@
-//! An attempt's directory: claimed by one process, fenced by the coordinator, closed by one outcome.
+//! An attempt as its worker sees it: claimed by this process, revoked by the coordinator or closed by one outcome.
 //!
 //! ```text
-//! spec.json ──► started.json (exclusive) ──► work ──► artefacts, synced ──► fence? ──► outcome.json (atomic)
-//!                   │ exists: exit 3                                           └ exit 4
+//! spec.json ──► started.json (exclusive) ──► work ──► artefacts, synced ──► outcome.json (exclusive)
+//!                   │ exists: exit 3                                           │ revoked: exit 4
 //! ```
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::claim::{self, ClaimFile};
+use cardiotwin_protocol::closing::{self, PreparedOutcome, Winner};
+use cardiotwin_protocol::{names, process};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::outcome::TaskOutcome;
-use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::AttemptSpec;
 
-use crate::{clock, files, process};
+use crate::clock;
 
 /// Why an attempt cannot be started or closed.
 #[derive(Debug, thiserror::Error)]
@@ -56,8 +58,8 @@ pub enum AttemptError {
         holder: String,
     },
     /// The coordinator revoked the attempt.
-    #[error("{directory} is fenced: the attempt was revoked, and nothing is published")]
-    Fenced {
+    #[error("{directory}: the attempt was revoked, and nothing is published")]
+    Revoked {
         /// The attempt's directory.
         directory: PathBuf,
     },
@@ -83,31 +85,27 @@ impl Attempt {
     /// Reads `spec.json` and claims the directory for this process.
     ///
     /// # Errors
-    /// [`AttemptError::Claimed`] when any process claimed it before, living or dead; [`AttemptError::Fenced`] when
+    /// [`AttemptError::Claimed`] when any process claimed it before, living or dead; [`AttemptError::Revoked`] when
     /// it was revoked already; otherwise when files cannot be read or written.
     pub fn claim(directory: &Path) -> Result<Self, AttemptError> {
+        let spec = read_spec(&directory.join(names::SPEC))?;
         let attempt = Self {
             directory: directory.to_owned(),
-            spec: read_spec(&directory.join("spec.json"))?,
+            spec,
         };
-        attempt.check_fence()?;
-        let file = directory.join("started.json");
-        let claim = Claim {
-            host: process::host(),
-            boot_id: process::boot_id(),
-            pid: std::process::id(),
-            pid_start_ticks: process::start_ticks(std::process::id()).unwrap_or_default(),
-            at: clock::now(),
-        };
-        match files::create_exclusive(&file, json(&claim).as_bytes()) {
-            Ok(()) => Ok(attempt),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                Err(AttemptError::Claimed {
-                    directory: directory.to_owned(),
-                    holder: holder(&file),
-                })
-            }
-            Err(source) => Err(AttemptError::Write { file, source }),
+        if closing::is_revoked(directory) {
+            return Err(attempt.revoked());
+        }
+        match claim::take(directory, &process::claim_of_this_process(clock::now())) {
+            Ok(true) => Ok(attempt),
+            Ok(false) => Err(AttemptError::Claimed {
+                directory: directory.to_owned(),
+                holder: holder(directory),
+            }),
+            Err(source) => Err(AttemptError::Write {
+                file: directory.join(names::CLAIM),
+                source,
+            }),
         }
     }
 
@@ -117,30 +115,27 @@ impl Attempt {
         &self.directory
     }
 
-    /// Whether the coordinator revoked the attempt.
-    #[must_use]
-    pub fn is_fenced(&self) -> bool {
-        self.directory.join("fence").exists()
-    }
-
-    fn check_fence(&self) -> Result<(), AttemptError> {
-        if self.is_fenced() {
-            return Err(AttemptError::Fenced {
-                directory: self.directory.clone(),
-            });
+    fn revoked(&self) -> AttemptError {
+        AttemptError::Revoked {
+            directory: self.directory.clone(),
         }
-        Ok(())
     }
 
     /// Publishes the outcome and ends the attempt. Artefacts must be on disk before.
     ///
     /// # Errors
-    /// [`AttemptError::Fenced`] when the attempt was revoked meanwhile; otherwise when the file cannot be written.
+    /// [`AttemptError::Revoked`] when the attempt was revoked meanwhile; otherwise when the file cannot be written.
     pub fn publish(self, outcome: &TaskOutcome) -> Result<(), AttemptError> {
-        self.check_fence()?;
-        let file = self.directory.join("outcome.json");
-        files::write_atomic(&file, json(outcome).as_bytes())
-            .map_err(|source| AttemptError::Write { file, source })
+        let published =
+            PreparedOutcome::new(&self.directory, outcome).and_then(PreparedOutcome::publish);
+        match published {
+            Ok(Winner::Worker) => Ok(()),
+            Ok(Winner::Coordinator) => Err(self.revoked()),
+            Err(source) => Err(AttemptError::Write {
+                file: self.directory.join(names::OUTCOME),
+                source,
+            }),
+        }
     }
 }
 
@@ -163,17 +158,14 @@ fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
     Ok(spec)
 }
 
-/// Who holds a claim, in words.
-fn holder(file: &Path) -> String {
-    let claim: Option<Claim> = fs::read(file)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
-    let Some(claim) = claim else {
+/// The holder of a claim, in words.
+fn holder(directory: &Path) -> String {
+    let Ok(ClaimFile::By(claim)) = claim::read(directory) else {
         return "somebody whose claim cannot be read".to_owned();
     };
     let state = if claim.boot_id != process::boot_id() {
         "on another host or before a reboot"
-    } else if process::start_ticks(claim.pid) == Some(claim.pid_start_ticks) {
+    } else if process::lives(&claim) {
         "which is running"
     } else {
         "which is gone"
@@ -184,15 +176,11 @@ fn holder(file: &Path) -> String {
     )
 }
 
-fn json<T: serde::Serialize>(value: &T) -> String {
-    // Outcomes and claims are structs of plain fields: they always have a JSON form.
-    serde_json::to_string_pretty(value).expect("a struct of plain fields is JSON")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use cardiotwin_schemas::ids::AttemptId;
+    use cardiotwin_schemas::progress::Claim;
     use cardiotwin_schemas::task::{NoopSpec, TaskSpec};
 
     fn directory_with_spec(schema_version: u32) -> tempfile::TempDir {
@@ -214,7 +202,11 @@ mod tests {
             vtu_every_ms,
             task,
         };
-        fs::write(directory.path().join("spec.json"), json(&spec)).unwrap();
+        fs::write(
+            directory.path().join("spec.json"),
+            serde_json::to_string(&spec).unwrap(),
+        )
+        .unwrap();
         directory
     }
 
@@ -239,12 +231,16 @@ mod tests {
         let directory = directory_with_spec(SCHEMA_VERSION);
         let claim = Claim {
             host: "h".into(),
-            boot_id: process::boot_id(),
+            boot_id: process::boot_id().into(),
             pid: 1,
             pid_start_ticks: 1,
             at: "t".into(),
         };
-        fs::write(directory.path().join("started.json"), json(&claim)).unwrap();
+        fs::write(
+            directory.path().join("started.json"),
+            serde_json::to_string(&claim).unwrap(),
+        )
+        .unwrap();
         let error = Attempt::claim(directory.path()).unwrap_err().to_string();
         assert!(
             error.contains("process 1 on h since t, which is gone"),

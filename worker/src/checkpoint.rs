@@ -15,6 +15,7 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::names;
 use cardiotwin_schemas::ids::AttemptId;
 use serde::{Deserialize, Serialize};
 
@@ -88,7 +89,7 @@ impl Checkpoints {
     pub fn own_file(&self, name: &str) -> Option<PathBuf> {
         self.own
             .as_ref()
-            .map(|directory| directory.join("checkpoint").join(name))
+            .map(|directory| directory.join(names::CHECKPOINT).join(name))
     }
 
     /// Where earlier attempts may have left the checkpoint `name`, first choice first.
@@ -96,7 +97,7 @@ impl Checkpoints {
     pub fn earlier_files(&self, name: &str) -> Vec<PathBuf> {
         self.earlier
             .iter()
-            .map(|directory| directory.join("checkpoint").join(name))
+            .map(|directory| directory.join(names::CHECKPOINT).join(name))
             .collect()
     }
 
@@ -106,13 +107,13 @@ impl Checkpoints {
     /// Any error of the file system in making the new file.
     pub fn journal(&self, name: &str, search: &str) -> io::Result<Journal> {
         let earlier = self.earlier.iter().find_map(|directory| {
-            let records = read(&directory.join("checkpoint").join(name), search)?;
+            let records = read(&directory.join(names::CHECKPOINT).join(name), search)?;
             Some((directory.clone(), records))
         });
         let file = self
             .own
             .as_ref()
-            .map(|directory| create(&directory.join("checkpoint"), name, search))
+            .map(|directory| create(&directory.join(names::CHECKPOINT), name, search))
             .transpose()?;
         let (from, records) = earlier.unzip();
         Ok(Journal {

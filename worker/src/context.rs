@@ -44,8 +44,8 @@ pub struct Context {
     pub vtu_every_ms: f64,
     /// Whether to stop.
     pub stop: StopFlag,
-    /// A file whose existence means that the work is not wanted any more.
-    pub fence: Option<PathBuf>,
+    /// The attempt's `outcome.json`: while the task is at work, only a revocation creates it.
+    pub closed: Option<PathBuf>,
 }
 
 impl Context {
@@ -63,7 +63,7 @@ impl Context {
             checkpoint_apart: CHECKPOINT_APART,
             vtu_every_ms: 0.0,
             stop: StopFlag::default(),
-            fence: None,
+            closed: None,
         }
     }
 
@@ -72,7 +72,7 @@ impl Context {
     /// # Errors
     /// [`TaskError::Cancelled`] when stopping was asked for or the attempt was revoked.
     pub fn check_stop(&self) -> Result<(), TaskError> {
-        if self.stop.is_raised() || self.fence.as_ref().is_some_and(|fence| fence.exists()) {
+        if self.stop.is_raised() || self.closed.as_ref().is_some_and(|closed| closed.exists()) {
             return Err(TaskError::Cancelled);
         }
         Ok(())

@@ -36,7 +36,7 @@ enum Command {
         #[arg(long)]
         quiet: bool,
     },
-    /// Do one task without claim or fence; the outcome goes to stdout as JSON
+    /// Do one task without a claim; the outcome goes to stdout as JSON
     Simulate {
         /// File with a task's specification in JSON
         spec: PathBuf,

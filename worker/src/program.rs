@@ -15,14 +15,14 @@ pub const EXIT_FAILED: u8 = 1;
 /// Exit code: the attempt was claimed before.
 pub const EXIT_CLAIMED: u8 = 3;
 /// Exit code: the attempt was revoked.
-pub const EXIT_FENCED: u8 = 4;
+pub const EXIT_REVOKED: u8 = 4;
 
 /// The exit code that tells why nothing was published.
 #[must_use]
 pub fn code_of(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(match error.downcast_ref::<AttemptError>() {
         Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
-        Some(AttemptError::Fenced { .. }) => EXIT_FENCED,
+        Some(AttemptError::Revoked { .. }) => EXIT_REVOKED,
         _ => EXIT_FAILED,
     })
 }

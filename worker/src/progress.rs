@@ -26,7 +26,7 @@ impl ProgressLog {
     #[must_use]
     pub fn in_directory(directory: &Path, echo: bool) -> Self {
         Self {
-            path: Some(directory.join("progress.jsonl")),
+            path: Some(directory.join(cardiotwin_protocol::names::PROGRESS)),
             file: None,
             echo,
             last: None,

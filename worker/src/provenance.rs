@@ -66,7 +66,7 @@ impl Beginning {
             },
             threads,
             ranks: 1,
-            host: process::host(),
+            host: cardiotwin_protocol::process::host().to_owned(),
             arithmetic: match task {
                 TaskSpec::CellFit(_) => {
                     format!("{}, {}", arithmetic(), path_in_use(instruction_set))

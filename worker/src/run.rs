@@ -5,6 +5,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
+use cardiotwin_protocol::names;
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
@@ -48,7 +49,7 @@ pub fn run_attempt(
         checkpoint_apart: CHECKPOINT_APART,
         vtu_every_ms: attempt.spec.vtu_every_ms,
         stop: stop.clone(),
-        fence: Some(directory.join("fence")),
+        closed: Some(directory.join(names::OUTCOME)),
     };
     let task = &attempt.spec.task;
     let ending = guarded(task.kind(), || run_task(task, &mut context));
@@ -63,7 +64,7 @@ pub fn run_attempt(
     Ok(outcome.ending)
 }
 
-/// Does one task without claim or fence.
+/// Does one task without a claim.
 #[must_use]
 pub fn simulate(task: &TaskSpec, mut context: Context) -> TaskOutcome {
     let beginning = Beginning::now();

@@ -1,4 +1,4 @@
-//! Claim, fence, outcome and stopping, with the real program.
+//! Claim, revocation, outcome and stopping, with the real program.
 
 mod support;
 
@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::closing::{self, Winner};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::ContractionSpec;
-use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
+use cardiotwin_schemas::outcome::{Ending, Revocation, TaskOutcome, TaskResult};
 use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::{AttemptSpec, InputFile, NoopSpec, TargetsSpec, TaskSpec};
 
@@ -118,19 +119,102 @@ fn of_many_starts_at_once_one_does_the_work() {
     assert_eq!(codes, expected);
 }
 
+fn revoke(directory: &Path, task: &TaskSpec) -> Winner {
+    let revocation = Revocation {
+        schema_version: SCHEMA_VERSION,
+        attempt: AttemptId {
+            task: task.key(),
+            generation: 1,
+        },
+        reason: "for a test".into(),
+        at: String::new(),
+    };
+    closing::revoke(directory, &revocation).unwrap()
+}
+
 #[test]
-fn a_fenced_attempt_publishes_nothing() {
+fn a_revoked_attempt_publishes_nothing() {
     let root = tempfile::tempdir().unwrap();
     let before = attempt_directory(root.path(), &noop(0), 1);
-    fs::write(before.join("fence"), "").unwrap();
+    assert_eq!(revoke(&before, &noop(0)), Winner::Coordinator);
     assert_eq!(run(&before).status.code(), Some(4));
-    assert!(!before.join("started.json").exists() && !before.join("outcome.json").exists());
+    assert!(!before.join("started.json").exists() && closing::is_revoked(&before));
 
     let meanwhile = attempt_directory(root.path(), &noop(3_600_000), 1);
     let child = spawn_and_wait_for_claim(&meanwhile);
-    fs::write(meanwhile.join("fence"), "").unwrap();
+    assert_eq!(revoke(&meanwhile, &noop(3_600_000)), Winner::Coordinator);
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(4));
-    assert!(!meanwhile.join("outcome.json").exists());
+    assert!(closing::is_revoked(&meanwhile));
+}
+
+#[test]
+fn an_attempt_fenced_by_an_earlier_version_publishes_nothing() {
+    let root = tempfile::tempdir().unwrap();
+    let directory = attempt_directory(root.path(), &noop(0), 1);
+    fs::write(directory.join("fence"), "").unwrap();
+    assert_eq!(run(&directory).status.code(), Some(4));
+    assert!(!directory.join("started.json").exists() && !directory.join("outcome.json").exists());
+}
+
+#[test]
+fn an_outcome_that_is_there_cannot_be_revoked() {
+    let root = tempfile::tempdir().unwrap();
+    let directory = attempt_directory(root.path(), &noop(0), 1);
+    assert_eq!(run(&directory).status.code(), Some(0));
+    let published = outcome(&directory);
+    assert_eq!(revoke(&directory, &noop(0)), Winner::Worker);
+    assert_eq!(outcome(&directory), published);
+}
+
+/// The worker is stopped when its outcome waits for its name, and the attempt is revoked there.
+#[test]
+fn a_revocation_just_before_the_publication_wins() {
+    let root = tempfile::tempdir().unwrap();
+    let mut caught = 0;
+    for label in 0..200 {
+        let task = TaskSpec::Noop(NoopSpec {
+            label: label.to_string(),
+            sleep_ms: 1,
+        });
+        let directory = attempt_directory(root.path(), &task, 1);
+        let mut child = worker(&directory).spawn().unwrap();
+        let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+        let is_at_its_end = loop {
+            match child.try_wait().unwrap() {
+                Some(_) => break false,
+                None if has_draft_of_outcome(&directory) => break true,
+                None => {}
+            }
+        };
+        // The process is not reaped, so that its number is its own.
+        let signal = |signal| {
+            if is_at_its_end {
+                rustix::process::kill_process(pid, signal).unwrap();
+            }
+        };
+        signal(rustix::process::Signal::STOP);
+        let winner = revoke(&directory, &task);
+        signal(rustix::process::Signal::CONT);
+        let code = child.wait_with_output().unwrap().status.code();
+        match winner {
+            Winner::Coordinator => {
+                assert_eq!((code, closing::is_revoked(&directory)), (Some(4), true))
+            }
+            Winner::Worker => assert_eq!((code, closing::is_revoked(&directory)), (Some(0), false)),
+        }
+        caught += u32::from(winner == Winner::Coordinator);
+        if caught == 10 {
+            return;
+        }
+    }
+    panic!("only {caught} workers were stopped before their last step");
+}
+
+fn has_draft_of_outcome(directory: &Path) -> bool {
+    let names = fs::read_dir(directory).unwrap().flatten();
+    names
+        .map(|entry| entry.file_name())
+        .any(|name| name.to_string_lossy().starts_with(".outcome.json"))
 }
 
 #[test]

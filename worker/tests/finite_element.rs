@@ -372,9 +372,9 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         ..Context::plain(stopped.path(), 1)
     };
     let organ_beat = TaskSpec::OrganBeat(Box::new(short.clone()));
-    let fence = stopped.path().join("fence");
-    stopping.fence = Some(fence.clone());
-    std::fs::write(&fence, "").unwrap();
+    let closed = stopped.path().join("outcome.json");
+    stopping.closed = Some(closed.clone());
+    std::fs::write(&closed, "").unwrap();
     assert_eq!(run_task(&organ_beat, &mut stopping), Ending::Cancelled);
 
     // A beat that cannot be saved: no Newton iteration is enough.

@@ -12,21 +12,8 @@
 //!    state does, too, to what it does not know any more: hence the long wait for accounting where there is one.
 //! 5. Without any of these it was Slurm, once the grace is over.
 
+use crate::job_status::{Accounting, Ended};
 use crate::state::SlurmState;
-use crate::truth::Ended;
-
-/// What the database says of a run that the queue shows as ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Accounting {
-    /// The same: the ending is as told there.
-    Agrees,
-    /// It has the run as waiting or running.
-    Disagrees,
-    /// It answered, and does not know the run.
-    Unaware,
-    /// It did not answer, or was not asked.
-    Silent,
-}
 
 /// What the job itself left, and how long the question is open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -76,8 +63,8 @@ pub fn by_whom(ended: &Ended, own: OwnTraces) -> Canceller {
 mod tests {
     use super::{Accounting, Canceller, OwnTraces, by_whom};
     use crate::job::JobId;
+    use crate::job_status::Ended;
     use crate::state::SlurmState;
-    use crate::truth::Ended;
 
     const OWN_UID: u32 = 1001;
 

@@ -4,8 +4,8 @@
 //! preemption are charged to neither, up to a bound that keeps a broken partition from being fed for ever.
 
 use crate::cancelled::{Canceller, OwnTraces, by_whom};
+use crate::job_status::Ended;
 use crate::state::SlurmState;
-use crate::truth::Ended;
 
 /// Why an attempt ended without the result it was to give.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -290,7 +290,7 @@ mod tests {
     use super::{Budgets, Class, Evidence, Given, Next, Spent, classify, is_open, next};
     use crate::answers::{accounting, queue, recorded};
     use crate::cancelled::OwnTraces;
-    use crate::truth::{Truth, Wanted, of};
+    use crate::job_status::{JobStatus, Wanted, of};
     use proptest::prelude::*;
 
     const NOTHING: Evidence<'_> = Evidence {
@@ -323,7 +323,7 @@ mod tests {
     fn class_of(name: &str, log_tail: &str) -> Option<Class> {
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
-        let Truth::Ended(ended) = of(
+        let JobStatus::Ended(ended) = of(
             Wanted {
                 name,
                 element: None,

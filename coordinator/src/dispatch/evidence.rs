@@ -1,47 +1,48 @@
-//! What an attempt's directory tells.
+//! The contents of an attempt's directory: outcome, claim, revocation, the worker's last words.
 
 use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
-use std::time::Duration;
 
+use cardiotwin_protocol::claim::{self, ClaimFile};
+use cardiotwin_protocol::closing::{self, Closing, Winner};
+use cardiotwin_protocol::names;
+use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::FailureClass;
-use cardiotwin_schemas::outcome::TaskOutcome;
-use cardiotwin_schemas::progress::Claim;
+use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
 
 use super::{DispatchError, Evidence};
+use crate::clock;
 
-/// What is to be done.
-pub const SPEC: &str = "spec.json";
-pub const CLAIM: &str = "started.json";
-pub const OUTCOME: &str = "outcome.json";
-/// The coordinator's word that the attempt is revoked.
-pub const FENCE: &str = "fence";
-pub const LOG: &str = "stderr.log";
+fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchError {
+    let path = path.to_owned();
+    move |source| DispatchError::File { what, path, source }
+}
 
-/// The outcome, if one was published. An outcome that cannot be read, or whose files are not there, is evidence too.
+/// The outcome, if one was published. An outcome that cannot be read, or whose files are missing, is evidence too; a
+/// revoked attempt has no outcome.
+///
+/// # Errors
+/// [`DispatchError::File`].
 pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
-    let path = directory.join(OUTCOME);
-    let text = match fs::read_to_string(&path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => {
-            return Err(DispatchError::File {
-                what: "read",
-                path,
-                source,
-            });
-        }
-    };
+    let path = directory.join(names::OUTCOME);
+    match closing::read(directory).map_err(file("read", &path))? {
+        Closing::Published(text) => Ok(Some(evidence_of(directory, text))),
+        Closing::Open | Closing::Revoked(_) => Ok(None),
+    }
+}
+
+fn evidence_of(directory: &Path, text: String) -> Evidence {
     let outcome: TaskOutcome = match serde_json::from_str(&text) {
         Ok(outcome) => outcome,
-        // Outcomes appear by rename, so that half of one is never seen: this is a defect, no accident.
+        // Outcomes appear whole: half of one is a defect and no accident.
         Err(error) => {
-            let reason = format!("{} cannot be read: {error}", path.display());
-            return Ok(Some(Evidence::Nothing {
+            let path = directory.join(names::OUTCOME);
+            return Evidence::Nothing {
                 class: FailureClass::Bug,
-                reason,
-            }));
+                reason: format!("{} cannot be read: {error}", path.display()),
+            };
         }
     };
     for artefact in &outcome.artefacts {
@@ -54,67 +55,54 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
                 file.display(),
                 artefact.bytes
             );
-            return Ok(Some(Evidence::Nothing {
+            return Evidence::Nothing {
                 class: FailureClass::Site,
                 reason,
-            }));
+            };
         }
     }
-    Ok(Some(Evidence::Outcome {
+    Evidence::Outcome {
         outcome: Box::new(outcome),
         text,
-    }))
-}
-
-/// Who claimed the attempt.
-pub enum ClaimFile {
-    /// Nobody.
-    Absent,
-    /// Somebody whose claim is empty or cut: it is being written, or its writer was killed in between.
-    Unreadable,
-    /// This process.
-    By(Claim),
-}
-
-/// How long ago the claim was written last; nothing where that cannot be told.
-pub fn claim_age(directory: &Path) -> Option<Duration> {
-    let written = fs::metadata(directory.join(CLAIM)).and_then(|claim| claim.modified());
-    written.ok()?.elapsed().ok()
-}
-
-pub fn claim(directory: &Path) -> Result<ClaimFile, DispatchError> {
-    let path = directory.join(CLAIM);
-    match fs::read(&path) {
-        Ok(bytes) => {
-            Ok(serde_json::from_slice(&bytes).map_or(ClaimFile::Unreadable, ClaimFile::By))
-        }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(ClaimFile::Absent),
-        Err(source) => Err(DispatchError::File {
-            what: "read",
-            path,
-            source,
-        }),
     }
 }
 
-/// Revokes an attempt: its worker publishes nothing once this is there.
-pub fn fence(directory: &Path) -> Result<(), DispatchError> {
-    let path = directory.join(FENCE);
-    match fs::write(&path, b"revoked by the coordinator\n") {
-        Ok(()) => Ok(()),
-        // Never started: nobody to revoke.
-        Err(error) if error.kind() == io::ErrorKind::NotFound && !directory.exists() => Ok(()),
-        Err(source) => Err(DispatchError::File {
-            what: "write",
-            path,
-            source,
-        }),
+/// Reads the claim on an attempt.
+///
+/// # Errors
+/// [`DispatchError::File`].
+pub fn claim_on(directory: &Path) -> Result<ClaimFile, DispatchError> {
+    claim::read(directory).map_err(file("read", &directory.join(names::CLAIM)))
+}
+
+/// Revokes an attempt: from now on its worker publishes nothing. An outcome that was published before stays, and is
+/// returned to be taken up.
+///
+/// - `reason`: why, for a person who reads the attempt's directory
+///
+/// # Errors
+/// [`DispatchError::File`].
+pub fn revoke(
+    directory: &Path,
+    attempt: &AttemptId,
+    reason: &str,
+) -> Result<Option<Evidence>, DispatchError> {
+    let revocation = Revocation {
+        schema_version: SCHEMA_VERSION,
+        attempt: attempt.clone(),
+        reason: reason.to_owned(),
+        at: clock::now_utc(),
+    };
+    let path = directory.join(names::OUTCOME);
+    match closing::revoke(directory, &revocation).map_err(file("write", &path))? {
+        Winner::Worker => outcome(directory),
+        Winner::Coordinator => Ok(None),
     }
 }
 
 /// Last line of the worker's log, for messages.
 pub fn last_words(directory: &Path) -> Option<String> {
-    let mut file = fs::File::open(directory.join(LOG)).ok()?;
+    let mut file = fs::File::open(directory.join(names::LOG)).ok()?;
     let length = file.metadata().ok()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(2000)))
         .ok()?;

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::time::Duration;
 
+use cardiotwin_protocol::process;
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
@@ -11,7 +12,7 @@ use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
 use tokio::sync::mpsc;
 
-use super::{DispatchError, Evidence, Executor, Found, News, Order, process};
+use super::{DispatchError, Evidence, Executor, Found, News, Order};
 use crate::clock;
 
 /// How many results one call of [`Executor::news`] brings at most: they share a commit.

@@ -14,14 +14,17 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::claim::{self, ClaimFile};
+use cardiotwin_protocol::{files, names, process};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::progress::Claim;
 use tokio::process::Command;
 use tokio::sync::mpsc;
 
-use super::evidence::{self, ClaimFile};
-use super::{DispatchError, Evidence, Executor, Found, News, Order, process};
+use super::evidence;
+use super::process::signal_group;
+use super::{DispatchError, Evidence, Executor, Found, News, Order};
 
 /// How often orphans and stopped workers are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -134,13 +137,9 @@ impl Local {
         fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
         let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
         // A worker of an earlier coordinator may be reading it: replaced whole, never seen half.
-        let (path, draft) = (
-            directory.join(evidence::SPEC),
-            directory.join("spec.json.new"),
-        );
-        fs::write(&draft, spec).map_err(file("write", draft.clone()))?;
-        fs::rename(&draft, &path).map_err(file("write", path))?;
-        let path = directory.join(evidence::LOG);
+        let path = directory.join(names::SPEC);
+        files::replace(&path, &spec).map_err(file("write", path))?;
+        let path = directory.join(names::LOG);
         let log = File::options()
             .create(true)
             .append(true)
@@ -227,12 +226,10 @@ impl Local {
     }
 
     fn look(&self, directory: &Path) -> Result<Found, DispatchError> {
-        match evidence::claim(directory)? {
+        match evidence::claim_on(directory)? {
             ClaimFile::Absent => Ok(Found::Unclaimed),
             // Without an age its writer may be at it this moment.
-            ClaimFile::Unreadable
-                if evidence::claim_age(directory).is_none_or(|age| age < CLAIM_GRACE) =>
-            {
+            ClaimFile::Unreadable if claim::age(directory).is_none_or(|age| age < CLAIM_GRACE) => {
                 Ok(Found::BeingClaimed)
             }
             ClaimFile::Unreadable => self.over(directory, None),
@@ -308,7 +305,7 @@ impl Local {
 impl Running {
     /// Asks to leave, or forces it.
     fn press(&self, by_force: bool) {
-        let rank_0 = match evidence::claim(&self.directory) {
+        let rank_0 = match evidence::claim_on(&self.directory) {
             Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => {
                 Some(claim)
             }
@@ -317,8 +314,8 @@ impl Running {
         match rank_0.filter(process::lives) {
             // A launcher that is asked ends its ranks after a moment, before there is a checkpoint; one that loses a rank ends the
             // others.
-            Some(claim) => process::signal_group(claim.pid, claim.pid_start_ticks, by_force),
-            None => process::signal_group(self.pid, self.start, by_force),
+            Some(claim) => signal_group(claim.pid, claim.pid_start_ticks, by_force),
+            None => signal_group(self.pid, self.start, by_force),
         }
     }
 }
@@ -422,7 +419,7 @@ impl Executor for Local {
         directory: &Path,
         now: bool,
     ) -> Result<bool, DispatchError> {
-        evidence::fence(directory)?;
+        evidence::revoke(directory, attempt, "its coordinator or its job ended it")?;
         if let Some(running) = self.running.get_mut(attempt) {
             running.stopped.get_or_insert_with(Instant::now);
             running.press(now);
@@ -467,12 +464,14 @@ impl Executor for Local {
 
 #[cfg(test)]
 mod tests {
+    use cardiotwin_protocol::closing::{PreparedOutcome, Winner};
+
     use super::*;
 
     #[test]
     fn a_half_written_claim_is_looked_at_again_and_given_up_once_it_is_old() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(evidence::CLAIM);
+        let path = folder.path().join(names::CLAIM);
         std::fs::write(&path, "{\"host\":").unwrap();
         let local = Local::new("/bin/worker".into(), 1);
         let found = local.look(folder.path()).unwrap();
@@ -485,6 +484,45 @@ mod tests {
             matches!(found, Found::Over { claim: None, .. }),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn an_outcome_that_is_there_before_the_stop_is_found_and_none_comes_after() {
+        let attempt = AttemptId {
+            task: cardiotwin_schemas::ids::TaskKey("0".repeat(64)),
+            generation: 1,
+        };
+        let outcome = cardiotwin_schemas::outcome::TaskOutcome {
+            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            attempt: attempt.clone(),
+            ending: cardiotwin_schemas::outcome::Ending::Cancelled,
+            artefacts: vec![],
+            provenance: Default::default(),
+        };
+        for is_first in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let dead = Claim {
+                pid_start_ticks: 0,
+                ..crate::dispatch::claim_of_this_process()
+            };
+            assert!(claim::take(folder.path(), &dead).unwrap());
+            let prepared = PreparedOutcome::new(folder.path(), &outcome).unwrap();
+            let mut local = Local::new("/bin/worker".into(), 1);
+            let winner = if is_first {
+                let winner = prepared.publish().unwrap();
+                assert!(!local.stop(&attempt, folder.path(), false).unwrap());
+                winner
+            } else {
+                assert!(!local.stop(&attempt, folder.path(), false).unwrap());
+                prepared.publish().unwrap()
+            };
+            assert_eq!(winner == Winner::Worker, is_first);
+            let found = local.adopt(&attempt, folder.path()).unwrap();
+            let Found::Over { evidence, .. } = found else {
+                panic!("{found:?}")
+            };
+            assert_eq!(matches!(evidence, Evidence::Outcome { .. }), is_first);
+        }
     }
 
     #[test]

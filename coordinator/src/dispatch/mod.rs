@@ -20,7 +20,7 @@ use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::AttemptSpec;
 
-pub use evidence::{FENCE, SPEC, fence, outcome};
+pub use evidence::{outcome, revoke};
 pub use in_process::InProcess;
 pub use limited::{CommandEnd, run_limited};
 pub use local::{Launcher, Local};
@@ -158,11 +158,12 @@ pub trait Executor: Send {
     /// [`DispatchError::File`] when its directory cannot be read.
     fn adopt(&mut self, attempt: &AttemptId, directory: &Path) -> Result<Found, DispatchError>;
 
-    /// Fences an attempt's directory, so that it publishes nothing from now on, and ends its process: kindly first,
-    /// by force after a while, or at once when `now`. Tells whether a process is still watched, whose end will be news.
+    /// Revokes an attempt unless it has published, and ends its process: kindly first, by force after a while, or at
+    /// once when `now`. Tells whether a process is still watched, whose end will be news; where none is, an outcome
+    /// that was published first is found by [`Executor::adopt`].
     ///
     /// # Errors
-    /// [`DispatchError::File`] when the fence cannot be written.
+    /// [`DispatchError::File`] when the revocation cannot be written.
     fn stop(
         &mut self,
         attempt: &AttemptId,

@@ -7,28 +7,27 @@ use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
 use super::cores;
-use super::decide::Circumstance;
-use super::drive::Drive;
+use super::local_loop::LocalLoop;
+use super::transitions::Circumstance;
 use super::watch::Tail;
 use super::world::AttemptEntry;
 use super::{EngineError, StopLevel, overlay};
-use crate::clock;
 use crate::dispatch::{DispatchError, Evidence, Executor, Order};
 use crate::store::outbox::Action;
 
-impl<E: Executor> Drive<E> {
+impl<E: Executor> LocalLoop<E> {
     /// Does what was committed to be done.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         if self.seen_stop == StopLevel::Now {
             return Ok(());
         }
-        self.world.now_ms = clock::now_ms();
+        self.world.now_ms = self.surroundings.clock.now_ms();
         for (id, action) in std::mem::take(&mut self.world.outbox) {
             // Stopped before it was handed over: the next run does it.
             if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
                 continue;
             }
-            self.crash.pass("before an action")?;
+            self.surroundings.crash.pass("before an action")?;
             match action {
                 Action::Submit { attempt } => self.submit(&attempt).await?,
                 Action::Stop { attempt } => {
@@ -44,7 +43,7 @@ impl<E: Executor> Drive<E> {
                     continue;
                 }
             }
-            self.crash.pass("after an action")?;
+            self.surroundings.crash.pass("after an action")?;
             self.world.action_done(id);
         }
         Ok(())

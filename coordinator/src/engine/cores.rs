@@ -5,7 +5,7 @@ use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
 
-use super::entries::TaskEntry;
+use super::book_rows::TaskEntry;
 
 /// From so many nodes on step 0 and a beat in 3D are shared among all cores: below, threads wait for each other more than they save, and
 /// other patients make better use of the cores.

@@ -1,15 +1,18 @@
-//! Crash points: after each commit, and before and after each action. Tests stop the process dead at the n-th one and
-//! look whether a second run ends alike.
+//! Crash points: before and after each commit, each action and each command of the scheduler. Tests stop the process dead
+//! at the n-th one and look whether a second run ends alike.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::EngineError;
 
 /// Set to n, the process aborts at its n-th crash point. For tests; read once, when the engine begins.
 pub const VARIABLE: &str = "CARDIOTWIN_CRASH_POINT";
 
-/// Counts crash points.
-#[derive(Debug, Default)]
+/// Counts crash points; clones count together, so that a test can count over several coordinators.
+#[derive(Debug, Clone, Default)]
 pub struct CrashPoints {
-    seen: u64,
+    passed: Arc<AtomicU64>,
     fatal: Option<u64>,
     /// Ends with an error instead of the process.
     #[cfg(test)]
@@ -35,17 +38,24 @@ impl CrashPoints {
         }
     }
 
+    /// Whether the fatal point was passed.
+    #[cfg(test)]
+    pub fn is_over(&self) -> bool {
+        self.fatal
+            .is_some_and(|fatal| self.passed.load(Ordering::Relaxed) >= fatal)
+    }
+
     /// A point where the process may die.
-    pub fn pass(&mut self, place: &str) -> Result<(), EngineError> {
-        self.seen += 1;
-        if self.fatal == Some(self.seen) {
+    pub fn pass(&self, place: &str) -> Result<(), EngineError> {
+        let n = self.passed.fetch_add(1, Ordering::Relaxed) + 1;
+        if self.fatal == Some(n) {
             #[cfg(test)]
             if self.soft {
                 return Err(EngineError::Crashed {
                     place: place.to_owned(),
                 });
             }
-            eprintln!("crash point {}: {place}", self.seen);
+            eprintln!("crash point {n}: {place}");
             // No destructor, no flush: as near to kill -9 as a process can do to itself.
             std::process::abort();
         }

@@ -8,7 +8,7 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_workflow::patient::{Patient, Step};
 
 use super::EngineError;
-use super::decide::Decider;
+use super::transitions::Decider;
 use super::world::World;
 use crate::clock;
 use crate::store::Writer;

@@ -13,7 +13,7 @@ use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 
 pub use cardiotwin_workflow::patient::Stage;
 
-use crate::clock;
+use crate::clock::{self, Clock};
 use crate::dispatch::slurm::{Installed, Scheduler};
 use crate::dispatch::{self, Executor, InProcess, Launcher, Local};
 use crate::store::Writer;
@@ -21,27 +21,26 @@ use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
 use cluster::{Cluster, load_site};
-use crash::CrashPoints;
-use decide::Decider;
-use drive::Drive;
+use local_loop::LocalLoop;
 use requests::Request;
+use surroundings::Surroundings;
+use transitions::Decider;
 use world::World;
 
 mod act;
+mod apply_requests;
 pub mod bench;
-mod change;
+mod book_rows;
 mod cluster;
 mod cores;
 mod crash;
-mod decide;
-mod drive;
-mod driver;
-mod entries;
 mod error;
 mod events;
 mod foresee;
 mod housekeeping;
-mod leave;
+mod in_job_loop;
+mod job_book;
+mod local_loop;
 mod notices;
 mod overlay;
 mod program_identity;
@@ -50,9 +49,12 @@ mod purged;
 mod requests;
 mod settings;
 mod show;
+mod shutdown;
 mod stop;
+mod surroundings;
 #[cfg(test)]
 mod tests;
+mod transitions;
 mod watch;
 mod worker_identity;
 mod world;
@@ -70,11 +72,11 @@ pub use cluster::{
     ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport,
     SiteReport, TickCost, examine_site, measure as measure_cluster, preview,
 };
-pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use foresee::{Foreseen, foresee};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
+pub use in_job_loop::{DriverPlace, drive_here};
 pub use notices::tell;
 pub use programs::first_line;
 pub use stop::{StopLevel, StopSignal};
@@ -145,13 +147,12 @@ pub async fn run(
             path: "this program".into(),
             source,
         })?;
-        let crash = CrashPoints::from_environment();
         return tick(
             options,
             (run_dir, lease),
             Installed::default(),
             (worker, program),
-            crash,
+            Surroundings::of_this_process(),
             events,
             stop,
         )
@@ -184,7 +185,8 @@ async fn drive<E: Executor>(
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
-    let (mut writer, mut world, decider) = open(&options, run_dir).await?;
+    let surroundings = Surroundings::of_this_process();
+    let (mut writer, mut world, decider) = open(&options, run_dir, &surroundings.clock).await?;
     if let Some(worker) = worker {
         let kept =
             worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
@@ -206,12 +208,11 @@ async fn drive<E: Executor>(
     world.allocation = writer
         .open_allocation(executor.kind(), &pid, &host, world.now_ms)
         .await?;
-    Drive::new(
-        world,
-        decider,
-        writer,
+    LocalLoop::new(
+        (writer, world, decider),
         executor,
         options.executor,
+        surroundings,
         events,
         stop,
     )
@@ -225,13 +226,13 @@ async fn tick<S: Scheduler>(
     (run_dir, lease): (PathBuf, Lease),
     scheduler: S,
     programs: (PathBuf, PathBuf),
-    crash: CrashPoints,
+    surroundings: Surroundings,
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
     let began = std::time::Instant::now();
     let site = load_site(&options.executor.slurm)?;
-    let mut opened = open(&options, &run_dir).await?;
+    let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     opened.0.under(lease);
     let (writer, world, _) = &mut opened;
     let kept = worker_identity::keep(writer, world, &programs.0, options.adopt_version).await?;
@@ -243,7 +244,7 @@ async fn tick<S: Scheduler>(
         options.executor,
         programs,
         events,
-        crash,
+        surroundings,
     )
     .await?;
     cluster.begin().await?;
@@ -253,7 +254,7 @@ async fn tick<S: Scheduler>(
         cluster.tick().await?;
     }
     let summary = cluster.summary(began, stop.level() > StopLevel::Run);
-    cluster.writer.close_file().await?;
+    cluster.close().await?;
     Ok(summary)
 }
 
@@ -275,7 +276,8 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         adopt_version: true,
         watch: false,
     };
-    let mut opened = open(&options, &run_dir).await?;
+    let surroundings = Surroundings::of_this_process();
+    let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     // Nobody is to be taken further: only ends are taken up.
     opened.0.under(lease);
     opened
@@ -285,10 +287,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         .for_each(|patient| patient.selected = false);
     let site = load_site(&options.executor.slurm)?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
-    let (nowhere, crash) = (
-        (PathBuf::new(), PathBuf::new()),
-        CrashPoints::from_environment(),
-    );
+    let nowhere = (PathBuf::new(), PathBuf::new());
     let mut cluster = Cluster::new(
         opened,
         Installed::default(),
@@ -296,21 +295,22 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         options.executor,
         nowhere,
         events,
-        crash,
+        surroundings,
     )
     .await?;
     cluster.begin().await?;
     cluster.end_jobs(&stop).await?;
-    Ok(cluster.writer.close_file().await?)
+    cluster.close().await
 }
 
 /// Store, mirror and decider of a run, with the cohort taken up.
 async fn open(
     options: &RunOptions,
     run_dir: &Path,
+    clock: &Clock,
 ) -> Result<(Writer, World, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
-    let now_ms = clock::now_ms();
+    let now_ms = clock.now_ms();
     let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
     let mut decider = Decider {
         site_retries: options.executor.site_retries,

@@ -11,11 +11,12 @@
 //! So each is started once: `kill -9` between the second and the third leaves no second try. Nothing that happens here changes
 //! the run: what fails is said and noted beside the event.
 
-use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use cardiotwin_protocol::files::{self, SyncedDraft};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::notices::{Notice, NoticeKind, NoticeSettings};
 
@@ -214,41 +215,13 @@ fn mail(notice: &Notice, to: &[String]) -> String {
 
 /// Whether this process is the first: a name is created once.
 fn claim(path: &Path) -> Result<bool, EngineError> {
-    match File::options().write(true).create_new(true).open(path) {
-        Ok(claim) => {
-            claim.sync_all().map_err(file("write", path))?;
-            sync_folder(path);
-            Ok(true)
-        }
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-        Err(source) => Err(EngineError::File {
-            what: "make",
-            path: path.to_owned(),
-            source,
-        }),
-    }
+    SyncedDraft::beside(path, b"")
+        .and_then(|draft| draft.place_exclusively(path))
+        .map_err(file("make", path))
 }
 
 fn write_synced(path: &Path, text: &str) -> Result<(), EngineError> {
-    let draft = path.with_extension("new");
-    let write = || -> io::Result<()> {
-        let mut out = File::create(&draft)?;
-        out.write_all(text.as_bytes())?;
-        out.sync_all()?;
-        fs::rename(&draft, path)
-    };
-    write().map_err(file("write", path))?;
-    sync_folder(path);
-    Ok(())
-}
-
-fn sync_folder(path: &Path) {
-    // Not every file system can: the claim holds as long as the machine does.
-    let _ = path
-        .parent()
-        .map(File::open)
-        .and_then(Result::ok)
-        .map(|folder| folder.sync_all());
+    files::write_atomic(path, text.as_bytes()).map_err(file("write", path))
 }
 
 fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> EngineError {

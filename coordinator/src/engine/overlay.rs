@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::Path;
 
+use cardiotwin_protocol::files;
 use cardiotwin_schemas::organ::{OrganSpec, VALVE_PARAMETERS};
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
@@ -15,7 +16,7 @@ use cardiotwin_workflow::patient::Step;
 
 use super::EngineError;
 use super::world::World;
-use crate::clock;
+use crate::clock::utc_text;
 
 /// What is learned about a patient so far, without version and time; `None` before step 0.
 pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
@@ -98,13 +99,15 @@ pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
         return Ok(());
     };
     match learned(world, i)? {
-        Some(learned) => write(&world.run_dir, learned),
+        Some(learned) => write(&world.run_dir, learned, utc_text(world.now_ms)),
         None => Ok(()),
     }
 }
 
 /// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.
-pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineError> {
+///
+/// - `now`: UTC, RFC 3339
+pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(), EngineError> {
     let folder = run_dir.join("models").join(&overlay.patient);
     let path = folder.join("model.toml");
     let file = |what, path: &Path| {
@@ -130,17 +133,17 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineErro
             }
         }
         let kept = folder.join(format!("model.v{version}.toml"));
-        replace(&kept, text.as_bytes()).map_err(file("write", &kept))?;
+        files::write_atomic(&kept, text.as_bytes()).map_err(file("write", &kept))?;
         overlay.version = version + 1;
     } else {
         overlay.version = kept_versions(&folder) + 1;
     }
-    overlay.written = clock::now_utc();
+    overlay.written = now;
     let text = toml::to_string(&overlay)
         .map_err(|error| file("write", &path)(io::Error::new(io::ErrorKind::InvalidData, error)))?;
     let head = "# Written by cardiotwin from results; measured input is never changed. Older versions: model.vN.toml\n";
     fs::create_dir_all(&folder).map_err(file("make", &folder))?;
-    replace(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
+    files::write_atomic(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
 }
 
 /// Highest N of `model.vN.toml`.
@@ -160,16 +163,6 @@ fn kept_versions(folder: &Path) -> u32 {
                 .unwrap_or(0)
         })
         .unwrap_or(0)
-}
-
-/// Old content or new, never half of one.
-fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let draft = path.with_extension("toml.new");
-    let mut file = fs::File::create(&draft)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    fs::rename(&draft, path)?;
-    fs::File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
 }
 
 #[cfg(test)]
@@ -201,10 +194,10 @@ mod tests {
             let text = fs::read_to_string(dir.path().join("models/P1").join(name)).unwrap();
             toml::from_str::<ModelOverlay>(&text).unwrap()
         };
-        write(dir.path(), overlay(6.0)).unwrap();
-        write(dir.path(), overlay(6.0)).unwrap();
+        write(dir.path(), overlay(6.0), "t".into()).unwrap();
+        write(dir.path(), overlay(6.0), "t".into()).unwrap();
         assert_eq!(read("model.toml").version, 1);
-        write(dir.path(), overlay(7.0)).unwrap();
+        write(dir.path(), overlay(7.0), "t".into()).unwrap();
         let now = read("model.toml");
         assert_eq!((now.version, now.left_atrial_pressure_mmhg), (2, Some(7.0)));
         assert_eq!(read("model.v1.toml").left_atrial_pressure_mmhg, Some(6.0));

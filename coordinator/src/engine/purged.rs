@@ -9,7 +9,7 @@ use cardiotwin_workflow::derivation::Next;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde_json::Value;
 
-use super::decide::Decider;
+use super::transitions::Decider;
 use super::world::{ATTEMPTS, World};
 use super::{EngineError, EngineEvent};
 

@@ -5,12 +5,13 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::files;
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_workflow::patient::Stage;
 use serde::{Deserialize, Serialize};
 
-use super::decide::Decider;
+use super::transitions::Decider;
 use super::world::World;
 use super::{EngineError, EngineEvent};
 use crate::clock;
@@ -52,13 +53,9 @@ pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
     fs::create_dir_all(&folder).map_err(file("make", &folder))?;
     // Sorted by time; the process id keeps two requests of the same millisecond apart.
     let name = format!("{:015}-{}", clock::now_ms(), std::process::id());
-    let (draft, path) = (
-        folder.join(format!("{name}.draft")),
-        folder.join(format!("{name}.json")),
-    );
+    let path = folder.join(format!("{name}.json"));
     let text = serde_json::to_vec(request).expect("a request is JSON");
-    fs::write(&draft, text).map_err(file("write", &draft))?;
-    fs::rename(&draft, &path).map_err(file("write", &path))
+    files::replace(&path, &text).map_err(file("write", &path))
 }
 
 /// A request's file and what it says, or why it cannot be read.

@@ -21,7 +21,7 @@ impl Tail {
     #[must_use]
     pub fn of(directory: &Path) -> Self {
         Self {
-            path: directory.join("progress.jsonl"),
+            path: directory.join(cardiotwin_protocol::names::PROGRESS),
             offset: 0,
             grew: Instant::now(),
         }

@@ -18,9 +18,9 @@ use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde::Serialize;
 
 use super::EngineError;
-pub use super::entries::AttemptEntry;
-use super::entries::{PatientEntry, TaskEntry};
-pub use super::world_jobs::Jobs;
+pub use super::book_rows::AttemptEntry;
+use super::book_rows::{PatientEntry, TaskEntry};
+pub use super::job_book::Jobs;
 use crate::store::events::NewEvent;
 use crate::store::outbox::{Action, NewAction};
 use crate::store::patients::{ChainRow, PatientRow, PlanRow};
@@ -545,7 +545,7 @@ impl World {
             }
         }
         let mut batch = std::mem::take(&mut self.batch);
-        self.flush_jobs(&mut batch);
+        self.jobs.flush(&mut batch);
         self.batch = batch;
         for action in std::mem::take(&mut self.fresh_actions) {
             self.batch.put_action(&NewAction {

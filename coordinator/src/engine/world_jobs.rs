@@ -1,6 +1,4 @@
-//! The cluster's part of the mirror: jobs, what patients' next jobs are given, attempts that a job began.
-
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+//! What jobs do to the books: their machines, the patients placed in them, the attempts that they began.
 
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
@@ -10,109 +8,8 @@ use serde_json::json;
 
 use super::EngineError;
 use super::world::World;
-use crate::store::Batch;
-use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, JobSpec, SeenElement, id_text};
+use crate::store::cluster_jobs::{Allotment, JobRow, JobSpec, SeenElement};
 use crate::store::outbox::Action;
-
-/// Jobs as the mirror keeps them.
-#[derive(Debug, Default)]
-pub struct Jobs {
-    /// Those that are not over, by name.
-    pub rows: BTreeMap<String, JobRow>,
-    /// Where a patient is: job and element.
-    pub placed: HashMap<i64, (String, usize)>,
-    /// What patients' next jobs are given.
-    pub allotments: HashMap<i64, Allotment>,
-    /// Why nothing is submitted at present, for those who wait.
-    pub holds: Option<String>,
-    fresh: BTreeSet<String>,
-    dirty: BTreeSet<String>,
-    dirty_allotments: BTreeSet<i64>,
-}
-
-impl Jobs {
-    /// From what the store holds.
-    pub fn new(rows: Vec<JobRow>, allotments: HashMap<i64, Allotment>) -> Self {
-        let mut jobs = Self {
-            allotments,
-            ..Self::default()
-        };
-        for row in rows {
-            jobs.place(&row);
-            jobs.rows.insert(row.name.clone(), row);
-        }
-        jobs
-    }
-
-    fn place(&mut self, row: &JobRow) {
-        for (element, patients) in row.spec.elements.iter().enumerate() {
-            if !row.seen.get(element).is_some_and(|seen| seen.settled) {
-                self.placed.extend(
-                    patients
-                        .iter()
-                        .map(|p| (p.patient_id, (row.name.clone(), element))),
-                );
-            }
-        }
-    }
-
-    /// What a patient's next job is given.
-    pub fn allotment(&self, patient_id: i64) -> Allotment {
-        self.allotments
-            .get(&patient_id)
-            .cloned()
-            .unwrap_or_default()
-    }
-
-    /// Changes it.
-    pub fn set_allotment(&mut self, patient_id: i64, allotment: Allotment) {
-        if self.allotments.get(&patient_id) != Some(&allotment) {
-            self.allotments.insert(patient_id, allotment);
-            self.dirty_allotments.insert(patient_id);
-        }
-    }
-
-    /// What was seen of an element; tells whether it is news.
-    pub fn see(
-        &mut self,
-        name: &str,
-        element: usize,
-        change: impl FnOnce(&mut SeenElement),
-    ) -> bool {
-        let Some(seen) = self
-            .rows
-            .get_mut(name)
-            .and_then(|row| row.seen.get_mut(element))
-        else {
-            return false;
-        };
-        let before = seen.clone();
-        change(seen);
-        let news = *seen != before;
-        if news {
-            self.dirty.insert(name.to_owned());
-        }
-        news
-    }
-
-    /// How a patient stands with its job, in a word and a note.
-    pub fn note(&self, patient_id: i64) -> Option<(&'static str, String)> {
-        let (name, element) = self.placed.get(&patient_id)?;
-        let row = self.rows.get(name)?;
-        let id = id_text(row, *element);
-        let why = row
-            .seen
-            .get(*element)
-            .map(|seen| seen.why.as_str())
-            .unwrap_or_default();
-        Some(match row.state.word(*element) {
-            "running" => ("running", format!("in job {id}")),
-            "unknown" => ("unknown", format!("job {id}: {why}")),
-            word if why.is_empty() => ("waiting", format!("job {id}: {word}")),
-            word => ("waiting", format!("job {id} {word}: {why}")),
-        })
-    }
-}
 
 impl World {
     /// A job whose name is to be durable before the scheduler hears of it.
@@ -127,10 +24,8 @@ impl World {
             spec,
             name: name.clone(),
         };
-        self.jobs.place(&row);
-        self.jobs.rows.insert(name.clone(), row);
+        self.jobs.insert_fresh(row);
         self.touch_placed(&name, None);
-        self.jobs.fresh.insert(name.clone());
         self.put_action(Action::SubmitJob { job: name });
     }
 
@@ -156,7 +51,7 @@ impl World {
             | JobEvent::Absent => None,
         };
         self.log("job", None, None, &json!({ "job": name, "event": event }));
-        self.jobs.dirty.insert(name.to_owned());
+        self.jobs.touch(name);
         self.touch_placed(name, element);
         for action in actions {
             let job = name.to_owned();
@@ -254,30 +149,5 @@ impl World {
                 .map(|element| (row.name.clone(), element))
         })
         .collect()
-    }
-
-    pub(super) fn flush_jobs(&mut self, batch: &mut Batch) {
-        for name in std::mem::take(&mut self.jobs.fresh) {
-            if let Some(row) = self.jobs.rows.get(&name) {
-                batch.insert_job(row);
-                self.jobs.dirty.remove(&name);
-            }
-        }
-        for name in std::mem::take(&mut self.jobs.dirty) {
-            let Some(row) = self.jobs.rows.get_mut(&name) else {
-                continue;
-            };
-            batch.update_job(row);
-            row.version += 1;
-            if row.over {
-                self.jobs.rows.remove(&name);
-            }
-        }
-        for patient_id in std::mem::take(&mut self.jobs.dirty_allotments) {
-            batch.put_allotment(&AllotmentRow {
-                patient_id,
-                allotment: &self.jobs.allotments[&patient_id],
-            });
-        }
     }
 }

@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use cardiotwin_linalg::parallel::{Communicator, Layout, Neighbour};
-use cardiotwin_worker::process;
+use cardiotwin_protocol::process;
 use serde::Serialize;
 
 use crate::failure::Failures;

@@ -1,6 +1,5 @@
 //! The end of all ranks because of one.
 
-use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,8 +52,7 @@ impl Failures {
             .as_ref()
             .map(|dir| files::create_exclusive(&dir.join(FILE), failure.as_bytes()));
         // Another rank that failed at the same time has said it.
-        let said =
-            matches!(&written, Some(Err(error)) if error.kind() == io::ErrorKind::AlreadyExists);
+        let said = matches!(written, Some(Ok(false)));
         if !said {
             eprintln!("error: rank {rank} of {ranks} failed at {at}: {reason}; all ranks end");
             // MPICH's launcher, told to abort, may leave what it has not read of a rank's words.

@@ -6,8 +6,8 @@ use super::{Behaviour, Fault, Limits, Model, Settings};
 use crate::answers::{Output, accounting, queue, recorded, submit};
 use crate::commands;
 use crate::job::JobName;
+use crate::job_status::{JobStatus, Unknown, Wanted, of};
 use crate::state::SlurmState;
-use crate::truth::{Truth, Unknown, Wanted, of};
 
 fn script(name: &str, more: &str) -> String {
     format!("#!/bin/bash\n#SBATCH --job-name={name}\n#SBATCH --no-requeue\n{more}true\n")
@@ -32,7 +32,7 @@ fn ask(model: &mut Model, fault: Option<Fault>) -> (Output, Output) {
     )
 }
 
-fn truth(model: &mut Model, name: &str) -> Truth {
+fn status_of(model: &mut Model, name: &str) -> JobStatus {
     let (queued, accounted) = ask(model, None);
     let (queued, accounted) = (queue::read(&queued).ok(), accounting::read(&accounted).ok());
     of(
@@ -94,14 +94,14 @@ fn a_submission_that_timed_out_is_found_by_its_name() {
     let mut model = Model::new(Settings::default());
     let answer = submit_as(&mut model, "ct-a", "", Some(Fault::TimeoutAfter));
     assert!(matches!(answer, submit::Submission::Doubtful { .. }));
-    assert!(matches!(truth(&mut model, "ct-a"), Truth::Alive(_)));
+    assert!(matches!(status_of(&mut model, "ct-a"), JobStatus::Alive(_)));
     let answer = submit_as(&mut model, "ct-b", "", Some(Fault::TimeoutBefore));
     assert!(matches!(answer, submit::Submission::Doubtful { .. }));
-    let unknown = Truth::Unknown(Unknown::NotListed {
+    let unknown = JobStatus::Unknown(Unknown::NotListed {
         queue_answered: true,
         accounting_answered: true,
     });
-    assert_eq!(truth(&mut model, "ct-b"), unknown);
+    assert_eq!(status_of(&mut model, "ct-b"), unknown);
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn endings_reach_the_queue_at_once_and_the_database_later() {
     submit_as(&mut model, "ct-long", "#SBATCH --time=00:02:00\n", None);
     submit_as(&mut model, "ct-oom", "", None);
     model.advance(6);
-    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else {
+    let JobStatus::Ended(oom) = status_of(&mut model, "ct-oom") else {
         panic!("it has ended")
     };
     assert_eq!(
@@ -135,16 +135,16 @@ fn endings_reach_the_queue_at_once_and_the_database_later() {
         "the database does not know yet"
     );
     model.advance(150);
-    let Truth::Ended(oom) = truth(&mut model, "ct-oom") else {
+    let JobStatus::Ended(oom) = status_of(&mut model, "ct-oom") else {
         panic!("it has ended")
     };
     assert_eq!(oom.exit.map(|exit| exit.signal), Some(125));
     assert!(
-        matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout)
+        matches!(status_of(&mut model, "ct-long"), JobStatus::Ended(ended) if ended.state == SlurmState::Timeout)
     );
     model.advance(1000); // the queue has forgotten both
     assert!(
-        matches!(truth(&mut model, "ct-long"), Truth::Ended(ended) if ended.state == SlurmState::Timeout)
+        matches!(status_of(&mut model, "ct-long"), JobStatus::Ended(ended) if ended.state == SlurmState::Timeout)
     );
 }
 
@@ -156,7 +156,7 @@ fn a_lost_node_does_not_end_its_processes() {
     model.lose_node(1);
     model.advance(5);
     assert!(
-        matches!(truth(&mut model, "ct-a"), Truth::Ended(ended) if ended.may_have_orphans() && ended.nodes == "n1")
+        matches!(status_of(&mut model, "ct-a"), JobStatus::Ended(ended) if ended.may_have_orphans() && ended.nodes == "n1")
     );
     assert_eq!(model.runs()[0].ended, None, "the zombie works on");
     model.advance(100);
@@ -182,7 +182,7 @@ fn limits_hold_jobs_back_and_say_so() {
     }
     submit_as(&mut model, "ct-array", "#SBATCH --array=0-3%2\n", None);
     model.advance(2);
-    let Truth::Alive(second) = truth(&mut model, "ct-2") else {
+    let JobStatus::Alive(second) = status_of(&mut model, "ct-2") else {
         panic!("it waits")
     };
     assert_eq!(
@@ -219,13 +219,13 @@ impl Client {
                 queued.as_ref(),
                 accounted.as_ref(),
             ) {
-                Truth::Unknown(Unknown::NotListed {
+                JobStatus::Unknown(Unknown::NotListed {
                     queue_answered: true,
                     accounting_answered: true,
                 }) if model.now() - since > Self::GRACE_S => {
                     self.doubtful_since = None;
                 }
-                Truth::Unknown(_) => {}
+                JobStatus::Unknown(_) => {}
                 _ => self.submitted = true,
             }
             return;
@@ -309,10 +309,10 @@ proptest! {
             for i in 0..n {
                 let name = format!("ct-{i}");
                 let lives = model.runs().iter().any(|run| run.name == name && run.ended.is_none());
-                match truth(&mut model, &name) {
-                    Truth::Alive(alive) => prop_assert!(!alive.runs || lives, "{} runs", name),
-                    Truth::Ended(_) => prop_assert!(!lives, "{} has ended", name),
-                    Truth::Unknown(_) => prop_assert!(crashed || seconds < 3, "{} is unknown", name),
+                match status_of(&mut model, &name) {
+                    JobStatus::Alive(alive) => prop_assert!(!alive.runs || lives, "{} runs", name),
+                    JobStatus::Ended(_) => prop_assert!(!lives, "{} has ended", name),
+                    JobStatus::Unknown(_) => prop_assert!(crashed || seconds < 3, "{} is unknown", name),
                 }
             }
         }

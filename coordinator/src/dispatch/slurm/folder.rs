@@ -15,16 +15,16 @@ use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::{files, names};
 use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, JobOrder};
 use cardiotwin_schemas::task::AttemptSpec;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::dispatch::{DispatchError, SPEC};
+use crate::dispatch::DispatchError;
 
 const SCRIPT: &str = "job.sh";
 const SUBMITTING: &str = "submitting";
-const ALLOCATION: &str = "allocation.json";
 
 fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchError {
     let path = path.to_owned();
@@ -94,13 +94,10 @@ impl JobFolder {
     pub fn mark_submitting(&self) -> Result<(), DispatchError> {
         let path = self.path.join(SUBMITTING);
         // Durable before sbatch: a mark that a power failure forgets would let a job be asked for twice.
-        let mark = fs::File::create(&path).map_err(file("write", &path))?;
-        mark.sync_all().map_err(file("write", &path))?;
+        files::write_synced(&path, b"").map_err(file("write", &path))?;
         // Its name, too, and that of the folder itself, which may be as new.
         for folder in self.path.ancestors().take(2) {
-            fs::File::open(folder)
-                .and_then(|folder| folder.sync_all())
-                .map_err(file("write", folder))?;
+            files::sync_directory(folder).map_err(file("write", folder))?;
         }
         Ok(())
     }
@@ -242,8 +239,8 @@ pub fn make_attempt(
     let draft = parent.join(format!(".{name}.{}.{}", allocation.job, allocation.element));
     let _ = fs::remove_dir_all(&draft); // of a driver that was killed here
     fs::create_dir(&draft).map_err(file("make", &draft))?;
-    write_whole(&draft.join(SPEC), &json(spec))?;
-    write_whole(&draft.join(ALLOCATION), &json(allocation))?;
+    write_whole(&draft.join(names::SPEC), &json(spec))?;
+    write_whole(&draft.join(names::ALLOCATION), &json(allocation))?;
     match fs::rename(&draft, directory) {
         Ok(()) => Ok(true),
         // A directory that holds something is never replaced.
@@ -263,19 +260,20 @@ pub fn make_attempt(
 /// Which job made an attempt's directory.
 #[must_use]
 pub fn allocation_of(directory: &Path) -> Option<AttemptAllocation> {
-    read(&directory.join(ALLOCATION))
+    read(&directory.join(names::ALLOCATION))
 }
 
 /// Whether an attempt was begun: its directory appears with its spec in it.
 #[must_use]
 pub fn is_begun(directory: &Path) -> bool {
-    directory.join(SPEC).exists()
+    directory.join(names::SPEC).exists()
 }
 
 /// Whether an attempt left something from which a later one goes on.
 #[must_use]
 pub fn has_checkpoint(directory: &Path) -> bool {
-    fs::read_dir(directory.join("checkpoint")).is_ok_and(|mut entries| entries.next().is_some())
+    fs::read_dir(directory.join(names::CHECKPOINT))
+        .is_ok_and(|mut entries| entries.next().is_some())
 }
 
 fn json<T: Serialize>(value: &T) -> Vec<u8> {
@@ -288,20 +286,11 @@ fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
 }
 
 fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DispatchError> {
-    let draft = path.with_extension("new");
-    fs::write(&draft, bytes).map_err(file("write", &draft))?;
-    fs::rename(&draft, path).map_err(file("write", path))
+    files::replace(path, bytes).map_err(file("write", path))
 }
 
 fn create_exclusively(path: &Path, bytes: &[u8]) -> Result<bool, DispatchError> {
-    match fs::File::options().write(true).create_new(true).open(path) {
-        Ok(mut created) => {
-            io::Write::write_all(&mut created, bytes).map_err(file("write", path))?;
-            Ok(true)
-        }
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-        Err(error) => Err(file("write", path)(error)),
-    }
+    files::create_exclusive(path, bytes).map_err(file("write", path))
 }
 
 fn tail(path: &Path) -> String {

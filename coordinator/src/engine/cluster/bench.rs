@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::claim;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
@@ -21,8 +22,8 @@ use tokio::sync::Notify;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{DispatchError, Executor, Found, News, Order};
 use crate::engine::bench::noop_patient;
-use crate::engine::crash::CrashPoints;
-use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::in_job_loop::{DriverPlace, drive_job};
+use crate::engine::surroundings::Surroundings;
 use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
 
 /// What to measure.
@@ -273,7 +274,7 @@ impl Stand {
             (run_dir, lease),
             slurm,
             nowhere,
-            CrashPoints::default(),
+            Surroundings::default(),
             events,
             StopSignal::new(),
         )
@@ -310,7 +311,7 @@ impl Stand {
             };
             tokio::select! {
                 biased;
-                end = drive_job(&place, executor, StopSignal::new(), || false) => drop(end?),
+                end = drive_job(&place, executor, StopSignal::new(), || false, Surroundings::default()) => drop(end?),
                 () = begun.notified() => {}
             }
         }
@@ -392,12 +393,10 @@ impl Executor for AtWork {
     }
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
-        let claim = order.directory.join("started.json");
-        let text = serde_json::to_string(&crate::dispatch::claim_of_this_process())
-            .expect("a claim is JSON");
-        std::fs::write(&claim, text).map_err(|source| DispatchError::File {
-            what: "write",
-            path: claim,
+        let by = crate::dispatch::claim_of_this_process();
+        claim::take(&order.directory, &by).map_err(|source| DispatchError::File {
+            what: "claim",
+            path: order.directory,
             source,
         })?;
         self.holds = true;

@@ -196,7 +196,7 @@ mod tests {
     async fn room(bench: &Bench, plans: &[ResolvedPatient]) -> DiskNeed {
         let loaded = Writer::look(bench.path()).await.unwrap();
         let mut world = World::new(bench.path(), loaded, clock::now_ms()).unwrap();
-        crate::engine::decide::Decider::default()
+        crate::engine::transitions::Decider::default()
             .take_up(&mut world, plans)
             .unwrap();
         DiskNeed::of(&world, 0..world.patients.len()).unwrap()

@@ -1,6 +1,7 @@
 //! Following chains by what drivers left: attempts' directories are found by the keys that the chain derives, so that
 //! nothing needs to be told.
 
+use cardiotwin_protocol::closing;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_workflow::task::Task;
 
@@ -9,7 +10,7 @@ use super::place::present_task;
 use crate::dispatch::slurm::{Scheduler, folder};
 use crate::dispatch::{self, Evidence};
 use crate::engine::EngineError;
-use crate::engine::decide::Circumstance;
+use crate::engine::transitions::Circumstance;
 
 impl<S: Scheduler> Cluster<S> {
     /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.
@@ -51,17 +52,12 @@ impl<S: Scheduler> Cluster<S> {
                 let at_work = attempt(generation);
                 let directory = self.world.directory(&at_work);
                 if let Some(evidence) = dispatch::outcome(&directory)? {
-                    self.decider.attempt_ended(
-                        &mut self.world,
-                        &at_work,
-                        evidence,
-                        Circumstance::Excused,
-                    )?;
+                    self.take_up(&at_work, evidence)?;
                     return Ok(true);
                 }
-                // A further job went past it, after it was fenced: it can publish nothing.
+                // A further job went past it, after it was revoked: it can publish nothing.
                 let passed = folder::is_begun(&self.world.directory(&attempt(generation + 1)));
-                if passed && directory.join(dispatch::FENCE).exists() {
+                if passed && closing::is_revoked(&directory) {
                     self.interrupt(&at_work, "a later job went past it")?;
                 }
                 Ok(passed)
@@ -77,6 +73,15 @@ impl<S: Scheduler> Cluster<S> {
             class,
             reason: why.to_owned(),
         };
+        self.take_up(attempt, evidence)
+    }
+
+    /// Takes up what an attempt left, as of an attempt that no coordinator watched.
+    pub(super) fn take_up(
+        &mut self,
+        attempt: &AttemptId,
+        evidence: Evidence,
+    ) -> Result<(), EngineError> {
         self.decider
             .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
     }

@@ -2,7 +2,8 @@
 //! ticks; a tick may be killed anywhere and the next one goes on.
 //!
 //! ```text
-//!  observe: attempts and jobs by what they left ([`follow`], [`observe`]); one squeue, at most one sacct
+//!  observe: attempts and jobs by what they left ([`follow`], [`observe`]); one squeue, at most one sacct; jobs that ended
+//!           are revoked, once their end is committed, so that what they left stands still
 //!  decide:  chains as ever (`Decider`), what ended jobs mean for their patients ([`settle`]), new jobs ([`place`])
 //!  commit:  events, states, names of new jobs, actions, in one transaction
 //!  act:     fences, scancel, sbatch ([`submit`])
@@ -28,17 +29,17 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::settings::ExecutorSettings;
-use cardiotwin_slurm::answers::Table;
 use cardiotwin_slurm::answers::queue::QueueRow;
+use cardiotwin_slurm::answers::{Output, Table};
+use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
-use super::crash::CrashPoints;
-use super::decide::Decider;
 use super::program_identity::DECIDED_BY;
+use super::surroundings::Surroundings;
+use super::transitions::Decider;
 use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
-use crate::clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
@@ -53,26 +54,26 @@ pub use profile::load_site;
 
 /// A run whose tasks are jobs of a cluster.
 pub struct Cluster<S> {
-    pub world: World,
-    pub decider: Decider,
-    pub writer: Writer,
-    pub scheduler: S,
-    pub site: Site,
-    pub settings: ExecutorSettings,
+    world: World,
+    decider: Decider,
+    writer: Writer,
+    scheduler: S,
+    site: Site,
+    settings: ExecutorSettings,
     /// The worker's executable, as compute nodes see it.
-    pub worker: PathBuf,
+    worker: PathBuf,
     /// This program's, which is the driver inside the allocations.
-    pub program: PathBuf,
-    pub events: EventSender,
-    pub crash: CrashPoints,
+    program: PathBuf,
+    events: EventSender,
+    surroundings: Surroundings,
     /// What the queue said in this tick.
-    pub queue: Option<Table<QueueRow>>,
+    queue: Option<Table<QueueRow>>,
     /// Whether the site said that it has no accounting.
-    pub no_accounting: bool,
-    pub report: ClusterReport,
-    pub submitted: u64,
+    no_accounting: bool,
+    report: ClusterReport,
+    submitted: u64,
     /// Names made by this process.
-    pub names: u32,
+    names: u32,
 }
 
 impl<S: Scheduler> Cluster<S> {
@@ -87,7 +88,7 @@ impl<S: Scheduler> Cluster<S> {
         settings: ExecutorSettings,
         programs: (PathBuf, PathBuf),
         events: EventSender,
-        crash: CrashPoints,
+        surroundings: Surroundings,
     ) -> Result<Self, EngineError> {
         world.allocation = writer
             .cluster_allocation(&crate::store::lock::host_name(), world.now_ms)
@@ -115,7 +116,7 @@ impl<S: Scheduler> Cluster<S> {
             worker,
             program,
             events,
-            crash,
+            surroundings,
             queue,
             no_accounting,
             report,
@@ -129,13 +130,14 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// [`EngineError`]; what was committed stays.
     pub async fn tick(&mut self) -> Result<(), EngineError> {
-        self.world.now_ms = clock::now_ms();
+        self.world.now_ms = self.surroundings.clock.now_ms();
         self.report.commands = 0;
         self.take_requests().await?;
         for i in 0..self.world.patients.len() {
             self.follow(i)?;
         }
         self.observe().await?;
+        self.revoke_ended().await?;
         self.settle_all()?;
         self.cancel_unwanted()?;
         self.place().await?;
@@ -228,13 +230,27 @@ impl<S: Scheduler> Cluster<S> {
         let mut batch = self.world.flush();
         let report = serde_json::to_string(&self.report).expect("a report is JSON");
         batch.put_meta(REPORT, &report);
+        self.pass("before a commit")?;
         self.writer.commit(&mut batch).await?;
-        self.crash.pass("after a commit")?;
+        self.pass("after a commit")?;
         for event in self.decider.events.drain(..) {
             // Nobody may be listening.
             let _ = self.events.send(event);
         }
         Ok(())
+    }
+
+    /// A crash point.
+    pub(super) fn pass(&self, place: &str) -> Result<(), EngineError> {
+        self.surroundings.crash.pass(place)
+    }
+
+    /// Runs a command of the scheduler's.
+    pub(super) async fn run_command(&mut self, command: &Command) -> Result<Output, EngineError> {
+        self.pass("before a command")?;
+        let output = self.scheduler.ask(command).await;
+        self.pass("after a command")?;
+        Ok(output)
     }
 
     async fn take_requests(&mut self) -> Result<(), EngineError> {
@@ -244,7 +260,16 @@ impl<S: Scheduler> Cluster<S> {
         }
         self.decider.events.extend(told);
         self.commit().await?;
-        requests::remove(&paths)
+        requests::remove(&paths)?;
+        self.pass("after requests were removed")
+    }
+
+    /// Closes the database.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn close(self) -> Result<(), EngineError> {
+        Ok(self.writer.close_file().await?)
     }
 
     /// What became of the patients.

@@ -8,12 +8,12 @@ use cardiotwin_schemas::failure::SiteCause;
 use cardiotwin_slurm::answers::accounting::{self, AccountingRow};
 use cardiotwin_slurm::answers::queue::{self, QueueRow};
 use cardiotwin_slurm::answers::{NoAnswer, Table};
-use cardiotwin_slurm::cancelled::{Accounting, OwnTraces};
+use cardiotwin_slurm::cancelled::OwnTraces;
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::failure::{Class, Evidence, classify, is_open};
 use cardiotwin_slurm::job::JobName;
+use cardiotwin_slurm::job_status::{self, Accounting, Alive, Ended, JobStatus, Unknown, Wanted};
 use cardiotwin_slurm::state::SlurmState;
-use cardiotwin_slurm::truth::{self, Alive, Ended, Truth, Unknown, Wanted};
 use cardiotwin_workflow::cluster_job::{Element, Ending, JobEvent, Submission};
 
 use super::Cluster;
@@ -54,7 +54,7 @@ impl<S: Scheduler> Cluster<S> {
         if self.leaves_slurm_alone() {
             return Ok(());
         }
-        let queue = self.ask(commands::queue(), queue::read).await;
+        let queue = self.ask(commands::queue(), queue::read).await?;
         self.queue.clone_from(&queue);
         let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
         let work = self.world.elements_at_work();
@@ -67,11 +67,11 @@ impl<S: Scheduler> Cluster<S> {
             true => None,
             false => self
                 .ask_accounting(&unclear)
-                .await
+                .await?
                 .map(|table| by_key(table, |row| row.name.clone())),
         };
         for (name, element) in work {
-            self.take_truth(&name, element, queued.as_ref(), accounted.as_ref())?;
+            self.take_status(&name, element, queued.as_ref(), accounted.as_ref())?;
         }
         Ok(())
     }
@@ -81,10 +81,10 @@ impl<S: Scheduler> Cluster<S> {
         &mut self,
         command: commands::Command,
         read: impl Fn(&cardiotwin_slurm::answers::Output) -> Result<T, NoAnswer>,
-    ) -> Option<T> {
+    ) -> Result<Option<T>, EngineError> {
         self.report.commands += 1;
-        let output = self.scheduler.ask(&command).await;
-        match read(&output) {
+        let output = self.run_command(&command).await?;
+        Ok(match read(&output) {
             Ok(answer) => {
                 if command.program == "squeue" {
                     self.report.answered_ms = Some(self.world.now_ms);
@@ -102,10 +102,13 @@ impl<S: Scheduler> Cluster<S> {
                 }
                 None
             }
-        }
+        })
     }
 
-    async fn ask_accounting(&mut self, names: &[&String]) -> Option<Table<AccountingRow>> {
+    async fn ask_accounting(
+        &mut self,
+        names: &[&String],
+    ) -> Result<Option<Table<AccountingRow>>, EngineError> {
         let rows = names
             .iter()
             .filter_map(|name| self.world.jobs.rows.get(*name));
@@ -213,22 +216,22 @@ impl<S: Scheduler> Cluster<S> {
         if row.state.submission == Submission::Intended {
             return false;
         }
-        match truth::of(
+        match job_status::of(
             self.wanted(name, element),
             of_key(queued, &self.key(name, element)),
             None,
         ) {
-            Truth::Alive(_) => false,
+            JobStatus::Alive(_) => false,
             // Who cancelled it, and with which code it failed, only accounting tells.
-            Truth::Ended(ended) => {
+            JobStatus::Ended(ended) => {
                 ended.exit.is_none()
                     && matches!(ended.state, SlurmState::Cancelled | SlurmState::Failed)
             }
-            Truth::Unknown(_) => queued.is_some(),
+            JobStatus::Unknown(_) => queued.is_some(),
         }
     }
 
-    fn take_truth(
+    fn take_status(
         &mut self,
         name: &str,
         element: usize,
@@ -242,14 +245,14 @@ impl<S: Scheduler> Cluster<S> {
             return Ok(());
         }
         let accounting = of_key(accounted, &name.to_owned());
-        match truth::of(
+        match job_status::of(
             self.wanted(name, element),
             of_key(queued, &self.key(name, element)),
             accounting,
         ) {
-            Truth::Alive(alive) => self.alive(name, element, &alive),
-            Truth::Ended(ended) => self.ended(name, element, &ended),
-            Truth::Unknown(unknown) => self.unknown(name, element, &unknown),
+            JobStatus::Alive(alive) => self.alive(name, element, &alive),
+            JobStatus::Ended(ended) => self.ended(name, element, &ended),
+            JobStatus::Unknown(unknown) => self.unknown(name, element, &unknown),
         }
     }
 

@@ -101,8 +101,8 @@ impl<S: Scheduler> Cluster<S> {
         let (config, qos) = if self.world.now_ms - told_ms < TOLD_FOR_MS {
             (said(value(TOLD[1])), said(value(TOLD[2])))
         } else {
-            let config = self.scheduler.ask(&commands::config()).await;
-            let qos = self.scheduler.ask(&commands::qos()).await;
+            let config = self.run_command(&commands::config()).await?;
+            let qos = self.run_command(&commands::qos()).await?;
             // What did not answer is asked again at the next tick.
             if config.exit == Exit::Code(0) {
                 remember(

@@ -1,5 +1,6 @@
 //! What the end of a job means for its patients: nothing, another job with what was learned, or a failure that stays.
 
+use cardiotwin_protocol::closing;
 use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
 use cardiotwin_schemas::ids::{AttemptId, PatientId};
 use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
@@ -16,52 +17,79 @@ use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::engine::EngineError;
 use crate::engine::requests::Request;
 use crate::store::cluster_jobs::{JobRow, Placed, id_text};
+use crate::store::outbox::Action;
 
 impl<S: Scheduler> Cluster<S> {
-    /// Takes up the ends of elements.
-    pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
-        let ended: Vec<(String, usize, Ending)> = (self.world.jobs.rows.values())
-            .flat_map(|row| {
-                let ended = row
-                    .state
-                    .elements
-                    .iter()
-                    .enumerate()
-                    .filter(|(element, _)| !row.seen[*element].settled);
-                ended.filter_map(|(element, state)| match state {
-                    Element::Over { ending } => Some((row.name.clone(), element, ending.clone())),
-                    _ => None,
-                })
+    /// Elements that ended and whose end was not taken up yet.
+    fn ended_elements(&self) -> Vec<(String, usize, Ending)> {
+        let rows = self.world.jobs.rows.values();
+        rows.flat_map(|row| {
+            let states = row.state.elements.iter().enumerate();
+            let open = states.filter(|(element, _)| !row.seen[*element].settled);
+            open.filter_map(|(element, state)| match state {
+                Element::Over { ending } => Some((row.name.clone(), element, ending.clone())),
+                _ => None,
             })
-            .collect();
-        for (name, element, ending) in ended {
+        })
+        .collect()
+    }
+
+    /// Revokes the elements that ended, and the attempts that they left unfinished: what these did not publish before they
+    /// never will. The ends are committed first, so that a tick that is killed here does the same again.
+    pub(super) async fn revoke_ended(&mut self) -> Result<(), EngineError> {
+        let ended = self.ended_elements();
+        if ended.is_empty() {
+            return Ok(());
+        }
+        self.commit().await?;
+        for (name, element, _) in ended {
+            JobFolder::of(&self.world.run_dir, &name).fence(element)?;
+            self.pass("after an element was revoked")?;
+            for i in self.patients_of(&name, element) {
+                self.follow(i)?;
+                if let Some(attempt) = self.attempt_of(i, &name) {
+                    let directory = self.world.directory(&attempt);
+                    dispatch::revoke(&directory, &attempt, &format!("job {name} ended"))?;
+                    self.pass("after an attempt was revoked")?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes up the ends of elements that were revoked.
+    pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
+        for (name, element, ending) in self.ended_elements() {
             self.settle(&name, element, &ending)?;
         }
         Ok(())
+    }
+
+    fn patients_of(&self, job: &str, element: usize) -> Vec<usize> {
+        let row = self.world.jobs.rows.get(job);
+        let placed = row.map(|row| &row.spec.elements[element]);
+        placed
+            .into_iter()
+            .flatten()
+            .filter_map(|placed| self.world.by_id.get(&placed.patient_id).copied())
+            .collect()
     }
 
     fn settle(&mut self, name: &str, element: usize, ending: &Ending) -> Result<(), EngineError> {
         let Some(row) = self.world.jobs.rows.get(name).cloned() else {
             return Ok(());
         };
-        // Before the decision: what is not there after the fence will never be.
-        let folder = JobFolder::of(&self.world.run_dir, name);
-        folder.fence(element)?;
         let patients = row.spec.elements[element].clone();
         let mut standings = Vec::new();
         for placed in patients {
             let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
                 continue;
             };
-            let interrupted = self.fence_attempt(i, name)?;
-            // What was published before the fence counts.
+            // An outcome that was published before the revocation counts.
             self.follow(i)?;
-            let interrupted = interrupted.filter(|attempt| {
-                self.world
-                    .attempts
-                    .get(attempt)
-                    .is_some_and(|a| !a.state.is_final())
-            });
+            let interrupted = self
+                .attempt_of(i, name)
+                .filter(|attempt| closing::is_revoked(&self.world.directory(attempt)));
             let progressed = self.settled_tasks(i) > placed.settled
                 || interrupted
                     .as_ref()
@@ -98,24 +126,15 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Fences the attempt at a patient's present task, where this job began it and it has no outcome.
-    fn fence_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
-        self.follow(i)?;
-        let Some(task) = present_task(&self.world, i) else {
-            return Ok(None);
-        };
-        let Some(Task::Attempting { generation, .. }) =
-            self.world.tasks.get(&task).map(|t| t.state.clone())
-        else {
-            return Ok(None);
+    /// The attempt at a patient's present task, where this job began it.
+    fn attempt_of(&self, i: usize, job: &str) -> Option<AttemptId> {
+        let task = present_task(&self.world, i)?;
+        let Task::Attempting { generation, .. } = self.world.tasks.get(&task)?.state else {
+            return None;
         };
         let attempt = AttemptId { task, generation };
-        let directory = self.world.directory(&attempt);
-        if folder::allocation_of(&directory).is_none_or(|allocation| allocation.job != job) {
-            return Ok(None);
-        }
-        dispatch::fence(&directory)?;
-        Ok(Some(attempt))
+        let allocation = folder::allocation_of(&self.world.directory(&attempt))?;
+        (allocation.job == job).then_some(attempt)
     }
 
     /// Settled tasks of a patient's chain.
@@ -268,13 +287,9 @@ impl<S: Scheduler> Cluster<S> {
                 let generation = self.world.tasks[&key].state.generation() + 1;
                 let attempt = self.world.begin_found(&key, generation)?;
                 // Nothing of this generation may come into being any more.
-                let directory = self.world.directory(&attempt);
-                std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
-                    what: "make",
-                    path: directory.clone(),
-                    source,
-                })?;
-                dispatch::fence(&directory)?;
+                self.world.put_action(Action::Stop {
+                    attempt: attempt.clone(),
+                });
                 attempt
             }
         };

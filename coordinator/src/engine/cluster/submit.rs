@@ -17,6 +17,7 @@ use crate::engine::world::World;
 use crate::engine::{EngineError, overlay};
 use crate::store::cluster_jobs::{JobRow, JobSpec};
 use crate::store::outbox::Action;
+use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::cluster_job::{JobEvent, Submission};
 use cardiotwin_workflow::task::Task;
@@ -46,17 +47,12 @@ impl<S: Scheduler> Cluster<S> {
             matches!(action, Action::FenceJob { .. } | Action::Stop { .. })
         });
         for (id, action) in fences.into_iter().chain(others) {
-            self.crash.pass("before an action")?;
+            self.pass("before an action")?;
             match action {
                 Action::FenceJob { job, element } => {
                     JobFolder::of(&self.world.run_dir, &job).fence(element)?
                 }
-                Action::Stop { attempt } => {
-                    dispatch::fence(&self.world.directory(&attempt))?;
-                    if self.world.attempts.contains_key(&attempt) {
-                        self.interrupt(&attempt, "ended by us")?;
-                    }
-                }
+                Action::Stop { attempt } => self.stop(&attempt)?,
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
                 Action::CancelJob { job, element } => {
                     cancelled.push((id, job, element));
@@ -75,13 +71,32 @@ impl<S: Scheduler> Cluster<S> {
                 // Attempts of jobs are begun by their drivers.
                 Action::Submit { .. } => {}
             }
-            self.crash.pass("after an action")?;
+            self.pass("after an action")?;
             self.world.action_done(id);
         }
         self.cancel(cancelled, &mut kept).await?;
         kept.append(&mut self.world.outbox);
         self.world.outbox = kept;
         Ok(())
+    }
+
+    /// Revokes an attempt that is not wanted any more; an outcome that was published first is taken up.
+    fn stop(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        let directory = self.world.directory(attempt);
+        // An attempt that never began is revoked as well, so that no driver begins it.
+        std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
+            what: "make",
+            path: directory.clone(),
+            source,
+        })?;
+        let published = dispatch::revoke(&directory, attempt, "not wanted any more")?;
+        if !self.world.attempts.contains_key(attempt) {
+            return Ok(());
+        }
+        match published {
+            Some(evidence) => self.take_up(attempt, evidence),
+            None => self.interrupt(attempt, "ended by us"),
+        }
     }
 
     /// One scancel for all; what is not known by a number is cancelled by its name.
@@ -114,7 +129,7 @@ impl<S: Scheduler> Cluster<S> {
                 .chain(names.iter().map(commands::cancel_name))
             {
                 self.report.commands += 1;
-                done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
+                done &= self.run_command(&command).await?.exit == Exit::Code(0);
             }
         }
         for (id, job, element) in wanted {
@@ -155,15 +170,12 @@ impl<S: Scheduler> Cluster<S> {
             }
         };
         folder.write(&self.orders(&row)?, &text)?;
-        self.crash.pass("before a submission")?;
+        self.pass("after a job's files were written")?;
         folder.mark_submitting()?;
-        self.crash.pass("before sbatch")?;
         self.report.commands += 1;
         let output = self
-            .scheduler
-            .ask(&commands::submit(&folder.script().to_string_lossy()))
-            .await;
-        self.crash.pass("after sbatch")?;
+            .run_command(&commands::submit(&folder.script().to_string_lossy()))
+            .await?;
         let answer = submit::read(&output);
         match &answer {
             Answer::Doubtful { why } => self.answered(Some(why)),
@@ -190,6 +202,7 @@ impl<S: Scheduler> Cluster<S> {
             Answer::Refused(refusal) => {
                 // A definite no: the name is free to be asked for again.
                 folder.unmark_submitting()?;
+                self.pass("after a mark was taken back")?;
                 let why = format!("refused for now: {}", refusal.said);
                 for element in 0..row.spec.elements.len() {
                     self.world

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::path::{Component, Path};
 
+use cardiotwin_protocol::names;
 use serde::Serialize;
 
 /// What a file is for.
@@ -88,13 +89,13 @@ pub enum Standing {
 
 /// Files of an attempt that are its record.
 const RECORD: [&str; 10] = [
-    "spec.json",
-    "started.json",
-    "outcome.json",
-    "allocation.json",
-    "fence",
-    "stderr.log",
-    "progress.jsonl",
+    names::SPEC,
+    names::CLAIM,
+    names::OUTCOME,
+    names::ALLOCATION,
+    names::FORMER_FENCE,
+    names::LOG,
+    names::PROGRESS,
     "rank-failure.json",
     "external/external.log",
     "external/parameters.json",

@@ -9,6 +9,7 @@ use std::fs;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::names;
 use cardiotwin_schemas::hash::hex;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::TaskOutcome;
@@ -220,9 +221,9 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
     Ok(entries)
 }
 
-/// Files that an outcome names; none where there is no outcome.
+/// Files that an outcome names; none where the attempt has no outcome.
 fn artefacts_of(attempt: &Path) -> HashSet<String> {
-    let outcome = fs::read(attempt.join("outcome.json")).ok();
+    let outcome = fs::read(attempt.join(names::OUTCOME)).ok();
     let outcome = outcome.and_then(|bytes| serde_json::from_slice::<TaskOutcome>(&bytes).ok());
     outcome
         .into_iter()

@@ -93,8 +93,8 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         .num_threads(context.threads.max(1) as usize)
         .build();
     let pool = pool.map_err(TaskError::Threads)?;
-    let (stop, fence) = (context.stop.clone(), context.fence.clone());
-    let stopped = || stop.is_raised() || fence.as_ref().is_some_and(|fence| fence.exists());
+    let (stop, closed) = (context.stop.clone(), context.closed.clone());
+    let stopped = || stop.is_raised() || closed.as_ref().is_some_and(|closed| closed.exists());
     let n = u64::from(spec.settings.draws);
     let mut draws: Vec<Draw<Seen>> = Vec::new();
     for first in (0..n).step_by(SLICE) {

@@ -37,65 +37,38 @@ fn pauses_double_from_the_third_silence_on_up_to_an_hour() {
 async fn a_scheduler_that_does_not_answer_is_left_alone() {
     let mut lab = Lab::new(noops(1), Settings::default());
     lab.settings.grace_s = 3600;
-    let questions = || {
-        lab.slurm
-            .asked
-            .lock()
-            .unwrap()
-            .iter()
-            .filter(|program| **program == "squeue")
-            .count()
-    };
-    lab.slurm
-        .faults
-        .lock()
-        .unwrap()
-        .extend(vec![("squeue", Fault::Down); 4]);
+    let questions = || lab.n_asked("squeue");
+    for _ in 0..4 {
+        lab.fault("squeue", Fault::Down);
+    }
     for n in 1..=3 {
-        lab.tick(None).await.unwrap();
+        lab.tick().await;
         assert_eq!(questions(), n);
     }
     for _ in 0..2 {
-        lab.tick(None).await.unwrap();
+        lab.tick().await;
         assert_eq!(questions(), 3, "it is left alone");
     }
-    let pause = |minutes: i64| {
-        let lab = &lab;
-        async move {
-            let mut writer = Writer::open(&lab.run_dir()).await.unwrap();
-            let text = writer.meta().await.unwrap().remove(REPORT).unwrap();
-            let mut report: ClusterReport = serde_json::from_str(&text).unwrap();
-            let until_ms = report.asks_again_ms;
-            report.asks_again_ms -= minutes * 60_000;
-            let told = report.no_answer.clone().unwrap_or_default();
-            writer
-                .set_meta(&[(REPORT, &serde_json::to_string(&report).unwrap())])
-                .await
-                .unwrap();
-            writer.close_file().await.unwrap();
-            (until_ms, told)
-        }
+    let report = async || {
+        let mut writer = Writer::open(&lab.run_dir()).await.unwrap();
+        let text = writer.meta().await.unwrap().remove(REPORT).unwrap();
+        writer.close_file().await.unwrap();
+        serde_json::from_str::<ClusterReport>(&text).unwrap()
     };
-    let (first, told) = pause(60).await;
+    let first = report().await;
+    let told = first.no_answer.unwrap_or_default();
     assert!(
         told.contains("left alone until") && told.contains("after 3 commands without an answer"),
         "{told}"
     );
-    lab.tick(None).await.unwrap(); // asked, and silent once more
+    lab.pass(3600);
+    lab.tick().await; // asked, and silent once more
     assert_eq!(questions(), 4);
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     assert_eq!(questions(), 4, "one more silence is enough");
-    assert!(pause(60).await.0 >= first);
-    assert_eq!(
-        lab.slurm
-            .asked
-            .lock()
-            .unwrap()
-            .iter()
-            .filter(|program| **program == "sbatch")
-            .count(),
-        0
-    );
+    assert!(report().await.asks_again_ms > first.asks_again_ms);
+    assert_eq!(lab.n_asked("sbatch"), 0);
+    lab.pass(3600);
     lab.settings.grace_s = 0;
     assert_eq!(lab.finish().await.done, 1);
 }

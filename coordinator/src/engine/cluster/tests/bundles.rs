@@ -36,7 +36,7 @@ fn demand(lab: &Lab) -> Vec<String> {
 async fn a_node_is_filled_before_another_is_taken() {
     let mut lab = Lab::new(in_3d(5), Settings::default()).with_whole_nodes();
     lab.settings.simulation_s = 60.0;
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     assert_eq!(demand(&lab), ["2"]);
     assert_eq!(lab.finish().await.done, 5);
     lab.assert_published_once().await;
@@ -54,7 +54,7 @@ async fn a_node_is_filled_before_another_is_taken() {
 async fn a_bundle_that_loses_a_node_is_continued() {
     let mut lab = Lab::new(in_3d(9), Settings::default()).with_whole_nodes();
     lab.settings.simulation_s = 60.0;
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     assert_eq!(demand(&lab), ["3"]);
     lab.pass(5);
     // The driver of each node dies at its fourth simulation, after it was claimed.

@@ -22,22 +22,17 @@ fn first_run(lab: &Lab) -> String {
     lab.slurm.model.lock().unwrap().runs()[0].name.clone()
 }
 
-fn moment() {
-    // A grace of nothing is over a moment later.
-    std::thread::sleep(std::time::Duration::from_millis(2));
-}
-
 #[tokio::test]
 async fn a_job_that_a_person_cancelled_stays_cancelled() {
     let lab = Lab::new(noops(1), Settings::default());
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.pass(5);
     scancel(&lab, &first_run(&lab));
     lab.pass(5);
-    let summary = lab.tick(None).await.unwrap();
+    let summary = lab.tick().await;
     assert_eq!((summary.cancelled, summary.jobs), (1, 0));
     assert_eq!(
-        lab.tick(None).await.unwrap().cancelled,
+        lab.tick().await.cancelled,
         1,
         "it is not taken up again by itself"
     );
@@ -54,10 +49,10 @@ async fn while_accounting_lags_nobody_is_blamed() {
         },
     );
     lab.settings.grace_s = 3600;
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.pass(10);
     scancel(&lab, &first_run(&lab));
-    let summary = lab.tick(None).await.unwrap();
+    let summary = lab.tick().await;
     assert_eq!(
         (summary.cancelled, summary.jobs),
         (0, 1),
@@ -68,7 +63,7 @@ async fn while_accounting_lags_nobody_is_blamed() {
         .clone();
     assert!(note.contains("nobody says by whom"), "{note}");
     lab.pass(10);
-    let summary = lab.tick(None).await.unwrap();
+    let summary = lab.tick().await;
     assert_eq!((summary.cancelled, summary.jobs), (1, 0));
 }
 
@@ -83,7 +78,7 @@ async fn a_job_whose_number_still_runs_is_submitted_again() {
                 ..Settings::default()
             },
         );
-        lab.tick(None).await.unwrap();
+        lab.tick().await;
         lab.pass(2);
         assert_eq!(
             lab.slurm.model.lock().unwrap().runs().len(),
@@ -93,8 +88,8 @@ async fn a_job_whose_number_still_runs_is_submitted_again() {
         lab.slurm.model.lock().unwrap().crash_controller();
         let mut jobs = 0;
         for _ in 0..4 {
-            moment();
-            let summary = lab.tick(None).await.unwrap();
+            lab.moment();
+            let summary = lab.tick().await;
             assert_eq!(summary.cancelled, 0, "accounting: {has_accounting}");
             jobs = jobs.max(
                 std::fs::read_dir(lab.run_dir().join("slurm"))
@@ -122,16 +117,16 @@ async fn without_accounting_the_jobs_own_evidence_tells() {
         ..Settings::default()
     };
     let lab = Lab::new(noops(1), settings());
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.pass(5);
     let name = first_run(&lab);
     JobFolder::of(&lab.run_dir(), &name).note_asked_to_end(0, 0);
     scancel(&lab, &name);
-    assert_eq!(lab.tick(None).await.unwrap().cancelled, 1);
+    assert_eq!(lab.tick().await.cancelled, 1);
 
     let mut lab = Lab::new(noops(2), settings());
     lab.settings.job_s = 1;
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.slurm.model.lock().unwrap().lose_node(1); // nothing starts
     let names: Vec<String> = (std::fs::read_dir(lab.run_dir().join("slurm"))
         .unwrap()
@@ -139,5 +134,5 @@ async fn without_accounting_the_jobs_own_evidence_tells() {
     .map(|entry| entry.file_name().to_string_lossy().into_owned())
     .collect();
     names.iter().for_each(|name| scancel(&lab, name));
-    assert_eq!(lab.tick(None).await.unwrap().cancelled, 2);
+    assert_eq!(lab.tick().await.cancelled, 2);
 }

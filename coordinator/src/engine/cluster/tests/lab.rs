@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
+use cardiotwin_protocol::closing::{self, Closing, PreparedOutcome, Winner};
+use cardiotwin_protocol::{claim, names};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
@@ -15,10 +17,12 @@ use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::model::{Fault, Model, Settings};
 
+use crate::clock::Clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
 use crate::engine::crash::CrashPoints;
-use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::in_job_loop::{DriverPlace, drive_job};
+use crate::engine::surroundings::Surroundings;
 use crate::engine::tests::scripted::Script;
 use crate::engine::{
     EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick,
@@ -29,7 +33,7 @@ use crate::engine::{
 pub struct Modelled {
     pub model: Arc<Mutex<Model>>,
     /// Faults of the next commands, by program; used up in order.
-    pub faults: Arc<Mutex<VecDeque<(&'static str, Fault)>>>,
+    pub faults: Arc<Mutex<Vec<(&'static str, Fault)>>>,
     pub asked: Arc<Mutex<Vec<&'static str>>>,
 }
 
@@ -44,18 +48,16 @@ impl Scheduler for Modelled {
             };
         }
         let mut faults = self.faults.lock().unwrap();
-        let fault = match faults.front() {
-            Some((program, _)) if *program == command.program => {
-                faults.pop_front().map(|(_, fault)| fault)
-            }
-            _ => None,
-        };
+        let next = faults
+            .iter()
+            .position(|(program, _)| *program == command.program);
+        let fault = next.map(|n| faults.remove(n).1);
         let mut model = self.model.lock().unwrap();
         model.answer(command, |path| fs::read_to_string(path).ok(), fault)
     }
 }
 
-/// Workers that claim, heed fences and publish as the real one does, with results by script.
+/// Workers that claim, heed revocations and publish as the real one does, with results by script.
 pub struct OnDisk {
     script: Arc<Mutex<Script>>,
     ended: VecDeque<AttemptId>,
@@ -86,11 +88,9 @@ impl Executor for OnDisk {
         }
         self.begun += 1;
         let attempt = order.spec.attempt.clone();
-        let claimed = fs::File::options()
-            .write(true)
-            .create_new(true)
-            .open(order.directory.join("started.json"));
-        if claimed.is_err() || order.directory.join(dispatch::FENCE).exists() {
+        let by = dispatch::claim_of_this_process();
+        let is_revoked = closing::is_revoked(&order.directory);
+        if is_revoked || !claim::take(&order.directory, &by).unwrap() {
             return Err(died(&order.directory));
         }
         if self.dies == Some((self.begun - 1, true)) {
@@ -110,11 +110,10 @@ impl Executor for OnDisk {
             artefacts: vec![nodal],
             provenance: Provenance::default(),
         };
-        fs::write(
-            order.directory.join("outcome.json"),
-            serde_json::to_string(&outcome).unwrap(),
-        )
-        .unwrap();
+        let outcome = PreparedOutcome::new(&order.directory, &outcome).unwrap();
+        if outcome.publish().unwrap() == Winner::Coordinator {
+            return Err(died(&order.directory));
+        }
         self.directories.insert(attempt.clone(), order.directory);
         self.ended.push_back(attempt);
         Ok(ExternalId::from("1"))
@@ -158,10 +157,15 @@ pub struct Lab {
     pub patients: Vec<ResolvedPatient>,
     pub settings: SlurmSettings,
     pub site_retries: u32,
+    /// The clock of ticks and drivers.
+    pub clock: Clock,
     /// Ticks go on with the stored plans.
     pub has_stored_plans: bool,
     driven: HashSet<usize>,
 }
+
+/// A moment in 2023, at which the lab's clock begins.
+const START_MS: i64 = 1_700_000_000_000;
 
 const SITE: &str = "name = 'model'\ndescription = ''\nscheduler = 'slurm'\nnode = { cores = 4, memory_mib = 8000, unit = 'core' }\n\
                     [[queue]]\nname = 'q'\nqos = 'normal'\nuses = ['chunks', 'simulations']\nwalltime = '01:00:00'\n";
@@ -190,6 +194,7 @@ impl Lab {
             patients,
             settings,
             site_retries: 2,
+            clock: Clock::manual(START_MS),
             has_stored_plans: false,
             driven: HashSet::new(),
         }
@@ -209,8 +214,18 @@ impl Lab {
         self.dir.path().join("run")
     }
 
-    /// One tick, which dies at its n-th crash point where one is given.
-    pub async fn tick(&self, crash: Option<u64>) -> Result<RunSummary, EngineError> {
+    /// One tick.
+    pub async fn tick(&self) -> RunSummary {
+        self.tick_until(&CrashPoints::default()).await.unwrap()
+    }
+
+    /// One tick, which dies at its n-th crash point.
+    pub async fn tick_dying_at(&self, n: u64) -> Result<RunSummary, EngineError> {
+        self.tick_until(&CrashPoints::ending_at(n)).await
+    }
+
+    /// One tick, which dies where these crash points say, counted over all ticks that are given them.
+    pub async fn tick_until(&self, crash: &CrashPoints) -> Result<RunSummary, EngineError> {
         let slurm = self.settings.clone();
         let options = RunOptions {
             run_dir: self.run_dir(),
@@ -229,7 +244,6 @@ impl Lab {
             adopt_version: true,
             watch: false,
         };
-        let crash = crash.map_or_else(CrashPoints::default, CrashPoints::ending_at);
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         let (_lock, lease, run_dir) = enter_with_lease(&self.run_dir())?;
         let programs = (PathBuf::from("/w"), PathBuf::from("/p"));
@@ -238,19 +252,53 @@ impl Lab {
             (run_dir, lease),
             self.slurm.clone(),
             programs,
-            crash,
+            self.surroundings(crash),
             events,
             StopSignal::new(),
         )
         .await
     }
 
+    fn surroundings(&self, crash: &CrashPoints) -> Surroundings {
+        Surroundings {
+            clock: self.clock.clone(),
+            crash: crash.clone(),
+        }
+    }
+
+    /// Lets time pass, for Slurm and for the coordinator.
     pub fn pass(&self, seconds: i64) {
         self.slurm.model.lock().unwrap().advance(seconds);
+        self.clock.advance_ms(seconds * 1000);
+    }
+
+    /// Lets a moment pass for the coordinator alone: a grace of nothing is over then.
+    pub fn moment(&self) {
+        self.clock.advance_ms(1);
+    }
+
+    /// The next command of this program meets this fault.
+    pub fn fault(&self, program: &'static str, fault: Fault) {
+        self.slurm.faults.lock().unwrap().push((program, fault));
+    }
+
+    /// How often this program was asked.
+    pub fn n_asked(&self, program: &str) -> usize {
+        let asked = self.slurm.asked.lock().unwrap();
+        asked.iter().filter(|p| **p == program).count()
     }
 
     /// Runs the drivers of what Slurm has started; those whose processes were killed do not run any more.
-    pub async fn drive(&mut self, mut dies: impl FnMut() -> Option<(usize, bool)>) {
+    pub async fn drive(&mut self, dies: impl FnMut() -> Option<(usize, bool)>) {
+        self.drive_until(dies, &CrashPoints::default()).await;
+    }
+
+    /// The same with drivers that die where these crash points say; a driver that is dead does nothing more.
+    pub async fn drive_until(
+        &mut self,
+        mut dies: impl FnMut() -> Option<(usize, bool)>,
+        crash: &CrashPoints,
+    ) {
         let runs = self.slurm.model.lock().unwrap().runs().to_vec();
         for (n, run) in runs.into_iter().enumerate() {
             if run.ended.is_some() || !self.driven.insert(n) {
@@ -276,7 +324,9 @@ impl Lab {
                     directories: BTreeMap::new(),
                 };
                 // A driver that dies says nothing; its job ends all the same.
-                let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
+                let surroundings = self.surroundings(crash);
+                let _ =
+                    drive_job(&place, executor, StopSignal::new(), || false, surroundings).await;
             }
         }
     }
@@ -284,7 +334,7 @@ impl Lab {
     /// Ticks, lets time pass and runs drivers until everything is over.
     pub async fn finish(&mut self) -> RunSummary {
         for _ in 0..400 {
-            let summary = self.tick(None).await.unwrap();
+            let summary = self.tick().await;
             if !summary.on_cluster() {
                 return summary;
             }
@@ -325,18 +375,32 @@ impl Lab {
         }
     }
 
-    /// How many attempts were claimed by a worker, and how many left an outcome.
-    pub fn attempts(&self) -> (usize, usize) {
+    fn attempt_directories(&self) -> Vec<PathBuf> {
         let folders = |path: &Path| -> Vec<PathBuf> {
             fs::read_dir(path)
                 .map(|entries| entries.flatten().map(|e| e.path()).collect())
                 .unwrap_or_default()
         };
-        let all: Vec<PathBuf> = folders(&self.run_dir().join("attempts"))
-            .iter()
-            .flat_map(|p| folders(p))
-            .collect();
-        let with = |name: &str| all.iter().filter(|path| path.join(name).exists()).count();
-        (with("started.json"), with("outcome.json"))
+        let shards = folders(&self.run_dir().join("attempts"));
+        shards.iter().flat_map(|p| folders(p)).collect()
+    }
+
+    /// Attempts that a worker claimed and nobody closed.
+    pub fn attempts_at_work(&self) -> Vec<PathBuf> {
+        let mut all = self.attempt_directories();
+        all.retain(|path| {
+            path.join(names::CLAIM).exists() && closing::read(path).unwrap() == Closing::Open
+        });
+        all
+    }
+
+    /// How many attempts were claimed by a worker, and how many were published.
+    pub fn attempts(&self) -> (usize, usize) {
+        let all = self.attempt_directories();
+        let n = |is: fn(&PathBuf) -> bool| all.iter().filter(|path| is(path)).count();
+        (
+            n(|path| path.join(names::CLAIM).exists()),
+            n(|path| matches!(closing::read(path), Ok(Closing::Published(_)))),
+        )
     }
 }

@@ -3,7 +3,10 @@
 mod breaker;
 mod bundles;
 mod cancelled;
+mod crashes;
+mod faults;
 mod lab;
+mod revoked;
 
 use std::collections::BTreeMap;
 
@@ -48,13 +51,13 @@ async fn another_build_decides_for_finished_patients_of_a_cluster_too() {
     assert_eq!(lab.finish().await.done, 3);
     lab.has_stored_plans = true;
     crate::store::tests::decided_otherwise(&lab.run_dir(), "P02", "sleep_ms").await;
-    let summary = lab.tick(None).await.unwrap();
+    let summary = lab.tick().await;
     assert!(
         summary.on_cluster(),
         "its tasks are others now: {summary:?}"
     );
     assert_eq!(lab.finish().await.done, 3);
-    assert!(!lab.tick(None).await.unwrap().on_cluster());
+    assert!(!lab.tick().await.on_cluster());
 }
 
 #[tokio::test]
@@ -99,15 +102,15 @@ async fn a_tick_asks_two_commands_at_the_most() {
         },
     );
     lab.settings.job_s = 1;
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.slurm.asked.lock().unwrap().clear();
     lab.pass(5);
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     assert_eq!(*lab.slurm.asked.lock().unwrap(), ["squeue"]);
     lab.slurm.asked.lock().unwrap().clear();
     lab.drive(|| Some((1, false))).await;
     lab.pass(400);
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     let asked = lab.slurm.asked.lock().unwrap().clone();
     assert!(
         asked.iter().filter(|p| **p != "sbatch").count() <= 2,
@@ -115,62 +118,6 @@ async fn a_tick_asks_two_commands_at_the_most() {
     );
     lab.finish().await;
     lab.assert_published_once().await;
-}
-
-/// Stopped at every commit and around every command; the next tick goes on, and the end is the same.
-#[tokio::test]
-async fn a_tick_killed_at_any_point_is_continued() {
-    let mut deaths = 0;
-    for faulty in [false, true] {
-        for point in 1..200 {
-            let mut lab = Lab::new(
-                noops(3),
-                Settings {
-                    n_nodes: 2,
-                    ..Settings::default()
-                },
-            );
-            if faulty {
-                lab.slurm
-                    .faults
-                    .lock()
-                    .unwrap()
-                    .push_back(("sbatch", Fault::TimeoutAfter));
-            }
-            let mut left = point;
-            let mut died = false;
-            // The point is counted over ticks, so that those of later ticks are met, too.
-            for _ in 0..6 {
-                match lab.tick(Some(left)).await {
-                    Err(error) => {
-                        assert!(error.to_string().contains("crash point"), "{error}");
-                        died = true;
-                        break;
-                    }
-                    Ok(_) => left = left.saturating_sub(6).max(1),
-                }
-                lab.pass(30);
-                lab.drive(|| None).await;
-            }
-            deaths += u32::from(died);
-            std::thread::sleep(std::time::Duration::from_millis(2)); // a grace of nothing is over a moment later
-            let summary = lab.finish().await;
-            assert_eq!((summary.done, summary.failed), (3, 0), "point {point}");
-            lab.assert_published_once().await;
-            assert_eq!(
-                lab.attempts(),
-                (9, 9),
-                "nothing was done twice: point {point}, faulty {faulty}"
-            );
-            if point > 40 {
-                break;
-            }
-        }
-    }
-    assert!(
-        deaths > 40,
-        "only {deaths} deaths: are the crash points still there?"
-    );
 }
 
 #[tokio::test]
@@ -182,42 +129,20 @@ async fn a_doubtful_submission_is_adopted_and_not_repeated() {
         Fault::Cut(0),
     ] {
         let mut lab = Lab::new(noops(1), Settings::default());
-        lab.slurm
-            .faults
-            .lock()
-            .unwrap()
-            .push_back(("sbatch", fault.clone()));
-        lab.tick(None).await.unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(2));
+        lab.fault("sbatch", fault.clone());
+        lab.tick().await;
+        lab.moment();
         let summary = lab.finish().await;
         assert_eq!(summary.done, 1);
-        let submissions = lab
-            .slurm
-            .asked
-            .lock()
-            .unwrap()
-            .iter()
-            .filter(|p| **p == "sbatch")
-            .count();
+        let submissions = lab.n_asked("sbatch");
         assert_eq!((submissions, lab.attempts()), (1, (3, 3)), "{fault:?}");
     }
     let mut lab = Lab::new(noops(1), Settings::default());
-    lab.slurm
-        .faults
-        .lock()
-        .unwrap()
-        .push_back(("sbatch", Fault::TimeoutBefore));
-    lab.tick(None).await.unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(2));
+    lab.fault("sbatch", Fault::TimeoutBefore);
+    lab.tick().await;
+    lab.moment();
     assert_eq!(lab.finish().await.done, 1);
-    let submissions = lab
-        .slurm
-        .asked
-        .lock()
-        .unwrap()
-        .iter()
-        .filter(|p| **p == "sbatch")
-        .count();
+    let submissions = lab.n_asked("sbatch");
     assert_eq!(
         submissions, 2,
         "it never arrived: after the lookup it is asked for again, under another name"
@@ -247,7 +172,7 @@ async fn a_full_queue_is_waited_for_and_told() {
         .unwrap()
         .answer(&submit, |_| Some(filler.into()), None);
     for _ in 0..3 {
-        lab.tick(None).await.unwrap();
+        lab.tick().await;
         let status = lab.reader().await.status().await.unwrap();
         let holds = status.cluster.unwrap().holds.unwrap();
         assert!(holds.contains("QOSMaxSubmitJobPerUserLimit"), "{holds}");
@@ -282,7 +207,7 @@ async fn what_follows_from_a_failure_is_bounded_and_named() {
         let mut lab = Lab::new(noops(1), settings);
         let mut ended = None;
         for _ in 0..60 {
-            let summary = lab.tick(None).await.unwrap();
+            let summary = lab.tick().await;
             if !summary.on_cluster() {
                 ended = Some(summary);
                 break;
@@ -314,7 +239,7 @@ async fn a_driver_that_panics_is_a_defect_and_not_tried_again() {
         ..Settings::default()
     };
     let mut lab = Lab::new(noops(1), settings);
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     let folders = std::fs::read_dir(lab.run_dir().join("slurm")).unwrap();
     for folder in folders.flatten() {
         let log = folder.path().join("slurm-1.log");
@@ -322,10 +247,10 @@ async fn a_driver_that_panics_is_a_defect_and_not_tried_again() {
     }
     lab.pass(15);
     lab.drive(|| Some((0, true))).await;
-    let mut summary = lab.tick(None).await.unwrap();
+    let mut summary = lab.tick().await;
     for _ in 0..10 {
         lab.pass(15);
-        summary = lab.tick(None).await.unwrap();
+        summary = lab.tick().await;
     }
     assert_eq!((summary.failed, summary.on_cluster()), (1, false));
     let record = lab
@@ -346,10 +271,10 @@ async fn a_driver_that_panics_is_a_defect_and_not_tried_again() {
 #[tokio::test]
 async fn a_node_that_is_lost_publishes_nothing_and_is_avoided() {
     let mut lab = Lab::new(noops(1), Settings::default());
-    lab.tick(None).await.unwrap();
+    lab.tick().await;
     lab.pass(2);
     lab.slurm.model.lock().unwrap().lose_node(1);
-    lab.tick(None).await.unwrap(); // NODE_FAIL is seen, the zombie is fenced, another job is submitted
+    lab.tick().await; // NODE_FAIL is seen, the zombie is revoked, another job is submitted
     lab.drive(|| None).await; // only now the zombie wakes
     assert_eq!(lab.attempts(), (0, 0), "a revoked job begins nothing");
     assert_eq!(lab.finish().await.done, 1);
@@ -412,7 +337,7 @@ async fn random_kills_lose_nothing_and_publish_nothing_twice() {
             };
             match dice.roll(8) {
                 0 | 1 => {
-                    if lab.tick(Some(1 + dice.roll(14))).await.is_err() {
+                    if lab.tick_dying_at(1 + dice.roll(30)).await.is_err() {
                         kill("coordinator");
                     }
                 }
@@ -441,14 +366,17 @@ async fn random_kills_lose_nothing_and_publish_nothing_twice() {
                         ("squeue", Fault::Down),
                         ("squeue", Fault::Cut(300)),
                         ("squeue", Fault::Garbage("???".into())),
+                        ("sacct", Fault::Down),
+                        ("sacct", Fault::Cut(100)),
+                        ("sacct", Fault::TimeoutAfter),
+                        ("scancel", Fault::TimeoutBefore),
+                        ("scancel", Fault::TimeoutAfter),
+                        ("scancel", Fault::KilledAfter),
                     ];
                     kill("command");
-                    lab.slurm
-                        .faults
-                        .lock()
-                        .unwrap()
-                        .push_back(faults[dice.roll(6) as usize].clone());
-                    let _ = lab.tick(None).await;
+                    let (program, fault) = faults[dice.roll(12) as usize].clone();
+                    lab.fault(program, fault);
+                    lab.tick().await;
                 }
                 _ => lab.drive(|| None).await,
             }

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use cardiotwin_protocol::closing;
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{
     AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing,
@@ -25,9 +26,10 @@ use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 use tokio::signal::unix::{SignalKind, signal};
 
+use super::surroundings::Surroundings;
 use super::world::attempt_directory;
 use super::{EngineError, StopLevel, StopSignal};
-use crate::clock;
+use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
 
@@ -62,6 +64,7 @@ pub async fn drive_job<E: Executor>(
     executor: impl FnOnce(&JobOrder) -> E,
     stop: StopSignal,
     warned: impl Fn() -> bool,
+    surroundings: Surroundings,
 ) -> Result<Option<DriverEnd>, EngineError> {
     let began = Instant::now();
     let folder = JobFolder::at(&place.folder);
@@ -74,13 +77,14 @@ pub async fn drive_job<E: Executor>(
         return Ok(None);
     }
     let executor = executor(&order);
-    let mut driver = Driver {
+    let mut driver = InJobLoop {
         ledger: Ledger::new(&order),
         queue: (0..order.patients.len()).collect(),
         order,
         place,
         folder: folder.clone(),
         executor,
+        surroundings: surroundings.clone(),
         running: HashMap::new(),
         left: BTreeMap::new(),
         defects: BTreeSet::new(),
@@ -88,7 +92,7 @@ pub async fn drive_job<E: Executor>(
     };
     driver.run(&stop, &warned).await?;
     let end = DriverEnd {
-        at: clock::now_utc(),
+        at: utc_text(surroundings.clock.now_ms()),
         because: driver.leaving.unwrap_or(DriverEnding::Finished),
         left: driver
             .left
@@ -98,6 +102,7 @@ pub async fn drive_job<E: Executor>(
         defects: driver.defects.iter().map(|&p| driver.id(p)).collect(),
         wall_s: began.elapsed().as_secs_f64(),
     };
+    surroundings.crash.pass("before a driver's last word")?;
     folder.leave(place.element, place.node, &end)?;
     Ok(Some(end))
 }
@@ -129,14 +134,17 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
             .with_grace(GRACE)
             .with_launcher(launcher)
     };
-    drive_job(place, local, stop, || warned.load(Ordering::Relaxed)).await
+    let surroundings = Surroundings::of_this_process();
+    let is_warned = || warned.load(Ordering::Relaxed);
+    drive_job(place, local, stop, is_warned, surroundings).await
 }
 
-struct Driver<'a, E> {
+struct InJobLoop<'a, E> {
     order: JobOrder,
     place: &'a DriverPlace,
     folder: JobFolder,
     executor: E,
+    surroundings: Surroundings,
     ledger: Ledger,
     /// Patients that nobody has taken yet, as far as this driver knows.
     queue: VecDeque<usize>,
@@ -148,7 +156,7 @@ struct Driver<'a, E> {
     leaving: Option<DriverEnding>,
 }
 
-impl<E: Executor> Driver<'_, E> {
+impl<E: Executor> InJobLoop<'_, E> {
     async fn run(
         &mut self,
         stop: &StopSignal,
@@ -161,6 +169,7 @@ impl<E: Executor> Driver<'_, E> {
                     break;
                 };
                 if self.folder.take(self.place.element, patient)? {
+                    self.pass("after a patient was taken")?;
                     self.walk(patient).await?;
                 }
             }
@@ -226,11 +235,16 @@ impl<E: Executor> Driver<'_, E> {
         Ok(())
     }
 
+    /// A crash point.
+    fn pass(&self, place: &str) -> Result<(), EngineError> {
+        self.surroundings.crash.pass(place)
+    }
+
     /// Whether something that takes so long would not be done in time.
     fn is_late(&self, takes_s: f64) -> bool {
-        self.place
-            .leave_at_ms
-            .is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
+        self.place.leave_at_ms.is_some_and(|at| {
+            self.surroundings.clock.now_ms() as f64 + takes_s * 1000.0 >= at as f64
+        })
     }
 
     fn id(&self, patient: usize) -> PatientId {
@@ -317,13 +331,16 @@ impl<E: Executor> Driver<'_, E> {
         if !folder::make_attempt(&directory, &spec, &AttemptAllocation { job, element, id })? {
             return Ok(false);
         }
+        self.pass("after an attempt's directory was made")?;
         self.ledger.start(attempt, task.kind());
         self.executor.submit(Order { spec, directory }).await?;
+        self.pass("after an attempt was begun")?;
         Ok(true)
     }
 
-    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; one whose job
-    /// was revoked is fenced and gone past; one whose job may live keeps the patient. Tells why the patient is left.
+    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; an attempt
+    /// whose job was revoked is revoked and gone past; an attempt whose job may live keeps the patient. Tells why the
+    /// patient is left.
     fn take_over(
         &mut self,
         attempt: &AttemptId,
@@ -331,15 +348,20 @@ impl<E: Executor> Driver<'_, E> {
     ) -> Result<Option<String>, EngineError> {
         let directory = self.directory(attempt);
         let owner = folder::allocation_of(&directory);
-        let revoked = directory.join(dispatch::FENCE).exists()
+        let revoked = closing::is_revoked(&directory)
             || owner
                 .as_ref()
                 .is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
-        if revoked {
-            dispatch::fence(&directory)?;
-        }
-        // After the fence: what is not there now will never be.
-        if let Some(evidence) = dispatch::outcome(&directory)? {
+        // An attempt that is revoked here has no outcome, now or later.
+        let evidence = if revoked {
+            let reason = format!("job {} went past it", self.order.job);
+            let evidence = dispatch::revoke(&directory, attempt, &reason)?;
+            self.pass("after an attempt was revoked")?;
+            evidence
+        } else {
+            dispatch::outcome(&directory)?
+        };
+        if let Some(evidence) = evidence {
             if matches!(&evidence, Evidence::Outcome { outcome, .. } if matches!(outcome.ending, Ending::Cancelled))
             {
                 self.ledger.skip(&attempt.task);

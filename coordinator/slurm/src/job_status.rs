@@ -6,14 +6,26 @@
 use crate::answers::Table;
 use crate::answers::accounting::{AccountingRow, ExitCode};
 use crate::answers::queue::QueueRow;
-use crate::cancelled::Accounting;
 use crate::job::{JobId, Jobs};
 use crate::reason::{self, Why};
 use crate::state::{Bearing, SlurmState};
 
+/// What the database says of a run that the queue shows as ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Accounting {
+    /// The same: the ending is as told there.
+    Agrees,
+    /// It has the run as waiting or running.
+    Disagrees,
+    /// It answered, and does not know the run.
+    Unaware,
+    /// It did not answer, or was not asked.
+    Silent,
+}
+
 /// What is known of one job.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Truth {
+pub enum JobStatus {
     /// It waits or runs.
     Alive(Alive),
     /// It has ended. Under the same name no other run of it waits or runs.
@@ -105,7 +117,7 @@ pub fn of(
     wanted: Wanted<'_>,
     queue: Option<&Table<QueueRow>>,
     accounting: Option<&Table<AccountingRow>>,
-) -> Truth {
+) -> JobStatus {
     let queued = || {
         queue
             .into_iter()
@@ -122,17 +134,17 @@ pub fn of(
     if let Some(row) =
         queued().find(|row| matches!(row.state.bearing(), Bearing::Waiting | Bearing::Running))
     {
-        return Truth::Alive(alive(row));
+        return JobStatus::Alive(alive(row));
     }
     if let Some(row) = queued().find(|row| row.state.bearing() == Bearing::Unclear) {
-        return Truth::Unknown(Unknown::State(row.state.clone()));
+        return JobStatus::Unknown(Unknown::State(row.state.clone()));
     }
     if let Some(row) = queued().max_by_key(|row| row.submitted) {
         // Accounting tells more of the same run: its exit code and who cancelled it.
         let same =
             || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
         let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
-        return Truth::Ended(match more.max_by_key(|(_, more)| more.submitted) {
+        return JobStatus::Ended(match more.max_by_key(|(_, more)| more.submitted) {
             Some((id, more)) => ended(id, more),
             None => Ended {
                 id: row.id,
@@ -158,9 +170,9 @@ pub fn of(
     // The queue forgot it, or did not answer. Accounting may still believe it alive: it lags, so that is no life.
     match accounted().max_by_key(|(_, row)| (row.submitted, row.start)) {
         Some((id, row)) => match row.state.bearing() {
-            Bearing::Ended => Truth::Ended(ended(id, row)),
-            Bearing::Unclear => Truth::Unknown(Unknown::State(row.state.clone())),
-            runs if queue.is_none() => Truth::Alive(Alive {
+            Bearing::Ended => JobStatus::Ended(ended(id, row)),
+            Bearing::Unclear => JobStatus::Unknown(Unknown::State(row.state.clone())),
+            runs if queue.is_none() => JobStatus::Alive(Alive {
                 id,
                 runs: runs == Bearing::Running,
                 state: row.state.clone(),
@@ -168,14 +180,17 @@ pub fn of(
                 start: row.start,
                 nodes: row.nodes.clone(),
             }),
-            _ => Truth::Unknown(Unknown::Disputed(row.state.clone())),
+            _ => JobStatus::Unknown(Unknown::Disputed(row.state.clone())),
         },
         None => not_listed(queue, accounting),
     }
 }
 
-fn not_listed(queue: Option<&Table<QueueRow>>, accounting: Option<&Table<AccountingRow>>) -> Truth {
-    Truth::Unknown(Unknown::NotListed {
+fn not_listed(
+    queue: Option<&Table<QueueRow>>,
+    accounting: Option<&Table<AccountingRow>>,
+) -> JobStatus {
+    JobStatus::Unknown(Unknown::NotListed {
         queue_answered: queue.is_some_and(Table::is_whole),
         accounting_answered: accounting.is_some_and(Table::is_whole),
     })
@@ -218,9 +233,8 @@ fn ended(id: JobId, row: &AccountingRow) -> Ended {
 
 #[cfg(test)]
 mod tests {
-    use super::{Truth, Unknown, Wanted, of};
+    use super::{Accounting, JobStatus, Unknown, Wanted, of};
     use crate::answers::{accounting, queue, recorded};
-    use crate::cancelled::Accounting;
     use crate::state::SlurmState;
 
     fn wanted(name: &str) -> Wanted<'_> {
@@ -236,14 +250,14 @@ mod tests {
         let unknown = of(wanted("ct-gone"), Some(&queue), None);
         assert_eq!(
             unknown,
-            Truth::Unknown(Unknown::NotListed {
+            JobStatus::Unknown(Unknown::NotListed {
                 queue_answered: true,
                 accounting_answered: false
             })
         );
         assert!(matches!(
             of(wanted("ct-gone"), None, None),
-            Truth::Unknown(_)
+            JobStatus::Unknown(_)
         ));
     }
 
@@ -251,11 +265,11 @@ mod tests {
     fn a_requeued_job_lives_although_the_database_has_it_as_ended() {
         let rows = accounting::read(&recorded::output("sacct-node-failed")).expect("an answer");
         let live = queue::read(&recorded::output("squeue-node-failed")).expect("an answer");
-        let Truth::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else {
+        let JobStatus::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else {
             panic!("it waits again")
         };
         assert!(!alive.runs);
-        let Truth::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else {
+        let JobStatus::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else {
             panic!("it was not to be requeued")
         };
         assert!(ended.may_have_orphans() && ended.nodes == "n4");
@@ -276,7 +290,7 @@ mod tests {
                 (None, Some(&rows)),
                 (Some(&queue), Some(&rows)),
             ] {
-                let Truth::Ended(ended) = of(wanted(name), queue, rows) else {
+                let JobStatus::Ended(ended) = of(wanted(name), queue, rows) else {
                     panic!("{name} has ended")
                 };
                 assert_eq!(ended.state, state, "{name}");
@@ -291,7 +305,10 @@ mod tests {
             name: "ct-array",
             element: Some(7),
         };
-        assert!(matches!(of(element, Some(&queue), None), Truth::Ended(_)));
+        assert!(matches!(
+            of(element, Some(&queue), None),
+            JobStatus::Ended(_)
+        ));
         assert!(matches!(
             of(
                 Wanted {
@@ -301,7 +318,7 @@ mod tests {
                 Some(&queue),
                 Some(&rows)
             ),
-            Truth::Unknown(_)
+            JobStatus::Unknown(_)
         ));
     }
 
@@ -309,7 +326,7 @@ mod tests {
     fn a_held_job_that_was_cancelled_is_known_to_the_queue_alone() {
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
-        let Truth::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else {
+        let JobStatus::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else {
             panic!("squeue knows")
         };
         assert_eq!(
@@ -317,7 +334,10 @@ mod tests {
             (Some(false), SlurmState::Cancelled, Accounting::Unaware)
         );
         assert!(
-            matches!(of(wanted("ct-held"), None, Some(&rows)), Truth::Unknown(_)),
+            matches!(
+                of(wanted("ct-held"), None, Some(&rows)),
+                JobStatus::Unknown(_)
+            ),
             "sacct never tells"
         );
     }

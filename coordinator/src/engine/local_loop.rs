@@ -20,13 +20,12 @@ use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 
 use super::cores;
-use super::crash::CrashPoints;
-use super::decide::{Circumstance, Decider};
 use super::program_identity::DECIDED_BY;
+use super::surroundings::Surroundings;
+use super::transitions::{Circumstance, Decider};
 use super::watch::Tail;
 use super::world::{AttemptEntry, World};
 use super::{EngineError, EngineEvent, EventSender, RunSummary, StopLevel, StopSignal, requests};
-use crate::clock;
 use crate::dispatch::{Evidence, Executor, Found, News};
 use crate::store::Writer;
 use crate::store::outbox::Action;
@@ -39,15 +38,15 @@ const LEAST_FREE_BYTES: u64 = 2 << 20;
 const LARGEST_GROUP: usize = 2048;
 
 /// A run at work.
-pub struct Drive<E> {
-    pub world: World,
-    pub decider: Decider,
-    pub writer: Writer,
-    pub executor: E,
-    pub settings: ExecutorSettings,
-    pub events: EventSender,
-    pub stop: StopSignal,
-    pub crash: CrashPoints,
+pub struct LocalLoop<E> {
+    pub(super) world: World,
+    pub(super) decider: Decider,
+    pub(super) writer: Writer,
+    pub(super) executor: E,
+    pub(super) settings: ExecutorSettings,
+    pub(super) events: EventSender,
+    pub(super) stop: StopSignal,
+    pub(super) surroundings: Surroundings,
     pub(super) tails: HashMap<AttemptId, Tail>,
     pub(super) hung: HashMap<AttemptId, String>,
     pub(super) submitted: u64,
@@ -59,14 +58,13 @@ pub struct Drive<E> {
     pub(super) leave_until: Option<Instant>,
 }
 
-impl<E: Executor> Drive<E> {
+impl<E: Executor> LocalLoop<E> {
     /// A run about to begin.
     pub fn new(
-        world: World,
-        decider: Decider,
-        writer: Writer,
+        (writer, world, decider): (Writer, World, Decider),
         executor: E,
         settings: ExecutorSettings,
+        surroundings: Surroundings,
         events: EventSender,
         stop: StopSignal,
     ) -> Self {
@@ -78,7 +76,7 @@ impl<E: Executor> Drive<E> {
             settings,
             events,
             stop,
-            crash: CrashPoints::from_environment(),
+            surroundings,
             tails: HashMap::new(),
             hung: HashMap::new(),
             submitted: 0,
@@ -109,7 +107,7 @@ impl<E: Executor> Drive<E> {
         }
         let summary = self.summary(began.elapsed().as_secs_f64());
         self.writer
-            .close(self.executor.kind(), clock::now_ms())
+            .close(self.executor.kind(), self.surroundings.clock.now_ms())
             .await?;
         Ok(summary)
     }
@@ -285,8 +283,9 @@ impl<E: Executor> Drive<E> {
     async fn commit(&mut self) -> Result<(), EngineError> {
         let mut batch = self.world.flush();
         if !batch.is_empty() {
+            self.surroundings.crash.pass("before a commit")?;
             self.writer.commit(&mut batch).await?;
-            self.crash.pass("after a commit")?;
+            self.surroundings.crash.pass("after a commit")?;
         }
         for event in self.decider.events.drain(..) {
             // Nobody may be listening.
@@ -310,7 +309,7 @@ impl<E: Executor> Drive<E> {
             () = self.stop.raised_above(self.heard_stop) => Vec::new(),
             () = tokio::time::sleep(tick) => Vec::new(),
         };
-        self.world.now_ms = clock::now_ms();
+        self.world.now_ms = self.surroundings.clock.now_ms();
         let quiet = news.is_empty();
         for item in news {
             self.take_news(item)?;
@@ -449,7 +448,8 @@ impl<E: Executor> Drive<E> {
         }
         self.decider.events.extend(told);
         self.commit().await?;
-        requests::remove(&paths)
+        requests::remove(&paths)?;
+        self.surroundings.crash.pass("after requests were removed")
     }
 
     /// Whether nothing runs and nothing can be begun.

@@ -7,8 +7,8 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
-use super::decide::Decider;
 use super::requests::Request;
+use super::transitions::Decider;
 use super::world::World;
 use super::{EngineError, PatientEnding, settings};
 

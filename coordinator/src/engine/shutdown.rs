@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::ids::AttemptId;
 
-use super::drive::Drive;
+use super::local_loop::LocalLoop;
 use super::{EngineError, EngineEvent, StopLevel};
 use crate::dispatch::Executor;
 
@@ -13,7 +13,7 @@ const DRAIN: Duration = Duration::from_secs(5);
 /// How long workers may take to leave when they are ended.
 const LEAVE: Duration = Duration::from_secs(2);
 
-impl<E: Executor> Drive<E> {
+impl<E: Executor> LocalLoop<E> {
     /// The person's wish to stop, and the ends of the times given.
     pub(super) fn take_stop(&mut self) -> Result<(), EngineError> {
         let level = self.stop.level();

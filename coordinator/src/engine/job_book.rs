@@ -1,0 +1,144 @@
+//! Jobs of a cluster as the engine keeps them between commits.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use crate::store::Batch;
+use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, SeenElement, id_text};
+
+/// Jobs as the mirror keeps them.
+#[derive(Debug, Default)]
+pub struct Jobs {
+    /// Those that are not over, by name.
+    pub rows: BTreeMap<String, JobRow>,
+    /// Where a patient is: job and element.
+    pub placed: HashMap<i64, (String, usize)>,
+    /// What patients' next jobs are given.
+    pub allotments: HashMap<i64, Allotment>,
+    /// Why nothing is submitted at present, for those who wait.
+    pub holds: Option<String>,
+    fresh: BTreeSet<String>,
+    dirty: BTreeSet<String>,
+    dirty_allotments: BTreeSet<i64>,
+}
+
+impl Jobs {
+    /// From what the store holds.
+    pub fn new(rows: Vec<JobRow>, allotments: HashMap<i64, Allotment>) -> Self {
+        let mut jobs = Self {
+            allotments,
+            ..Self::default()
+        };
+        for row in rows {
+            jobs.place(&row);
+            jobs.rows.insert(row.name.clone(), row);
+        }
+        jobs
+    }
+
+    fn place(&mut self, row: &JobRow) {
+        for (element, patients) in row.spec.elements.iter().enumerate() {
+            if !row.seen.get(element).is_some_and(|seen| seen.settled) {
+                self.placed.extend(
+                    patients
+                        .iter()
+                        .map(|p| (p.patient_id, (row.name.clone(), element))),
+                );
+            }
+        }
+    }
+
+    /// What a patient's next job is given.
+    pub fn allotment(&self, patient_id: i64) -> Allotment {
+        self.allotments
+            .get(&patient_id)
+            .cloned()
+            .unwrap_or_default()
+    }
+
+    /// Changes it.
+    pub fn set_allotment(&mut self, patient_id: i64, allotment: Allotment) {
+        if self.allotments.get(&patient_id) != Some(&allotment) {
+            self.allotments.insert(patient_id, allotment);
+            self.dirty_allotments.insert(patient_id);
+        }
+    }
+
+    /// What was seen of an element; tells whether it is news.
+    pub fn see(
+        &mut self,
+        name: &str,
+        element: usize,
+        change: impl FnOnce(&mut SeenElement),
+    ) -> bool {
+        let Some(seen) = self
+            .rows
+            .get_mut(name)
+            .and_then(|row| row.seen.get_mut(element))
+        else {
+            return false;
+        };
+        let before = seen.clone();
+        change(seen);
+        let news = *seen != before;
+        if news {
+            self.dirty.insert(name.to_owned());
+        }
+        news
+    }
+
+    /// How a patient stands with its job, in a word and a note.
+    pub fn note(&self, patient_id: i64) -> Option<(&'static str, String)> {
+        let (name, element) = self.placed.get(&patient_id)?;
+        let row = self.rows.get(name)?;
+        let id = id_text(row, *element);
+        let why = row
+            .seen
+            .get(*element)
+            .map(|seen| seen.why.as_str())
+            .unwrap_or_default();
+        Some(match row.state.word(*element) {
+            "running" => ("running", format!("in job {id}")),
+            "unknown" => ("unknown", format!("job {id}: {why}")),
+            word if why.is_empty() => ("waiting", format!("job {id}: {word}")),
+            word => ("waiting", format!("job {id} {word}: {why}")),
+        })
+    }
+
+    /// A job that the store does not hold yet.
+    pub fn insert_fresh(&mut self, row: JobRow) {
+        self.place(&row);
+        self.fresh.insert(row.name.clone());
+        self.rows.insert(row.name.clone(), row);
+    }
+
+    /// Marks a job's row as changed.
+    pub fn touch(&mut self, name: &str) {
+        self.dirty.insert(name.to_owned());
+    }
+
+    /// Moves what changed into a batch, and lets go of jobs that are over.
+    pub fn flush(&mut self, batch: &mut Batch) {
+        for name in std::mem::take(&mut self.fresh) {
+            if let Some(row) = self.rows.get(&name) {
+                batch.insert_job(row);
+                self.dirty.remove(&name);
+            }
+        }
+        for name in std::mem::take(&mut self.dirty) {
+            let Some(row) = self.rows.get_mut(&name) else {
+                continue;
+            };
+            batch.update_job(row);
+            row.version += 1;
+            if row.over {
+                self.rows.remove(&name);
+            }
+        }
+        for patient_id in std::mem::take(&mut self.dirty_allotments) {
+            batch.put_allotment(&AllotmentRow {
+                patient_id,
+                allotment: &self.allotments[&patient_id],
+            });
+        }
+    }
+}

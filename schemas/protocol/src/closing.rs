@@ -1,0 +1,258 @@
+//! How an attempt is closed: its worker publishes an outcome, or its coordinator revokes it, and never both.
+//!
+//! Both create `outcome.json` exclusively. The loser of the contest reads who won: a worker that comes second publishes
+//! nothing, a coordinator that comes second has an outcome to take up.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use cardiotwin_schemas::outcome::{Revocation, RevokedAttempt, TaskOutcome};
+
+use crate::files::SyncedDraft;
+use crate::names;
+
+/// How an attempt stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Closing {
+    /// Neither published nor revoked.
+    Open,
+    /// The worker published this text.
+    Published(String),
+    /// The coordinator revoked the attempt; `None` where an earlier version did, which left no reason.
+    Revoked(Option<Revocation>),
+}
+
+/// Who closed an attempt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Winner {
+    /// The worker, with an outcome.
+    Worker,
+    /// The coordinator, with a revocation.
+    Coordinator,
+}
+
+/// Reads how an attempt stands.
+///
+/// # Errors
+/// Any error of the file system but a missing file.
+pub fn read(directory: &Path) -> io::Result<Closing> {
+    match fs::read_to_string(directory.join(names::OUTCOME)) {
+        // The form of an outcome is told apart by its first key.
+        Ok(text) => Ok(match serde_json::from_str::<RevokedAttempt>(&text) {
+            Ok(closed) => Closing::Revoked(Some(closed.revoked)),
+            Err(_) => Closing::Published(text),
+        }),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            Ok(if directory.join(names::FORMER_FENCE).exists() {
+                Closing::Revoked(None)
+            } else {
+                Closing::Open
+            })
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Whether an attempt was revoked; `false` where its directory cannot be read.
+#[must_use]
+pub fn is_revoked(directory: &Path) -> bool {
+    matches!(read(directory), Ok(Closing::Revoked(_)))
+}
+
+/// An outcome that is on disk and waits to be published.
+#[derive(Debug)]
+pub struct PreparedOutcome<'a> {
+    directory: &'a Path,
+    draft: SyncedDraft,
+}
+
+impl<'a> PreparedOutcome<'a> {
+    /// Writes and syncs an outcome beside its place.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn new(directory: &'a Path, outcome: &TaskOutcome) -> io::Result<Self> {
+        let text = serde_json::to_vec_pretty(outcome)?;
+        let draft = SyncedDraft::beside(&directory.join(names::OUTCOME), &text)?;
+        Ok(Self { directory, draft })
+    }
+
+    /// Publishes the outcome unless the attempt is closed; tells who closed it. Artefacts must be on disk before.
+    ///
+    /// # Errors
+    /// Any error of the file system; [`io::ErrorKind::AlreadyExists`] where the attempt has another outcome, which one
+    /// claim per attempt rules out.
+    pub fn publish(self) -> io::Result<Winner> {
+        if is_revoked(self.directory) {
+            return Ok(Winner::Coordinator);
+        }
+        let path = self.directory.join(names::OUTCOME);
+        if self.draft.place_exclusively(&path)? {
+            return Ok(Winner::Worker);
+        }
+        match read(self.directory)? {
+            Closing::Revoked(_) => Ok(Winner::Coordinator),
+            Closing::Open | Closing::Published(_) => Err(io::Error::new(
+                io::ErrorKind::AlreadyExists,
+                "another outcome is there already",
+            )),
+        }
+    }
+}
+
+/// Revokes an attempt unless its worker has published; tells who closed it. A directory that does not exist has no
+/// worker: it counts as revoked.
+///
+/// # Errors
+/// Any error of the file system.
+pub fn revoke(directory: &Path, revocation: &Revocation) -> io::Result<Winner> {
+    let path = directory.join(names::OUTCOME);
+    let text = serde_json::to_vec_pretty(&RevokedAttempt {
+        revoked: revocation.clone(),
+    })?;
+    let placed = match read(directory)? {
+        Closing::Published(_) => return Ok(Winner::Worker),
+        Closing::Revoked(Some(_)) => return Ok(Winner::Coordinator),
+        Closing::Open | Closing::Revoked(None) => {
+            SyncedDraft::beside(&path, &text).and_then(|draft| draft.place_exclusively(&path))
+        }
+    };
+    match placed {
+        Ok(true) => Ok(Winner::Coordinator),
+        Ok(false) => Ok(match read(directory)? {
+            Closing::Published(_) => Winner::Worker,
+            Closing::Open | Closing::Revoked(_) => Winner::Coordinator,
+        }),
+        Err(error) if error.kind() == io::ErrorKind::NotFound && !directory.exists() => {
+            Ok(Winner::Coordinator)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::SCHEMA_VERSION;
+    use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+    use cardiotwin_schemas::outcome::Ending;
+    use cardiotwin_schemas::provenance::Provenance;
+
+    fn attempt() -> AttemptId {
+        AttemptId {
+            task: TaskKey("0".repeat(64)),
+            generation: 2,
+        }
+    }
+
+    fn outcome() -> TaskOutcome {
+        TaskOutcome {
+            schema_version: SCHEMA_VERSION,
+            attempt: attempt(),
+            ending: Ending::Cancelled,
+            artefacts: vec![],
+            provenance: Provenance::default(),
+        }
+    }
+
+    fn revocation(reason: &str) -> Revocation {
+        Revocation {
+            schema_version: SCHEMA_VERSION,
+            attempt: attempt(),
+            reason: reason.into(),
+            at: "t".into(),
+        }
+    }
+
+    fn names_in(directory: &Path) -> Vec<String> {
+        let entries = fs::read_dir(directory).unwrap();
+        entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn a_revocation_just_before_the_publication_wins() {
+        let dir = tempfile::tempdir().unwrap();
+        // The worker is past everything but its last step.
+        let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
+        let winner = revoke(dir.path(), &revocation("its job ended")).unwrap();
+        assert_eq!(winner, Winner::Coordinator);
+        assert_eq!(prepared.publish().unwrap(), Winner::Coordinator);
+        let expected = Closing::Revoked(Some(revocation("its job ended")));
+        assert_eq!(read(dir.path()).unwrap(), expected);
+        assert_eq!(names_in(dir.path()), [names::OUTCOME]);
+    }
+
+    #[test]
+    fn a_revocation_after_the_publication_finds_the_outcome() {
+        let dir = tempfile::tempdir().unwrap();
+        let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
+        assert_eq!(prepared.publish().unwrap(), Winner::Worker);
+        let winner = revoke(dir.path(), &revocation("too late")).unwrap();
+        assert_eq!(winner, Winner::Worker);
+        let Closing::Published(text) = read(dir.path()).unwrap() else {
+            panic!("{:?}", read(dir.path()))
+        };
+        let found: TaskOutcome = serde_json::from_str(&text).unwrap();
+        assert_eq!(found, outcome());
+        assert_eq!(names_in(dir.path()), [names::OUTCOME]);
+    }
+
+    /// Both at once, many times: each time one wins, and both sides are told the same.
+    #[test]
+    fn outcome_and_revocation_agree_on_the_winner() {
+        for _ in 0..200 {
+            let dir = tempfile::tempdir().unwrap();
+            let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
+            let start = std::sync::Barrier::new(2);
+            let (worker, coordinator) = std::thread::scope(|threads| {
+                let worker = threads.spawn(|| {
+                    start.wait();
+                    prepared.publish().unwrap()
+                });
+                start.wait();
+                let coordinator = revoke(dir.path(), &revocation("now")).unwrap();
+                (worker.join().unwrap(), coordinator)
+            });
+            assert_eq!(worker, coordinator);
+            let is_published = matches!(read(dir.path()).unwrap(), Closing::Published(_));
+            assert_eq!(is_published, worker == Winner::Worker);
+        }
+    }
+
+    #[test]
+    fn the_first_revocation_stays_and_a_missing_directory_has_nobody_to_revoke() {
+        let dir = tempfile::tempdir().unwrap();
+        revoke(dir.path(), &revocation("first")).unwrap();
+        revoke(dir.path(), &revocation("second")).unwrap();
+        let first = Closing::Revoked(Some(revocation("first")));
+        assert_eq!(read(dir.path()).unwrap(), first);
+        let missing = dir.path().join("never-begun");
+        assert_eq!(
+            revoke(&missing, &revocation("r")).unwrap(),
+            Winner::Coordinator
+        );
+        assert!(!missing.exists());
+    }
+
+    #[test]
+    fn a_fence_of_an_earlier_version_is_heeded() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join(names::FORMER_FENCE), "").unwrap();
+        assert!(is_revoked(dir.path()));
+        let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
+        assert_eq!(prepared.publish().unwrap(), Winner::Coordinator);
+        // An outcome that an earlier worker published before the fence came counts as it did then.
+        fs::write(
+            dir.path().join(names::OUTCOME),
+            serde_json::to_string(&outcome()).unwrap(),
+        )
+        .unwrap();
+        assert_eq!(
+            revoke(dir.path(), &revocation("r")).unwrap(),
+            Winner::Worker
+        );
+    }
+}

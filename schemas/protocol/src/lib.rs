@@ -1,0 +1,23 @@
+//! The protocol between coordinator and worker: one directory per attempt, written once and read by both.
+//!
+//! ```text
+//! spec.json ──► started.json (exclusive) ──► work ──► artefacts, synced ──► outcome.json (exclusive)
+//!                                                                              ▲
+//!                       coordinator revokes the attempt ───────────────────────┘
+//! ```
+//! The worker's outcome and the coordinator's revocation contend for one name, `outcome.json`, which only one of them
+//! can create: an attempt that was revoked has no outcome, and an attempt that has an outcome can no longer be revoked.
+//!
+//! | module | subject |
+//! |---|---|
+//! | [`names`] | names of the files |
+//! | [`claim`] | who works on an attempt |
+//! | [`closing`] | how an attempt is closed: published or revoked |
+//! | [`files`] | files that appear whole or not at all |
+//! | [`process`] | identity of processes |
+
+pub mod claim;
+pub mod closing;
+pub mod files;
+pub mod names;
+pub mod process;
