@@ -4,7 +4,7 @@
     tests/same-results.py OLD NEW [--out DIR] [--only NAME,NAME] [--full]
 
 OLD and NEW are folders that hold `cardiotwin` and `cardiotwin-worker`. Both builds run the same commands on the bundled
-examples: the seven patients with the reduced ventricle, one of them in 3D, every effect of the catalogue, a hidden effect,
+examples: the seven patients with the reduced ventricle, one of them in 3D, every effect of the heart in the catalogue, a hidden effect,
 sweeps, recordings, a measured afterload. Then every JSON and CSV file that the two builds wrote is compared number by
 number. Moments, durations, versions and paths are left out.
 
@@ -50,11 +50,14 @@ VOLATILE = {
 def commands(out, full):
     """Names and arguments of the commands; each writes into `out`/name."""
     seven = str(SEVEN)
-    yield "reduced", ["run", seven, "--run-dir", out / "reduced", "--fidelity", "reduced", "--no-report"]
+    brief = ["--no-report", "--set", "posterior.enabled=false"]
+    yield "reduced", ["run", seven, "--run-dir", out / "reduced", "--fidelity", "reduced", *brief]
+    yield "posterior", ["run", seven, "--run-dir", out / "posterior", "--patient", "01-CoA", "--fidelity", "reduced", "--no-report",
+                        "--set", "posterior.draws=40"]
     yield "reduced-export", ["export", seven, "--run-dir", out / "reduced", "--out", out / "reduced-export"]
     yield "predict", ["predict", "03-CoA", "--cohort", seven, "--run-dir", out / "reduced", "--json",
                       "--set", "circulation.afterload.peripheral_resistance_mmHg_s_per_mL=-20%"]
-    yield "in-3d", ["run", seven, "--run-dir", out / "in-3d", "--patient", "03-CoA", "--mesh-nodes", "400", "--no-report"]
+    yield "in-3d", ["run", seven, "--run-dir", out / "in-3d", "--patient", "03-CoA", "--mesh-nodes", "500", *brief]
     yield "in-3d-export", ["export", seven, "--run-dir", out / "in-3d", "--out", out / "in-3d-export"]
     yield "hidden-effect", ["discover", EXAMPLES / "hidden-effect", "--run-dir", out / "hidden-effect"]
     yield "gsa", ["sweep", "gsa", "--out", out / "gsa", "--samples", "16", "--resamples", "20"]
@@ -190,7 +193,7 @@ def main():
         if not cohort.exists():
             effect_cohort(out)
         todo.append(("effects", ["run", cohort, "--run-dir", out / "effects", "--fidelity", "reduced", "--no-report",
-                                 "--set", "workflow.until=step1", "--set", "step1.max_iterations=1"]))
+                                 "--set", "workflow.until=step2-verification", "--set", "step1.max_iterations=1"]))
         for name, arguments in todo:
             if (not only or name in only) and not (out / f"{name}.stdout.json").exists():
                 print(f"{side}: {name}", file=sys.stderr)
