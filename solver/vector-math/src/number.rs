@@ -24,6 +24,9 @@ pub trait Number:
     /// Exponential.
     fn exp(self) -> Self;
 
+    /// eˣ − 1.
+    fn exp_m1(self) -> Self;
+
     /// ln(self/other) of two positive numbers.
     fn ln_ratio(self, other: Self) -> Self;
 
@@ -60,6 +63,10 @@ macro_rules! scalar {
             #[inline(always)]
             fn exp(self) -> Self {
                 $number::exp(self)
+            }
+            #[inline(always)]
+            fn exp_m1(self) -> Self {
+                $number::exp_m1(self)
             }
             #[inline(always)]
             fn ln_ratio(self, other: Self) -> Self {
@@ -130,6 +137,11 @@ impl<const FMA: bool> Number for Lane<FMA> {
     #[inline(always)]
     fn exp(self) -> Self {
         Self(exp::<FMA>(self.0))
+    }
+    /// Exact to round-off of one.
+    #[inline(always)]
+    fn exp_m1(self) -> Self {
+        Self(exp::<FMA>(self.0) - 1.0)
     }
     #[inline(always)]
     fn ln_ratio(self, other: Self) -> Self {
@@ -220,6 +232,13 @@ impl<T: Number> Number for Dual<T> {
         Self { v, d: v * self.d }
     }
     #[inline(always)]
+    fn exp_m1(self) -> Self {
+        Self {
+            v: self.v.exp_m1(),
+            d: self.v.exp() * self.d,
+        }
+    }
+    #[inline(always)]
     fn ln_ratio(self, other: Self) -> Self {
         Self {
             v: self.v.ln_ratio(other.v),
@@ -250,7 +269,7 @@ mod tests {
         let two = T::of(2.0);
         let power = (x.ln_ratio(two) * T::of(1.7)).exp();
         let bent = (-x).abs().max(T::of(0.1)).min(T::of(9.0));
-        (power - x / two).mul_add(bent, two + x * x)
+        (power - x / two).mul_add(bent, two + x.exp_m1() * x)
     }
 
     proptest! {
