@@ -6,6 +6,7 @@
 //! - [`circulation`]: compartments and flow paths around one ventricle
 //! - [`ventricle`]: the [`ventricle::Ventricle`] trait and its one-fibre implementation
 //! - [`effects`]: the catalogue of what the base model lacks, and base model and effects put together
+//! - [`parameter`]: a model's parameters, each declared once
 //! - [`periodic`]: the periodic beat found quickly, and the base model in the parameters of a fit
 //! - [`beat`]: one beat or several to periodicity, with traces and checks; [`median_traces`]: step 2's targets
 //!
@@ -20,6 +21,7 @@ pub mod circulation;
 pub mod contraction;
 pub mod effects;
 pub mod median_traces;
+pub mod parameter;
 pub mod periodic;
 pub mod roots;
 pub mod ventricle;

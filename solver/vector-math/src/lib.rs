@@ -1,9 +1,14 @@
-//! Elementary functions without branches, so that a loop over lanes becomes vector code.
+//! Elementary functions without branches, so that a loop over lanes becomes vector code, and the [`Number`]s that a model's
+//! equations are written over.
 //!
 //! `FMA` says whether the target has a fused multiply-add: the results of the two settings differ in the last digits, and
 //! two instruction sets with the same setting agree bit for bit. Relative errors against the platform's correctly rounded
 //! neighbours, tested below: [`exp`] 1e-14 for |x| ≤ 700, [`ln_ratios`] 4e-16 + 1e-15·|result|, and so for a power
 //! exp(n·ln(a/b)) 1e-14 + 2e-15·|n ln(a/b)|.
+
+mod number;
+
+pub use number::{Dual, Lane, Number};
 
 /// Adding and subtracting it rounds a small number to an integer, which then lies in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 · 2^52

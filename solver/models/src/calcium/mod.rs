@@ -3,7 +3,7 @@
 pub mod rice2008;
 pub mod sampled;
 
-pub use rice2008::{Rice2008, Rice2008Parameters};
+pub use rice2008::{Rice2008, Rice2008Parameters, Rice2008Shape};
 pub use sampled::SampledCalcium;
 
 /// A calcium transient as a function of the time since activation.

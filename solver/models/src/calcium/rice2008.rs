@@ -1,52 +1,104 @@
 //! Rice 2008 calcium transient (Jung 2022, eq. A16), written so that swapping the two time constants changes nothing.
 
 use super::{Calcium, CalciumError};
+use crate::parameter::parameters;
 use crate::roots::{RootError, increasing_root};
 use cardiotwin_units::Ms;
-use serde::{Deserialize, Serialize};
+use cardiotwin_vector_math::Number;
 
-/// Parameters of [`Rice2008`] with the paper's names (Jung 2022, Table A4).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Rice2008Parameters {
-    /// Resting calcium Ca_res \[µM\].
-    pub ca_res_um: f64,
-    /// Peak calcium Ca_max \[µM\].
-    pub ca_max_um: f64,
-    /// Rise time constant τ_CR \[ms\].
-    pub tau_cr_ms: f64,
-    /// Decay time constant τ_CD \[ms\].
-    pub tau_cd_ms: f64,
+parameters! {
+    /// Parameters of [`Rice2008`] with the paper's names (Jung 2022, Table A4).
+    pub struct Rice2008Parameters, "Jung 2022, Table A4" {
+        /// Resting calcium Ca_res \[µM\].
+        ca_res_um: "Ca_res", "Ca_res_uM", "uM", 0.15, Positive, Some([0.075, 0.225]);
+        /// Peak calcium Ca_max \[µM\].
+        ca_max_um: "Ca_max", "Ca_max_uM", "uM", 0.6, Positive, Some([0.3, 0.9]);
+        /// Rise time constant τ_CR \[ms\].
+        tau_cr_ms: "tau_CR", "tau_CR_ms", "ms", 129.0, Positive, Some([64.5, 192.5]);
+        /// Decay time constant τ_CD \[ms\].
+        tau_cd_ms: "tau_CD", "tau_CD_ms", "ms", 128.0, Positive, Some([64.0, 192.0]);
+    }
 }
 
-impl Default for Rice2008Parameters {
-    /// Jung 2022, Table A4.
-    fn default() -> Self {
+/// Rice's transient normalised to a peak of one, `K e^{−a s} (1 − e^{−2 d s})` with s the time since activation, a the
+/// smaller rate and 2d the rates' distance: symmetric in the two time constants and free of cancellation. At d → 0 it is the
+/// limit `(s/τ) e^{1 − s/τ}`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rice2008Shape {
+    /// Smaller rate 1/max(τ) \[1/ms\]; the mean of the two in the limit.
+    pub slow_per_ms: f64,
+    /// Difference of the rates, 2d \[1/ms\]; zero selects the limit.
+    pub gap_per_ms: f64,
+    /// Normalisation K: dimensionless, or \[1/ms\] in the limit.
+    pub scale: f64,
+    /// Time of the peak \[ms\].
+    pub peak_ms: f64,
+}
+
+impl Rice2008Shape {
+    /// The shape for two positive time constants \[ms\], with the limit where d is less than `equal_rates` of the rates' mean.
+    /// What the limit leaves out is of order (d s)²/6.
+    #[must_use]
+    pub fn new(tau_cr_ms: f64, tau_cd_ms: f64, equal_rates: f64) -> Self {
+        let slow = 1.0 / tau_cr_ms.max(tau_cd_ms);
+        // The gap is taken from the time constants, exact for neighbours, not from two rounded rates.
+        let gap = (tau_cr_ms - tau_cd_ms).abs() / (tau_cr_ms * tau_cd_ms);
+        let (mean, half) = (slow + 0.5 * gap, 0.5 * gap);
+        let ratio = half / mean;
+        let (slow_per_ms, gap_per_ms, peak_ms, scale) = if ratio < equal_rates {
+            (mean, 0.0, 1.0 / mean, mean * std::f64::consts::E)
+        } else {
+            let peak = ratio.atanh() / half;
+            (
+                slow,
+                gap,
+                peak,
+                (slow * peak).exp() / -(-gap * peak).exp_m1(),
+            )
+        };
         Self {
-            ca_res_um: 0.15,
-            ca_max_um: 0.6,
-            tau_cr_ms: 129.0,
-            tau_cd_ms: 128.0,
+            slow_per_ms,
+            gap_per_ms,
+            scale,
+            peak_ms,
+        }
+    }
+
+    /// Value at a time \[ms\] since activation that is not negative: 0 at activation, 1 at the peak.
+    #[inline(always)]
+    pub fn value<T: Number>(&self, s: T) -> T {
+        let envelope = T::of(self.scale) * (T::of(-self.slow_per_ms) * s).exp();
+        if self.gap_per_ms == 0.0 {
+            T::of(self.scale) * s * (T::of(-self.slow_per_ms) * s).exp()
+        } else {
+            envelope * -(T::of(-self.gap_per_ms) * s).exp_m1()
+        }
+    }
+
+    /// Value and slope together.
+    #[inline]
+    fn value_and_slope(&self, s: f64) -> (f64, f64) {
+        let envelope = self.scale * (-self.slow_per_ms * s).exp();
+        if self.gap_per_ms == 0.0 {
+            (envelope * s, envelope * (1.0 - self.slow_per_ms * s))
+        } else {
+            let m = (-self.gap_per_ms * s).exp_m1();
+            (
+                -envelope * m,
+                envelope * (self.slow_per_ms * m + self.gap_per_ms * (m + 1.0)),
+            )
         }
     }
 }
 
 /// The transient, `Ca_res + (Ca_max − Ca_res) · shape(s)`, s the time since activation, with a peak of exactly Ca_max.
-///
-/// The difference of two exponentials is evaluated as `e^{−a s} (1 − e^{−2 d s}) · K`, a the smaller rate and 2d the rates'
-/// distance: symmetric in the two constants and free of cancellation; at d → 0 it is the limit `(s/τ) e^{1 − s/τ}`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rice2008 {
     parameters: Rice2008Parameters,
-    /// Smaller rate 1/max(τ) \[1/ms\]; the mean of the two in the limit.
-    slow_per_ms: f64,
-    /// Difference of the rates, 2d \[1/ms\]; zero selects the limit.
-    gap_per_ms: f64,
-    /// Normalisation K, so that the peak is one.
-    scale: f64,
-    peak_ms: f64,
+    shape: Rice2008Shape,
 }
 
-/// Below this relative distance of the rates the limit is exact to round-off: the next term is of order (d s)²/6.
+/// Below this relative distance of the rates the limit is exact to round-off.
 const EQUAL_RATES: f64 = 1e-9;
 
 impl Rice2008 {
@@ -74,28 +126,9 @@ impl Rice2008 {
                 ca_max_um,
             });
         }
-        let slow = 1.0 / tau_cr_ms.max(tau_cd_ms);
-        // The gap is taken from the time constants, exact for neighbours, not from two rounded rates.
-        let gap = (tau_cr_ms - tau_cd_ms).abs() / (tau_cr_ms * tau_cd_ms);
-        let (mean, half) = (slow + 0.5 * gap, 0.5 * gap);
-        let ratio = half / mean;
-        let (slow_per_ms, gap_per_ms, peak_ms, scale) = if ratio < EQUAL_RATES {
-            (mean, 0.0, 1.0 / mean, mean * std::f64::consts::E)
-        } else {
-            let peak = ratio.atanh() / half;
-            (
-                slow,
-                gap,
-                peak,
-                (slow * peak).exp() / -(-gap * peak).exp_m1(),
-            )
-        };
         Ok(Self {
             parameters,
-            slow_per_ms,
-            gap_per_ms,
-            scale,
-            peak_ms,
+            shape: Rice2008Shape::new(tau_cr_ms, tau_cd_ms, EQUAL_RATES),
         })
     }
 
@@ -108,32 +141,7 @@ impl Rice2008 {
     /// Time of the peak after activation, `ln(τ1/τ2) τ1 τ2/(τ1 − τ2)`.
     #[must_use]
     pub fn time_of_peak(&self) -> Ms {
-        Ms(self.peak_ms)
-    }
-
-    /// Normalised transient, 0 at activation and 1 at the peak; `s` in ms, not negative.
-    #[inline]
-    fn shape(&self, s: f64) -> f64 {
-        if self.gap_per_ms == 0.0 {
-            self.scale * s * (-self.slow_per_ms * s).exp()
-        } else {
-            self.scale * (-self.slow_per_ms * s).exp() * -(-self.gap_per_ms * s).exp_m1()
-        }
-    }
-
-    /// Value and slope of the normalised transient together.
-    #[inline]
-    fn shape_and_slope(&self, s: f64) -> (f64, f64) {
-        let envelope = self.scale * (-self.slow_per_ms * s).exp();
-        if self.gap_per_ms == 0.0 {
-            (envelope * s, envelope * (1.0 - self.slow_per_ms * s))
-        } else {
-            let m = (-self.gap_per_ms * s).exp_m1();
-            (
-                -envelope * m,
-                envelope * (self.slow_per_ms * m + self.gap_per_ms * (m + 1.0)),
-            )
-        }
+        Ms(self.shape.peak_ms)
     }
 
     /// Time from activation until the transient has decayed by `fraction` of its amplitude, from the analytic curve and
@@ -144,10 +152,10 @@ impl Rice2008 {
     pub fn decay_time(&self, fraction: f64) -> Result<Ms, RootError> {
         let level = 1.0 - fraction;
         // The slow exponential alone bounds the decay from above.
-        let bound = self.peak_ms + 60.0 / self.slow_per_ms;
-        let guess = self.peak_ms + (1.0 + fraction) / self.slow_per_ms;
-        increasing_root(self.peak_ms, bound, guess, 1e-10, |s| {
-            let (shape, slope) = self.shape_and_slope(s);
+        let bound = self.shape.peak_ms + 60.0 / self.shape.slow_per_ms;
+        let guess = self.shape.peak_ms + (1.0 + fraction) / self.shape.slow_per_ms;
+        increasing_root(self.shape.peak_ms, bound, guess, 1e-10, |s| {
+            let (shape, slope) = self.shape.value_and_slope(s);
             (level - shape, -slope)
         })
         .map(Ms)
@@ -164,7 +172,7 @@ impl Calcium for Rice2008 {
         if since_activation_ms < 0.0 {
             ca_res_um
         } else {
-            ca_res_um + (ca_max_um - ca_res_um) * self.shape(since_activation_ms)
+            ca_res_um + (ca_max_um - ca_res_um) * self.shape.value(since_activation_ms)
         }
     }
 
@@ -178,7 +186,7 @@ impl Calcium for Rice2008 {
         if since_activation_ms < 0.0 {
             return (ca_res_um, 0.0);
         }
-        let (shape, slope) = self.shape_and_slope(since_activation_ms);
+        let (shape, slope) = self.shape.value_and_slope(since_activation_ms);
         (
             ca_res_um + (ca_max_um - ca_res_um) * shape,
             (ca_max_um - ca_res_um) * slope,
@@ -189,6 +197,7 @@ impl Calcium for Rice2008 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cardiotwin_vector_math::Dual;
     use proptest::prelude::*;
 
     fn rice(tau_cr_ms: f64, tau_cd_ms: f64) -> Rice2008 {
@@ -311,11 +320,11 @@ mod tests {
         }
 
         #[test]
-        fn rate_is_the_slope(a in 20.0..200.0f64, b in 20.0..200.0f64, s in 1.0..1000.0f64) {
-            let ca = rice(a, b);
-            let h = 1e-3;
-            let slope = (ca.concentration_um(s + h) - ca.concentration_um(s - h)) / (2.0 * h);
-            prop_assert!((slope - ca.value_and_rate(s).1).abs() < 1e-9);
+        fn slope_is_that_of_the_shape(a in 20.0..200.0f64, b in 20.0..200.0f64, s in 0.0..1000.0f64) {
+            let shape = rice(a, b).shape;
+            let dual = shape.value(Dual { v: s, d: 1.0 });
+            let (value, slope) = shape.value_and_slope(s);
+            prop_assert!((value - dual.v).abs() < 1e-14 && (slope - dual.d).abs() < 1e-15, "{:?} {} {}", dual, value, slope);
         }
 
         #[test]

@@ -5,6 +5,7 @@ use crate::calcium::{Calcium, CalciumError, Rice2008, Rice2008Parameters, Sample
 use crate::contraction::{ContractionError, Land2017, Land2017Parameters};
 use crate::roots::RootError;
 use cardiotwin_units::{Kpa, MicroMolar, Ms, Stretch};
+use cardiotwin_vector_math::Number;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -193,7 +194,9 @@ impl Cell0d {
         let bad = own
             .into_iter()
             .find(|(_, value)| !(*value > 0.0 && value.is_finite()));
-        if let Some((name, value)) = bad.or(parameters.passive.first_bad()) {
+        let passive = parameters.passive.first_outside();
+        let passive = passive.map(|(parameter, value)| (parameter.symbol, value));
+        if let Some((name, value)) = bad.or(passive) {
             return Err(CellError::Parameter { name, value });
         }
         let calcium = match &parameters.calcium {
@@ -246,6 +249,15 @@ impl Cell0d {
     #[must_use]
     pub fn land(&self) -> &Land2017 {
         &self.land
+    }
+
+    /// The cell's equations over any number: rates of CaTRPN, B, W, S, z_W = ζ_W − A λ, z_S = ζ_S − A λ and C_V \[1/ms\], then
+    /// Sa + S_p \[kPa\], which the stretch λ, the last entry of `y`, makes zero.
+    ///
+    /// - `ca_um`: calcium \[µM\]; `y`: the seven states and the stretch
+    #[must_use]
+    pub fn equations<T: Number>(&self, ca_um: T, y: &[T; 8]) -> [T; 8] {
+        self.system().equations(ca_um, y)
     }
 
     pub(crate) fn system(&self) -> super::system::System<'_> {

@@ -21,11 +21,11 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
     let balance = |lambda: f64| {
         let c = lambda / system.lambda0 - 1.0;
         let passive = system.passive.stress(c, c);
-        let (h, dh) = land.overlap(lambda);
+        let (h, dh) = (land.overlap(lambda), land.overlap_slope(lambda));
         match steady(lambda) {
             Ok(state) => {
                 // The slope leaves out what Ca50 adds: it only costs an iteration or a bisection.
-                let pull = land.stress_scale * state[3];
+                let pull = land.k.stress_scale * state[3];
                 let slope = dh * pull
                     + (passive.dsp_dstrain_kpa - system.passive.a_p_kpa * system.passive.k)
                         / system.lambda0;
@@ -55,7 +55,7 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
         (Ok(lambda), None) => lambda,
     };
     let [trpn, b, w, s, ..] = steady(lambda)?;
-    let z = -land.a * lambda;
+    let z = -land.k.a * lambda;
     Ok([trpn, b, w, s, z, z, lambda / system.lambda0 - 1.0, lambda])
 }
 
@@ -70,11 +70,11 @@ pub(crate) fn balance_stretch(system: &System<'_>, y: &mut Vector) -> Result<(),
         TOLERANCE,
         |lambda| {
             let passive = system.passive.stress(lambda / system.lambda0 - 1.0, cv);
-            let (h, dh) = land.overlap(lambda);
-            let pull = (z_s + land.a * lambda + 1.0) * s + (z_w + land.a * lambda) * w;
+            let (h, dh) = (land.overlap(lambda), land.overlap_slope(lambda));
+            let pull = (z_s + land.k.a * lambda + 1.0) * s + (z_w + land.k.a * lambda) * w;
             (
-                land.stress_scale * h * pull + passive.sp_kpa,
-                land.stress_scale * (dh * pull + h * land.a * (w + s))
+                land.k.stress_scale * h * pull + passive.sp_kpa,
+                land.k.stress_scale * (dh * pull + h * land.k.a * (w + s))
                     + passive.dsp_dstrain_kpa / system.lambda0,
             )
         },

@@ -1,77 +1,56 @@
 //! Land passive stress of the 0D cell: an exponential spring beside a spring and dashpot in series (Jung 2022, eqs. A11-A15).
 
-use serde::{Deserialize, Serialize};
+use crate::parameter::parameters;
+use cardiotwin_vector_math::Number;
 
-/// Parameters of the passive element with the paper's names (Jung 2022, Table A3).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct LandPassiveParameters {
-    /// Stiffness a_p \[kPa\].
-    pub a_p_kpa: f64,
-    /// Exponent b.
-    pub b: f64,
-    /// Stiffness of the series spring relative to a_p, k.
-    pub k: f64,
-    /// Dashpot time constant on lengthening η_l \[ms\].
-    pub eta_l_ms: f64,
-    /// Dashpot time constant on shortening η_s \[ms\].
-    pub eta_s_ms: f64,
-}
-
-impl Default for LandPassiveParameters {
-    /// Jung 2022, Table A3, with the a_p of the sensitivity analysis.
-    fn default() -> Self {
-        Self {
-            a_p_kpa: 42.0,
-            b: 9.1,
-            k: 7.0,
-            eta_l_ms: 200.0,
-            eta_s_ms: 20.0,
-        }
+parameters! {
+    /// Parameters of the passive element with the paper's names (Jung 2022, Table A3).
+    pub struct LandPassiveParameters,
+        "Jung 2022, Table A3; a_p of the sensitivity analysis, because a cell in the organ's place collapses with the table's \
+         2.1 kPa of isolated tissue" {
+        /// Stiffness a_p \[kPa\].
+        a_p_kpa: "a_p", "a_p_kPa", "kPa", 42.0, Positive, Some([1.0, 100.0]);
+        /// Exponent b.
+        b: "b", "b", "", 9.1, Positive, None;
+        /// Stiffness of the series spring relative to a_p, k.
+        k: "k", "k", "", 7.0, Positive, None;
+        /// Dashpot time constant on lengthening η_l \[ms\].
+        eta_l_ms: "eta_l", "eta_l_ms", "ms", 200.0, Positive, None;
+        /// Dashpot time constant on shortening η_s \[ms\].
+        eta_s_ms: "eta_s", "eta_s_ms", "ms", 20.0, Positive, None;
     }
 }
 
 /// Passive stress and its slopes at one state.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct PassiveStress {
+pub(crate) struct PassiveStress<T = f64> {
     /// S_p = a_p (e^{bC} − 1) + a_p k C_S \[kPa\].
-    pub sp_kpa: f64,
+    pub sp_kpa: T,
     /// Slope with respect to the total strain C \[kPa\].
-    pub dsp_dstrain_kpa: f64,
+    pub dsp_dstrain_kpa: T,
     /// Rate of the dashpot strain C_V \[1/ms\].
-    pub cv_rate_per_ms: f64,
+    pub cv_rate_per_ms: T,
     /// k/η \[1/ms\]: slope of that rate with C, and minus its slope with C_V.
-    pub cv_stiffness_per_ms: f64,
+    pub cv_stiffness_per_ms: T,
 }
 
 impl LandPassiveParameters {
-    /// Name and value of the first parameter that is not positive and finite.
-    pub(crate) fn first_bad(&self) -> Option<(&'static str, f64)> {
-        [
-            ("a_p", self.a_p_kpa),
-            ("b", self.b),
-            ("k", self.k),
-            ("eta_l", self.eta_l_ms),
-            ("eta_s", self.eta_s_ms),
-        ]
-        .into_iter()
-        .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
-    }
-
-    /// Stress at total strain `c` and dashpot strain `cv`, both dimensionless.
-    #[inline]
-    pub(crate) fn stress(&self, c: f64, cv: f64) -> PassiveStress {
+    /// Stress at total strain `c` and dashpot strain `cv`, both dimensionless, over any number.
+    #[inline(always)]
+    pub(crate) fn stress<T: Number>(&self, c: T, cv: T) -> PassiveStress<T> {
+        let of = T::of;
         // The exponent is limited so that a wild trial stage gives a large number, not an infinite one.
-        let exponential = (self.b * c).min(200.0).exp();
+        let exponential = (of(self.b) * c).min(of(200.0)).exp();
         let cs = c - cv;
-        let eta = if cs > 0.0 {
+        let eta = if of(0.0).is_below(cs) {
             self.eta_l_ms
         } else {
             self.eta_s_ms
         };
-        let stiffness = self.k / eta;
+        let stiffness = of(self.k / eta);
         PassiveStress {
-            sp_kpa: self.a_p_kpa * (exponential - 1.0 + self.k * cs),
-            dsp_dstrain_kpa: self.a_p_kpa * (self.b * exponential + self.k),
+            sp_kpa: of(self.a_p_kpa) * (exponential - of(1.0) + of(self.k) * cs),
+            dsp_dstrain_kpa: of(self.a_p_kpa) * (of(self.b) * exponential + of(self.k)),
             cv_rate_per_ms: stiffness * cs,
             cv_stiffness_per_ms: stiffness,
         }

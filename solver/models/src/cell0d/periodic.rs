@@ -16,7 +16,7 @@ const SHORTEST_STEP_MS: f64 = 1e-8;
 /// Public state of an unknown vector.
 pub(super) fn to_state(land: &Land2017, y: &Vector) -> CellState {
     let lambda = y[LAMBDA];
-    let zeta = land.a * lambda;
+    let zeta = land.k.a * lambda;
     CellState {
         land: [y[0], y[1], y[2], y[3], y[4] + zeta, y[5] + zeta],
         c_v: y[6],
@@ -112,8 +112,8 @@ fn prepare_grid(cell: &Cell0d, beat: &mut CellBeat) {
 /// Change of the states over a beat, the distortions as ζ rather than z.
 fn difference(cell: &Cell0d, start: &Vector, end: &Vector) -> Vector {
     let mut change: Vector = std::array::from_fn(|i| end[i] - start[i]);
-    change[4] += cell.land.a * change[LAMBDA];
-    change[5] += cell.land.a * change[LAMBDA];
+    change[4] += cell.land.k.a * change[LAMBDA];
+    change[5] += cell.land.k.a * change[LAMBDA];
     change
 }
 
@@ -145,7 +145,7 @@ fn extrapolate(
         return None;
     }
     let factor = ratio / (1.0 - ratio);
-    let a = system.land.a;
+    let a = system.land.k.a;
     let mut better: Vector = std::array::from_fn(|i| {
         let own = change[i]
             - if i == 4 || i == 5 {

@@ -4,7 +4,6 @@
 //! numbers and a step can be tried again. Another cell model is one file that implements [`Contraction`].
 
 pub mod land2017;
-mod land2017_step;
 mod reference;
 pub mod tanh;
 

@@ -1,43 +1,29 @@
 //! Tanh active stress (Jung 2022, eqs. A1-A3; Niederer 2011 in CARPentry): a function of time since activation and stretch.
 
 use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use crate::parameter::parameters;
 use cardiotwin_units::{Kpa, Ms, Stretch};
-use serde::{Deserialize, Serialize};
+use cardiotwin_vector_math::Number;
 
-/// Parameters of [`Tanh`] with the paper's names (Jung 2022, Table A1).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct TanhParameters {
-    /// Reference peak stress Smax_ref \[kPa\].
-    pub smax_ref_kpa: f64,
-    /// Reference time constant of the rise τ_SR_ref \[ms\].
-    pub tau_sr_ref_ms: f64,
-    /// Time constant of the decay τ_SD \[ms\].
-    pub tau_sd_ms: f64,
-    /// Duration of the contraction and relaxation t_CR \[ms\].
-    pub t_cr_ms: f64,
-    /// Electromechanical delay t_emd \[ms\].
-    pub t_emd_ms: f64,
-    /// Length dependence of the rise a4 \[ms\].
-    pub a4_ms: f64,
-    /// Slope of the length dependence a6.
-    pub a6: f64,
-    /// Stretch below which no stress is made a7.
-    pub a7: f64,
-}
-
-impl Default for TanhParameters {
-    /// Jung 2022, Table A1.
-    fn default() -> Self {
-        Self {
-            smax_ref_kpa: 100.0,
-            tau_sr_ref_ms: 40.0,
-            tau_sd_ms: 110.0,
-            t_cr_ms: 550.0,
-            t_emd_ms: 15.0,
-            a4_ms: 500.0,
-            a6: 5.0,
-            a7: 0.7,
-        }
+parameters! {
+    /// Parameters of [`Tanh`] with the paper's names (Jung 2022, Table A1).
+    pub struct TanhParameters, "Jung 2022, Table A1" {
+        /// Reference peak stress Smax_ref \[kPa\].
+        smax_ref_kpa: "Smax_ref", "Smax_ref_kPa", "kPa", 100.0, Positive, None;
+        /// Reference time constant of the rise τ_SR_ref \[ms\].
+        tau_sr_ref_ms: "tau_SR_ref", "tau_SR_ref_ms", "ms", 40.0, Positive, None;
+        /// Time constant of the decay τ_SD \[ms\].
+        tau_sd_ms: "tau_SD", "tau_SD_ms", "ms", 110.0, Positive, None;
+        /// Duration of the contraction and relaxation t_CR \[ms\].
+        t_cr_ms: "t_CR", "t_CR_ms", "ms", 550.0, Positive, None;
+        /// Electromechanical delay t_emd \[ms\].
+        t_emd_ms: "t_emd", "t_emd_ms", "ms", 15.0, NotNegative, None;
+        /// Length dependence of the rise a4 \[ms\].
+        a4_ms: "a4", "a4_ms", "ms", 500.0, NotNegative, None;
+        /// Slope of the length dependence a6.
+        a6: "a6", "a6", "", 5.0, Positive, None;
+        /// Stretch below which no stress is made a7.
+        a7: "a7", "a7", "", 0.7, NotNegative, None;
     }
 }
 
@@ -57,13 +43,14 @@ struct Length {
     dtau_sr_ms: f64,
 }
 
-/// Square of tanh from `decay = e^{−2x}`, x ≥ 0, and `x · d(tanh²)/dx` up to that x: (tanh², 2 tanh sech²).
+/// Square of tanh from `decay = e^{−2x}`, x ≥ 0, and its derivative 2 tanh sech² with x.
 #[inline]
-fn tanh_squared(decay: f64) -> (f64, f64) {
-    let inverse = 1.0 / (1.0 + decay);
-    let tanh = (1.0 - decay) * inverse;
+fn tanh_squared<T: Number>(decay: T) -> (T, T) {
+    let one = T::of(1.0);
+    let inverse = one / (one + decay);
+    let tanh = (one - decay) * inverse;
     // sech² = 4 e^{−2x} / (1 + e^{−2x})²
-    (tanh * tanh, 8.0 * tanh * decay * inverse * inverse)
+    (tanh * tanh, T::of(8.0) * tanh * decay * inverse * inverse)
 }
 
 impl Tanh {
@@ -72,31 +59,12 @@ impl Tanh {
     /// # Errors
     /// [`ContractionError::Parameter`] for a stress or time constant that is not positive, or a negative a4.
     pub fn new(parameters: TanhParameters) -> Result<Self, ContractionError> {
-        let p = &parameters;
-        let positive = [
-            ("Smax_ref", p.smax_ref_kpa),
-            ("tau_SR_ref", p.tau_sr_ref_ms),
-            ("tau_SD", p.tau_sd_ms),
-            ("t_CR", p.t_cr_ms),
-            ("a6", p.a6),
-        ];
-        for (name, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter {
-                    name,
-                    value,
-                    expected: "positive",
-                });
-            }
-        }
-        for (name, value) in [("a4", p.a4_ms), ("t_emd", p.t_emd_ms), ("a7", p.a7)] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(ContractionError::Parameter {
-                    name,
-                    value,
-                    expected: "zero or more",
-                });
-            }
+        if let Some((parameter, value)) = parameters.first_outside() {
+            return Err(ContractionError::Parameter {
+                name: parameter.symbol,
+                value,
+                expected: parameter.domain.expected(),
+            });
         }
         Ok(Self { parameters })
     }
@@ -117,7 +85,50 @@ impl Tanh {
         lambda: Stretch,
     ) -> Result<Kpa, ContractionError> {
         let length = self.length(lambda.0)?;
-        Ok(Kpa(self.stress(since_activation.0, &length).sa_kpa))
+        let ts = since_activation.0 - self.parameters.t_emd_ms;
+        if !self.is_active(ts) {
+            return Ok(Kpa(0.0));
+        }
+        Ok(Kpa(self.stress_kpa(ts, (length.phi, length.tau_sr_ms))))
+    }
+
+    /// Whether there is stress `ts` after the delay \[ms\].
+    #[inline]
+    fn is_active(&self, ts: f64) -> bool {
+        ts > 0.0 && ts < self.parameters.t_cr_ms
+    }
+
+    /// Equations A1-A3 over any number: φ and τ_SR \[ms\] at a stretch.
+    #[inline]
+    fn phi_and_rise<T: Number>(&self, lambda: T) -> (T, T) {
+        let (p, of) = (&self.parameters, T::of);
+        // tanh from one exponential; what cancels near zero is of the order of round-off of one.
+        let exponential = (of(2.0 * p.a6) * (lambda - of(p.a7))).exp();
+        let phi = (of(1.0) - of(2.0) / (exponential + of(1.0))).max(of(0.0));
+        (phi, of(p.tau_sr_ref_ms) + of(p.a4_ms) * (of(1.0) - phi))
+    }
+
+    /// Equations A1-A3 over any number: active stress \[kPa\] at `ts` after the delay \[ms\], with φ and τ_SR \[ms\].
+    #[inline]
+    fn stress_kpa<T: Number>(&self, ts: T, (phi, tau_sr_ms): (T, T)) -> T {
+        let (rise, fall) = self.decays(ts, tau_sr_ms);
+        self.envelope(fall) * phi * tanh_squared(rise).0
+    }
+
+    /// `e^{−2 ts/τ_SR}` and `e^{−2 (t_CR − ts)/τ_SD}`.
+    #[inline]
+    fn decays<T: Number>(&self, ts: T, tau_sr_ms: T) -> (T, T) {
+        let (p, of) = (&self.parameters, T::of);
+        (
+            (of(-2.0) * ts / tau_sr_ms).exp(),
+            (of(-2.0) * (of(p.t_cr_ms) - ts) / of(p.tau_sd_ms)).exp(),
+        )
+    }
+
+    /// Smax_ref tanh² of the fall \[kPa\].
+    #[inline]
+    fn envelope<T: Number>(&self, fall: T) -> T {
+        T::of(self.parameters.smax_ref_kpa) * tanh_squared(fall).0
     }
 
     fn length(&self, lambda: f64) -> Result<Length, ContractionError> {
@@ -125,17 +136,16 @@ impl Tanh {
             return Err(ContractionError::Stretch { lambda });
         }
         let p = &self.parameters;
-        // tanh from one exponential; what cancels near zero is of the order of round-off of one.
-        let raw = 1.0 - 2.0 / ((2.0 * p.a6 * (lambda - p.a7)).exp() + 1.0);
-        let (phi, dphi) = if raw > 0.0 {
-            (raw, p.a6 * (1.0 - raw * raw))
+        let (phi, tau_sr_ms) = self.phi_and_rise(lambda);
+        let dphi = if phi > 0.0 {
+            p.a6 * (1.0 - phi * phi)
         } else {
-            (0.0, 0.0)
+            0.0
         };
         Ok(Length {
             phi,
             dphi,
-            tau_sr_ms: p.tau_sr_ref_ms + p.a4_ms * (1.0 - phi),
+            tau_sr_ms,
             dtau_sr_ms: -p.a4_ms * dphi,
         })
     }
@@ -174,7 +184,7 @@ impl Tanh {
         let factor = -length.dtau_sr_ms / (length.tau_sr_ms * length.tau_sr_ms);
         for (chunk, times) in stress.rchunks_mut(4).zip(times.rchunks(4)) {
             for ((out, t), r) in chunk.iter_mut().zip(times).rev().zip(&mut rise) {
-                // As `combine`, with one division for both factors.
+                // As `stress`, with one division for both factors.
                 let fall = out.sa_kpa;
                 let inverse = 1.0 / ((1.0 + *r) * (1.0 + fall));
                 let tanh = (1.0 - *r) * (1.0 + fall) * inverse;
@@ -222,21 +232,13 @@ impl Tanh {
 
     #[inline]
     fn stress(&self, since_activation_ms: f64, length: &Length) -> ActiveStress {
-        let p = &self.parameters;
-        let ts = since_activation_ms - p.t_emd_ms;
-        if !(ts > 0.0 && ts < p.t_cr_ms) {
+        let ts = since_activation_ms - self.parameters.t_emd_ms;
+        if !self.is_active(ts) {
             return ActiveStress::default();
         }
-        let rise = (-2.0 * ts / length.tau_sr_ms).exp();
-        let fall = (-2.0 * (p.t_cr_ms - ts) / p.tau_sd_ms).exp();
-        self.combine(ts, rise, fall, length)
-    }
-
-    /// Stress from `rise = e^{−2 ts/τ_SR}` and `fall = e^{−2 (t_CR − ts)/τ_SD}`.
-    #[inline]
-    fn combine(&self, ts: f64, rise: f64, fall: f64, length: &Length) -> ActiveStress {
+        let (rise, fall) = self.decays(ts, length.tau_sr_ms);
         let (up, dup) = tanh_squared(rise);
-        let envelope = self.parameters.smax_ref_kpa * tanh_squared(fall).0;
+        let envelope = self.envelope(fall);
         let dx = -ts / (length.tau_sr_ms * length.tau_sr_ms) * length.dtau_sr_ms;
         ActiveStress {
             sa_kpa: envelope * length.phi * up,
@@ -315,6 +317,7 @@ impl Contraction for Tanh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cardiotwin_vector_math::Dual;
     use proptest::prelude::*;
 
     fn at(p: TanhParameters, t: f64, lambda: f64) -> ActiveStress {
@@ -415,10 +418,12 @@ mod tests {
         #[test]
         fn tangent_is_the_slope(t in 16.0..560.0f64, lambda in 0.71..1.2f64, tau in 0.5..80.0f64, a4 in 0.0..600.0f64) {
             let p = TanhParameters { tau_sr_ref_ms: tau, a4_ms: a4, ..Default::default() };
-            let h = 1e-6;
-            let slope = (at(p, t, lambda + h).sa_kpa - at(p, t, lambda - h).sa_kpa) / (2.0 * h);
-            let tangent = at(p, t, lambda).dsa_dlambda_kpa;
-            prop_assert!((slope - tangent).abs() < 1e-5 * (1.0 + tangent.abs()), "{slope} {tangent}");
+            let cell = Tanh::new(p).unwrap();
+            let length = cell.phi_and_rise(Dual { v: lambda, d: 1.0 });
+            let stress = cell.stress_kpa(Dual::of(t - p.t_emd_ms), length);
+            let got = at(p, t, lambda);
+            prop_assert_eq!(got.sa_kpa, stress.v);
+            prop_assert!((got.dsa_dlambda_kpa - stress.d).abs() < 1e-11 * (1.0 + stress.d.abs()), "{got:?} {stress:?}");
         }
 
         #[test]

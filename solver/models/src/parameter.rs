@@ -1,0 +1,176 @@
+//! A model's parameters, each declared once: name, unit, default, admissible values, bounds and source.
+
+/// One parameter of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Symbol in the paper, in plain letters.
+    pub symbol: &'static str,
+    /// Name in files, which ends with the unit where there is one.
+    pub name: &'static str,
+    /// Unit; empty where there is none.
+    pub unit: &'static str,
+    /// Value where none is given.
+    pub default: f64,
+    /// What the equations admit.
+    pub domain: Domain,
+    /// Lower and upper bound of fits and sweeps (Jung 2022, Table A5), where there are any.
+    pub bounds: Option<[f64; 2]>,
+    /// Where the default comes from.
+    pub source: &'static str,
+}
+
+/// Values that a model's equations admit for a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Domain {
+    /// Above zero.
+    Positive,
+    /// Zero or more.
+    NotNegative,
+    /// Between 0 and 1, both excluded.
+    Fraction,
+    /// Any finite number.
+    Finite,
+}
+
+impl Domain {
+    /// Whether `value` is finite and admitted.
+    #[must_use]
+    pub fn contains(self, value: f64) -> bool {
+        value.is_finite()
+            && match self {
+                Self::Positive => value > 0.0,
+                Self::NotNegative => value >= 0.0,
+                Self::Fraction => value > 0.0 && value < 1.0,
+                Self::Finite => true,
+            }
+    }
+
+    /// The domain in words, after "must be".
+    #[must_use]
+    pub fn expected(self) -> &'static str {
+        match self {
+            Self::Positive => "positive",
+            Self::NotNegative => "zero or more",
+            Self::Fraction => "between 0 and 1",
+            Self::Finite => "finite",
+        }
+    }
+}
+
+/// Declares the struct of a model's parameters with its table: for each field symbol, name in files, unit, default, domain
+/// and bounds. Switches are further fields, off by default, that are no numbers.
+macro_rules! parameters {
+    (
+        $(#[$doc:meta])*
+        pub struct $name:ident, $source:literal {
+            $(
+                $(#[$field_doc:meta])*
+                $field:ident: $symbol:literal, $file:literal, $unit:literal, $default:literal, $domain:ident, $bounds:expr;
+            )+
+        }
+        $(switches { $( $(#[$switch_doc:meta])* $switch:ident; )+ })?
+    ) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+        pub struct $name {
+            $( $(#[$field_doc])* pub $field: f64, )+
+            $($( $(#[$switch_doc])* #[serde(default)] pub $switch: bool, )+)?
+        }
+
+        impl Default for $name {
+            #[doc = concat!($source, ".")]
+            fn default() -> Self {
+                Self {
+                    $( $field: $default, )+
+                    $($( $switch: false, )+)?
+                }
+            }
+        }
+
+        impl $name {
+            /// Every parameter, in the order of the fields.
+            pub const TABLE: [$crate::parameter::Parameter; [$($symbol),+].len()] = [
+                $(
+                    $crate::parameter::Parameter {
+                        symbol: $symbol,
+                        name: $file,
+                        unit: $unit,
+                        default: $default,
+                        domain: $crate::parameter::Domain::$domain,
+                        bounds: $bounds,
+                        source: $source,
+                    },
+                )+
+            ];
+
+            /// The numbers in the order of [`Self::TABLE`].
+            #[must_use]
+            pub fn values(&self) -> [f64; Self::TABLE.len()] {
+                [$(self.$field),+]
+            }
+
+            /// From numbers in the order of [`Self::TABLE`]; switches are off.
+            #[must_use]
+            pub fn from_values(values: [f64; Self::TABLE.len()]) -> Self {
+                let [$($field),+] = values;
+                Self {
+                    $($field,)+
+                    $($( $switch: false, )+)?
+                }
+            }
+
+            /// The first parameter that its domain does not admit, with its value.
+            #[must_use]
+            pub fn first_outside(&self) -> Option<(&'static $crate::parameter::Parameter, f64)> {
+                static TABLE: [$crate::parameter::Parameter; $name::TABLE.len()] = $name::TABLE;
+                TABLE
+                    .iter()
+                    .zip(self.values())
+                    .find(|(parameter, value)| !parameter.domain.contains(*value))
+            }
+        }
+    };
+}
+
+pub(crate) use parameters;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell0d::{CELL_PARAMETERS, LandPassiveParameters};
+    use crate::contraction::{Land2017Parameters, TanhParameters};
+
+    #[test]
+    fn domains_admit_what_they_say() {
+        for value in [f64::NAN, f64::INFINITY] {
+            assert!(!Domain::Finite.contains(value), "{value}");
+        }
+        assert!(!Domain::Positive.contains(0.0) && Domain::NotNegative.contains(0.0));
+        assert!(!Domain::Fraction.contains(1.0) && Domain::Fraction.contains(0.5));
+        assert!(Domain::Finite.contains(-2.4) && !Domain::NotNegative.contains(-2.4));
+    }
+
+    #[test]
+    fn defaults_lie_in_their_domain_and_bounds() {
+        let passive = LandPassiveParameters::TABLE;
+        let tanh = TanhParameters::TABLE;
+        for p in CELL_PARAMETERS.iter().chain(&passive).chain(&tanh) {
+            assert!(p.domain.contains(p.default), "{p:?}");
+            if let Some([low, high]) = p.bounds {
+                assert!(low <= p.default && p.default <= high, "{p:?}");
+            }
+            let unit = p.unit.replace("1/", "per_").replace('µ', "u");
+            assert!(p.name.ends_with(&unit), "{p:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_return_in_the_order_of_the_table() {
+        let values = std::array::from_fn(|i| i as f64);
+        let p = Land2017Parameters::from_values(values);
+        assert_eq!(p.values(), values);
+        assert_eq!((p.k_trpn_per_ms, p.smax_ref_kpa), (0.0, 16.0));
+        let (parameter, value) = p.first_outside().unwrap();
+        assert_eq!((parameter.symbol, value), ("k_TRPN", 0.0));
+    }
+}

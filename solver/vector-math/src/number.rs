@@ -1,0 +1,301 @@
+//! Numbers that a model's equations are written over once: `f64`, `f32`, a lane of a SIMD vector, and a dual number.
+
+use std::fmt::Debug;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use crate::{exp, fma, ln_ratio};
+
+/// What a model's equations need of a number.
+pub trait Number:
+    Copy
+    + Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// A constant.
+    fn of(x: f64) -> Self;
+
+    /// `self · a + b`, fused in lanes that ask for it.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+
+    /// Exponential.
+    fn exp(self) -> Self;
+
+    /// eˣ − 1.
+    fn exp_m1(self) -> Self;
+
+    /// ln(self/other) of two positive numbers.
+    fn ln_ratio(self, other: Self) -> Self;
+
+    /// Absolute value.
+    fn abs(self) -> Self;
+
+    /// Whether `self < other`; false when either is not a number.
+    fn is_below(self, other: Self) -> bool;
+
+    /// The smaller of two; the second when either is not a number.
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self.is_below(other) { self } else { other }
+    }
+
+    /// The larger of two; the second when either is not a number.
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if other.is_below(self) { self } else { other }
+    }
+}
+
+macro_rules! scalar {
+    ($number:ident) => {
+        impl Number for $number {
+            #[inline(always)]
+            fn of(x: f64) -> Self {
+                x as $number
+            }
+            #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                self * a + b
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                $number::exp(self)
+            }
+            #[inline(always)]
+            fn exp_m1(self) -> Self {
+                $number::exp_m1(self)
+            }
+            #[inline(always)]
+            fn ln_ratio(self, other: Self) -> Self {
+                (self / other).ln()
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                $number::abs(self)
+            }
+            #[inline(always)]
+            fn is_below(self, other: Self) -> bool {
+                self < other
+            }
+        }
+    };
+}
+scalar!(f64);
+scalar!(f32);
+
+/// A number whose functions have no calls and no branches, so that a loop over such numbers becomes vector code.
+/// `FMA` is as in [`exp`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(transparent)]
+pub struct Lane<const FMA: bool>(pub f64);
+
+/// A value and its derivative along one direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual<T = f64> {
+    /// Value.
+    pub v: T,
+    /// Derivative.
+    pub d: T,
+}
+
+macro_rules! lane_operator {
+    ($trait:ident, $method:ident) => {
+        impl<const FMA: bool> $trait for Lane<FMA> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(self.0.$method(other.0))
+            }
+        }
+    };
+}
+lane_operator!(Add, add);
+lane_operator!(Sub, sub);
+lane_operator!(Mul, mul);
+lane_operator!(Div, div);
+
+impl<const FMA: bool> Neg for Lane<FMA> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+impl<const FMA: bool> Number for Lane<FMA> {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        Self(x)
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Self(fma::<FMA>(self.0, a.0, b.0))
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        Self(exp::<FMA>(self.0))
+    }
+    /// Exact to round-off of one.
+    #[inline(always)]
+    fn exp_m1(self) -> Self {
+        Self(exp::<FMA>(self.0) - 1.0)
+    }
+    #[inline(always)]
+    fn ln_ratio(self, other: Self) -> Self {
+        Self(ln_ratio::<FMA>(self.0, other.0))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.abs())
+    }
+    #[inline(always)]
+    fn is_below(self, other: Self) -> bool {
+        self.0 < other.0
+    }
+}
+
+impl<T: Number> Add for Dual<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        Self {
+            v: self.v + o.v,
+            d: self.d + o.d,
+        }
+    }
+}
+
+impl<T: Number> Sub for Dual<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        Self {
+            v: self.v - o.v,
+            d: self.d - o.d,
+        }
+    }
+}
+
+impl<T: Number> Mul for Dual<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        Self {
+            v: self.v * o.v,
+            d: self.d * o.v + self.v * o.d,
+        }
+    }
+}
+
+impl<T: Number> Div for Dual<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, o: Self) -> Self {
+        let v = self.v / o.v;
+        Self {
+            v,
+            d: (self.d - v * o.d) / o.v,
+        }
+    }
+}
+
+impl<T: Number> Neg for Dual<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self {
+            v: -self.v,
+            d: -self.d,
+        }
+    }
+}
+
+/// Comparisons are those of the values; at a kink the derivative is that of the side that the comparison takes.
+impl<T: Number> Number for Dual<T> {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        Self {
+            v: T::of(x),
+            d: T::of(0.0),
+        }
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        let v = self.v.exp();
+        Self { v, d: v * self.d }
+    }
+    #[inline(always)]
+    fn exp_m1(self) -> Self {
+        Self {
+            v: self.v.exp_m1(),
+            d: self.v.exp() * self.d,
+        }
+    }
+    #[inline(always)]
+    fn ln_ratio(self, other: Self) -> Self {
+        Self {
+            v: self.v.ln_ratio(other.v),
+            d: self.d / self.v - other.d / other.v,
+        }
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        if self.v.is_below(T::of(0.0)) {
+            -self
+        } else {
+            self
+        }
+    }
+    #[inline(always)]
+    fn is_below(self, other: Self) -> bool {
+        self.v.is_below(other.v)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Every operation of the trait once, without a kink near 0.5 to 3.
+    fn expression<T: Number>(x: T) -> T {
+        let two = T::of(2.0);
+        let power = (x.ln_ratio(two) * T::of(1.7)).exp();
+        let bent = (-x).abs().max(T::of(0.1)).min(T::of(9.0));
+        (power - x / two).mul_add(bent, two + x.exp_m1() * x)
+    }
+
+    proptest! {
+        #[test]
+        fn all_numbers_compute_alike(x in 0.5..3.0f64) {
+            let exact = expression(x);
+            for lane in [expression(Lane::<true>(x)).0, expression(Lane::<false>(x)).0] {
+                prop_assert!((lane / exact - 1.0).abs() < 1e-14, "{} {}", lane, exact);
+            }
+            prop_assert!((f64::from(expression(x as f32)) / exact - 1.0).abs() < 1e-6);
+            prop_assert_eq!(expression(Dual { v: x, d: 1.0 }).v, exact);
+        }
+
+        #[test]
+        fn the_dual_part_is_the_slope(x in 0.5..3.0f64) {
+            let h = 1e-6;
+            let slope = (expression(x + h) - expression(x - h)) / (2.0 * h);
+            let dual = expression(Dual { v: x, d: 1.0 }).d;
+            prop_assert!((dual - slope).abs() < 1e-8 * (1.0 + slope.abs()), "{} {}", dual, slope);
+        }
+    }
+
+    #[test]
+    fn a_number_that_is_none_loses_every_comparison() {
+        let nan = f64::NAN;
+        assert!(!Number::is_below(nan, 1.0) && !Number::is_below(1.0, nan));
+        assert_eq!((Number::min(nan, 2.0), Number::max(nan, 2.0)), (2.0, 2.0));
+    }
+}
