@@ -75,12 +75,12 @@ impl System<'_> {
     pub fn equations<T: Number>(&self, ca_um: T, y: &[T; N]) -> [T; N] {
         let state = self.land_state(y);
         let terms = self.land.terms(&state, ca_um, y[LAMBDA]);
-        self.from_terms(&state, &terms, &self.passive_stress(y), y[LAMBDA])
+        self.rhs_of_terms(&state, &terms, &self.passive_stress(y), y[LAMBDA])
     }
 
     /// Right-hand side from its terms. The rate of the stretch is zero: z leaves it out of ζ.
     #[inline(always)]
-    fn from_terms<T: Number>(
+    fn rhs_of_terms<T: Number>(
         &self,
         state: &[T; 6],
         terms: &Terms<T>,
@@ -101,7 +101,7 @@ impl System<'_> {
         let terms = land.terms(&state, ca_um, lambda);
         let slopes = land.term_slopes(&state, &terms, lambda);
         let passive = self.passive_stress(y);
-        let rhs = self.from_terms(&state, &terms, &passive, lambda);
+        let rhs = self.rhs_of_terms(&state, &terms, &passive, lambda);
 
         let [trpn, b, w, s, zeta_w, zeta_s] = state;
         let Terms {
