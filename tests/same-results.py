@@ -83,10 +83,11 @@ def effect_cohort(out):
         text = patient.read_text().replace('"03-CoA"', f'"{folder.name}"')
         if folder.name in EFFECTS:
             parameter, strength = EFFECTS[folder.name]
-            model = f'[[effects]]\nname = "{folder.name}"\n[effects.parameters]\n{parameter} = {strength}\n'
-            (folder / "model.toml").write_text(model)
+            head = f'version = 1\npatient = "{folder.name}"\nwritten = "2026-01-01T00:00:00Z"\n[from]\nhand = "typical strength"\n'
+            effect = f'[[effects]]\nname = "{folder.name}"\n[effects.parameters]\n{parameter} = {strength}\n'
+            (folder / "model.toml").write_text(head + effect)
         patient.write_text(text)
-    (cohort / "cohort.toml").write_text('[cohort]\nname = "effects"\n')
+    (cohort / "cohort.toml").write_text('name = "effects"\n')
     return cohort
 
 
@@ -128,7 +129,8 @@ def numbers(file):
     try:
         yield from leaves(json.loads(text), "")
     except json.JSONDecodeError:
-        yield "text", text
+        # A table for people, with durations and paths; its numbers stand in the files, too.
+        return
 
 
 def difference(a, b):

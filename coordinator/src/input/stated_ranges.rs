@@ -32,7 +32,7 @@ fn visit(key: &str, value: &Value, schema: &Value, list: &mut Vec<Complaint>) {
                 let stated = schema
                     .get("properties")
                     .and_then(|properties| properties.get(name))
-                    .or_else(|| schema.get("additionalProperties"));
+                    .or_else(|| values_of(schema));
                 if let Some(stated) = stated {
                     visit(&below(name), field, stated, list);
                 }
@@ -45,6 +45,21 @@ fn visit(key: &str, value: &Value, schema: &Value, list: &mut Vec<Complaint>) {
         }
         _ => {}
     }
+}
+
+/// What the schema says of the values of a map; its keys are texts or, by one pattern, integers.
+fn values_of(schema: &Value) -> Option<&Value> {
+    let by_pattern = || {
+        schema
+            .get("patternProperties")?
+            .as_object()?
+            .values()
+            .next()
+    };
+    schema
+        .get("additionalProperties")
+        .filter(|values| values.is_object())
+        .or_else(by_pattern)
 }
 
 /// The definition behind a reference, also behind one that may be absent.
@@ -136,7 +151,7 @@ mod tests {
             };
             without_range(&below, field, list);
         }
-        if let Some(values) = of("additionalProperties").filter(|values| values.is_object()) {
+        if let Some(values) = values_of(schema) {
             without_range(&format!("{key}.NAME"), values, list);
         }
         let kinds = of("type").map(ToString::to_string).unwrap_or_default();
