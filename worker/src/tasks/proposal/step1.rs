@@ -66,7 +66,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         "no simulation of step 1 ended, nor does a beat of the one-fibre ventricle",
     ))?;
     Ok(TaskResult::Step1Proposal(Step1ProposalResult {
-        parameters: parameters,
+        parameters,
         predicted: proposal.biomarkers,
         predicted_cost: proposal.cost,
         predicted_misfit: proposal.misfit,
