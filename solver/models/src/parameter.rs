@@ -1,4 +1,4 @@
-//! A model's parameters, each declared once: name, unit, default, admissible values, bounds and source.
+//! A model's parameters, each declared once: name, unit, default, admissible values and source.
 
 /// One parameter of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,8 +13,6 @@ pub struct Parameter {
     pub default: f64,
     /// What the equations admit.
     pub domain: Domain,
-    /// Lower and upper bound of fits and sweeps (Jung 2022, Table A5), where there are any.
-    pub bounds: Option<[f64; 2]>,
     /// Where the default comes from.
     pub source: &'static str,
 }
@@ -57,15 +55,15 @@ impl Domain {
     }
 }
 
-/// Declares the struct of a model's parameters with its table: for each field symbol, name in files, unit, default, domain
-/// and bounds. Switches are further fields, off by default, that are no numbers.
+/// Declares the struct of a model's parameters with its table: for each field symbol, name in files, unit, default and
+/// domain. Switches are further fields, off by default, that are no numbers.
 macro_rules! parameters {
     (
         $(#[$doc:meta])*
         pub struct $name:ident, $source:literal {
             $(
                 $(#[$field_doc:meta])*
-                $field:ident: $symbol:literal, $file:literal, $unit:literal, $default:literal, $domain:ident, $bounds:expr;
+                $field:ident: $symbol:literal, $file:literal, $unit:literal, $default:literal, $domain:ident;
             )+
         }
         $(switches { $( $(#[$switch_doc:meta])* $switch:ident; )+ })?
@@ -97,7 +95,6 @@ macro_rules! parameters {
                         unit: $unit,
                         default: $default,
                         domain: $crate::parameter::Domain::$domain,
-                        bounds: $bounds,
                         source: $source,
                     },
                 )+
@@ -137,8 +134,10 @@ pub(crate) use parameters;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell0d::{CELL_PARAMETERS, LandPassiveParameters};
+    use crate::calcium::Rice2008Parameters;
+    use crate::cell0d::LandPassiveParameters;
     use crate::contraction::{Land2017Parameters, TanhParameters};
+    use cardiotwin_vocabulary::cell::cell_parameter;
 
     #[test]
     fn domains_admit_what_they_say() {
@@ -151,14 +150,18 @@ mod tests {
     }
 
     #[test]
-    fn defaults_lie_in_their_domain_and_bounds() {
+    fn defaults_are_those_of_files_and_lie_in_their_domain_and_interval() {
         let passive = LandPassiveParameters::TABLE;
         let tanh = TanhParameters::TABLE;
-        for p in CELL_PARAMETERS.iter().chain(&passive).chain(&tanh) {
+        let (land, rice) = (Land2017Parameters::TABLE, Rice2008Parameters::TABLE);
+        for p in land.iter().chain(&rice) {
+            let in_files = cell_parameter(p.name).unwrap();
+            let [low, high] = in_files.interval.unwrap();
+            assert!(low <= p.default && p.default <= high, "{p:?}");
+            assert_eq!(p.default, in_files.default, "{p:?}");
+        }
+        for p in land.iter().chain(&rice).chain(&passive).chain(&tanh) {
             assert!(p.domain.contains(p.default), "{p:?}");
-            if let Some([low, high]) = p.bounds {
-                assert!(low <= p.default && p.default <= high, "{p:?}");
-            }
             let unit = p.unit.replace("1/", "per_").replace('µ', "u");
             assert!(p.name.ends_with(&unit), "{p:?}");
         }

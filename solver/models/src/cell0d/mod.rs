@@ -7,7 +7,6 @@ pub mod biomarkers;
 mod cell;
 mod equilibrium;
 pub mod objective;
-mod parameters;
 pub mod passive;
 mod periodic;
 mod rodas;
@@ -18,5 +17,4 @@ pub use cell::{
     CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState,
 };
 pub use objective::{CellCost, CellPenalty, CellTargets, CellWeights};
-pub use parameters::{CELL_PARAMETERS, N_CELL_PARAMETERS};
 pub use passive::LandPassiveParameters;

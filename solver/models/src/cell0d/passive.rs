@@ -9,15 +9,15 @@ parameters! {
         "Jung 2022, Table A3; a_p of the sensitivity analysis, because a cell in the organ's place collapses with the table's \
          2.1 kPa of isolated tissue" {
         /// Stiffness a_p \[kPa\].
-        a_p_kpa: "a_p", "a_p_kPa", "kPa", 42.0, Positive, Some([1.0, 100.0]);
+        a_p_kpa: "a_p", "a_p_kPa", "kPa", 42.0, Positive;
         /// Exponent b.
-        b: "b", "b", "", 9.1, Positive, None;
+        b: "b", "b", "", 9.1, Positive;
         /// Stiffness of the series spring relative to a_p, k.
-        k: "k", "k", "", 7.0, Positive, None;
+        k: "k", "k", "", 7.0, Positive;
         /// Dashpot time constant on lengthening η_l \[ms\].
-        eta_l_ms: "eta_l", "eta_l_ms", "ms", 200.0, Positive, None;
+        eta_l_ms: "eta_l", "eta_l_ms", "ms", 200.0, Positive;
         /// Dashpot time constant on shortening η_s \[ms\].
-        eta_s_ms: "eta_s", "eta_s_ms", "ms", 20.0, Positive, None;
+        eta_s_ms: "eta_s", "eta_s_ms", "ms", 20.0, Positive;
     }
 }
 

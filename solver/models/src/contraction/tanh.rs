@@ -9,21 +9,21 @@ parameters! {
     /// Parameters of [`Tanh`] with the paper's names (Jung 2022, Table A1).
     pub struct TanhParameters, "Jung 2022, Table A1" {
         /// Reference peak stress Smax_ref \[kPa\].
-        smax_ref_kpa: "Smax_ref", "Smax_ref_kPa", "kPa", 100.0, Positive, None;
+        smax_ref_kpa: "Smax_ref", "Smax_ref_kPa", "kPa", 100.0, Positive;
         /// Reference time constant of the rise τ_SR_ref \[ms\].
-        tau_sr_ref_ms: "tau_SR_ref", "tau_SR_ref_ms", "ms", 40.0, Positive, None;
+        tau_sr_ref_ms: "tau_SR_ref", "tau_SR_ref_ms", "ms", 40.0, Positive;
         /// Time constant of the decay τ_SD \[ms\].
-        tau_sd_ms: "tau_SD", "tau_SD_ms", "ms", 110.0, Positive, None;
+        tau_sd_ms: "tau_SD", "tau_SD_ms", "ms", 110.0, Positive;
         /// Duration of the contraction and relaxation t_CR \[ms\].
-        t_cr_ms: "t_CR", "t_CR_ms", "ms", 550.0, Positive, None;
+        t_cr_ms: "t_CR", "t_CR_ms", "ms", 550.0, Positive;
         /// Electromechanical delay t_emd \[ms\].
-        t_emd_ms: "t_emd", "t_emd_ms", "ms", 15.0, NotNegative, None;
+        t_emd_ms: "t_emd", "t_emd_ms", "ms", 15.0, NotNegative;
         /// Length dependence of the rise a4 \[ms\].
-        a4_ms: "a4", "a4_ms", "ms", 500.0, NotNegative, None;
+        a4_ms: "a4", "a4_ms", "ms", 500.0, NotNegative;
         /// Slope of the length dependence a6.
-        a6: "a6", "a6", "", 5.0, Positive, None;
+        a6: "a6", "a6", "", 5.0, Positive;
         /// Stretch below which no stress is made a7.
-        a7: "a7", "a7", "", 0.7, NotNegative, None;
+        a7: "a7", "a7", "", 0.7, NotNegative;
     }
 }
 

@@ -352,6 +352,7 @@ mod tests {
     use crate::calcium::{Calcium, Rice2008, Rice2008Parameters};
     use crate::contraction::Contraction;
     use cardiotwin_units::{MicroMolar, Stretch};
+    use cardiotwin_vocabulary::cell::cell_parameter;
     use proptest::prelude::*;
 
     fn cell(p: Land2017Parameters) -> Land2017 {
@@ -587,7 +588,7 @@ mod tests {
         ) {
             let mut i = 0;
             let mut p = Land2017Parameters::from_values(Land2017Parameters::TABLE.map(|row| {
-                let [low, high] = row.bounds.unwrap();
+                let [low, high] = cell_parameter(row.name).unwrap().interval.unwrap();
                 i += 1;
                 low + place[i - 1] * (high - low)
             }));
