@@ -27,7 +27,7 @@ use cardiotwin_workflow::task::{Task, TaskEvent};
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::surroundings::Surroundings;
-use super::world::attempt_directory;
+use super::world::{attempt_directory, settled};
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
@@ -485,26 +485,7 @@ impl Ledger {
 
     fn settled(&self, key: &TaskKey) -> Option<Settled<'_>> {
         let entry = self.tasks.get(key)?;
-        match &entry.state {
-            Task::Published { generation } => {
-                let outcome = entry.outcome.as_ref()?;
-                let Ending::Succeeded { result } = &outcome.ending else {
-                    return None;
-                };
-                let attempt = AttemptId {
-                    task: key.clone(),
-                    generation: *generation,
-                };
-                let directory = self.run_dir.join(attempt_directory(&attempt));
-                Some(Settled::Published {
-                    result,
-                    artefacts: &outcome.artefacts,
-                    directory,
-                })
-            }
-            Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
-            Task::Open { .. } | Task::Attempting { .. } => None,
-        }
+        settled(key, &entry.state, || entry.outcome.as_ref(), &self.run_dir)
     }
 
     fn generation(&self, key: &TaskKey) -> u32 {

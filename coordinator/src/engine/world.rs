@@ -58,6 +58,34 @@ pub struct World {
 /// Folder of the attempts in a run's: a link where they lie on a file system of their own.
 pub const ATTEMPTS: &str = "attempts";
 
+/// A settled task as the chain sees it, from either set of books; none while it is open.
+pub fn settled<'a>(
+    key: &TaskKey,
+    state: &'a Task,
+    outcome: impl FnOnce() -> Option<&'a TaskOutcome>,
+    run_dir: &Path,
+) -> Option<Settled<'a>> {
+    match state {
+        Task::Published { generation } => {
+            let outcome = outcome()?;
+            let Ending::Succeeded { result } = &outcome.ending else {
+                return None;
+            };
+            let attempt = AttemptId {
+                task: key.clone(),
+                generation: *generation,
+            };
+            Some(Settled::Published {
+                result,
+                artefacts: &outcome.artefacts,
+                directory: run_dir.join(attempt_directory(&attempt)),
+            })
+        }
+        Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
+        Task::Open { .. } | Task::Attempting { .. } => None,
+    }
+}
+
 /// Where an attempt's files lie, relative to the run directory.
 pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     let key = attempt.task.as_str();
@@ -285,26 +313,7 @@ impl World {
     /// A settled task as the chain sees it.
     pub fn settled(&self, key: &TaskKey) -> Option<Settled<'_>> {
         let task = self.tasks.get(key)?;
-        match &task.state {
-            Task::Published { generation } => {
-                let outcome = task.outcome()?;
-                let Ending::Succeeded { result } = &outcome.ending else {
-                    return None;
-                };
-                let attempt = AttemptId {
-                    task: key.clone(),
-                    generation: *generation,
-                };
-                let directory = self.run_dir.join(attempt_directory(&attempt));
-                Some(Settled::Published {
-                    result,
-                    artefacts: &outcome.artefacts,
-                    directory,
-                })
-            }
-            Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
-            Task::Open { .. } | Task::Attempting { .. } => None,
-        }
+        settled(key, &task.state, || task.outcome(), &self.run_dir)
     }
 
     /// A patient at work waits for its task: known to the store through the patient's state alone.
