@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::cell_parameter;
+use crate::cell::{TABLE_A7, cell_parameter};
 use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
@@ -251,19 +251,8 @@ pub struct CellFitSettings {
 
 impl Default for CellFitSettings {
     fn default() -> Self {
-        let of_table_a5 = [
-            "n_TRPN",
-            "beta_1_uM",
-            "n_Tm",
-            "Ca50_ref_uM",
-            "k_UW_per_ms",
-            "Ca_res_uM",
-            "Ca_max_uM",
-            "tau_CR_ms",
-            "tau_CD_ms",
-        ];
         let interval = |key| cell_parameter(key).and_then(|parameter| parameter.interval);
-        let bounds: Vec<(&str, [f64; 2])> = of_table_a5
+        let bounds: Vec<(&str, [f64; 2])> = TABLE_A7
             .into_iter()
             .filter_map(|key| Some((key, interval(key)?)))
             .chain([("a_p_kPa", [1.0, 100.0])])

@@ -3,6 +3,7 @@
 //! paper does not have stand at the end.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_schemas::cell::TABLE_A7;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use serde_json::{Value, json};
 
@@ -152,19 +153,6 @@ pub fn table_a6(run: &RunRecord) -> Table {
         }),
     }
 }
-
-/// The nine of the paper's Table A7.
-const TABLE_A7: [&str; 9] = [
-    "n_TRPN",
-    "beta_1_uM",
-    "n_Tm",
-    "Ca50_ref_uM",
-    "k_UW_per_ms",
-    "Ca_res_uM",
-    "Ca_max_uM",
-    "tau_CR_ms",
-    "tau_CD_ms",
-];
 
 /// Personalised Land and Rice models with a_p and the smallest stretch; other fitted parameters after them.
 pub fn table_a7(run: &RunRecord) -> Table {

@@ -14,17 +14,6 @@ use super::external;
 use super::nearest::nearest;
 use super::stated_ranges;
 
-/// Keys of [`CellFitSettings::weights`].
-pub const CELL_TARGETS: [&str; CELL_BIOMARKERS.len()] = {
-    let mut keys = [""; CELL_BIOMARKERS.len()];
-    let mut idx = 0;
-    while idx < keys.len() {
-        keys[idx] = CELL_BIOMARKERS[idx].key;
-        idx += 1;
-    }
-    keys
-};
-
 /// A setting that cannot be right.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Complaint {
@@ -349,8 +338,9 @@ impl List {
         for name in step2.frozen.keys() {
             self.name(&format!("step2.frozen.{name}"), name, &CELL_PARAMETERS);
         }
+        let targets = CELL_BIOMARKERS.map(|label| label.key);
         for name in step2.weights.keys() {
-            self.name(&format!("step2.weights.{name}"), name, &CELL_TARGETS);
+            self.name(&format!("step2.weights.{name}"), name, &targets);
         }
         if !step2.weights.values().any(|weight| *weight > 0.0) {
             let remedy = "give at least one biomarker a positive weight";

@@ -67,6 +67,19 @@ cell_parameters! {
 /// Keys of the parameters that describe Rice's calcium transient.
 pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
 
+/// The nine parameters of Land and Rice that Jung et al. 2022 fit (Table A7), in its order.
+pub const TABLE_A7: [&str; 9] = [
+    "n_TRPN",
+    "beta_1_uM",
+    "n_Tm",
+    "Ca50_ref_uM",
+    "k_UW_per_ms",
+    "Ca_res_uM",
+    "Ca_max_uM",
+    "tau_CR_ms",
+    "tau_CD_ms",
+];
+
 /// The parameter of the cell model with this key.
 #[must_use]
 pub fn cell_parameter(key: &str) -> Option<&'static CellParameter> {
