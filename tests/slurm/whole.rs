@@ -10,11 +10,13 @@ use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, signal};
 
 pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
-    let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
+    let patients = ["01-CoA", "03-CoA"];
     let cohort = Cohort::of(cluster, &patients, QUICK)
         .set("executor.notices.command=[\"./hook\"]")
         .set("workflow.until=step3")
-        .set("step3.max_iterations=1");
+        .set("step3.max_iterations=1")
+        // The posterior costs most of this chain; as few draws as a cohort may ask for.
+        .set("posterior.draws=40");
     let (hook, heard) = (
         cohort.folder.path().join("hook"),
         cohort.folder.path().join("heard"),
@@ -50,7 +52,7 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
         "--no-requeue",
         "--open-mode=append",
         "--export=NONE",
-        "--array=0-3",
+        "--array=0-1",
         "--signal=B:USR1@60",
     ] {
         assert!(script.contains(part), "{part} is not in\n{script}");
