@@ -58,12 +58,12 @@ vendor: ## make dist/cardiotwin-VERSION-source.tar.gz with the sources of all de
 
 bench: build ## measure the figures of docs/benchmarks.md on this machine (minutes)
 	$(CARGO) bench --locked --workspace
-	$(BIN)/cardiotwin-worker bench beat
-	$(BIN)/cardiotwin-worker bench cell
-	$(BIN)/cardiotwin bench orchestration
-	$(BIN)/cardiotwin bench orchestration --spawn
-	$(BIN)/cardiotwin bench orchestration --kill
-	$(BIN)/cardiotwin bench slurm
+	$(BIN)/cardiotwin-dev bench beat
+	$(BIN)/cardiotwin-dev bench cell
+	$(BIN)/cardiotwin-dev bench orchestration
+	$(BIN)/cardiotwin-dev bench orchestration --spawn
+	$(BIN)/cardiotwin-dev bench orchestration --kill
+	$(BIN)/cardiotwin-dev bench slurm
 	folder=$$(mktemp -d) && $(BIN)/cardiotwin sweep gsa --out $$folder/gsa; status=$$?; rm -rf -- "$$folder"; exit $$status
 
 PYTHON_ENV := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/work-precision-env
@@ -120,10 +120,10 @@ verify: build ## compute docs/verification.md and its plots: benchmarks of the 3
 
 # As a cohort computes, and with what the file asks for.
 $(VERIFY)/arostica2025-lv-%-cohort.csv:
-	$(BIN)/cardiotwin-worker benchmark examples/benchmarks/arostica2025-lv-$*.toml --as-cohort --out $@.part 2> $(@:.csv=.log)
+	$(BIN)/cardiotwin-dev mechanics-case examples/benchmarks/arostica2025-lv-$*.toml --as-cohort --out $@.part 2> $(@:.csv=.log)
 	mv $@.part $@
 $(VERIFY)/arostica2025-lv-%-file.csv:
-	$(BIN)/cardiotwin-worker benchmark examples/benchmarks/arostica2025-lv-$*.toml --out $@.part 2> $(@:.csv=.log)
+	$(BIN)/cardiotwin-dev mechanics-case examples/benchmarks/arostica2025-lv-$*.toml --out $@.part 2> $(@:.csv=.log)
 	mv $@.part $@
 $(VERIFY)/static-%.csv:
 	$(BIN)/examples/verification-static $* > $@.part && mv $@.part $@

@@ -63,7 +63,7 @@ skipped() { # name, why
 integration_targets() {
     awk '/^\[/ { inside = ($0 == "[[test]]") } inside && /^name *=/ { gsub(/"/, "", $3); print $3 }' tests/Cargo.toml
     local file
-    for file in schemas/tests/*.rs solver/*/tests/*.rs worker/tests/*.rs coordinator/tests/*.rs; do
+    for file in schemas/tests/*.rs solver/*/tests/*.rs worker/tests/*.rs coordinator/tests/*.rs dev/tests/*.rs; do
         [ -e "$file" ] && basename "$file" .rs
     done
     for file in schemas/tests/*/main.rs solver/*/tests/*/main.rs worker/tests/*/main.rs coordinator/tests/*/main.rs; do
@@ -92,13 +92,13 @@ target_part() { part "tests: $1" "$CARGO" test --release --locked --workspace --
 # The whole workspace is selected here too, so that no dependency is compiled twice.
 with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
-    with_mpi=(--features cardiotwin-worker/mpi)
-    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi -q -- --show-output
+    with_mpi=(--features cardiotwin-dev/mpi)
+    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi --test mpi_beat -q -- --show-output
 else
     skipped "tests: mpi" "$missing"
 fi
 # After it: tests of e2e and slurm run that worker on ranks.
-for target in $(integration_targets | sort -u | grep -vx mpi); do
+for target in $(integration_targets | sort -u | grep -vxE "mpi|mpi_beat"); do
     target_part "$target"
 done
 

@@ -139,7 +139,7 @@ def bare(tasks: int, folder: Path) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", type=int, default=6000)
-    parser.add_argument("--cardiotwin", default="target/release/cardiotwin")
+    parser.add_argument("--cardiotwin", default="target/release/cardiotwin-dev")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="beside-"))

@@ -36,7 +36,7 @@ for shell in bash:bash-completion/completions/cardiotwin zsh:zsh/site-functions/
     "$cardiotwin" completions "${shell%%:*}" >"$file"
 done
 install -m 644 deploy/sites/*.toml "$into/share/cardiotwin/sites/"
-install -m 755 deploy/submit-cohort.sbatch deploy/scaling.sbatch "$into/share/cardiotwin/"
+install -m 755 deploy/submit-cohort.sbatch "$into/share/cardiotwin/"
 install -d "$into/share/modulefiles/cardiotwin"
 sed -e "s|@PREFIX@|$prefix|g" -e "s|@VERSION@|$version|g" deploy/modulefile >"$into/share/modulefiles/cardiotwin/$version"
 echo "$into: cardiotwin $version"

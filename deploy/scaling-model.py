@@ -3,7 +3,7 @@
 
     deploy/scaling-model.py ONE.json [MEASURED.json …]
 
-ONE.json is what `cardiotwin-worker bench beat --nodes N --threads 1 --json` printed, or --threads 1,2,…: then what follows the
+ONE.json is what `cardiotwin-dev bench beat --nodes N --threads 1 --json` printed, or --threads 1,2,…: then what follows the
 first beat is measured, too; each MEASURED.json a beat of the same mesh on more
 ranks, as deploy/scaling.sbatch leaves them. Constants of the machine are options. Plain Python 3, nothing to install.
 

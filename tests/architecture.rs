@@ -1,6 +1,8 @@
 //! The architecture as a test: who may import whom (`architecture/table.rs`), what a solver may not touch, how long a
 //! file may be. A failure names the file, the line, the rule and its reason.
 
+#[path = "architecture/picture.rs"]
+mod picture;
 #[path = "architecture/scan.rs"]
 mod scan;
 #[path = "architecture/table.rs"]
@@ -373,6 +375,39 @@ fn the_document_shows_the_table_that_is_tested() {
             document.contains(line),
             "docs/architecture.md lacks this line of the table:\n{line}\n\nAll of it:\n{expected}"
         );
+    }
+}
+
+/// The picture of the house is made from the table, and the map beside it names every crate's folder.
+#[test]
+fn the_document_draws_the_house_as_it_stands() {
+    let document =
+        std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
+    let picture = picture::storeys(CRATES);
+    assert!(
+        document.contains(&picture),
+        "docs/architecture.md lacks this picture:\n{picture}"
+    );
+    let (_, map) = document.split_once("## The map").expect("a map");
+    let map: &str = map.split("```").nth(1).expect("a block with the map");
+    let mut folder = String::new();
+    let mut drawn = BTreeSet::new();
+    for line in map.lines().filter(|line| !line.trim().is_empty()) {
+        let name = line.split_whitespace().next().expect("a name");
+        if line.starts_with(' ') {
+            drawn.insert(format!("{folder}{}", name.trim_end_matches('/')));
+        } else {
+            name.clone_into(&mut folder);
+            drawn.insert(name.trim_end_matches('/').to_owned());
+        }
+    }
+    for path in &drawn {
+        assert!(root().join(path).exists(), "the map names {path}");
+    }
+    let manifest = std::fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
+    let (_, members) = manifest.split_once("members = [").expect("members");
+    for member in members.split(']').next().unwrap_or_default().split('"').skip(1).step_by(2) {
+        assert!(drawn.contains(member), "the map does not name {member}");
     }
 }
 

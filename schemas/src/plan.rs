@@ -250,6 +250,12 @@ impl ResolvedPatient {
         }
     }
 
+    /// A patient of three no-op tasks, each of which sleeps for `sleep_ms`.
+    #[must_use]
+    pub fn noop(id: &str, sleep_ms: u64) -> Self {
+        Self::without_data(PatientId::from(id), Workflow::Noop { sleep_ms })
+    }
+
     /// A member of a run without measured data: an element of a sweep, or a no-op.
     #[must_use]
     pub fn without_data(id: PatientId, workflow: Workflow) -> Self {

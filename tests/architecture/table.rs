@@ -108,7 +108,7 @@ pub const CRATES: &[Rule] = &[
             "calibrate",
             "discover",
         ],
-        why: "one conversion from a task's spec to solver types per kind; nobody imports worker",
+        why: "one conversion from a task's spec to solver types per kind; only developers' tools import worker",
     },
     Rule {
         who: "coordinator",
@@ -134,6 +134,22 @@ pub const CRATES: &[Rule] = &[
         who: "slurm",
         may: &[],
         why: "Slurm is data and pure decisions: whoever runs its commands hands in their answers",
+    },
+    Rule {
+        who: "dev",
+        may: &[
+            "schemas",
+            "units",
+            "linalg",
+            "mesh",
+            "models",
+            "cell-engine",
+            "mechanics",
+            "calibrate",
+            "worker",
+            "coordinator",
+        ],
+        why: "measurements and mechanics cases reach everything, and nothing that is installed reaches them",
     },
     Rule {
         who: "tests",

@@ -5,7 +5,6 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use cardiotwin::engine::bench::noop_patient;
 use cardiotwin::engine::{RunOptions, StopSignal, run};
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 
@@ -25,7 +24,7 @@ fn main() -> ExitCode {
         cohort_dir: PathBuf::from(run_dir),
         patients: Some(
             (1..=number(patients))
-                .map(|n| noop_patient(&format!("P{n:03}"), sleep_ms))
+                .map(|n| ResolvedPatient::noop(&format!("P{n:03}"), sleep_ms))
                 .collect(),
         ),
         only: Vec::new(),

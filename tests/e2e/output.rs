@@ -249,34 +249,6 @@ fn completions_manual_pages_and_schemas() {
     let schemas = cardiotwin(folder.path(), &["schemas"]).json();
     assert!(schemas["cohort.schema.json"]["properties"]["step1"].is_object());
     cardiotwin(folder.path(), &["frobnicate"]).expect(2);
-}
-
-#[test]
-fn what_the_coordinator_costs_can_be_measured() {
-    let folder = tempfile::tempdir().unwrap();
-    let said = cardiotwin(
-        folder.path(),
-        &[
-            "bench",
-            "orchestration",
-            "--patients",
-            "50",
-            "--kill",
-            "--json",
-        ],
-    )
-    .json();
-    assert_eq!(said["tasks"], 150);
-    let spawned = [
-        "bench",
-        "orchestration",
-        "--patients",
-        "10",
-        "--spawn",
-        "--json",
-    ];
-    assert_eq!(
-        cardiotwin(folder.path(), &spawned).json()["executor"],
-        "local"
-    );
+    // Measurements of the program itself belong to developers.
+    cardiotwin(folder.path(), &["bench", "orchestration"]).expect(2);
 }

@@ -4,8 +4,6 @@
 //! outcome. [`tasks::run_task`] is the task alone.
 
 pub mod attempt;
-pub mod bench;
-pub mod benchmark;
 pub mod biomarkers;
 pub mod calcium;
 pub mod cell_parameters;
@@ -19,6 +17,8 @@ pub mod finite_element;
 pub mod igb;
 pub mod inputs;
 pub mod memory;
+#[cfg(feature = "mpi")]
+pub mod mpi;
 pub mod nodal;
 pub mod opencarp;
 pub mod process;

@@ -1,12 +1,10 @@
-//! `cardiotwin-worker`: does one task, or measures the kernels.
+//! `cardiotwin-worker`: does one task.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use cardiotwin_schemas::task::TaskSpec;
-use cardiotwin_worker::bench;
-use cardiotwin_worker::benchmark::run_benchmark;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::memory::return_large_blocks;
@@ -16,7 +14,7 @@ use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
 use cardiotwin_worker::tasks::proposal::in_one_fibre;
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 use tracing::Level;
 
 #[derive(Parser)]
@@ -63,21 +61,6 @@ enum Command {
         #[arg(long, requires = "restart")]
         generation: Option<u64>,
     },
-    /// Compute a mechanics benchmark from a file: mesh, material, supports and loads in, displacements of probes and cavity
-    /// volumes out (docs/benchmark-runner.md)
-    Benchmark {
-        /// The benchmark, in TOML
-        file: PathBuf,
-        /// Elements, time integration and tolerances of a cohort that asks for no others, whatever the file says
-        #[arg(long)]
-        as_cohort: bool,
-        /// File for the table; standard output without
-        #[arg(long, value_name = "CSV")]
-        out: Option<PathBuf>,
-        /// No progress on stderr
-        #[arg(long)]
-        quiet: bool,
-    },
     /// Write models, mesh and activation times of simulations in openCARP's formats (docs/formats.md)
     Opencarp {
         /// Files with the specifications of organ beats in JSON
@@ -87,56 +70,6 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// Measure a kernel: medians after a warm-up; with --nodes, a beat in 3D and what it is made of
-    Bench {
-        /// Which kernel
-        kernel: Kernel,
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-        /// With `beat`: a generated 3D ventricle of about so many nodes; minutes for tens of thousands
-        #[arg(long, value_name = "N")]
-        nodes: Option<usize>,
-        /// With --nodes: threads, each with a part of the mesh; several numbers, such as 1,2, are measured one after the other
-        #[arg(long, alias = "ranks", requires = "nodes", default_value = "1", value_name = "R", value_delimiter = ',',
-              value_parser = clap::value_parser!(u32).range(1..=1024))]
-        threads: Vec<u32>,
-        /// With --nodes: linear elements with nodal volume change, or with a plain penalty (the paper's)
-        #[arg(long, requires = "nodes", value_enum, default_value_t = Elements::Linear)]
-        element: Elements,
-        /// With --nodes: length of the beat; the default is whole
-        #[arg(long, requires = "nodes", value_name = "MS", default_value_t = 659.0)]
-        cycle: f64,
-        /// With --nodes: time step
-        #[arg(long, requires = "nodes", value_name = "MS", default_value_t = 1.0)]
-        step: f64,
-        /// With --nodes: relative tolerance of Newton's method
-        #[arg(long, requires = "nodes", default_value_t = 1e-4)]
-        tolerance: f64,
-        /// Seeds of each row of `strategies`
-        #[arg(long, default_value_t = 10)]
-        seeds: u64,
-    },
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Elements {
-    Linear,
-    Pointwise,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Kernel {
-    /// One beat of the reduced ventricle at 1 ms steps; of the 3D ventricle with --nodes
-    Beat,
-    /// The periodic beat of the base model at 2 ms steps, as a fit to traces asks for it
-    Periodic,
-    /// One evaluation of the 0D cell, in batches and one by one
-    Cell,
-    /// Step 2's strategies on the same targets: minutes
-    Strategies,
-    /// With --nodes: each shortcut of the 3D beat's time steps, off and on, beside a tight run
-    Shortcuts,
 }
 
 fn main() -> ExitCode {
@@ -190,20 +123,6 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }
-        Command::Benchmark {
-            file,
-            as_cohort,
-            out,
-            quiet,
-        } => {
-            let mut progress = |line: &str| {
-                if !quiet {
-                    eprintln!("{line}");
-                }
-            };
-            let done = run_benchmark(&file, as_cohort, out.as_deref(), &stop, &mut progress)?;
-            progress(&done.to_string());
-        }
         Command::Opencarp { specs, out } => {
             make_folder(&out)?;
             let beat = |file: &PathBuf| match read_task(file)? {
@@ -213,99 +132,6 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let specs = specs.iter().map(beat).collect::<anyhow::Result<Vec<_>>>()?;
             for file in opencarp::write(&specs, &out)? {
                 println!("{}", file.display());
-            }
-        }
-        Command::Bench {
-            kernel,
-            json,
-            nodes: Some(nodes),
-            threads,
-            element,
-            cycle,
-            step,
-            tolerance,
-            ..
-        } => {
-            let positive = [
-                ("--cycle", cycle),
-                ("--step", step),
-                ("--tolerance", tolerance),
-            ];
-            for (name, value) in positive {
-                anyhow::ensure!(
-                    value > 0.0 && value.is_finite(),
-                    "{name} {value}: expected a positive number"
-                );
-            }
-            let element = match element {
-                Elements::Linear => bench::Element::Linear,
-                Elements::Pointwise => bench::Element::Pointwise,
-            };
-            let what = bench::VentricleBench {
-                nodes,
-                element,
-                cycle_ms: cycle,
-                step_ms: step,
-                diastolic_step_ms: 0.0,
-                tolerance,
-            };
-            let report = |word: &str| eprintln!("{word}");
-            match kernel {
-                Kernel::Beat => {
-                    let counts: Vec<bench::Ranks<'_>> = threads
-                        .iter()
-                        .map(|n| bench::Ranks::Threads(*n as usize))
-                        .collect();
-                    let timings = bench::ventricle(&what, &counts, &stop, report)?;
-                    print!("{}", bench::told(&timings, json)?);
-                    anyhow::ensure!(
-                        timings.iter().all(|t| t.diverged.is_none()),
-                        "the beat did not reach its end"
-                    );
-                }
-                Kernel::Shortcuts => {
-                    let most = threads.iter().copied().max().unwrap_or(1) as usize;
-                    let found = bench::shortcuts(&what, most, &stop, report)?;
-                    if json {
-                        println!("{}", serde_json::to_string(&found)?);
-                    } else {
-                        print!("{found}");
-                    }
-                }
-                _ => anyhow::bail!("--nodes: only `beat` and `shortcuts` have a 3D ventricle"),
-            }
-        }
-        Command::Bench {
-            kernel,
-            json,
-            seeds,
-            ..
-        } => {
-            let timing = match kernel {
-                Kernel::Beat => serde_json::to_value(bench::beat()?)?,
-                Kernel::Periodic => serde_json::to_value(bench::periodic()?)?,
-                Kernel::Cell => serde_json::to_value(bench::cell()?)?,
-                Kernel::Shortcuts => {
-                    anyhow::bail!(
-                        "shortcuts are those of a 3D beat: say --nodes, such as --nodes 2000"
-                    )
-                }
-                Kernel::Strategies => {
-                    let comparison = bench::strategies(seeds, |row| {
-                        eprintln!("{}: {:?} done", row.case, row.strategy)
-                    })?;
-                    if !json {
-                        print!("{}", comparison.table());
-                        return Ok(ExitCode::SUCCESS);
-                    }
-                    serde_json::to_value(comparison)?
-                }
-            };
-            if json {
-                println!("{timing}");
-            } else {
-                let entries = timing.as_object().into_iter().flatten();
-                entries.for_each(|(name, value)| println!("{name:<40}{value}"));
             }
         }
     }

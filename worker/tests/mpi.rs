@@ -548,39 +548,6 @@ fn ranks_are_counted_before_anything_is_done() {
     );
 }
 
-#[test]
-fn a_beat_on_two_ranks_is_measured() {
-    let beat = [
-        "bench", "--nodes", "500", "--cycle", "60", "--step", "5", "--json", "--ranks", "2",
-    ];
-    let out = output(mpirun(2, &beat));
-    assert!(out.status.success(), "{}", said(&out));
-    let found: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
-    assert_eq!(
-        (found["threads"].as_u64(), found["steps"].as_u64()),
-        (Some(2), Some(12))
-    );
-    let ranks = found["ranks"].as_array().expect("ranks");
-    assert_eq!(ranks.len(), 2);
-    let sum = |key: &str| {
-        ranks
-            .iter()
-            .map(|rank| rank[key].as_f64().expect(key))
-            .sum::<f64>()
-    };
-    assert_eq!(Some(sum("nodes")), found["nodes"].as_f64());
-    assert!(sum("elements") > found["elements"].as_f64().expect("elements"));
-    for key in [
-        "ghosts",
-        "halo_messages",
-        "halo_MB",
-        "reductions",
-        "peak_memory_MB",
-    ] {
-        assert!(sum(key) > 0.0, "{key} in {found}");
-    }
-}
-
 /// A Slurm of one node on this machine, ended when dropped.
 struct Slurm {
     folder: PathBuf,

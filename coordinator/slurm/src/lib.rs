@@ -13,6 +13,7 @@ pub mod commands;
 pub mod failure;
 pub mod job;
 pub mod job_status;
+#[cfg(any(test, feature = "model"))]
 pub mod model;
 pub mod plan;
 pub mod reason;

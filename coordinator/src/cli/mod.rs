@@ -29,9 +29,9 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive,
-    explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare, report,
-    rerun, retry, run, schemas, show, simulate, status, sweep,
+    advance, backup, cancel, check, compare, completions, config, discover, doctor, drive, explain,
+    export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare, report, rerun, retry,
+    run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -93,7 +93,6 @@ enum Command {
     Discover(discover::DiscoverArgs),
     Fit(fit::FitArgs),
     Sweep(Box<sweep::SweepArgs>),
-    Bench(bench::BenchArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
     Schemas(schemas::SchemasArgs),
@@ -172,7 +171,6 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,
-        Command::Bench(args) => bench::execute(args, talk).await,
         Command::Completions(args) => completions::execute(args, talk),
         Command::Man(args) => man::execute(args, talk),
         Command::Schemas(args) => schemas::execute(args, talk),

@@ -29,7 +29,6 @@ use world::World;
 
 mod act;
 mod apply_requests;
-pub mod bench;
 mod book_rows;
 mod cluster;
 mod cores;
@@ -68,9 +67,10 @@ pub use crate::store::{
 };
 pub use crate::store::{back_up, try_locks};
 pub use cardiotwin_workflow::cell_fit::contraction;
+#[cfg(feature = "dev")]
+pub use cluster::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
 pub use cluster::{
-    ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport,
-    SiteReport, TickCost, examine_site, measure as measure_cluster, preview,
+    DiskNeed, PlannedRow, PlannedRun, QueueReport, SiteReport, examine_site, preview,
 };
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};

@@ -3,7 +3,7 @@
 //! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=jacobi|sweep|direct] [static=direct|multigrid]
 //! [tolerance=1e-4] [step=1] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
 //! taken for unloaded. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
-//! of the passive ring at the base. What a beat is made of: `cardiotwin-worker bench beat --nodes N`.
+//! of the passive ring at the base. What a beat is made of: `cardiotwin-dev bench beat --nodes N`.
 
 use std::convert::Infallible;
 use std::ops::ControlFlow;

@@ -7,7 +7,7 @@ use cardiotwin_linalg::parallel::{Communicator, Layout, Neighbour};
 use cardiotwin_protocol::process;
 use serde::Serialize;
 
-use crate::failure::Failures;
+use super::failure::Failures;
 
 /// Nodes in each halo of the measurement.
 const HALO_NODES: u32 = 500;

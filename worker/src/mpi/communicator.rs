@@ -14,7 +14,7 @@ use mpi::request::{Request, Scope, scope};
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator as _, Destination as _, Source as _};
 
-use crate::failure::Failures;
+use super::failure::Failures;
 
 const HALO: Tag = 1;
 const REDUCTION: Tag = 2;

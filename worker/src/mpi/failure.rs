@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use std::{panic, thread};
 
-use cardiotwin_worker::{clock, files};
+use crate::{clock, files};
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator as _;
 use serde::Serialize;

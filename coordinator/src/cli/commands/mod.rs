@@ -2,7 +2,6 @@
 
 pub mod advance;
 pub mod backup;
-pub mod bench;
 pub mod cancel;
 pub mod check;
 pub mod compare;

@@ -9,12 +9,13 @@
 //!  act:     fences, scancel, sbatch ([`submit`])
 //! ```
 
-mod bench;
 mod breaker;
 mod disk_need;
 mod examine;
 mod expect;
 mod follow;
+#[cfg(feature = "dev")]
+mod measure;
 mod mesh_size;
 mod observe;
 mod place;
@@ -44,11 +45,12 @@ use crate::dispatch::slurm::Scheduler;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
-pub use bench::{ClusterBenchOptions, ClusterBenchResult, TickCost, cluster as measure};
 use cardiotwin_workflow::cluster_job::Element;
 pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;
+#[cfg(feature = "dev")]
+pub use measure::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
 

@@ -27,7 +27,7 @@ pub(super) struct Bench {
 }
 
 pub(super) fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
-    let mut patient = bench::noop_patient(id, 0);
+    let mut patient = ResolvedPatient::noop(id, 0);
     patient.workflow = Workflow::Personalise;
     patient.step0.end_diastolic_pressure_mmhg = Some(edp_mmhg);
     patient.settings.step1.tolerance = 1e-3;

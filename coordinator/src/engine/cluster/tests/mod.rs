@@ -15,14 +15,13 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_slurm::model::{Behaviour, Fault, Limits, Settings};
 
-use crate::engine::bench::noop_patient;
 use crate::engine::tests::personalised;
 use crate::engine::{EventRecord, tests};
 use lab::Lab;
 
 fn noops(n: usize) -> Vec<ResolvedPatient> {
     (1..=n)
-        .map(|i| noop_patient(&format!("P{i:02}"), 0))
+        .map(|i| ResolvedPatient::noop(&format!("P{i:02}"), 0))
         .collect()
 }
 

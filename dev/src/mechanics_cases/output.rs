@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::prescribed::Sample;
 
-use super::error::BenchmarkError;
-use super::file::BenchmarkFile;
+use super::error::CaseError;
+use super::file::CaseFile;
 
 /// A table that grows row by row; each row reaches the file at once.
 pub struct Table {
@@ -27,13 +27,13 @@ impl Table {
     /// Begins with the heads of the columns.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
-    pub fn create(parsed: &BenchmarkFile, out: Option<&Path>) -> Result<Self, BenchmarkError> {
+    /// [`CaseError::Write`].
+    pub fn create(parsed: &CaseFile, out: Option<&Path>) -> Result<Self, CaseError> {
         let name = out.map_or_else(|| PathBuf::from("standard output"), Path::to_owned);
         let sink: Box<dyn std::io::Write> = match out {
             None => Box::new(std::io::stdout()),
             Some(path) => {
-                let file = File::create(path).map_err(|source| BenchmarkError::Write {
+                let file = File::create(path).map_err(|source| CaseError::Write {
                     file: path.to_owned(),
                     source,
                 })?;
@@ -54,10 +54,10 @@ impl Table {
         Ok(table)
     }
 
-    fn line(&mut self, text: &str) -> Result<(), BenchmarkError> {
+    fn line(&mut self, text: &str) -> Result<(), CaseError> {
         writeln!(self.sink, "{text}")
             .and_then(|()| self.sink.flush())
-            .map_err(|source| BenchmarkError::Write {
+            .map_err(|source| CaseError::Write {
                 file: self.name.clone(),
                 source,
             })
@@ -66,8 +66,8 @@ impl Table {
     /// Adds a row.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
-    pub fn row(&mut self, sample: &Sample) -> Result<(), BenchmarkError> {
+    /// [`CaseError::Write`].
+    pub fn row(&mut self, sample: &Sample) -> Result<(), CaseError> {
         let mut text = format!("{}", (sample.t_ms * 1e3).round() / 1e6);
         for x in sample.probes_mm.iter().flatten() {
             text += &format!(",{x:.6}");
@@ -81,9 +81,9 @@ impl Table {
     /// Ends the table.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
-    pub fn finish(mut self) -> Result<(), BenchmarkError> {
-        self.sink.flush().map_err(|source| BenchmarkError::Write {
+    /// [`CaseError::Write`].
+    pub fn finish(mut self) -> Result<(), CaseError> {
+        self.sink.flush().map_err(|source| CaseError::Write {
             file: self.name,
             source,
         })

@@ -1,15 +1,16 @@
-//! What orchestration costs: many patients of three no-op tasks, through store, outbox and executor.
+//! Cost of orchestration: many patients of three no-op tasks, through store, outbox and executor.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin::engine::{
+    EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, run,
+};
+use cardiotwin::store::DATABASE_FILE;
+use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use serde::Serialize;
-
-use super::{EngineError, Reader, RunOptions, StopSignal, run};
 
 /// What to measure.
 #[derive(Debug, Clone)]
@@ -84,7 +85,7 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
             "a status names every patient"
         );
     }
-    let database = options.run_dir.join(crate::store::DATABASE_FILE);
+    let database = options.run_dir.join(DATABASE_FILE);
     Ok(BenchResult {
         patients: options.patients,
         tasks: options.patients * 3,
@@ -102,10 +103,7 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
 ///
 /// # Errors
 /// The engine's.
-pub async fn once(
-    options: &BenchOptions,
-    stop: StopSignal,
-) -> Result<super::RunSummary, EngineError> {
+pub async fn once(options: &BenchOptions, stop: StopSignal) -> Result<RunSummary, EngineError> {
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     run(run_options(options), events, stop).await
 }
@@ -123,7 +121,7 @@ fn run_options(options: &BenchOptions) -> RunOptions {
         cohort_dir: options.run_dir.clone(),
         patients: Some(
             (1..=options.patients)
-                .map(|n| noop_patient(&format!("N{n:05}"), 0))
+                .map(|n| ResolvedPatient::noop(&format!("N{n:05}"), 0))
                 .collect(),
         ),
         only: Vec::new(),
@@ -153,8 +151,7 @@ async fn time_restart(options: &BenchOptions) -> Result<f64, EngineError> {
 
 async fn published(run_dir: &Path) -> Result<u64, EngineError> {
     let history = Reader::open(run_dir).await?.history(None).await?;
-    let published =
-        |e: &&super::EventRecord| e.machine == "task" && e.event["how"]["how"] == "succeeded";
+    let published = |e: &&EventRecord| e.machine == "task" && e.event["how"]["how"] == "succeeded";
     Ok(history.iter().filter(published).count() as u64)
 }
 
@@ -189,10 +186,4 @@ async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(),
             return Ok(());
         }
     }
-}
-
-/// A patient of three no-op tasks.
-#[must_use]
-pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
-    ResolvedPatient::without_data(PatientId::from(id), Workflow::Noop { sleep_ms })
 }

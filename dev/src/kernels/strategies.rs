@@ -10,8 +10,8 @@ use cardiotwin_schemas::task::CellFitSpec;
 use serde::{Deserialize, Serialize};
 
 use super::processor;
-use crate::error::TaskError;
-use crate::tasks::cell_fit;
+use cardiotwin_worker::error::TaskError;
+use cardiotwin_worker::tasks::cell_fit;
 
 /// Targets of a fit.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -1,4 +1,4 @@
-//! Mechanics benchmarks from a file: `cardiotwin-worker benchmark FILE.toml`. The format is in `docs/benchmark-runner.md`.
+//! Mechanics benchmarks from a file: `cardiotwin-dev mechanics-case FILE.toml`. The format is in `docs/benchmark-runner.md`.
 
 pub mod error;
 pub mod file;
@@ -18,17 +18,17 @@ use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 
-use crate::finite_element::wall;
-use crate::stop::StopFlag;
-pub use error::BenchmarkError;
+use cardiotwin_worker::finite_element::wall;
+use cardiotwin_worker::stop::StopFlag;
+pub use error::CaseError;
 use error::chain;
-use file::{BenchmarkFile, TimeTable};
+use file::{CaseFile, TimeTable};
 use model::Model;
 use output::Table;
 
 /// What a benchmark came to.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BenchmarkSummary {
+pub struct CaseSummary {
     /// Title of the file.
     pub title: String,
     /// Which elements.
@@ -45,7 +45,7 @@ pub struct BenchmarkSummary {
     pub table: Option<PathBuf>,
 }
 
-impl std::fmt::Display for BenchmarkSummary {
+impl std::fmt::Display for CaseSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let RunCost {
             steps,
@@ -84,7 +84,7 @@ impl Method {
     }
 
     /// What the file asks for, or a cohort.
-    fn of(file: &Path, parsed: &BenchmarkFile, as_cohort: bool) -> Result<Self, BenchmarkError> {
+    fn of(file: &Path, parsed: &CaseFile, as_cohort: bool) -> Result<Self, CaseError> {
         let cohort = Self::of_a_cohort();
         if as_cohort {
             return Ok(cohort);
@@ -94,7 +94,7 @@ impl Method {
                 alpha_m, alpha_f, ..
             } => GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
                 let found = format!("{alpha_m}, {alpha_f}");
-                BenchmarkError::key(file, "time.alpha_m, time.alpha_f", found, e.to_string())
+                CaseError::key(file, "time.alpha_m, time.alpha_f", found, e.to_string())
             })?,
             TimeTable::Static { .. } => cohort.scheme,
         };
@@ -120,20 +120,20 @@ impl Method {
 /// `stop`, holds the rows up to there.
 ///
 /// # Errors
-/// [`BenchmarkError`] with file and key, or with the time that was reached.
-pub fn run_benchmark(
+/// [`CaseError`] with file and key, or with the time that was reached.
+pub fn run_case(
     file: &Path,
     as_cohort: bool,
     out: Option<&Path>,
     stop: &StopFlag,
     progress: &mut dyn FnMut(&str),
-) -> Result<BenchmarkSummary, BenchmarkError> {
+) -> Result<CaseSummary, CaseError> {
     let watch = Instant::now();
-    let text = std::fs::read_to_string(file).map_err(|source| BenchmarkError::Read {
+    let text = std::fs::read_to_string(file).map_err(|source| CaseError::Read {
         file: file.to_owned(),
         source,
     })?;
-    let parsed: BenchmarkFile = toml::from_str(&text).map_err(|source| BenchmarkError::Format {
+    let parsed: CaseFile = toml::from_str(&text).map_err(|source| CaseError::Format {
         file: file.to_owned(),
         source: Box::new(source),
     })?;
@@ -160,7 +160,7 @@ pub fn run_benchmark(
             };
             steps.newton.linear = method.steps.linear;
             let (sample, report) =
-                settle(&setup, *at_ms, &steps).map_err(|e| BenchmarkError::Failed(chain(&e)))?;
+                settle(&setup, *at_ms, &steps).map_err(|e| CaseError::Failed(chain(&e)))?;
             table.row(&sample)?;
             RunCost {
                 steps: report.steps.len(),
@@ -186,7 +186,7 @@ pub fn run_benchmark(
         }
     };
     table.finish()?;
-    Ok(BenchmarkSummary {
+    Ok(CaseSummary {
         title: parsed.title,
         element: method.element,
         n_tets,
@@ -198,7 +198,7 @@ pub fn run_benchmark(
 }
 
 /// What is wrong with the body, under the name that the file gives the probe or cavity.
-fn by_name(file: &Path, parsed: &BenchmarkFile, error: &ProblemError) -> BenchmarkError {
+fn by_name(file: &Path, parsed: &CaseFile, error: &ProblemError) -> CaseError {
     match error {
         ProblemError::Probe {
             probe,
@@ -212,7 +212,7 @@ fn by_name(file: &Path, parsed: &BenchmarkFile, error: &ProblemError) -> Benchma
             let found = format!(
                 "({x:.3}, {y:.3}, {z:.3}) mm, outside of every element (smallest barycentric coordinate in the nearest {outside:.2})"
             );
-            BenchmarkError::key(
+            CaseError::key(
                 file,
                 format!("probe {name:?}: at_mm"),
                 found,
@@ -225,21 +225,18 @@ fn by_name(file: &Path, parsed: &BenchmarkFile, error: &ProblemError) -> Benchma
                 .get(*cavity)
                 .map_or_else(|| cavity.to_string(), |c| c.name.clone());
             let expected = "surfaces that enclose it but for openings";
-            BenchmarkError::key(
+            CaseError::key(
                 file,
                 format!("cavity {name:?}: surfaces"),
                 source.to_string(),
                 expected,
             )
         }
-        error => BenchmarkError::key(file, "mesh", chain(error), "a body that can be built"),
+        error => CaseError::key(file, "mesh", chain(error), "a body that can be built"),
     }
 }
 
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the dynamic half of `run_benchmark`"
-)]
+#[expect(clippy::too_many_arguments, reason = "the dynamic half of `run_case`")]
 fn move_body(
     setup: cardiotwin_mechanics::prescribed::Setup,
     scheme: GeneralisedAlpha,
@@ -250,7 +247,7 @@ fn move_body(
     watch: &Instant,
     stop: &StopFlag,
     progress: &mut dyn FnMut(&str),
-) -> Result<RunCost, BenchmarkError> {
+) -> Result<RunCost, CaseError> {
     let mut failure = None;
     let mut told = 0.0;
     let result = run(
@@ -265,7 +262,7 @@ fn move_body(
                 return ControlFlow::Break(());
             }
             if stop.is_raised() {
-                failure = Some(BenchmarkError::Stopped { t_ms: sample.t_ms });
+                failure = Some(CaseError::Stopped { t_ms: sample.t_ms });
                 return ControlFlow::Break(());
             }
             if watch.elapsed().as_secs_f64() > told + 10.0 {
@@ -285,7 +282,7 @@ fn move_body(
     );
     match failure {
         Some(error) => Err(error),
-        None => result.map_err(|e| BenchmarkError::Failed(chain(&e))),
+        None => result.map_err(|e| CaseError::Failed(chain(&e))),
     }
 }
 
@@ -299,7 +296,7 @@ mod tests {
 
     const CASE: &str = include_str!("../../../examples/benchmarks/arostica2025-lv-0a.toml");
 
-    fn parsed() -> BenchmarkFile {
+    fn parsed() -> CaseFile {
         toml::from_str(CASE).unwrap()
     }
 

@@ -73,8 +73,8 @@ alpha_f = 0.4
 fn run(folder: &Path, text: &str) -> Output {
     write_cube(&folder.join("cube"));
     fs::write(folder.join("case.toml"), text).unwrap();
-    Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"))
-        .args(["benchmark", "--quiet"])
+    Command::new(env!("CARGO_BIN_EXE_cardiotwin-dev"))
+        .args(["mechanics-case", "--quiet"])
         .arg(folder.join("case.toml"))
         .output()
         .unwrap()

@@ -21,7 +21,6 @@ use tokio::sync::Notify;
 
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::{DispatchError, Executor, Found, News, Order};
-use crate::engine::bench::noop_patient;
 use crate::engine::in_job_loop::{DriverPlace, drive_job};
 use crate::engine::surroundings::Surroundings;
 use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
@@ -87,7 +86,9 @@ impl TickCost {
 ///
 /// # Errors
 /// The engine's.
-pub async fn cluster(options: &ClusterBenchOptions) -> Result<ClusterBenchResult, EngineError> {
+pub async fn measure_cluster(
+    options: &ClusterBenchOptions,
+) -> Result<ClusterBenchResult, EngineError> {
     let stand = Stand::new(options)?;
     let submit = stand.tick().await?;
     // Drivers of those that have begun: each claims its place, and begins its first task.
@@ -236,7 +237,7 @@ impl Stand {
             ..ExecutorSettings::default()
         };
         let patients = (1..=options.jobs)
-            .map(|n| noop_patient(&format!("N{n:05}"), 3_600_000))
+            .map(|n| ResolvedPatient::noop(&format!("N{n:05}"), 3_600_000))
             .collect();
         Ok(Self {
             options: RunOptions {

@@ -20,8 +20,8 @@ use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Ms};
 
 use super::{BenchError, Element, Ranks, failed};
-use crate::finite_element::passive::{Workers, found};
-use crate::stop::StopFlag;
+use cardiotwin_worker::finite_element::passive::{Workers, found};
+use cardiotwin_worker::stop::StopFlag;
 
 /// Cavity and wall of the generated ventricle.
 const CAVITY_ML: f64 = 112.0;

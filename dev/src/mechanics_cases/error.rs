@@ -6,7 +6,7 @@ use cardiotwin_mesh::MeshFileError;
 
 /// Why a benchmark has no, or no whole, result.
 #[derive(Debug, thiserror::Error)]
-pub enum BenchmarkError {
+pub enum CaseError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", file.display())]
     Read {
@@ -64,7 +64,7 @@ pub enum BenchmarkError {
     },
 }
 
-impl BenchmarkError {
+impl CaseError {
     /// A wrong value at a key.
     pub fn key(
         file: &Path,

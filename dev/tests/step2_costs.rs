@@ -1,10 +1,10 @@
 //! Step 2 on targets for which an independent implementation (SciPy's differential evolution on an independently written
 //! cell) tells what cost can be reached, and what its search leaves behind.
 
+use cardiotwin_dev::kernels::{Case, cases};
 use cardiotwin_schemas::outcome::{CellFitResult, Determination, Ending, TaskResult};
 use cardiotwin_schemas::settings::{CellFitSettings, InstructionSet, Strategy};
 use cardiotwin_schemas::task::TaskSpec;
-use cardiotwin_worker::bench::{Case, cases};
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::run::simulate;
 

@@ -2,7 +2,7 @@
 
 mod cell;
 mod strategies;
-pub(crate) mod triad;
+mod triad;
 mod ventricle;
 
 pub use cell::{CellTiming, cell};
@@ -10,7 +10,7 @@ pub use strategies::{Case, Comparison, Row, cases, strategies};
 pub use triad::triad_gb_per_s;
 pub use ventricle::{
     BeatBiomarkers, BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut,
-    Shortcuts, VentricleBench, VentricleTiming, follow, shortcuts, told, ventricle,
+    Shortcuts, VentricleBench, VentricleTiming, follow, shortcuts, text_of, ventricle,
 };
 
 use std::time::{Duration, Instant};
@@ -27,8 +27,8 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Ms};
 use serde::Serialize;
 
-use crate::error::TaskError;
-use crate::tasks::organ_beat;
+use cardiotwin_worker::error::TaskError;
+use cardiotwin_worker::tasks::organ_beat;
 
 /// Repetitions that are not counted.
 const WARM_UP: Duration = Duration::from_millis(300);

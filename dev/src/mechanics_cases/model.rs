@@ -13,8 +13,8 @@ use cardiotwin_mesh::refine::halve_edges;
 use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
 use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
 
-use super::error::{BenchmarkError, chain};
-use super::file::{BenchmarkFile, CourseTable, DepthTable, FibreTable};
+use super::error::{CaseError, chain};
+use super::file::{CaseFile, CourseTable, DepthTable, FibreTable};
 use super::names;
 
 /// A place for a mid-edge node, from the edge's vertices.
@@ -29,7 +29,7 @@ type FrameAt = Box<dyn Fn(usize, [f64; 3]) -> Frame>;
 /// A benchmark with its mesh in memory.
 pub struct Model<'a> {
     file: &'a Path,
-    parsed: &'a BenchmarkFile,
+    parsed: &'a CaseFile,
     /// The mesh.
     pub mesh: TetMesh,
     frame: FrameAt,
@@ -50,8 +50,8 @@ impl<'a> Model<'a> {
     /// Reads the mesh and makes fibres.
     ///
     /// # Errors
-    /// [`BenchmarkError`] with the key.
-    pub fn read(file: &'a Path, parsed: &'a BenchmarkFile) -> Result<Self, BenchmarkError> {
+    /// [`CaseError`] with the key.
+    pub fn read(file: &'a Path, parsed: &'a CaseFile) -> Result<Self, CaseError> {
         let mesh = read_mesh(file, parsed)?;
         let frame = fibres(file, parsed, &mesh)?;
         let middles = curved(file, parsed, &mesh)?;
@@ -70,13 +70,13 @@ impl<'a> Model<'a> {
     /// The problem of the file on elements of a kind.
     ///
     /// # Errors
-    /// [`BenchmarkError`] with the key.
-    pub fn problem(&self, kind: ElementKind) -> Result<Problem<'_>, BenchmarkError> {
+    /// [`CaseError`] with the key.
+    pub fn problem(&self, kind: ElementKind) -> Result<Problem<'_>, CaseError> {
         let (file, parsed) = (self.file, self.parsed);
         let end_ms = names::end_ms(&parsed.time);
         let course = |key: String, table: &CourseTable| {
             Course::new(names::course(table), end_ms).map_err(|e| {
-                BenchmarkError::key(
+                CaseError::key(
                     file,
                     format!("{key}.{}", e.name),
                     e.value.to_string(),
@@ -93,7 +93,7 @@ impl<'a> Model<'a> {
                 ("dashpot_kPa_ms_per_mm", s.dashpot_kpa_ms_per_mm),
             ] {
                 if !(value >= 0.0 && value.is_finite()) {
-                    return Err(BenchmarkError::key(
+                    return Err(CaseError::key(
                         file,
                         key(name),
                         value.to_string(),
@@ -153,7 +153,7 @@ impl<'a> Model<'a> {
         })
     }
 
-    fn tissue_of(&self) -> Result<Vec<usize>, BenchmarkError> {
+    fn tissue_of(&self) -> Result<Vec<usize>, CaseError> {
         let tissues = &self.parsed.tissue;
         (self.mesh.tags.iter())
             .map(|tag| {
@@ -162,7 +162,7 @@ impl<'a> Model<'a> {
                     .position(|t| t.tags.is_empty() || t.tags.contains(tag)))
                 .ok_or_else(|| {
                     let found = format!("an element with tag {tag}, which no tissue names");
-                    BenchmarkError::key(
+                    CaseError::key(
                         self.file,
                         "tissue",
                         found,
@@ -174,10 +174,10 @@ impl<'a> Model<'a> {
     }
 }
 
-fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkError> {
+fn read_mesh(file: &Path, parsed: &CaseFile) -> Result<TetMesh, CaseError> {
     let unit = LengthUnit::from_symbol(&parsed.mesh.unit).ok_or_else(|| {
         let known: Vec<&str> = LengthUnit::ALL.iter().map(|u| u.symbol()).collect();
-        BenchmarkError::key(
+        CaseError::key(
             file,
             "mesh.unit",
             format!("{:?}", parsed.mesh.unit),
@@ -189,13 +189,13 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
         .unwrap_or(Path::new(""))
         .join(&parsed.mesh.file);
     let mesh = files::read(&path, unit);
-    let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh {
+    let mut mesh = mesh.map_err(|source| CaseError::Mesh {
         file: file.to_owned(),
         source,
     })?;
     if parsed.mesh.refine > MOST_HALVINGS {
         let expected = format!("at most {MOST_HALVINGS}: each makes eight elements of one");
-        return Err(BenchmarkError::key(
+        return Err(CaseError::key(
             file,
             "mesh.refine",
             parsed.mesh.refine.to_string(),
@@ -204,7 +204,7 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
     }
     if parsed.mesh.refine > 0 && parsed.mesh.curved.is_some() {
         let found = format!("{}, with mesh.curved", parsed.mesh.refine);
-        return Err(BenchmarkError::key(
+        return Err(CaseError::key(
             file,
             "mesh.refine",
             found,
@@ -217,12 +217,7 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
     Ok(mesh)
 }
 
-fn surface(
-    file: &Path,
-    mesh: &TetMesh,
-    key: &str,
-    name: &str,
-) -> Result<Vec<[u32; 3]>, BenchmarkError> {
+fn surface(file: &Path, mesh: &TetMesh, key: &str, name: &str) -> Result<Vec<[u32; 3]>, CaseError> {
     mesh.surface(name)
         .map(|s| s.triangles.clone())
         .ok_or_else(|| {
@@ -235,7 +230,7 @@ fn surface(
                     known.join(", ")
                 }
             );
-            BenchmarkError::key(file, key, format!("{name:?}"), expected)
+            CaseError::key(file, key, format!("{name:?}"), expected)
         })
 }
 
@@ -276,7 +271,7 @@ fn frame_at(mesh: &TetMesh, e: usize, x: [f64; 3]) -> Option<Frame> {
 
 const AXES: Frame = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt, BenchmarkError> {
+fn fibres(file: &Path, parsed: &CaseFile, mesh: &TetMesh) -> Result<FrameAt, CaseError> {
     match &parsed.fibres {
         FibreTable::FromMesh => {
             if mesh.frames.len() != mesh.n_tets() {
@@ -285,7 +280,7 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
                     "{}, one for each element: add them, or give another rule",
                     mesh.n_tets()
                 );
-                return Err(BenchmarkError::key(file, "fibres.rule", found, expected));
+                return Err(CaseError::key(file, "fibres.rule", found, expected));
             }
             let frames: Vec<Frame> = mesh
                 .frames
@@ -303,7 +298,7 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
         FibreTable::Constant { fibre, sheet } => {
             let frame = orthonormal(*fibre, *sheet).ok_or_else(|| {
                 let found = format!("{fibre:?} and {sheet:?}");
-                BenchmarkError::key(
+                CaseError::key(
                     file,
                     "fibres.fibre, fibres.sheet",
                     found,
@@ -322,7 +317,7 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
             for (key, pair) in [("short_mm", short_mm), ("long_mm", long_mm)] {
                 if !(pair[0] > 0.0 && pair[1] > pair[0]) {
                     let expected = "two half-axes, the endocardium's first and smaller";
-                    return Err(BenchmarkError::key(
+                    return Err(CaseError::key(
                         file,
                         format!("fibres.{key}"),
                         format!("{pair:?}"),
@@ -386,7 +381,7 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
                 beta_epi_deg: beta_deg[1],
             };
             let found = fields(&named, &tags, Longitudinal::FromBase).map_err(|e| {
-                BenchmarkError::key(file, "fibres", chain(&e), "fields that can be solved for")
+                CaseError::key(file, "fibres", chain(&e), "fields that can be solved for")
             })?;
             named.fibres = rule(&named, &tags, &found, &angles);
             Ok(Box::new(move |e, x| frame_at(&named, e, x).unwrap_or(AXES)))
@@ -400,7 +395,7 @@ fn laplace_depth(
     mesh: &TetMesh,
     endo: &[String],
     epi: &[String],
-) -> Result<Vec<f64>, BenchmarkError> {
+) -> Result<Vec<f64>, CaseError> {
     let mut given = vec![None; mesh.n_nodes()];
     for (key, names, value) in [("endocardium", endo, 0.0), ("epicardium", epi, 1.0)] {
         for name in names {
@@ -421,7 +416,7 @@ fn laplace_depth(
         0.0,
     )
     .map_err(|e| {
-        BenchmarkError::key(
+        CaseError::key(
             file,
             "fibres.depth",
             chain(&e),
@@ -431,7 +426,7 @@ fn laplace_depth(
 }
 
 /// Middles of the edges of the named surfaces, moved onto their ellipsoids in the direction from the origin.
-fn curved(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<Middles, BenchmarkError> {
+fn curved(file: &Path, parsed: &CaseFile, mesh: &TetMesh) -> Result<Middles, CaseError> {
     let mut middles = Middles::new();
     let Some(table) = &parsed.mesh.curved else {
         return Ok(middles);
@@ -441,7 +436,7 @@ fn curved(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<Middles
         for (name, value) in [("short_mm", s.short_mm), ("long_mm", s.long_mm)] {
             if !(value > 0.0 && value.is_finite()) {
                 let key = format!("mesh.curved.surface[{k}].{name}");
-                return Err(BenchmarkError::key(
+                return Err(CaseError::key(
                     file,
                     key,
                     value.to_string(),

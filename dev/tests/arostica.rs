@@ -44,9 +44,9 @@ fn the_first_quarter_of_a_second_of_step_0a_is_that_of_the_ten_codes() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("0a.toml");
     fs::write(&file, text).unwrap();
-    let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
+    let program = env!("CARGO_BIN_EXE_cardiotwin-dev");
     let output = Command::new(program)
-        .args(["benchmark", "--quiet"])
+        .args(["mechanics-case", "--quiet"])
         .arg(&file)
         .output()
         .unwrap();

@@ -15,11 +15,11 @@ use super::{
     BeatBiomarkers, BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming,
     failed,
 };
-use crate::bench::{processor, triad::triad_gb_per_s};
-use crate::process::{cpu_s, forget_peak_memory, peak_memory_mb};
-use crate::stop::StopFlag;
-use crate::tasks::organ_beat::simulated_biomarkers;
-use crate::team::Team;
+use crate::kernels::{processor, triad::triad_gb_per_s};
+use cardiotwin_worker::process::{cpu_s, forget_peak_memory, peak_memory_mb};
+use cardiotwin_worker::stop::StopFlag;
+use cardiotwin_worker::tasks::organ_beat::simulated_biomarkers;
+use cardiotwin_worker::team::Team;
 
 /// Iterations of the Krylov method in a measurement.
 const KRYLOV_ITERATIONS: u32 = 20;

@@ -9,7 +9,7 @@ use serde::Deserialize;
 /// A benchmark: one body, its loads in time, what is wanted of it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BenchmarkFile {
+pub struct CaseFile {
     /// What it is.
     #[serde(default)]
     pub title: String,

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::measure::{Beat, Ranks, beat};
 use super::subject::Subject;
 use super::{BeatBiomarkers, BenchError, VentricleBench};
-use crate::stop::StopFlag;
+use cardiotwin_worker::stop::StopFlag;
 
 /// Tolerance of the tight run.
 const TIGHT: f64 = 1e-8;

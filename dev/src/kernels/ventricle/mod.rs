@@ -15,9 +15,9 @@ pub use measure::Ranks;
 pub use shortcuts::{Shortcut, Shortcuts, shortcuts};
 use subject::Subject;
 
-use crate::process::cpu_s;
-use crate::stop::StopFlag;
-use crate::team::Team;
+use cardiotwin_worker::process::cpu_s;
+use cardiotwin_worker::stop::StopFlag;
+use cardiotwin_worker::team::Team;
 
 /// Which elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -261,7 +261,7 @@ pub fn follow(bench: &VentricleBench, team: &Team) -> Result<(), BenchError> {
 ///
 /// # Errors
 /// None: figures are JSON.
-pub fn told(timings: &[VentricleTiming], json: bool) -> serde_json::Result<String> {
+pub fn text_of(timings: &[VentricleTiming], json: bool) -> serde_json::Result<String> {
     let first = timings
         .first()
         .map_or(f64::NAN, |timing| timing.seconds_total);

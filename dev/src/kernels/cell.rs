@@ -11,8 +11,8 @@ use cardiotwin_schemas::settings::CellFitSettings;
 use serde::Serialize;
 
 use super::{CYCLE_MS, median_seconds, processor};
-use crate::cell_parameters::NamedCell;
-use crate::error::TaskError;
+use cardiotwin_worker::cell_parameters::NamedCell;
+use cardiotwin_worker::error::TaskError;
 
 /// Cells of a batch.
 const CELLS: usize = 1024;

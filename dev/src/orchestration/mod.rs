@@ -1,34 +1,22 @@
-//! `cardiotwin bench`: what the coordinator itself costs.
+//! Cost of the coordinator: alone, and over the jobs of a modelled Slurm.
+
+mod local;
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
-
-use crate::cli::error::CliError;
-use crate::cli::exit::Exit;
-use crate::cli::talk::Talk;
-use crate::engine::bench::{self, BenchOptions, BenchResult};
-use crate::engine::{
+use anyhow::Context as _;
+use cardiotwin::engine::{
     ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster,
 };
+use clap::Args;
+use serde::Serialize;
 
-/// Measure what orchestration costs
+use local::{BenchOptions, BenchResult};
+
+/// Arguments of `cardiotwin-dev bench orchestration`.
 #[derive(Debug, Args)]
-pub struct BenchArgs {
-    #[command(subcommand)]
-    command: BenchCommand,
-}
-
-#[derive(Debug, Subcommand)]
-enum BenchCommand {
-    Orchestration(OrchestrationArgs),
-    Slurm(SlurmArgs),
-}
-
-/// Patients of three no-op tasks each, through database, outbox and executor
-#[derive(Debug, Args)]
-struct OrchestrationArgs {
-    /// How many
+pub struct OrchestrationArgs {
+    /// Number of patients
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     patients: usize,
     /// A worker process for each task instead of in-process
@@ -49,14 +37,14 @@ struct OrchestrationArgs {
     /// One JSON object instead of text
     #[arg(long)]
     json: bool,
-    /// Drive the run and measure nothing: what --kill starts
+    /// Drive the run and measure nothing: --kill starts this program so
     #[arg(long, hide = true, requires = "run_dir")]
     drive_only: bool,
 }
 
-/// Ticks over many living jobs of a modelled Slurm; status and restart of many samples
+/// Arguments of `cardiotwin-dev bench slurm`.
 #[derive(Debug, Args)]
-struct SlurmArgs {
+pub struct SlurmArgs {
     /// Living jobs, of which half run
     #[arg(long, value_name = "N", default_value_t = 1000)]
     jobs: usize,
@@ -68,33 +56,75 @@ struct SlurmArgs {
     json: bool,
 }
 
-/// Measures.
+/// Measures the coordinator over the jobs of a modelled Slurm and prints the figures.
 ///
 /// # Errors
-/// The engine's.
-pub async fn execute(args: &BenchArgs, talk: &Talk) -> Result<Exit, CliError> {
-    match &args.command {
-        BenchCommand::Orchestration(args) => orchestration(args, talk).await,
-        BenchCommand::Slurm(args) => slurm(args, talk).await,
-    }
-}
-
-async fn slurm(args: &SlurmArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
-    let folder = scratch.path().join("bench");
+/// Errors of the engine, or of the temporary folder.
+pub fn measure_slurm(args: &SlurmArgs) -> anyhow::Result<()> {
+    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
     let options = ClusterBenchOptions {
-        folder,
+        folder: scratch.path().join("bench"),
         jobs: args.jobs,
         samples: args.samples,
     };
-    let result = measure_cluster(&options).await?;
-    if args.json {
-        talk.json(&result)?
-    } else {
-        talk.data(&slurm_text(&result))?
+    let result = runtime()?.block_on(measure_cluster(&options))?;
+    print(&result, args.json, slurm_text)
+}
+
+/// Measures the coordinator alone and prints the figures.
+///
+/// # Errors
+/// Errors of the engine; a folder that is not empty.
+pub fn measure(args: &OrchestrationArgs) -> anyhow::Result<()> {
+    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let run_dir = args
+        .run_dir
+        .clone()
+        .unwrap_or_else(|| scratch.path().join("run"));
+    let mut options = BenchOptions {
+        run_dir,
+        patients: args.patients,
+        spawn: args.spawn,
+        workers: args.workers,
+        worker: args.worker.clone(),
+        victim: None,
+    };
+    if args.drive_only {
+        runtime()?.block_on(local::once(&options, StopSignal::new()))?;
+        return Ok(());
     }
-    Ok(Exit::Ok)
+    let used =
+        std::fs::read_dir(&options.run_dir).is_ok_and(|mut entries| entries.next().is_some());
+    anyhow::ensure!(
+        !used,
+        "{} is not empty: a benchmark needs a folder of its own",
+        options.run_dir.display()
+    );
+    if args.kill {
+        options.victim = Some(victim(&options));
+    }
+    let result = runtime()?.block_on(local::orchestration(&options))?;
+    print(&result, args.json, text)
+}
+
+fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .context("cannot start the runtime")
+}
+
+fn print<T: Serialize>(
+    figures: &T,
+    json: bool,
+    text: impl FnOnce(&T) -> String,
+) -> anyhow::Result<()> {
+    if json {
+        println!("{}", serde_json::to_string(figures)?);
+    } else {
+        print!("{}", text(figures));
+    }
+    Ok(())
 }
 
 fn slurm_text(result: &ClusterBenchResult) -> String {
@@ -126,46 +156,6 @@ fn slurm_text(result: &ClusterBenchResult) -> String {
             "status --json, all", result.status_json_ms
         )
         + &format!("{:<26}{:9.3} s\n", "restart", result.restart_s)
-}
-
-async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
-    let run_dir = args
-        .run_dir
-        .clone()
-        .unwrap_or_else(|| scratch.path().join("run"));
-    let mut options = BenchOptions {
-        run_dir,
-        patients: args.patients,
-        spawn: args.spawn,
-        workers: args.workers,
-        worker: args.worker.clone(),
-        victim: None,
-    };
-    if args.drive_only {
-        bench::once(&options, StopSignal::new()).await?;
-        return Ok(Exit::Ok);
-    }
-    let used =
-        std::fs::read_dir(&options.run_dir).is_ok_and(|mut entries| entries.next().is_some());
-    if used {
-        let message = format!(
-            "{} is not empty: a benchmark needs a folder of its own",
-            options.run_dir.display()
-        );
-        return Err(CliError::Usage(message));
-    }
-    if args.kill {
-        options.victim = Some(victim(&options));
-    }
-    let result = bench::orchestration(&options).await?;
-    if args.json {
-        talk.json(&result)?
-    } else {
-        talk.data(&text(&result))?
-    }
-    Ok(Exit::Ok)
 }
 
 /// Arguments of a process that drives the same run.

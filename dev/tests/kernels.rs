@@ -5,7 +5,7 @@ use std::process::Command;
 #[test]
 fn a_beat_on_two_threads_is_measured_with_all_that_it_is_made_of() {
     let run = |more: &[&str]| {
-        let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
+        let program = env!("CARGO_BIN_EXE_cardiotwin-dev");
         Command::new(program)
             .args(["bench", "beat", "--nodes", "500", "--cycle", "60"])
             .args(more)
@@ -79,7 +79,7 @@ fn a_beat_on_two_threads_is_measured_with_all_that_it_is_made_of() {
 
 #[test]
 fn shortcuts_stand_beside_a_tight_run() {
-    let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
+    let program = env!("CARGO_BIN_EXE_cardiotwin-dev");
     let bench = [
         "bench",
         "shortcuts",
@@ -127,7 +127,7 @@ fn shortcuts_stand_beside_a_tight_run() {
 #[test]
 fn sigterm_ends_a_beat_on_two_threads() {
     use std::io::{BufRead as _, BufReader};
-    let program = env!("CARGO_BIN_EXE_cardiotwin-worker");
+    let program = env!("CARGO_BIN_EXE_cardiotwin-dev");
     // Steps so short that nobody waits for the end.
     let bench = [
         "bench",

@@ -11,12 +11,12 @@ use cardiotwin_mechanics::prescribed::{Schedule, TimeCourse};
 use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_schemas::muscle::{HolzapfelOgdenSettings, MuscleLaw};
 
-use super::error::BenchmarkError;
+use super::error::CaseError;
 use super::file::{
     Axis, CourseTable, Degree, DirectionName, ElementTable, PassiveTable, TimeTable, TissueTable,
     VolumeName, VolumetricName,
 };
-use crate::finite_element::wall;
+use cardiotwin_worker::finite_element::wall;
 
 /// 0, 1 or 2.
 pub(super) fn axis(axis: Axis) -> usize {
@@ -27,7 +27,7 @@ pub(super) fn axis(axis: Axis) -> usize {
     }
 }
 
-pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, BenchmarkError> {
+pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, CaseError> {
     let ElementTable {
         kind,
         degree,
@@ -38,7 +38,7 @@ pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, 
         if degree.is_some() || volume.is_some() || pointwise_share.is_some() {
             let expected =
                 "element.kind alone, or element.degree, element.volume and element.pointwise_share";
-            return Err(BenchmarkError::key(
+            return Err(CaseError::key(
                 file,
                 "element.kind",
                 "other keys of [element] beside it",
@@ -49,7 +49,7 @@ pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, 
     }
     let share = pointwise_share.unwrap_or(0.0);
     if !(0.0..=1.0).contains(&share) {
-        return Err(BenchmarkError::key(
+        return Err(CaseError::key(
             file,
             "element.pointwise_share",
             share.to_string(),
@@ -197,7 +197,7 @@ pub(super) fn end_ms(time: &TimeTable) -> f64 {
 }
 
 /// Steps and output of a dynamic problem.
-pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, BenchmarkError> {
+pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, CaseError> {
     let TimeTable::Dynamic {
         dt_ms,
         end_ms,
@@ -205,7 +205,7 @@ pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, Benchm
         ..
     } = *time
     else {
-        return Err(BenchmarkError::key(file, "time.mode", "static", "dynamic"));
+        return Err(CaseError::key(file, "time.mode", "static", "dynamic"));
     };
     for (key, value) in [
         ("time.dt_ms", dt_ms),
@@ -213,7 +213,7 @@ pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, Benchm
         ("time.output_every_ms", output_every_ms),
     ] {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(BenchmarkError::key(
+            return Err(CaseError::key(
                 file,
                 key,
                 value.to_string(),
@@ -228,7 +228,7 @@ pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, Benchm
         let steps = value / dt_ms;
         if (steps - steps.round()).abs() > 1e-6 {
             let expected = format!("a whole number of steps of time.dt_ms = {dt_ms}");
-            return Err(BenchmarkError::key(file, key, value.to_string(), expected));
+            return Err(CaseError::key(file, key, value.to_string(), expected));
         }
     }
     Ok(Schedule {

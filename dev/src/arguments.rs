@@ -1,0 +1,60 @@
+//! Arguments that the programs with and without MPI share.
+
+use clap::{Args, ValueEnum};
+
+use crate::kernels::{Element, VentricleBench};
+
+/// A beat of the generated 3D ventricle.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct BeatArgs {
+    /// Linear elements with nodal volume change, or with a plain penalty (the paper's)
+    #[arg(long, value_enum, default_value_t = Elements::Linear)]
+    element: Elements,
+    /// Length of the beat; the default is whole
+    #[arg(long, value_name = "MS", default_value_t = 659.0)]
+    cycle: f64,
+    /// Time step
+    #[arg(long, value_name = "MS", default_value_t = 1.0)]
+    step: f64,
+    /// Relative tolerance of Newton's method
+    #[arg(long, default_value_t = 1e-4)]
+    tolerance: f64,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Elements {
+    Linear,
+    Pointwise,
+}
+
+impl BeatArgs {
+    /// The beat on a mesh of about `nodes` nodes.
+    ///
+    /// # Errors
+    /// Names the argument that is not a positive number.
+    pub fn bench(&self, nodes: usize) -> anyhow::Result<VentricleBench> {
+        let positive = [
+            ("--cycle", self.cycle),
+            ("--step", self.step),
+            ("--tolerance", self.tolerance),
+        ];
+        for (name, value) in positive {
+            anyhow::ensure!(
+                value > 0.0 && value.is_finite(),
+                "{name} {value}: expected a positive number"
+            );
+        }
+        let element = match self.element {
+            Elements::Linear => Element::Linear,
+            Elements::Pointwise => Element::Pointwise,
+        };
+        Ok(VentricleBench {
+            nodes,
+            element,
+            cycle_ms: self.cycle,
+            step_ms: self.step,
+            diastolic_step_ms: 0.0,
+            tolerance: self.tolerance,
+        })
+    }
+}
