@@ -1,4 +1,4 @@
-//! `cardiotwin check`: everything that can be known to be wrong before anything runs.
+//! `cardiotwin check`: all errors of the input that can be found before anything runs.
 
 use clap::Args;
 use serde::Serialize;
@@ -39,7 +39,7 @@ struct Answer<'a> {
     problems: &'a [Finding],
 }
 
-/// Checks; problems are data and go to stdout.
+/// Checks the cohort. Problems count as data and go to stdout.
 ///
 /// # Errors
 /// When stdout cannot be written.

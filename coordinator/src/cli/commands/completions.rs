@@ -1,4 +1,4 @@
-//! `cardiotwin completions`: for bash, zsh, fish and others.
+//! `cardiotwin completions`: completions for bash, zsh, fish and other shells.
 
 use clap::Args;
 use clap_complete::Shell;
@@ -17,7 +17,7 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Prints.
+/// Prints the completions.
 ///
 /// # Errors
 /// When stdout cannot be written.
