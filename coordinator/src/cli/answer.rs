@@ -8,7 +8,7 @@ use crate::engine::Answer;
 /// Prints the outcome. `go_on` names the run if `run` has to follow.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(), CliError> {
     match answer {
         Answer::Applied { changes } => {

@@ -44,8 +44,8 @@ pub const DATABASE: &str = "cardiotwin.db";
 const COHORT: &str = "cohort.toml";
 
 impl Folders {
-    /// Folders for the arguments: `folder` is a run if it holds only the database, otherwise a
-    /// cohort.
+    /// Folders for the arguments. Without `run_dir`, `folder` is a run if it holds a database but
+    /// no `cohort.toml`; otherwise it is a cohort.
     #[must_use]
     pub fn of(folder: &Path, run_dir: Option<&Path>) -> Self {
         let is_run = folder.join(DATABASE).exists() && !folder.join(COHORT).exists();

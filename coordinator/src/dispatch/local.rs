@@ -5,7 +5,7 @@
 //! child process. Two workers in one directory are harmless: the claim is created exclusively, and
 //! the second worker ends with exit code 3.
 //!
-//! A 3D simulation may run on MPI ranks under a launcher. The claim is then that of rank 0, and a
+//! A 3D simulation may run on MPI ranks under a launcher. Rank 0 then holds the claim, and a
 //! request to stop goes to rank 0 instead of the launcher. Rank 0 ends the other ranks.
 
 use std::collections::HashMap;

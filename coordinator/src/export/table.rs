@@ -51,8 +51,8 @@ impl Table {
         (0..self.columns.len()).map(of).collect()
     }
 
-    /// The table as CSV with the columns `patient`, `row` (if rows have kinds), and those of the
-    /// table. The patients are followed by rows `mean`, `SD` (with n − 1) and `n` (number of
+    /// The table as CSV with the columns `patient`, `row` (if rows have kinds), and the table's own
+    /// columns. The patients are followed by rows `mean`, `SD` (with n − 1) and `n` (number of
     /// values).
     #[must_use]
     pub fn csv(&self) -> String {

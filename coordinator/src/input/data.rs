@@ -26,7 +26,7 @@ pub fn check(
     let mut read = |name: &Option<String>, quantity: Quantity| -> Option<(PathBuf, Trace)> {
         let path = folder.join(name.as_ref()?);
         if !path.is_file() {
-            return None; // the check of the key that names it reports it
+            return None; // `check_values` of the patient reports it
         }
         let reading = read_trace(&path, quantity);
         let patient = folder.file_name().and_then(|name| name.to_str());

@@ -199,8 +199,8 @@ impl Merged {
         })
     }
 
-    /// Origin of a key. If the key has none, that of the nearest table around it, or of a leaf
-    /// inside it.
+    /// Origin of a key; for a key without one, the origin of the nearest table around it or of a
+    /// leaf inside it.
     #[must_use]
     pub fn origin(&self, key: &str) -> &Origin {
         let mut prefix = key;

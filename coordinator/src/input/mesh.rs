@@ -59,7 +59,7 @@ pub fn check(
     };
     let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else {
         return;
-    }; // the check of values reports it
+    }; // `check_values` of the patient reports it
     let patient = named(folder);
     let path = folder.join(&mesh.file);
     let times = mesh
@@ -71,7 +71,7 @@ pub fn check(
         None if !mesh.activation_sites_mm.is_empty() => {
             Activation::Sites(&mesh.activation_sites_mm)
         }
-        _ => Activation::Unasked, // the check of values reports it
+        _ => Activation::Unasked, // `check_values` of the patient reports it
     };
     let fibres = match mesh.fibres {
         MeshFibres::Auto => Fibres::Auto,
@@ -122,7 +122,7 @@ pub fn check(
             }
         }
         Err(error) => {
-            // A missing file is reported by the check of values.
+            // `check_values` of the patient reports a missing file.
             let there = [path.clone(), path.with_extension("pts")]
                 .iter()
                 .any(|path| path.is_file())

@@ -28,7 +28,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Numbers from the recordings, and from `prepare.toml` where it gives others.
+    /// Numbers from the recordings, unless `prepare.toml` gives others.
     pub fn of(folder: &RawFolder, prepared: &Prepared) -> Self {
         let average = &prepared.average;
         let noise = &folder.file.steps.noise;

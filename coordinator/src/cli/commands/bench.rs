@@ -1,4 +1,4 @@
-//! `cardiotwin bench`: time that the coordinator itself takes.
+//! `cardiotwin bench`: cost of the orchestration itself.
 
 use std::path::PathBuf;
 

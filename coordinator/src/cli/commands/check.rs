@@ -42,7 +42,7 @@ struct Answer<'a> {
 /// Checks the cohort. Problems count as data and go to stdout.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let cohort_dir = folders.cohort.unwrap_or(folders.run);

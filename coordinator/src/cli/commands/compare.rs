@@ -163,7 +163,7 @@ fn pair_up(
     let value = |list: &[(String, f64)], key: &str| {
         list.iter().find(|(k, _)| k == key).map(|(_, value)| *value)
     };
-    // The order is that of the first list, followed by keys that only the second list has.
+    // Keys of the first list come first, followed by keys that only the second list has.
     let mut ordered: Vec<&String> = before.iter().map(|(key, _)| key).collect();
     ordered.extend(keys.into_iter().filter(|key| value(&before, key).is_none()));
     let row = |key: &String| {

@@ -20,7 +20,7 @@ pub struct CompletionsArgs {
 /// Prints the completions.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut text = Vec::new();
     clap_complete::generate(

@@ -67,7 +67,7 @@ impl Scheduler for Installed {
         let exit = match tokio::time::timeout(PATIENCE, process.output()).await {
             Err(_) => Exit::TimedOut,
             Ok(Err(error)) => {
-                // The exit code is that of a shell if a command does not exist or cannot be
+                // A shell has the same exit code for a command that does not exist or cannot be
                 // started.
                 let stderr = format!("{}: {error}", command.program);
                 return Output {

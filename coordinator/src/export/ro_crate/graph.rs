@@ -55,7 +55,7 @@ fn moment(utc: &str) -> String {
     utc.replace('Z', "+00:00")
 }
 
-/// The media type by the end of a name.
+/// The media type for the extension of a file name.
 fn format_of(path: &str) -> &'static str {
     match path.rsplit('.').next() {
         Some("json") => "application/json",

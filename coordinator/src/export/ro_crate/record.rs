@@ -60,7 +60,7 @@ fn names_of_files(text: &str) -> String {
     text.split(' ').map(name).collect::<Vec<_>>().join(" ")
 }
 
-/// JSON text with the parameters of a patient's twin: those of step 1 and step 2, loads, effects.
+/// JSON text with the parameters of a patient's twin: step 1, step 2, loads, effects.
 #[must_use]
 pub fn parameters(patient: &PatientRecord) -> String {
     let mut found = Map::new();

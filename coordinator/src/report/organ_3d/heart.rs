@@ -34,7 +34,7 @@ struct Colours {
 
 impl Colours {
     fn of(map: Map, heart: &HeartSurface) -> Option<Self> {
-        // The interval is that of end-systole. At end-diastole, stress is 0 and stretch 1
+        // The interval covers the values at end-systole. At end-diastole, stress is 0 and stretch 1
         // everywhere, for which the end colours are sufficient.
         let mut all: Vec<f64> = values(map, heart.states.last()?)
             .iter()

@@ -47,8 +47,8 @@ const MOST_OUTPUTS: usize = 7;
 /// A member of the sweep's run with its published result, if it has one.
 pub type Chunk<'a> = (&'a ResolvedPatient, Option<&'a TaskRecord<TaskResult>>);
 
-/// Samples of the first chunks before a gap, at most those of `at_most` blocks. Chunks behind a
-/// missing one are not read.
+/// Samples of the first chunks before a gap, from at most `at_most` blocks. Chunks behind a missing
+/// one are not read.
 ///
 /// # Errors
 /// [`SweepError`] if an artefact cannot be read or differs from the published one.

@@ -1,4 +1,4 @@
-//! Settings of a sensitivity sweep: those of the paper, changes by the user, and changes that an
+//! Settings of a sensitivity sweep: the paper's, the user's changes, and the changes that an
 //! existing folder allows.
 
 use std::collections::BTreeMap;

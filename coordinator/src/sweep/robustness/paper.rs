@@ -63,7 +63,7 @@ mod tests {
                     );
                 }
             }
-            // The paper prints all fitted parameters but a_p.
+            // The paper prints all fitted parameters except a_p.
             for name in CellFitSettings::default()
                 .parameters
                 .iter()

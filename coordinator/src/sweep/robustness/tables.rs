@@ -206,8 +206,8 @@ impl Known<'_> {
             .flatten()
     }
 
-    /// Spread of a quantity over that of the corresponding input, or over that of all inputs if
-    /// none corresponds.
+    /// Spread of a quantity divided by the spread of the corresponding input, or by the spread of
+    /// all inputs if none corresponds.
     fn amplification(&self, table: TableKind, found: &QuantitySpread) -> Option<Amplification> {
         let partner = partner(self.spec.over, table, &found.name);
         let own = partner.and_then(|name| self.inputs.iter().find(|i| i.name == name));

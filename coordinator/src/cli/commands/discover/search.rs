@@ -111,7 +111,7 @@ fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
     }
 }
 
-/// The findings, if one earlier run holds all of them: the run in `run_dir`, or that of the
+/// The findings, if one earlier run holds all of them: the run in `run_dir`, or the run of the
 /// patient's cohort.
 async fn known(source: &Source, run_dir: &Path) -> Result<Option<DiscoverCases>, CliError> {
     let cohort = source

@@ -50,7 +50,7 @@ struct Answer<'a> {
 /// Runs all checks and prints their findings.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let mut findings = machine::look();

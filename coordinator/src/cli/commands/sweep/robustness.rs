@@ -233,8 +233,8 @@ fn load(
         })
 }
 
-/// Specification from the arguments. An absent argument takes the value in the folder, or that of
-/// the paper.
+/// Specification from the arguments. An absent argument takes the value in the folder, or the
+/// paper's.
 fn specification(
     args: &RobustnessArgs,
     before: Option<&RobustnessSpec>,
