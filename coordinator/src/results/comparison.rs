@@ -60,7 +60,8 @@ impl MeanSd {
         let sd = (n > 1).then(|| {
             (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt()
         });
-        // The standard deviation of equal values can be the rounding error of their mean.
+        // The standard deviation of equal values is the rounding error of their mean, which stands
+        // for zero.
         let sd = sd.map(|sd| if sd < 1e-14 * mean.abs() { 0.0 } else { sd });
         Some(Self { mean, sd, n })
     }

@@ -326,7 +326,8 @@ fn spread(name: String, original: f64, values: &[f64]) -> Option<QuantitySpread>
 fn moments(found: statistics::Moments) -> Moments {
     Moments {
         mean: found.mean,
-        // The standard deviation of equal values can be the rounding error of their mean.
+        // The standard deviation of equal values is the rounding error of their mean, which stands
+        // for zero.
         standard_deviation: found.standard_deviation.map(|sd| {
             if sd < 1e-14 * found.mean.abs() {
                 0.0

@@ -203,7 +203,8 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
     }
     let rho = fit.residual_correlation;
     if rho > CORRELATED {
-        // Exact traces that the curve misses altogether have a correlation close to one.
+        // The correlation is close to one for traces without noise and for curves that miss the
+        // shape altogether.
         let factor = ((1.0 + rho) / (1.0 - rho.min(0.999))).sqrt();
         found.push(format!(
             "neighbouring residuals are alike (correlation {rho:.2}): the curve misses the trace's shape, or its noise is \
