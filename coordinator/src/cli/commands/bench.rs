@@ -1,4 +1,4 @@
-//! `cardiotwin bench`: what the coordinator itself costs.
+//! `cardiotwin bench`: cost of the orchestration itself.
 
 use std::path::PathBuf;
 
@@ -68,10 +68,10 @@ struct SlurmArgs {
     json: bool,
 }
 
-/// Measures.
+/// Runs the benchmark and prints its result.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn execute(args: &BenchArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
         BenchCommand::Orchestration(args) => orchestration(args, talk).await,
@@ -168,7 +168,7 @@ async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, Cl
     Ok(Exit::Ok)
 }
 
-/// Arguments of a process that drives the same run.
+/// Arguments of a process that drives the same run and is killed half-way.
 fn victim(options: &BenchOptions) -> Vec<String> {
     let mut arguments: Vec<String> = ["bench", "orchestration", "--drive-only"]
         .iter()
