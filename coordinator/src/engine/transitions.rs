@@ -178,7 +178,7 @@ impl Decider {
             let patient = &world.patients[i];
             let evaluation =
                 derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
-            // Each pass reopens a published task, so the loop ends.
+            // Each pass reopens published tasks, each at most once, so the loop ends.
             if !self.open_purged(world, i, &evaluation.next)? {
                 break evaluation;
             }
