@@ -1,4 +1,4 @@
-//! Why there is no finite-element ventricle.
+//! Errors of the finite-element ventricle.
 
 use std::path::PathBuf;
 
@@ -11,42 +11,42 @@ use cardiotwin_schemas::failure::FailureClass;
 
 use super::arrays::ArraysError;
 
-/// Why a finite-element ventricle could not be made or read.
+/// Reasons why a finite-element ventricle could not be made or read.
 #[derive(Debug, thiserror::Error)]
 pub enum FiniteElementError {
-    /// No mesh.
+    /// No mesh could be generated.
     #[error("mesh")]
     Mesh(#[from] EllipsoidError),
     /// The patient's own mesh cannot be used.
     #[error("the patient's mesh: {found}")]
     OwnMesh {
-        /// What was found, what was expected, what to do.
+        /// Description of the problem, with the remedy.
         found: String,
     },
-    /// No fibres.
+    /// The fibres could not be computed.
     #[error("fibres")]
     Fibres(#[from] LaplaceError),
-    /// No activation.
+    /// The activation times could not be computed.
     #[error("activation")]
     Activation(#[from] EikonalError),
-    /// No potentials.
+    /// The extracellular potentials could not be computed.
     #[error("potentials")]
     Potentials(#[source] ElectrophysiologyError),
-    /// The mesh is no anatomy.
+    /// The mesh has no usable anatomy.
     #[error("anatomy")]
     Anatomy(#[from] AnatomyError),
-    /// Stiffness or unloaded geometry are not found.
+    /// The stiffness or the unloaded geometry could not be found.
     #[error("passive state of the finite-element ventricle")]
     PassiveState(#[from] PassiveStateError),
     /// A file of a ventricle cannot be used.
     #[error("{file}")]
     File {
-        /// Which.
+        /// Path of the file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// Problem with its content.
         source: ArraysError,
     },
-    /// A ventricle was made without an effect that it has to have.
+    /// A stored ventricle lacks an effect of the patient.
     #[error(
         "the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}"
     )]
@@ -56,12 +56,12 @@ pub enum FiniteElementError {
         /// Factor of the effects.
         expected: f64,
     },
-    /// A stiffness of Guccione's law is given for a muscle of another.
+    /// A stiffness of Guccione's law is given, but the muscle has another law.
     #[error(
         "passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione"
     )]
     StiffnessOfAnotherLaw {
-        /// Which.
+        /// The muscle's law.
         law: &'static str,
     },
     /// Springs for a surface that the mesh does not have.
@@ -107,7 +107,7 @@ fn listed(tags: &[i32]) -> String {
 }
 
 impl FiniteElementError {
-    /// What kind of failure it is.
+    /// Failure class of the error.
     #[must_use]
     pub fn class(&self) -> FailureClass {
         match self {
@@ -118,7 +118,7 @@ impl FiniteElementError {
             | Self::SprungSurface { .. }
             | Self::RightPressure { .. }
             | Self::PassiveState(PassiveStateError::NoExponents { .. }) => FailureClass::Input,
-            // A volume that was not found says nothing of the patient's data.
+            // If a volume could not be computed, the patient's data are not at fault.
             Self::PassiveState(PassiveStateError::NoStiffness {
                 at_low_ml,
                 at_high_ml,
@@ -134,7 +134,7 @@ impl FiniteElementError {
         }
     }
 
-    /// What to do.
+    /// Advice on how to correct the error.
     #[must_use]
     pub fn remedy(&self) -> Option<&'static str> {
         match self {
