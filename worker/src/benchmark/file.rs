@@ -373,7 +373,7 @@ pub enum CourseTable {
         rise_per_s: f64,
         /// Rate otherwise; negative.
         fall_per_s: f64,
-        /// Begin of the activation.
+        /// Start of the activation.
         on_s: f64,
         /// End of the activation.
         off_s: f64,
@@ -396,7 +396,7 @@ pub enum CourseTable {
         rise_per_s: f64,
         /// Rate otherwise; negative.
         fall_per_s: f64,
-        /// Begin of the activation.
+        /// Start of the activation.
         on_s: f64,
         /// End of the activation.
         off_s: f64,
