@@ -25,7 +25,7 @@ pub enum AttemptError {
     /// The specification cannot be read.
     #[error("cannot read {file}")]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The operating system's error.
         source: io::Error,
@@ -33,7 +33,7 @@ pub enum AttemptError {
     /// The file is not a valid specification of an attempt.
     #[error("{file}: not a specification of an attempt in format {SCHEMA_VERSION}")]
     Spec {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// Position and cause of the parse error.
         source: serde_json::Error,
@@ -43,7 +43,7 @@ pub enum AttemptError {
         "{file}: written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the same version as the coordinator"
     )]
     Version {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// Format version found in the file.
         found: u32,
@@ -67,7 +67,7 @@ pub enum AttemptError {
     /// A claim or an outcome cannot be written.
     #[error("cannot write {file}")]
     Write {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The operating system's error.
         source: io::Error,
@@ -126,7 +126,8 @@ impl Attempt {
     /// Publishes the outcome and ends the attempt. Artefacts must be on disk before the call.
     ///
     /// # Errors
-    /// [`AttemptError::Revoked`] when the attempt was revoked meanwhile; otherwise when the file cannot be written.
+    /// [`AttemptError::Revoked`] when the attempt was revoked meanwhile; otherwise when the file
+    /// cannot be written.
     pub fn publish(self, outcome: &TaskOutcome) -> Result<(), AttemptError> {
         let published =
             PreparedOutcome::new(&self.directory, outcome).and_then(PreparedOutcome::publish);

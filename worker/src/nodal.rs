@@ -1,4 +1,5 @@
-//! `nodal.csv`: active stress, calcium and stretch of every node of a simulated organ over its last beat.
+//! `nodal.csv`: active stress, calcium and stretch of every node of a simulated organ over its last
+//! beat.
 //!
 //! The table is wide: one row for each time, one column for each quantity and node. Two comments
 //! before the header give the nodes' activation times and their weights in medians:

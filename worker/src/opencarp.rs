@@ -28,7 +28,8 @@ use crate::finite_element::StoredVentricle;
 const MESH: &str = "heart";
 /// File of the activation times.
 const ACTIVATION: &str = "activation.dat";
-/// Rates k_UW and k_WS of skinned muscle \[1/ms\], which `nu` and `mu` of `Stress_Land17` multiply (Land et al. 2017, Table 1).
+/// Rates k_UW and k_WS of skinned muscle \[1/ms\], which `nu` and `mu` of `Stress_Land17` multiply
+/// (Land et al. 2017, Table 1).
 const SKINNED_PER_MS: [f64; 2] = [0.026, 0.004];
 /// openCARP's activation time of nodes that are never activated.
 const NEVER_MS: f64 = -1.0;

@@ -38,8 +38,8 @@ pub struct Team {
 pub(crate) struct Session(Arc<AtomicBool>);
 
 impl Session {
-    /// Gives up the other ranks because the ranks failed to connect; they cannot be reached any
-    /// more.
+    /// Gives up the other ranks after a failure to start the shared work, because they cannot be
+    /// reached any more.
     pub fn lose(self) {
         std::mem::forget(self);
     }

@@ -1,5 +1,5 @@
 //! The benchmark of Aróstica et al. 2025 with the real program and the example files, shortened to
-//! what a test can afford.
+//! the length of a test.
 
 use std::collections::HashMap;
 use std::fs;

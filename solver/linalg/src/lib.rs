@@ -3,7 +3,8 @@
 //! - [`vec3`]: vectors of three numbers
 //! - [`Pattern`], [`Csr`], [`BlockCsr`], [`Coupling`]: sparse matrices by rows
 //! - [`mod@conjugate_gradients`]: the common loop of conjugate gradients, for any kind of vectors
-//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their [`Preconditioner`]s
+//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their
+//!   [`Preconditioner`]s
 //! - [`parallel`]: an interface for all global operations, and partitions of meshes
 //!
 //! Features: `direct` provides [`Direct`] factorisations and [`Multigrid`] (crate `faer`); `metis`

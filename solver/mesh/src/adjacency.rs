@@ -31,7 +31,8 @@ impl Adjacency {
         Self { starts, items }
     }
 
-    /// The nodes that share an element with each node, itself included: the pattern of a finite-element matrix.
+    /// The nodes that share an element with each node, itself included: the pattern of a
+    /// finite-element matrix.
     #[must_use]
     pub fn node_to_nodes(n_nodes: usize, tets: &[[u32; 4]]) -> Self {
         let around = Self::node_to_tets(n_nodes, tets);

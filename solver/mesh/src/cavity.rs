@@ -4,12 +4,12 @@ use crate::surface::{SurfaceDefect, openings};
 use crate::vec3::{Vec3, add, cross, dot, scale, sub};
 use cardiotwin_units::Ml;
 
-/// A closed surface around a cavity: an endocardium and its openings, each closed by a fan of triangles around the mean
-/// of its nodes.
+/// A closed surface around a cavity: an endocardium and its openings, each closed by a fan of
+/// triangles around the mean of its nodes.
 ///
-/// With x̄ the mean of the first opening's nodes, the volume is −1/6 Σ (x₀ − x̄)·((x₁ − x̄) × (x₂ − x̄)) over the
-/// endocardium, whose normals point into the cavity, and the further openings' fans; the first opening's own fan
-/// contributes nothing, because each of its triangles holds x̄.
+/// With x̄ the mean of the first opening's nodes, the volume is −1/6 Σ (x₀ − x̄)·((x₁ − x̄) × (x₂ −
+/// x̄)) over the endocardium, whose normals point into the cavity, and the further openings' fans;
+/// the first opening's own fan contributes nothing, because each of its triangles holds x̄.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cavity {
     /// Endocardial triangles. Their normals point out of the tissue, that is, into the cavity.
@@ -30,7 +30,7 @@ impl Cavity {
         })
     }
 
-    /// Mean position of an opening's nodes, mm.
+    /// Mean position of an opening's nodes \[mm\].
     #[must_use]
     pub fn opening_centre_mm(&self, opening: usize, nodes_mm: &[Vec3]) -> Vec3 {
         let nodes = &self.openings[opening];

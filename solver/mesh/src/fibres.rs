@@ -81,7 +81,7 @@ pub fn fields(
 /// the whole mesh. Collective.
 ///
 /// # Errors
-/// As for [`fields`], on all parts.
+/// Same as for [`fields`], on all parts.
 pub fn fields_of_part(
     mesh: &TetMesh,
     joint: &dyn Joint,
@@ -203,7 +203,7 @@ fn depth_of_part(
 /// element of muscle.
 ///
 /// # Errors
-/// As for [`fields`].
+/// Same as for [`fields`].
 pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<(), LaplaceError> {
     let fields = fields(mesh, muscle_tags, Longitudinal::FromBase)?;
     mesh.fibres = rule(mesh, muscle_tags, &fields, angles);
@@ -310,7 +310,8 @@ pub fn rule_of_part(
 /// Frame for given circumferential, longitudinal and transmural directions and the two angles
 /// \[radians\].
 ///
-/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and sheet.
+/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and
+/// sheet.
 #[must_use]
 pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame {
     let fibre = axpy(scale(around, alpha.cos()), alpha.sin(), up);

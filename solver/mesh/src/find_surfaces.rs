@@ -45,7 +45,8 @@ pub enum FindError {
     Boundary(#[from] crate::surface::SurfaceDefect),
 }
 
-/// Finds endocardium, epicardium and, for an open ventricle, the rim. Normals point out of the tissue.
+/// Finds endocardium, epicardium and, for an open ventricle, the rim. Normals point out of the
+/// tissue.
 ///
 /// # Errors
 /// [`FindError`] if the boundary does not consist of one inner patch, one outer patch and rim

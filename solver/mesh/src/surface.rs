@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 pub struct Surface {
     /// One of [`crate::tet_mesh::surface_names`], or a name from the file.
     pub name: String,
-    /// Corners, ordered so that the normal points out of the tissue (for an endocardium: into the cavity).
+    /// Corners, ordered so that the normal points out of the tissue (for an endocardium: into the
+    /// cavity).
     pub triangles: Vec<[u32; 3]>,
 }
 

@@ -13,7 +13,7 @@ fn run(wish: &Wish) -> (Raw, Truth, Prepared) {
     (raw, truth, prepared)
 }
 
-/// Index of the true beat that begins where a beat was found.
+/// Index of the true beat that begins at the time of a detected beat.
 fn truth_of(truth: &Truth, onset_ms: f64) -> Option<usize> {
     let near = |i: &usize| (truth.onsets_ms[*i] - onset_ms).abs();
     (0..truth.onsets_ms.len())

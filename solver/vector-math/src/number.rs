@@ -16,13 +16,13 @@ pub trait Number:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// A constant.
+    /// The constant `x`, with a zero derivative for dual numbers.
     fn of(x: f64) -> Self;
 
     /// `self · a + b`, fused in lanes with `FMA`.
     fn mul_add(self, a: Self, b: Self) -> Self;
 
-    /// Exponential.
+    /// eˣ.
     fn exp(self) -> Self;
 
     /// eˣ − 1.

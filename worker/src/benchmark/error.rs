@@ -10,7 +10,7 @@ pub enum BenchmarkError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", file.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The operating system's error.
         source: std::io::Error,
@@ -18,17 +18,17 @@ pub enum BenchmarkError {
     /// The file is not a valid benchmark.
     #[error("{}: {source}correct the key that is named; docs/benchmark-runner.md lists all of them", file.display())]
     Format {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Line, column and what was expected.
+        /// Line and column of the error, and the expected content.
         source: Box<toml::de::Error>,
     },
     /// A key has a wrong value.
     #[error("{}: {key}: found {found}, expected {expected}", file.display())]
     Key {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Dotted key.
+        /// The key, with dots between its parts.
         key: String,
         /// Value found.
         found: String,

@@ -17,7 +17,7 @@ pub enum FiniteElementError {
     /// No mesh could be generated.
     #[error("mesh")]
     Mesh(#[from] EllipsoidError),
-    /// The patient's own mesh cannot be used.
+    /// The patient's own mesh is not usable.
     #[error("the patient's mesh: {found}")]
     OwnMesh {
         /// Description of the problem, with the remedy.
@@ -38,7 +38,7 @@ pub enum FiniteElementError {
     /// The stiffness or the unloaded geometry could not be found.
     #[error("passive state of the finite-element ventricle")]
     PassiveState(#[from] PassiveStateError),
-    /// A file of a ventricle cannot be used.
+    /// A file of a ventricle is not usable.
     #[error("{file}")]
     File {
         /// Path of the file.
@@ -64,26 +64,26 @@ pub enum FiniteElementError {
         /// The muscle's law.
         law: &'static str,
     },
-    /// Springs for a surface that the mesh does not have.
+    /// Springs are given for a surface that the mesh does not have.
     #[error("solver.finite_element.wall.surface.{name}: the mesh has no surface of this name, expected one of {}", found.join(", "))]
     SprungSurface {
-        /// The name.
+        /// Name of the surface.
         name: String,
-        /// Surfaces of the mesh.
+        /// Names of the mesh's surfaces.
         found: Vec<String>,
     },
-    /// A right ventricle that cannot be loaded together with the left one.
+    /// The right ventricle cannot be loaded together with the left one.
     #[error(
         "the right ventricle has {right_mmhg:.2} mmHg at end-diastole, but the left one {left_mmhg:.2}, expected an end-diastolic \
          pressure above zero: step 0 raises both together"
     )]
     RightPressure {
-        /// Of the left ventricle at end-diastole.
+        /// End-diastolic pressure of the left ventricle.
         left_mmhg: f64,
-        /// Of the right one then.
+        /// Pressure of the right ventricle at the same time.
         right_mmhg: f64,
     },
-    /// A passive law for a tag that no passive tissue of the mesh has.
+    /// A passive law is given for a tag that no passive tissue of the mesh has.
     #[error(
         "solver.finite_element.wall.passive.{tag}: the mesh has no passive tissue with this tag, expected one of {}",
         listed(passive)
@@ -91,7 +91,7 @@ pub enum FiniteElementError {
     PassiveTag {
         /// The tag.
         tag: i32,
-        /// Tags of passive tissue.
+        /// Tags of the mesh's passive tissue.
         passive: Vec<i32>,
     },
 }

@@ -18,7 +18,7 @@ use cardiotwin_units::Ms;
 use crate::error::TaskError;
 use crate::files;
 
-/// Folder in the attempt's directory.
+/// Name of the folder in the attempt's directory.
 pub const FOLDER: &str = "vtu";
 /// Name of the index file in this folder.
 pub const INDEX: &str = "beat.pvd";
@@ -33,7 +33,7 @@ pub struct Series {
     mesh: TetMesh,
     begin: Vec<[f64; 3]>,
     beat: usize,
-    /// Time in the beat of each frame.
+    /// Time of each frame in the beat.
     times_ms: Vec<f64>,
 }
 

@@ -82,7 +82,7 @@ pub struct Restored {
     pub anatomy: Anatomy,
     /// Parameters of the wall.
     pub wall: WallParameters,
-    /// End-diastolic state.
+    /// State at end-diastole.
     pub end_diastole: EndDiastole,
 }
 

@@ -1,4 +1,4 @@
-//! Check of the launcher and of the network: whether they do what a beat needs, and how fast.
+//! Check of the launcher and of the network: correctness and speed of the operations in a beat.
 
 use std::str::FromStr;
 use std::time::{Duration, Instant};

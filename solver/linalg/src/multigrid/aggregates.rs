@@ -3,8 +3,8 @@
 use crate::Pattern;
 
 /// Group of each row of `pattern`, and the number of groups. A node without grouped neighbours
-/// becomes a root and forms a group with all its neighbours; remaining nodes join the neighbouring
-/// group with which they share most neighbours. Columns without a row (ghosts) are left out, so
+/// becomes a root and forms a group with all its neighbours; remaining nodes join the group that
+/// contains most of their neighbours. Columns without a row (ghosts) are left out, so
 /// that groups end at the border of a rank.
 ///
 /// Source: Vaněk, Mandel and Brezina 1996, Computing 56:179, algorithm 5.1.

@@ -1,4 +1,5 @@
-//! Activation times from the anisotropic eikonal equation, sqrt(∇t · V ∇t) = 1, with V the tensor of squared speeds.
+//! Activation times from the anisotropic eikonal equation, sqrt(∇t · V ∇t) = 1, with V the tensor
+//! of squared speeds.
 //!
 //! The arrival time at a corner of an element is the minimum, over the opposite face, of the
 //! arrival time on the face plus the travel time with the element's own speeds. Linear fields, that
@@ -99,7 +100,7 @@ pub enum EikonalError {
     Speed {
         /// Name of the speed.
         which: &'static str,
-        /// Its value.
+        /// Value of the speed \[mm/ms\].
         found: f64,
     },
     /// No element has a conducting tag.

@@ -32,8 +32,8 @@ fn confocal(n_nodes: usize) -> Ellipsoid {
     heart
 }
 
-/// Depth and frame in closed form. With ξ = (r₁ + r₂)/(2f) from the distances to the foci, ln((ξ + 1)/(ξ − 1)) is
-/// harmonic; its gradient bisects the two focal directions.
+/// Depth and frame in closed form. With ξ = (r₁ + r₂)/(2f) from the distances to the foci, ln((ξ +
+/// 1)/(ξ − 1)) is harmonic; its gradient bisects the two focal directions.
 fn exact(heart: &Ellipsoid, x: Vec3, angles: &Angles) -> (f64, Frame) {
     let ([a, c], [_, d]) = (heart.shape.axes_mm(0.0), heart.shape.axes_mm(1.0));
     let focus = (c * c - a * a).sqrt();

@@ -44,7 +44,7 @@ pub fn read(file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
 /// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let first = lines.expect("`$MeshFormat`")?;

@@ -99,7 +99,7 @@ pub fn read(file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
 /// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let mut words = Words::of(text, file);
     let mut mesh = TetMesh::default();

@@ -17,7 +17,7 @@ pub fn read(file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
 /// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let mut values = Vec::with_capacity(n_nodes);

@@ -146,8 +146,8 @@ fn collapse_flat(mesh: &mut TetMesh) -> usize {
             .flat_map(|[i, j]| [[i, j], [j, i]])
             .map(|ends| ends.map(|i| tet[i]))
         {
-            // A boundary node stays in place, and collapsing an inner edge between two boundary
-            // nodes must not close an opening.
+            // A boundary node stays in place. An inner edge between two boundary nodes is therefore
+            // never collapsed, and the collapses close no opening.
             if outer[from as usize] {
                 continue;
             }

@@ -181,7 +181,7 @@ fn ways(tolerance: f64) -> Vec<Way> {
 /// Runs the beats one after the other.
 ///
 /// # Errors
-/// As for [`super::ventricle`].
+/// Same as for [`super::ventricle`].
 pub fn shortcuts(
     bench: &VentricleBench,
     threads: usize,

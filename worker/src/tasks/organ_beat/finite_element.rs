@@ -385,7 +385,7 @@ fn is_shared(kind: ElementKind, equations: &EquationSettings) -> bool {
 /// They use the context's team or threads if elements and equations permit.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub(super) fn assemble(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
@@ -435,7 +435,7 @@ pub(super) fn assemble(
 /// Takes part in a beat of rank 0.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub(super) fn serve(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,

@@ -90,7 +90,7 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
 /// if it diverges.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub fn reduced_beat(
     spec: &OrganBeatSpec,
     passive: &organ::OneFibrePassive,

@@ -1,4 +1,5 @@
-//! Step 0 of the finite-element ventricle: mesh, fibres, activation, unloaded geometry and stiffness, in one artefact.
+//! Step 0 of the finite-element ventricle: mesh, fibres, activation, unloaded geometry and
+//! stiffness, in one artefact.
 //!
 //! Artefact: `ventricle.bin` (`ventricle`), see [`crate::finite_element::stored`].
 

@@ -1,5 +1,5 @@
-//! Step 0: computes from the measurements what all simulations of a patient share. Missing data are
-//! estimated and marked as such.
+//! Step 0: computes from the measurements the input shared by all simulations of a patient. Missing
+//! data are estimated and marked as such.
 
 mod corrections;
 pub(crate) mod estimates;

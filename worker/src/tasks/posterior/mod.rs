@@ -57,7 +57,7 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
-    // Reports errors that are common to all draws: an effect without counterpart, a parameter
+    // Reports errors that are common to all draws: an invalid effect, a parameter
     // outside the range of the models.
     reduced(&beat, &passive, &activation)?;
     let simulate = |x: &[f64]| -> Option<OrganBeatResult> {

@@ -35,7 +35,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         valves: spec.beat.valves,
     };
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
-    // Reports errors that are common to all beats: an effect without counterpart, a parameter
+    // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.
     reduced(&spec.beat, &passive, &activation)?;
     let cheap = |p: &Step1Parameters| {

@@ -69,7 +69,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
-    // Reports errors that are common to all beats: an effect without counterpart, a parameter
+    // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.
     reduced(&beat, &passive, &activation)?;
     let axes = axes(&spec.parameters);

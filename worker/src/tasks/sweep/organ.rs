@@ -38,7 +38,7 @@ impl Beats {
         }
         let (passive, activation) = one_fibre(&beat.organ)?;
         let beat = beat.with_parameters(&design.fixed);
-        // Reports errors that are common to all samples: an effect without counterpart, loads
+        // Reports errors that are common to all samples: an invalid effect, loads
         // outside the range of the models.
         reduced(&beat, &passive, &activation)?;
         Ok(Self {

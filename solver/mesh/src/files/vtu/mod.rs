@@ -1,7 +1,8 @@
 //! VTU files, VTK's XML format of unstructured grids, which ParaView reads and writes.
 //!
-//! Points are in mm. Tetrahedra come first, then, if wanted, the triangles of surfaces. Cell arrays: `tag`; `fibre` and
-//! `sheet`; for each surface `surface:NAME`, 1 on its triangles and 0 elsewhere.
+//! Points are in mm. Tetrahedra come first, then, if wanted, the triangles of surfaces. Cell
+//! arrays: `tag`; `fibre` and `sheet`; for each surface `surface:NAME`, 1 on its triangles and 0
+//! elsewhere.
 
 mod data;
 mod read;

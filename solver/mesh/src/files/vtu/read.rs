@@ -27,7 +27,7 @@ pub fn read(file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
 /// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
     let (xml, appended) = split_appended(bytes);
     let xml = std::str::from_utf8(&xml)
