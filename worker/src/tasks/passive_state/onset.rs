@@ -1,7 +1,7 @@
 //! Onset of activation, estimated from the measured pressure.
 //!
-//! Stress begins after the electromechanical delay; in the middle of the wall this is half the
-//! spread after the first part. The pressure then rises like a parabola, because the Tanh stress
+//! Stress begins after the electromechanical delay, and in the middle of the wall half the spread
+//! later than in its first part. The pressure then rises like a parabola, because the Tanh stress
 //! does. The first activation therefore lies this much before the vertex of a parabola through the
 //! lower upstroke: `onset = t_vertex − t_emd − spread/2`. A line through 5 to 20 % of the rise A,
 //! with slope k, meets the pressure before the upstroke at t_foot (intersecting tangents; Chiu et
