@@ -1,4 +1,4 @@
-//! `cardiotwin-worker`: does one task, or measures the kernels.
+//! `cardiotwin-worker`: executes one task, or runs benchmarks.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

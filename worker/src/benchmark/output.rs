@@ -1,4 +1,5 @@
-//! The table: `t_s`, displacements in mm for each probe, cavity volumes in mL.
+//! The output table: `t_s`, the displacement of each probe in mm and the volume of each cavity in
+//! mL.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -9,7 +10,7 @@ use cardiotwin_mechanics::prescribed::Sample;
 use super::error::BenchmarkError;
 use super::file::BenchmarkFile;
 
-/// A table that grows row by row; each row reaches the file at once.
+/// A table that is written row by row, without buffering across rows.
 pub struct Table {
     name: PathBuf,
     sink: Box<dyn std::io::Write>,
@@ -24,10 +25,10 @@ impl std::fmt::Debug for Table {
 }
 
 impl Table {
-    /// Begins with the heads of the columns.
+    /// Opens the file and writes the column heads.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
+    /// [`BenchmarkError::Write`] when the file cannot be created or written.
     pub fn create(parsed: &BenchmarkFile, out: Option<&Path>) -> Result<Self, BenchmarkError> {
         let name = out.map_or_else(|| PathBuf::from("standard output"), Path::to_owned);
         let sink: Box<dyn std::io::Write> = match out {
@@ -63,10 +64,10 @@ impl Table {
             })
     }
 
-    /// Adds a row.
+    /// Appends a row.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
+    /// [`BenchmarkError::Write`] when the file cannot be written.
     pub fn row(&mut self, sample: &Sample) -> Result<(), BenchmarkError> {
         let mut text = format!("{}", (sample.t_ms * 1e3).round() / 1e6);
         for x in sample.probes_mm.iter().flatten() {
@@ -78,10 +79,10 @@ impl Table {
         self.line(&text)
     }
 
-    /// Ends the table.
+    /// Flushes and closes the table.
     ///
     /// # Errors
-    /// [`BenchmarkError::Write`].
+    /// [`BenchmarkError::Write`] when the file cannot be written.
     pub fn finish(mut self) -> Result<(), BenchmarkError> {
         self.sink.flush().map_err(|source| BenchmarkError::Write {
             file: self.name,

@@ -1,4 +1,5 @@
-//! `cardiotwin-worker-mpi`: does one task on the ranks of an MPI launcher. The only program of this workspace that links MPI.
+//! `cardiotwin-worker-mpi`: executes one task on the ranks of an MPI launcher. It is the only
+//! program of this workspace that links MPI.
 
 mod check;
 mod communicator;
@@ -30,7 +31,7 @@ use tracing::Level;
 use communicator::MpiRank;
 use failure::Failures;
 
-/// Other ranks than were asked for.
+/// Exit code if the number of ranks differs from the requested one.
 const EXIT_RANKS: u8 = 5;
 
 /// Does one task of a cardiotwin run on MPI ranks: `mpirun -n 4 cardiotwin-worker-mpi simulate --ranks 4 …`
@@ -137,7 +138,7 @@ fn main() -> ExitCode {
         Command::Simulate { out, ranks, .. } => (ranks, Some(out.clone())),
         Command::Bench { ranks, .. } | Command::Check { ranks, .. } => (ranks, None),
     };
-    // A launcher that is killed leaves no ranks behind that wait for each other.
+    // If the launcher is killed, its ranks must not stay behind and wait for each other.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
     let threading = if ranks.subdomains.is_some() {
         Threading::Multiple
@@ -157,7 +158,8 @@ fn main() -> ExitCode {
     {
         Ok(per_process) => per_process,
         Err(error) => {
-            // Each rank that believes to be alone finds this out: one message for each.
+            // Under a launcher of another MPI, every rank is rank 0 of its own world and prints
+            // this message.
             if rank == 0 {
                 eprintln!("error: {error:#}");
             }
@@ -196,10 +198,10 @@ fn main() -> ExitCode {
         }
     };
     let code = std::thread::scope(|scope| {
-        // One that panics ends all ranks by the hook above.
+        // If one of these threads panics, the panic hook ends all ranks.
         (1..per_process).for_each(|k| drop(scope.spawn(move || help(&team(k)))));
         let team = team(0);
-        // Whoever asks rank 0 to stop asks the others, too: rank 0 tells them.
+        // A signal reaches all ranks, and rank 0 tells the others when to stop.
         let stop = StopFlag::on_signals();
         if rank > 0 || matches!(cli.command, Command::Check { .. }) {
             help(&team);
@@ -254,7 +256,7 @@ fn measured(command: &Command) -> Option<bench::VentricleBench> {
     })
 }
 
-/// Parts of the mesh a process.
+/// Parts of the mesh in each process.
 fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
     let Some(parts) = ranks.subdomains else {
         return Ok(1);
@@ -271,7 +273,8 @@ fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<
     Ok(parts / n_ranks)
 }
 
-/// Whether there are as many ranks as were asked for: under a launcher of another MPI every rank believes to be alone.
+/// Checks that the number of ranks is the requested one. Under a launcher of another MPI, every
+/// rank runs alone.
 fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()> {
     let said = std::env::var("CARDIOTWIN_RANKS").ok();
     let (expected, by) = match (ranks.ranks, said, command) {
@@ -304,7 +307,7 @@ fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()
     Ok(())
 }
 
-/// What rank 0 does; returns what went wrong where an outcome says so.
+/// Work of rank 0; returns the failure if the outcome reports one.
 fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {
     let ending = match command {
         Command::Run {
