@@ -44,7 +44,8 @@ fn value(end: ProfileEnd) -> f64 {
     }
 }
 
-/// A tilted quadratic valley: the profile of x² + 2ρxy + y² is (1 - ρ²) x², wider than the cost with y held.
+/// A tilted quadratic valley: the profile of x² + 2ρxy + y² is (1 - ρ²) x², wider than the cost
+/// with y held.
 #[test]
 fn ends_of_a_correlated_quadratic() {
     let rho = 0.9;
@@ -64,7 +65,8 @@ fn ends_of_a_correlated_quadratic() {
     }
 }
 
-/// x and y act as their product only; z is determined; the data want w beyond its bound; v does nothing.
+/// x and y act only through their product; z is determined; the data push w beyond its bound; v has
+/// no effect.
 #[test]
 fn marks_of_four_kinds() {
     let f = |x: &[f64]| {
