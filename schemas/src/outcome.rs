@@ -205,8 +205,8 @@ pub struct OrganBeatResult {
     pub counters: BTreeMap<String, f64>,
 }
 
-/// Suffix of the names of checks that a valve opened and closed, for example `aortic valve opened
-/// and closed`.
+/// Suffix of the names of checks that a valve opened and closed, for example
+/// `aortic valve opened and closed`.
 const OF_A_VALVE: &str = " valve opened and closed";
 
 impl std::fmt::Display for Check {

@@ -132,7 +132,7 @@ macro_rules! updated {
         impl Step1Parameter {
             /// All updated parameters, in the order of eqs. 13 and 15 and of Table A6 of Jung et al. 2022.
             pub const ALL: [Self; [$($key),*].len()] = [$(Self::$variant),*];
-            /// Their keys, in the same order.
+            /// Keys of the updated parameters, in the same order.
             pub const KEYS: [&'static str; Self::ALL.len()] = [$($key),*];
 
             /// Key with its unit, as in files.
@@ -220,7 +220,7 @@ impl Step1Parameters {
         self
     }
 
-    /// The same with another value of one updated parameter, in the unit of its key.
+    /// The same parameters with another value of one updated parameter, in the unit of its key.
     #[must_use]
     pub const fn with(mut self, parameter: Step1Parameter, value: f64) -> Self {
         self.set(parameter, value);

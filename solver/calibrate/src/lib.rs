@@ -1,6 +1,6 @@
 //! Algorithms of the personalisation with an ask-and-tell interface: no model, clock or thread.
 //!
-//! The caller asks for parameters, runs the simulations and tells the results. Every state can be
+//! The caller requests parameters, runs the simulations and returns the results. Every state can be
 //! stored and continued, and the same history leads to the same proposal.
 
 #![deny(missing_docs)]

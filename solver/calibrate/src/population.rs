@@ -14,9 +14,9 @@ pub enum PopulationError {
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What it must be.
+        /// Expected range.
         expected: &'static str,
     },
     /// A guess does not match the box, or there are more guesses than members.

@@ -151,7 +151,7 @@ pub enum MeasuredError {
     Value {
         /// Description of the number.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
         /// Expected range.
         expected: &'static str,

@@ -1,5 +1,5 @@
-//! `docs/effects` agrees with the declarations of the catalogue. To update it, run `cargo run
-//! --release -p cardiotwin-models --example effect_pages`.
+//! `docs/effects` agrees with the declarations of the catalogue. To update it, run
+//! `cargo run --release -p cardiotwin-models --example effect_pages`.
 
 #[path = "../examples/effect_pages/pages.rs"]
 mod pages;

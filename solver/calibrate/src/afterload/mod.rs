@@ -60,9 +60,9 @@ pub enum AfterloadError {
         trace: &'static str,
         /// Index of the sample.
         idx: usize,
-        /// Its time.
+        /// Time of the sample, ms.
         time_ms: f64,
-        /// Its value.
+        /// Value of the sample.
         value: f64,
     },
     /// Too few pressure samples lie within the time of the flow.

@@ -32,7 +32,7 @@ impl Default for CalciumFitSettings {
     }
 }
 
-/// Why a trace cannot be fitted.
+/// Reasons why a trace cannot be fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalciumFitError {
     /// Times and values differ in number or are too few.
@@ -52,9 +52,9 @@ pub enum CalciumFitError {
     Sample {
         /// Position of the sample.
         idx: usize,
-        /// Its time.
+        /// Time of the sample, ms.
         time_ms: f64,
-        /// Its value.
+        /// Value of the sample, µM.
         calcium_um: f64,
     },
     /// The trace does not rise, or does not fall again after its rise.

@@ -53,7 +53,7 @@ pub struct Estimate {
     pub upper: Option<f64>,
 }
 
-/// What the trace determines about the two time constants.
+/// Extent to which the trace determines the two time constants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeConstants {
@@ -103,7 +103,7 @@ pub struct CalciumFit {
     pub tau_cd_ms: Estimate,
     /// Mean of both time constants, ms. It is determined even if the two are not.
     pub tau_mean_ms: Estimate,
-    /// What the trace determines about the two time constants.
+    /// Extent to which the trace determines the two time constants.
     pub time_constants: TimeConstants,
     /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,

@@ -99,7 +99,7 @@ impl Settings {
     }
 }
 
-/// Why the optimisation ended.
+/// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {

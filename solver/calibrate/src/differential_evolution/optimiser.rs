@@ -24,7 +24,7 @@ pub enum Stage {
     Ended,
 }
 
-/// Why the generations ended.
+/// Reason for the end of the generations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
@@ -42,7 +42,7 @@ pub struct Outcome {
     /// Cost of the best parameters; infinite if no evaluation succeeded.
     #[serde(with = "crate::storage::cost")]
     pub cost: f64,
-    /// Why the generations ended.
+    /// Reason for the end of the generations.
     pub ending: Ending,
     /// Number of generations after the first population.
     pub n_generations: usize,

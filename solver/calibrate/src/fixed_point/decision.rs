@@ -59,7 +59,7 @@ pub struct Iteration {
 /// Relative difference of a parameter below which two simulations are the same.
 const HARDLY: f64 = 1e-4;
 
-/// Everything that was simulated so far.
+/// All simulations so far.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct History {
     /// Initial parameters.
@@ -122,7 +122,7 @@ pub enum Quality {
     FailedAt(usize),
 }
 
-/// Why the loop ended.
+/// Reason for the end of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
@@ -151,9 +151,9 @@ pub enum Decision {
     },
     /// The loop is over.
     Ended {
-        /// How good the result is.
+        /// Quality of the result.
         quality: Quality,
-        /// Why it ended.
+        /// Reason for the end.
         because: Ending,
         /// Among the iterations within the bounds, the one with the lowest misfit within the
         /// tolerance, else the one with the lowest cost. `None` if no simulation succeeded there.
@@ -169,9 +169,9 @@ pub enum FixedPointError {
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What it must be.
+        /// Expected range.
         expected: &'static str,
     },
     /// An interval of a parameter whose ends are not positive, finite and in order.
@@ -203,7 +203,7 @@ pub enum FixedPointError {
     Initial {
         /// Parameter with this initial value.
         parameter: Step1Parameter,
-        /// Its value.
+        /// Value found.
         value: f64,
     },
     /// A measured biomarker of pressure is missing, or a measured biomarker has the wrong sign.

@@ -109,7 +109,7 @@ pub enum Bound {
     Upper,
 }
 
-/// How well the data determine a parameter.
+/// Extent to which the data determine a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mark {
@@ -156,7 +156,7 @@ pub enum IdentifiabilityError {
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
     },
     /// A set with another number of parameters than the box.

@@ -34,7 +34,7 @@ pub struct ProfiledParameter {
     pub share: f64,
     /// Bound that the best value lies on, if any.
     pub bound: Option<Bound>,
-    /// How well the data determine the parameter.
+    /// Extent to which the data determine the parameter.
     pub mark: Mark,
 }
 

@@ -22,7 +22,7 @@ pub struct ParameterSpread {
     pub share: f64,
     /// Bound that the best value lies on, if any.
     pub bound: Option<Bound>,
-    /// How well the sets determine the parameter.
+    /// Extent to which the sets determine the parameter.
     pub mark: Mark,
 }
 

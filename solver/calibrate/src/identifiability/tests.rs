@@ -247,7 +247,7 @@ fn spread_of_results() {
 }
 
 proptest! {
-    /// Storing after any batch changes nothing that follows.
+    /// Storage after any batch does not change the rest of the run.
     #[test]
     fn continues_from_storage(a in 0.2..3.0f64, b in -0.9..0.9f64, store_every in 1usize..5) {
         let f = |x: &[f64]| a * x[0] * x[0] + b * x[0] * x[1] + x[1] * x[1];

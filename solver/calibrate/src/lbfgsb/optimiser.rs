@@ -52,7 +52,7 @@ impl Default for Settings {
     }
 }
 
-/// Why the optimisation ended.
+/// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {

@@ -226,8 +226,8 @@ fn correlated_errors_are_worth_fewer_samples() {
     let covariance = |i: usize, j: usize| 4.0 * (-0.1 * i.abs_diff(j) as f64).exp();
     let errors = TraceErrors::new(&[10.0; 50], covariance).expect("a covariance");
     assert_eq!(errors.residuals(&[10.0; 50]), vec![0.0; 50]);
-    // A shift by one standard deviation counts 1ᵀ C⁻¹ 1, for an Ornstein-Uhlenbeck process 1 + (n −
-    // 1) (1 − r)/(1 + r).
+    // A shift by one standard deviation counts 1ᵀ C⁻¹ 1, which is 1 + (n − 1) (1 − r)/(1 + r) for an
+    // Ornstein–Uhlenbeck process.
     let found: f64 = errors.residuals(&[12.0; 50]).iter().map(|r| r * r).sum();
     let r = (-0.1_f64).exp();
     assert!(

@@ -1,5 +1,9 @@
-//! Runs the search on a folder of cases and scores it if the folder has labels: `evaluate CASES_DIR
-//! [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N] [--out FILE]`.
+//! Runs the search on a folder of cases and scores it if the folder has labels.
+//!
+//! ```text
+//! evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]
+//!     [--out FILE]
+//! ```
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a

@@ -1,6 +1,10 @@
 //! Generates folders of test patients with known hidden effects, in the patient format, with
-//! `labels.json`: `validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N]
-//! [--off N] [--seed N] [--jobs N] [--no-visibility]`.
+//! `labels.json`.
+//!
+//! ```text
+//! validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N]
+//!     [--seed N] [--jobs N] [--no-visibility]
+//! ```
 //!
 //! `other` is the independent closed loop of `solver/validation`, `same` is the model that is
 //! fitted (an inverse crime, and labelled as such). Existing cases of the folder are kept, so that

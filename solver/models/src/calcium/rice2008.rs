@@ -24,8 +24,8 @@ parameters! {
 /// Rice's transient normalised to a peak of one, `K e^{−a s} (1 − e^{−2 d s})`.
 ///
 /// s is the time since activation, a the smaller rate and 2d the difference of the rates. The form
-/// is symmetric in the two time constants and free of cancellation. For d → 0 it becomes `(s/τ)
-/// e^{1 − s/τ}`.
+/// is symmetric in the two time constants and free of cancellation. For d → 0 it becomes
+/// `(s/τ) e^{1 − s/τ}`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rice2008Shape {
     /// Smaller rate 1/max(τ) \[1/ms\]; the mean of the two in the limit.

@@ -17,8 +17,8 @@ pub struct ArterialJunction {
     pub loss: f64,
 }
 
-/// `P = R1 Q_in + P1`, `f C dP1/dt = Q_in − Q`, `L dQ/dt = P1 − P2 − R_l Q − K Q|Q|`, `(1−f) C
-/// dP2/dt = Q − P2/R2`.
+/// `P = R1 Q_in + P1`, `f C dP1/dt = Q_in − Q`, `L dQ/dt = P1 − P2 − R_l Q − K Q|Q|`,
+/// `(1−f) C dP2/dt = Q − P2/R2`.
 ///
 /// With L = R_l = K = 0 it is the three-element Windkessel. The states are P1, Q and P2. A step
 /// uses the two-stage L-stable diagonally implicit Runge–Kutta method of order two (Alexander 1977,

@@ -38,8 +38,8 @@ impl WindkesselParameters {
         Ms(self.peripheral_resistance.0 * self.compliance.0 * 1e3)
     }
 
-    /// Value of Pc at the start of each cycle if the flow repeats every `cycle_length`: `Pc(0) = ∫
-    /// Q e^{−(T−s)/τ} ds / (C (1 − e^{−T/τ}))`.
+    /// Value of Pc at the start of each cycle if the flow repeats every `cycle_length`:
+    /// `Pc(0) = ∫ Q e^{−(T−s)/τ} ds / (C (1 − e^{−T/τ}))`.
     ///
     /// - `flow_ml_per_s`: flow as a function of the time in the cycle \[ms\], integrated by
     ///   Simpson's rule on 2000 intervals

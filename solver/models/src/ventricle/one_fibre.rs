@@ -435,9 +435,9 @@ impl OneFibreVentricle {
         Ok((pressure, slope))
     }
 
-    /// Finds the volume at which the circulation delivers the change of volume. The residual `V −
-    /// V_n − dt Q(p(V))` increases wherever the ventricle stiffens with volume. A bracket guards
-    /// Newton where it does not, and across kinks of the valves.
+    /// Finds the volume at which the circulation delivers the change of volume. The residual
+    /// `V − V_n − dt Q(p(V))` increases wherever the ventricle stiffens with volume. A bracket
+    /// guards Newton where it does not, and across kinks of the valves.
     fn solve(
         &mut self,
         circulation: &mut Circulation,

@@ -1,8 +1,8 @@
 //! Passive state ("step 0") of the one-fibre ventricle: the unloaded volume and the passive fibre
 //! law (SPEC sections 3, 4).
 //!
-//! Geometry: Arts 1991, `p = σ_f/3 · ln(1 + V_wall/V)`, `λ = ((V + V_wall/3)/(V_ref +
-//! V_wall/3))^(1/3)`.
+//! Geometry: Arts 1991, `p = σ_f/3 · ln(1 + V_wall/V)`,
+//! `λ = ((V + V_wall/3)/(V_ref + V_wall/3))^(1/3)`.
 
 use super::VentricleError;
 use crate::roots::increasing_root;
