@@ -70,7 +70,7 @@ pub enum CalciumFitError {
     /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// The level.
+        /// Confidence level given.
         level: f64,
     },
     /// The minimisation failed.
