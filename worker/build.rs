@@ -1,4 +1,5 @@
-//! Names the commit in `--version` and in every outcome. Without git, or outside a checkout, there is none.
+//! Passes the commit to the binary, for `--version` and for every outcome. There is no commit
+//! without git or outside a checkout.
 
 use std::process::Command;
 
@@ -17,7 +18,8 @@ fn main() {
         format!("{version} ({commit})")
     };
     println!("cargo::rustc-env=CARDIOTWIN_VERSION_TEXT={text}");
-    // HEAD changes when another branch is checked out, the branch's reference when a commit is made on it.
+    // HEAD changes when another branch is checked out, and the branch's reference changes with a
+    // commit.
     for name in [
         "HEAD".to_owned(),
         git(&["symbolic-ref", "-q", "HEAD"]).unwrap_or_default(),

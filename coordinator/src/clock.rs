@@ -1,4 +1,4 @@
-//! The one place that reads the wall clock. Times as text are UTC, RFC 3339, with milliseconds.
+//! The only module that reads the wall clock. Times as text are UTC, RFC 3339, with milliseconds.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -6,24 +6,24 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 pub use cardiotwin_schemas::time::utc_text;
 
-/// The clock that an engine is given: the wall's, or one that a test sets.
+/// The clock of an engine: the wall clock, or one that a test sets.
 #[derive(Debug, Clone, Default)]
 pub enum Clock {
     /// The wall clock.
     #[default]
     Wall,
-    /// A clock that stands still until it is moved; clones move together.
+    /// A clock that stands still until it is moved. Its clones move together.
     Manual(Arc<AtomicI64>),
 }
 
 impl Clock {
-    /// A clock that stands at `ms` since 1970-01-01T00:00:00Z.
+    /// A manual clock that stands at `ms` since 1970-01-01T00:00:00Z.
     #[must_use]
     pub fn manual(ms: i64) -> Self {
         Self::Manual(Arc::new(AtomicI64::new(ms)))
     }
 
-    /// Moves a manual clock on; the wall clock goes by itself.
+    /// Moves a manual clock forward. Does nothing to the wall clock.
     pub fn advance_ms(&self, by_ms: i64) {
         if let Self::Manual(ms) = self {
             ms.fetch_add(by_ms, Ordering::Relaxed);
@@ -49,7 +49,7 @@ pub fn now_ms() -> i64 {
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
-/// The present as text, for example `2026-07-30T12:34:56.789Z`.
+/// The current time as text, for example `2026-07-30T12:34:56.789Z`.
 #[must_use]
 pub fn now_utc() -> String {
     utc_text(now_ms())

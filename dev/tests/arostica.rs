@@ -1,11 +1,12 @@
-//! The benchmark of Aróstica et al. 2025, as far as a test can afford it, with the real program and the files of the examples.
+//! The benchmark of Aróstica et al. 2025 with the real program and the example files, shortened to
+//! the length of a test.
 
 use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// Rows of a table, each by column.
+/// Rows of a table, each a map from column to value.
 fn rows(text: &str) -> Vec<HashMap<String, f64>> {
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -29,7 +30,7 @@ fn the_first_quarter_of_a_second_of_step_0a_is_that_of_the_ten_codes() {
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples");
     let mut text = fs::read_to_string(examples.join("benchmarks/arostica2025-lv-0a.toml")).unwrap();
     let mesh = examples.join("meshes/arostica_lv/arostica_lv");
-    // In longer steps, and no further than the contraction.
+    // With longer steps, and only up to the contraction.
     for (from, to) in [
         ("dt_ms = 2.0", "dt_ms = 5.0"),
         ("end_ms = 1000.0", "end_ms = 250.0"),

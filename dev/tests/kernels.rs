@@ -1,4 +1,4 @@
-//! The bench of a beat in 3D, with the real program on the smallest mesh.
+//! The benchmark of a 3D beat, with the real program on the smallest mesh.
 
 use std::process::Command;
 
@@ -123,12 +123,13 @@ fn shortcuts_stand_beside_a_tight_run() {
     );
 }
 
-/// METIS holds the signal while it cuts: afterwards it is the bench's again.
+/// METIS handles SIGTERM itself during the partition; afterwards the handler must be the
+/// benchmark's again.
 #[test]
 fn sigterm_ends_a_beat_on_two_threads() {
     use std::io::{BufRead as _, BufReader};
+    // With steps so short that the beat does not end during the test.
     let program = env!("CARGO_BIN_EXE_cardiotwin-dev");
-    // Steps so short that nobody waits for the end.
     let bench = [
         "bench",
         "beat",

@@ -7,7 +7,8 @@ use std::process::{Command, Output};
 use cardiotwin_mesh::LengthUnit;
 use cardiotwin_mesh::files::vtu;
 
-/// A cube of 10 mm in five tetrahedra, as CARP files, with three of its sides as surfaces.
+/// A cube of 10 mm, divided into five tetrahedra, as CARP files with three of its sides as
+/// surfaces.
 fn write_cube(stem: &Path) {
     let with = |extension: &str| format!("{}.{extension}", stem.display());
     let points = [
@@ -121,7 +122,7 @@ fn settled(case: &str) -> String {
 #[test]
 fn two_surfaces_have_a_pressure_and_a_cavity_each() {
     let folder = tempfile::tempdir().unwrap();
-    // Weak pressures, so that what they do adds up.
+    // With low pressures, so that their effects add up.
     let with = |high: f64, side: f64| {
         let second = format!(
             "[[pressure]]\nsurface = \"side\"\ncourse = {{ kind = \"constant\", value_kPa = {side} }}\n"
@@ -153,7 +154,8 @@ fn two_surfaces_have_a_pressure_and_a_cavity_each() {
             "{k}: {both:?} {high:?} {side:?}"
         );
     }
-    // Two sides of the cube and the fan around the mean of their rim's nodes, a third of an edge away from both.
+    // Two sides of the cube, and the fan around the mean of their rim's nodes, which is a third of
+    // an edge away from both.
     assert!(
         (rest[4].abs() - 2.0 / 9.0).abs() < 1e-5 && rest[5].abs() < 1e-12,
         "{rest:?}"
@@ -205,7 +207,7 @@ fn a_mesh_is_the_same_from_carp_vtu_and_gmsh_and_may_be_refined() {
             "{name}: {same:?} {carp:?}"
         );
     }
-    // Halved edges make it softer, and less so the second time.
+    // Halving the edges makes the cube softer, the second time by less.
     let refined = |n: usize| {
         let case = settled(CASE).replace("unit = \"um\"", &format!("unit = \"um\"\nrefine = {n}"));
         table(&run(folder.path(), &case))[0][3]

@@ -1,5 +1,5 @@
-//! Step 2 on targets for which an independent implementation (SciPy's differential evolution on an independently written
-//! cell) tells what cost can be reached, and what its search leaves behind.
+//! Step 2 on targets with a known reference cost, which SciPy's differential evolution reached on
+//! an independent implementation of the cell. The remaining misses are checked, too.
 
 use cardiotwin_dev::kernels::{Case, cases};
 use cardiotwin_schemas::outcome::{CellFitResult, Determination, Ending, TaskResult};
@@ -46,7 +46,8 @@ fn costs_are_no_higher_than_the_references() {
     for case in cases {
         let result = fit(&case, CellFitSettings::default(), InstructionSet::Auto);
         let reference = case.reference_cost.unwrap();
-        // Half a percent for the two implementations' own errors and the ends of two searches.
+        // Half a percent allows for errors of the two implementations and for the tolerances of the
+        // two searches.
         assert!(
             result.cost <= 1.005 * reference,
             "{}: {} against {reference}",
@@ -106,8 +107,8 @@ fn every_parameter_has_an_interval_around_its_value_within_the_bounds() {
             "{parameter:?}"
         );
     }
-    // Rice's transient hardly changes when its two time constants are exchanged; the passive scale sets the smallest
-    // stretch alone.
+    // Rice's transient hardly changes when its two time constants are exchanged. The passive scale
+    // determines only the smallest stretch.
     let mark = |name: &str| {
         result
             .parameters

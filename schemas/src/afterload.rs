@@ -1,4 +1,4 @@
-//! What `cardiotwin fit afterload` and `cardiotwin discover --afterload` answer.
+//! Results of `cardiotwin fit afterload` and `cardiotwin discover --afterload`.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,9 @@
-//! What the coordinator and the driver inside a scheduler's allocation tell each other: files of a job's folder.
+//! Files of a job's directory, through which the coordinator and the driver inside a scheduler's
+//! allocation communicate.
 //!
-//! A job has a list of patients for each element of its array, one list where it is no array. The driver walks each
-//! patient's chain as the coordinator would, and leaves off what its time does not hold.
+//! A job has a list of patients for each element of its array, or one list if it is not an array.
+//! The driver runs each patient's chain like the coordinator, and omits tasks for which its time
+//! does not suffice.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,7 +17,7 @@ use crate::plan::ResolvedPatient;
 use crate::progress::Claim;
 use crate::settings::InstructionSet;
 
-/// `order-<element>.json`: what an element of a job is to do.
+/// `order-<element>.json`: work of one element of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JobOrder {
@@ -23,116 +25,120 @@ pub struct JobOrder {
     pub schema_version: u32,
     /// Unique name of the job.
     pub job: String,
-    /// Run directory, absolute: attempts are made in it.
+    /// Run directory, as an absolute path. Attempts are created in it.
     pub run_dir: PathBuf,
     /// The worker's executable.
     pub worker: PathBuf,
-    /// Simulations at once on each node.
+    /// Number of simultaneous simulations on each node.
     pub lanes: u32,
-    /// Threads of each.
+    /// Number of threads per simulation.
     pub threads: u32,
-    /// Launcher of MPI with its arguments: 3D simulations then run on as many ranks, each a step of the job.
+    /// MPI launcher with its arguments. 3D simulations then run on `threads` ranks, each as a step
+    /// of the job.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
-    /// Instructions of the cell engine.
+    /// Instruction set of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
     /// Simulated time between frames of VTU series; 0 for none.
     #[serde(default, skip_serializing_if = "crate::task::is_zero")]
     pub vtu_every_ms: f64,
-    /// How long a task is expected to take, s, by its kind: none is begun that the time left would not hold.
+    /// Expected duration of a task by its kind, s. The driver starts no task that would exceed its
+    /// remaining time.
     pub expected_s: BTreeMap<String, f64>,
-    /// In the order in which they are taken.
+    /// Patients of the element, in the order of their processing.
     pub patients: Vec<JobPatient>,
 }
 
-/// A patient of a job, with all that its next task follows from.
+/// A patient of a job, with all data that determine its next task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JobPatient {
-    /// The plan.
+    /// Resolved plan of the patient.
     pub plan: ResolvedPatient,
-    /// Step 1's parameters that were simulated under earlier settings.
+    /// Parameters of step 1 that were simulated under earlier settings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub carried: Vec<Step1Parameters>,
-    /// Tasks that the coordinator knows.
+    /// Tasks with a result known to the coordinator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<KnownTask>,
 }
 
-/// A task that was tried before.
+/// A task with earlier attempts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KnownTask {
-    /// Which.
+    /// Key of the task.
     pub task: TaskKey,
-    /// The last generation that was tried.
+    /// Generation of the last attempt.
     pub generation: u32,
-    /// How it stands.
+    /// State of the task.
     pub standing: Standing,
 }
 
-/// How a known task stands.
+/// State of a known task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Standing {
-    /// To be tried again.
+    /// The task is to be tried again.
     Open,
-    /// The outcome of that generation stands.
+    /// The task succeeded; the outcome of the last generation is valid.
     Published,
-    /// It failed for good.
+    /// The task failed permanently.
     Failed(Failure),
 }
 
-/// `started-<element>-<node>.json`: a driver's claim, created exclusively: a job that Slurm starts twice works once.
+/// `started-<element>-<node>.json`: a driver's claim. It is created exclusively, so that a job
+/// which Slurm starts twice works only once.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriverClaim {
-    /// The scheduler's number of the job, where the environment tells it.
+    /// The scheduler's number of the job; `None` if the environment does not contain it.
     pub job: Option<String>,
-    /// The process.
+    /// Claim of the driver process.
     pub claim: Claim,
 }
 
-/// `ended-<element>-<node>.json`: a driver's last word.
+/// `ended-<element>-<node>.json`: a driver's final report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriverEnd {
-    /// UTC, RFC 3339.
+    /// Time of the end, UTC, RFC 3339.
     pub at: String,
-    /// Why it ended.
+    /// Reason for the end.
     pub because: DriverEnding,
-    /// Patients whose chains it did not bring to an end, with the reason.
+    /// Patients whose chains were not completed, with the reason.
     pub left: BTreeMap<PatientId, String>,
-    /// Those of them whose worker died of a defect of ours: panicked, aborted, or did not understand its call.
+    /// Patients among them whose worker died of a program defect: it panicked, aborted or rejected
+    /// its command line.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub defects: BTreeSet<PatientId>,
-    /// How long it ran.
+    /// Run time of the driver, s.
     pub wall_s: f64,
 }
 
-/// Why a driver ended.
+/// Reason why a driver ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriverEnding {
-    /// Nothing was left that it could do.
+    /// No task was left that the driver could run.
     Finished,
-    /// Its time ran out.
+    /// The time of the allocation ran out.
     OutOfTime,
-    /// It was told to end.
+    /// A signal stopped the driver.
     Stopped,
     /// The coordinator revoked the job.
     Fenced,
 }
 
-/// `allocation.json` in an attempt's directory: which job made it.
+/// `allocation.json` in an attempt's directory: the job that created the attempt.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AttemptAllocation {
     /// Unique name of the job.
     pub job: String,
-    /// Element of its array; 0 where it is none.
+    /// Element of the job's array; 0 if the job is not an array.
     pub element: u32,
-    /// The scheduler's number of the job, where the environment told it.
+    /// The scheduler's number of the job; `None` if the environment did not contain it.
     pub id: Option<String>,
 }

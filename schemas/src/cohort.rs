@@ -1,4 +1,4 @@
-//! `cohort.toml`.
+//! The file `cohort.toml`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

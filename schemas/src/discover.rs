@@ -1,4 +1,5 @@
-//! The search for missing effects: what it takes, what it finds, and the files in which a case and a cohort are written.
+//! Settings and results of the search for missing effects, and its files for a case and for a
+//! cohort.
 
 use std::collections::BTreeMap;
 
@@ -447,13 +448,14 @@ pub struct TraceMisses {
 }
 
 impl TraceMisses {
-    /// The share of the organ's model: no other active stress and no other cell of this run came nearer.
+    /// Misfit due to the organ model: no other active stress and no other cell of this run came
+    /// closer.
     #[must_use]
     pub fn of_organ(&self) -> f64 {
         self.step1.min(self.twin)
     }
 
-    /// What the verification beat misses beyond that: the share of step 2's cell.
+    /// Additional misfit of the verification beat, which is due to the cell of step 2.
     #[must_use]
     pub fn of_cell(&self) -> f64 {
         (self.verification.powi(2) - self.of_organ().powi(2))
@@ -462,7 +464,7 @@ impl TraceMisses {
     }
 }
 
-/// What `cardiotwin discover COHORT --json` writes: a case each, by name.
+/// Result of `cardiotwin discover COHORT --json`: cases by name.
 pub type DiscoverCases = BTreeMap<String, DiscoverCase>;
 
 /// A candidate over a cohort.

@@ -1,4 +1,4 @@
-//! A solver that is not ours: settings, what a simulation is asked for, and the parameters that it is handed.
+//! Settings of an external solver, and the parameters that it receives for a simulation.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,8 @@ use crate::failure::FailureClass;
 use crate::organ::{ActivationSpec, CirculationSpec, OneFibrePassive, ValveParameters};
 use crate::task::InputFile;
 
-/// Placeholders of a command beside the names of files: the parameters, the folder for results, threads.
+/// Placeholders of a command besides the names of files: the parameters, the directory for results,
+/// and the number of threads.
 pub const COMMAND_PLACEHOLDERS: [&str; 3] = ["parameters", "out", "threads"];
 
 /// How the parameters are written.
@@ -24,7 +25,7 @@ pub enum ParametersFormat {
 }
 
 impl ParametersFormat {
-    /// The file's name.
+    /// Name of the parameters file.
     #[must_use]
     pub fn file(self) -> &'static str {
         match self {
@@ -80,7 +81,7 @@ pub struct ExitCodes {
 }
 
 impl ExitCodes {
-    /// The class of an exit code other than 0.
+    /// Failure class of an exit code other than 0.
     #[must_use]
     pub fn class_of(&self, code: i32) -> FailureClass {
         let listed = [
@@ -170,17 +171,17 @@ pub struct ExternalParameters {
     pub circulation: CirculationSpec,
 }
 
-/// A placeholder that stands for nothing, or a brace without its partner.
+/// An unknown placeholder, or a brace without its partner.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum PlaceholderError {
     /// `{NAME}` of an unknown name.
     Unknown {
-        /// The name.
+        /// Name in the placeholder.
         name: String,
         /// Line, from 1.
         line: usize,
     },
-    /// `{` without `}`, or the other way round.
+    /// A `{` without `}`, or a `}` without `{`.
     Brace {
         /// Line, from 1.
         line: usize,
@@ -203,10 +204,10 @@ impl std::fmt::Display for PlaceholderError {
 
 impl std::error::Error for PlaceholderError {}
 
-/// `text` with each `{NAME}` replaced by what `value_of` has for it, `{{` and `}}` by braces.
+/// Replaces each `{NAME}` in `text` by the result of `value_of`, and `{{` and `}}` by braces.
 ///
 /// # Errors
-/// The first placeholder that stands for nothing, or brace without its partner.
+/// [`PlaceholderError`] for the first unknown placeholder or brace without its partner.
 pub fn expand(
     text: &str,
     value_of: impl Fn(&str) -> Option<String>,

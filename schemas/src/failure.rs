@@ -1,4 +1,4 @@
-//! Failures with the class that decides what follows.
+//! Failures, with the class that determines the reaction.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub enum FailureClass {
 }
 
 impl FailureClass {
-    /// The class as printed in tables.
+    /// Name of the class in tables.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -53,7 +53,7 @@ pub enum SiteCause {
 }
 
 impl SiteCause {
-    /// All, with the words that commands take.
+    /// All causes, with their names in commands.
     pub const ALL: [(Self, &'static str); 8] = [
         (Self::Walltime, "walltime"),
         (Self::OutOfMemory, "oom"),

@@ -1,4 +1,5 @@
-//! The finite-element ventricle as it passes between processes: settings, what step 0 is asked for, what it made.
+//! Data of the finite-element ventricle that pass between processes: settings, input of step 0 and
+//! its result.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +10,8 @@ use crate::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw, Passive
 use crate::organ::EffectSpec;
 use crate::task::InputFile;
 
-/// Effects of a patient's model that change the passive law: step 0 has to know them, since it fits the law's scale.
+/// Effects of a patient's model that change the passive law. Step 0 needs them because it fits the
+/// scale of that law.
 pub const EFFECTS_OF_THE_PASSIVE_LAW: [&str; 1] = ["passive_stiffening"];
 
 /// Elements of the wall.
@@ -335,7 +337,8 @@ impl Default for FiniteElementSettings {
 }
 
 impl FiniteElementSettings {
-    /// What step 0 needs of them, with those of the patient's effects that change the passive law.
+    /// Input of step 0: the settings that it needs, with the patient's effects that change the
+    /// passive law.
     #[must_use]
     pub fn anatomy(&self, effects: &[EffectSpec]) -> AnatomySpec {
         let of_the_law =
@@ -350,7 +353,7 @@ impl FiniteElementSettings {
         }
     }
 
-    /// What a beat needs of them.
+    /// Settings that a beat needs.
     #[must_use]
     pub fn equations(&self) -> EquationSettings {
         let Self {

@@ -1,4 +1,4 @@
-//! What `cardiotwin fit` answers.
+//! Results of `cardiotwin fit`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

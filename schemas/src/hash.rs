@@ -4,13 +4,13 @@ use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-/// Lower-case hex of the SHA-256 of `bytes`, 64 digits.
+/// SHA-256 of `bytes` as 64 lower-case hexadecimal digits.
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-/// Lower-case hex, two digits a byte.
+/// Lower-case hexadecimal form, two digits per byte.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
@@ -24,7 +24,7 @@ pub fn hex(bytes: &[u8]) -> String {
 /// Canonical JSON: keys sorted at every level, no white space, floats in shortest round-trip form.
 ///
 /// # Errors
-/// When `value` cannot be represented in JSON (a map with non-text keys).
+/// If `value` cannot be represented in JSON (a map with keys other than text).
 pub fn canonical_json<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
     // serde_json's default map is a BTreeMap, so that going through `Value` sorts keys.
     let value: Value = serde_json::to_value(value)?;

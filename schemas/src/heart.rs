@@ -1,4 +1,5 @@
-//! `heart.json`: the wall of a finite-element ventricle, cut open, at instants of its last beat; for pictures.
+//! The file `heart.json`: the wall of a finite-element ventricle, cut open, at instants of its last
+//! beat. It is meant for pictures.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

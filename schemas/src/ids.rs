@@ -1,4 +1,5 @@
-//! Identities that are never mixed: patient, task, attempt, allocation.
+//! Identifiers with distinct types, so that they cannot be confused: patient, task, attempt and
+//! allocation.
 
 use std::fmt;
 
@@ -13,7 +14,7 @@ macro_rules! text_id {
         pub struct $name(pub String);
 
         impl $name {
-            /// The identity as text.
+            /// Identifier as text.
             #[must_use]
             pub fn as_str(&self) -> &str {
                 &self.0

@@ -1,4 +1,4 @@
-//! The JSON Schemas of every file format, made from the types; committed under `schemas/json`.
+//! JSON Schemas of all file formats, generated from the types and committed under `schemas/json`.
 
 use schemars::{Schema, schema_for};
 
@@ -78,7 +78,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
     ]
 }
 
-/// A schema as it stands in its file.
+/// Text of a schema's file.
 ///
 /// # Panics
 /// Never: a schema is JSON.

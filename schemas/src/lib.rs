@@ -1,7 +1,9 @@
-//! What outlives a process or passes between two: cohorts, patients, settings, tasks, outcomes, progress,
-//! provenance. Serde types only; every format named here has a JSON Schema under `schemas/json`.
+//! Data that outlive a process or pass between two: cohorts, patients, settings, tasks, outcomes,
+//! progress and provenance.
 //!
-//! Keys carry their units (`pressure_mmHg`); Rust names are the same words in lower case.
+//! The crate contains only serde types. Every format named here has a JSON Schema under
+//! `schemas/json`. Keys carry their units (`pressure_mmHg`); the Rust names are the same words in
+//! lower case.
 
 pub mod afterload;
 pub mod allocation;
@@ -43,5 +45,5 @@ pub mod json_schemas;
 
 pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, step1};
 
-/// Version of the file formats of this crate; raised when an old reader would misread a new file.
+/// Version of this crate's file formats. It is raised when an old reader would misread a new file.
 pub const SCHEMA_VERSION: u32 = 1;

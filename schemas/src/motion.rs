@@ -1,8 +1,10 @@
-//! How a simulated ventricle moved, and how a healthy one does.
+//! Motion of a simulated ventricle, with normal ranges.
 //!
-//! Measured on a finite-element ventricle by `cardiotwin_mechanics::organ::motion`. The long axis points from the middle of
-//! the rim to the endocardial apex; the middle, apical and basal levels lie at 50, 25 and 75 % of it from the apex. End-diastole
-//! is the beat's beginning, end-systole the smallest volume (t5), isovolumic contraction ends at t4, relaxation at t6.
+//! `cardiotwin_mechanics::organ::motion` measures it on a finite-element ventricle. The long axis
+//! points from the middle of the rim to the endocardial apex. The middle, apical and basal levels
+//! lie at 50, 25 and 75 % of it from the apex. End-diastole is the beginning of the beat and
+//! end-systole the smallest volume (t5). Isovolumic contraction ends at t4, isovolumic relaxation
+//! at t6.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,36 +41,36 @@ pub struct MotionMeasures {
     pub largest_volume_ratio: f64,
 }
 
-/// A measure with its normal range.
+/// A measure of motion with its normal range.
 #[derive(Debug, Clone, Copy)]
 pub struct MotionMeasure {
-    /// Key with unit, as in files.
+    /// Key in files, with unit.
     pub key: &'static str,
-    /// For a person.
+    /// Name in reports.
     pub name: &'static str,
-    /// Unit for a person.
+    /// Unit in reports.
     pub unit: &'static str,
     /// Normal range, in the unit.
     pub normal: [f64; 2],
-    /// Where the range is from; bounds of ours are said to be.
+    /// Source of the normal range. If the bounds are our own, it says so.
     pub source: &'static str,
-    /// The value, where the beat has it.
+    /// Value of a beat; `None` if the beat does not have it.
     pub of: fn(&MotionMeasures) -> Option<f64>,
 }
 
-/// Where a value lies against its normal range.
+/// Position of a value relative to its normal range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Against {
-    /// Below it.
+    /// The value lies below the range.
     Below,
-    /// In it.
+    /// The value lies in the range.
     Within,
-    /// Above it.
+    /// The value lies above the range.
     Above,
 }
 
 impl Against {
-    /// For a person.
+    /// Word for reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -80,7 +82,8 @@ impl Against {
 }
 
 impl MotionMeasure {
-    /// Where a beat lies against the normal range; what is not a number is not normal.
+    /// Compares a beat with the normal range; `None` if the beat does not have the measure. NaN
+    /// counts as outside the range.
     #[must_use]
     pub fn against(&self, motion: &MotionMeasures) -> Option<Against> {
         let value = (self.of)(motion)?;
@@ -92,8 +95,10 @@ impl MotionMeasure {
     }
 }
 
-/// All measures with their normal ranges, in the order of tables. Numbers of the literature are cited from memory of the
-/// papers' abstracts and reviews; where a paper gives no range for just this measure, the bounds are ours and say so.
+/// All measures with their normal ranges, in the order of tables.
+///
+/// Numbers from the literature are cited from memory of abstracts and reviews. If a paper gives no
+/// range for exactly this measure, the bounds are our own and the source says so.
 pub const MOTION: [MotionMeasure; 12] = [
     MotionMeasure {
         key: "base_descent_mm",

@@ -1,4 +1,5 @@
-//! Laws of the wall's tissue: what muscle and passive parts are made of, and how active stress acts in them.
+//! Laws of the wall's tissue: materials of muscle and passive parts, and the direction of active
+//! stress.
 
 use std::collections::BTreeMap;
 
@@ -99,10 +100,11 @@ pub struct PassiveTissueSettings {
     pub kappa_kpa: f64,
 }
 
-/// Passive tissue by tag.
+/// Passive tissues by element tag.
 pub type PassiveTissues = BTreeMap<i32, PassiveTissueSettings>;
 
-/// Reads tissues whose tags are texts: what JSON has for keys, and serde keeps within an enum that a field tags.
+/// Reads tissues with text tags. JSON has only text keys, and serde does not convert them to
+/// numbers inside an internally tagged enum.
 pub(crate) fn by_tag<'de, D: Deserializer<'de>>(from: D) -> Result<PassiveTissues, D::Error> {
     let named = BTreeMap::<String, PassiveTissueSettings>::deserialize(from)?;
     let tag = |name: &str| {
@@ -123,7 +125,7 @@ mod tests {
 
     #[test]
     fn tissues_by_tag_come_back_from_within_a_task() {
-        /// As a task is one of several.
+        /// An internally tagged enum, like a task.
         #[derive(Debug, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "kind")]
         enum Task {

@@ -1,4 +1,4 @@
-//! Notices to operators: what is told, to whom, and the JSON that a hook reads.
+//! Notices to operators: events, recipients, and the JSON that a hook reads.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ pub enum NoticeKind {
 }
 
 impl NoticeKind {
-    /// As in files and subjects.
+    /// Name in files and subjects.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl NoticeKind {
         }
     }
 
-    /// For a person.
+    /// Meaning for reports.
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {
@@ -85,19 +85,19 @@ impl Default for NoticeSettings {
 }
 
 impl NoticeSettings {
-    /// As they are without any file.
+    /// Whether the settings equal the defaults.
     #[must_use]
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Whether nobody is told anything.
+    /// Whether no notices are sent.
     #[must_use]
     pub fn is_silent(&self) -> bool {
         self.commands().is_empty() || self.events.is_empty()
     }
 
-    /// What is started for each notice, under a short name.
+    /// Commands started for each notice, with a short name for each.
     #[must_use]
     pub fn commands(&self) -> Vec<(&'static str, Vec<String>)> {
         let mut commands = Vec::new();

@@ -1,4 +1,4 @@
-//! Parameters of the organ models as they pass between processes. The equations are in `docs/models.md`.
+//! Parameters of the organ models that pass between processes. `docs/models.md` has the equations.
 
 use std::collections::BTreeMap;
 
@@ -47,7 +47,8 @@ pub enum ContractionSpec {
 }
 
 impl ContractionSpec {
-    /// The cell's parameters that differ from their defaults; none for the Tanh model, which has no cell.
+    /// Parameters of the cell that differ from their defaults; `None` for the Tanh model, which has
+    /// no cell.
     #[must_use]
     pub fn cell_parameters(&self) -> Option<&BTreeMap<String, f64>> {
         match self {
@@ -92,10 +93,10 @@ impl Default for CellStretch {
     }
 }
 
-/// Whether the organ with a cell has a parameter of this name: one of the cell's or of the valves'.
+/// Whether this is a parameter of the cell or of the valves in an organ with a cell.
 #[must_use]
 pub fn is_parameter(name: &str) -> bool {
-    // The passive stress of a 0D cell: the organ has its own.
+    // The passive stress belongs to a 0D cell; the organ has its own.
     name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
 }
 

@@ -1,4 +1,4 @@
-//! What came of an attempt.
+//! Outcomes of attempts.
 
 use std::collections::BTreeMap;
 
@@ -205,7 +205,8 @@ pub struct OrganBeatResult {
     pub counters: BTreeMap<String, f64>,
 }
 
-/// Ending of the names of the checks that a valve opened and closed, for example `aortic valve opened and closed`.
+/// Suffix of the names of checks that a valve opened and closed, for example
+/// `aortic valve opened and closed`.
 const OF_A_VALVE: &str = " valve opened and closed";
 
 impl std::fmt::Display for Check {
@@ -219,7 +220,7 @@ impl std::fmt::Display for Check {
 }
 
 impl Check {
-    /// Whether it says that a valve opened and closed.
+    /// Whether this is the check that a valve opened and closed.
     #[must_use]
     pub fn is_of_a_valve(&self) -> bool {
         self.name.ends_with(OF_A_VALVE)
@@ -227,7 +228,8 @@ impl Check {
 }
 
 impl OrganBeatResult {
-    /// The first check that does not hold of those without which the simulation cannot be believed: all but the valves'.
+    /// First failed check without which the simulation is not credible, i.e. any but those of
+    /// valves.
     #[must_use]
     pub fn failed_simulation(&self) -> Option<&Check> {
         self.checks
@@ -235,7 +237,7 @@ impl OrganBeatResult {
             .find(|check| !check.passed && !check.is_of_a_valve())
     }
 
-    /// The first valve that did not open and close: no whole beat.
+    /// First failed check of a valve; the beat is then not whole.
     #[must_use]
     pub fn failed_valve(&self) -> Option<&Check> {
         self.checks
@@ -243,7 +245,7 @@ impl OrganBeatResult {
             .find(|check| !check.passed && check.is_of_a_valve())
     }
 
-    /// The first check that does not hold.
+    /// First failed check.
     #[must_use]
     pub fn failed_check(&self) -> Option<&Check> {
         self.checks.iter().find(|check| !check.passed)
@@ -279,10 +281,10 @@ pub struct ProposalResult<P> {
     pub reduced_beats: u64,
 }
 
-/// What to simulate next in step 1.
+/// Proposal of step 1 for the next simulation.
 pub type Step1ProposalResult = ProposalResult<Step1Parameters>;
 
-/// What to simulate next in step 3: parameters of the cell and of the valves, by name.
+/// Proposal of step 3 for the next simulation: parameters of the cell and of the valves, by name.
 pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
 
 /// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
@@ -317,7 +319,7 @@ pub enum Determination {
 }
 
 impl Determination {
-    /// In words.
+    /// Word for reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {

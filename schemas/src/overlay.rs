@@ -1,5 +1,5 @@
-//! `model.toml`: what the program learned about a patient. Versioned; older versions are kept; measured input is
-//! never touched.
+//! The file `model.toml`: results of the program for a patient. It is versioned and older versions
+//! are kept; the measured input is never changed.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! `patient.toml`: what was measured. Never edited by the program.
+//! The file `patient.toml`: measured data of a patient. The program never edits it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What the coordinator keeps of a patient when a run is planned: settings resolved, inputs hashed.
+//! The coordinator's plan of a patient in a run: resolved settings and hashed inputs.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,8 @@ use crate::task::{
     Step3ProposalSpec, Step3Run, TaskSpec,
 };
 
-/// Proposals and posteriors of all patients draw the same: the data make the difference.
+/// Proposals and posteriors of all patients draw the same random numbers, so that only the data
+/// make a difference.
 const PROPOSAL_SEED: u64 = 1;
 
 /// Which chain of tasks a patient runs through.
@@ -73,13 +74,14 @@ pub struct ResolvedPatient {
 }
 
 impl ResolvedPatient {
-    /// Whose stream of random numbers the patient draws from.
+    /// Patient from whose stream the random numbers are drawn.
     #[must_use]
     pub fn random_stream(&self) -> &PatientId {
         self.random_stream.as_ref().unwrap_or(&self.id)
     }
 
-    /// Step 0 as it is asked for: settings win, since a rerun may have changed them after the inputs were read.
+    /// Task of step 0. Settings take precedence, because a rerun may have changed them after the
+    /// inputs were read.
     #[must_use]
     pub fn step0_spec(&self) -> PassiveStateSpec {
         let solver = &self.settings.solver;
@@ -94,7 +96,7 @@ impl ResolvedPatient {
         }
     }
 
-    /// A beat of the organ that step 0 gave, with the patient's effects.
+    /// A beat of the organ from step 0, with the patient's effects.
     #[must_use]
     pub fn beat_spec(
         &self,
@@ -134,7 +136,7 @@ impl ResolvedPatient {
         }
     }
 
-    /// What is simulated: step 0's organ, or another solver's in the same state.
+    /// The simulated organ: that of step 0, or an external solver in the same state.
     fn organ(&self, step0: &PassiveStateResult) -> OrganSpec {
         match (&step0.organ, self.settings.solver.fidelity) {
             (
@@ -156,7 +158,8 @@ impl ResolvedPatient {
         }
     }
 
-    /// A beat for a task that searches: the one-fibre ventricle stands for the simulated one.
+    /// Converts a beat for use in a search, where the one-fibre ventricle replaces the simulated
+    /// organ.
     fn in_search(&self, step0: &PassiveStateResult, beat: OrganBeatSpec) -> OrganBeatSpec {
         let newton_iterations = self.settings.solver.newton_iterations;
         OrganBeatSpec {
@@ -167,9 +170,9 @@ impl ResolvedPatient {
         }
     }
 
-    /// What to simulate next in step 1, by space mapping.
+    /// Task that proposes the next simulation of step 1, by space mapping.
     ///
-    /// - `start`: the initial guess
+    /// - `start`: initial guess
     #[must_use]
     pub fn step1_proposal_spec(
         &self,
@@ -198,9 +201,9 @@ impl ResolvedPatient {
         }
     }
 
-    /// What to simulate next in step 3, by space mapping.
+    /// Task that proposes the next simulation of step 3, by space mapping.
     ///
-    /// - `cell`: what step 3 begins with
+    /// - `cell`: cell and beats at the start of step 3
     /// - `runs`: the verification beat and those of step 3 so far
     #[must_use]
     pub fn step3_proposal_spec(
@@ -223,9 +226,9 @@ impl ResolvedPatient {
         }
     }
 
-    /// How sure a twin is.
+    /// Task that computes the uncertainty of a twin.
     ///
-    /// - `cell`: what step 3 begins with
+    /// - `cell`: cell and beats at the start of step 3
     #[must_use]
     pub fn posterior_spec(
         &self,

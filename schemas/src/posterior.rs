@@ -1,4 +1,5 @@
-//! How sure a twin is: distributions of parameters, biomarkers and traces, given the patient's noise.
+//! Uncertainty of a twin: distributions of parameters, biomarkers and traces, given the patient's
+//! noise.
 
 use std::collections::BTreeMap;
 
@@ -77,8 +78,8 @@ pub struct PosteriorSpec {
     pub seed: u64,
 }
 
-/// Noise of a clinic's traces where a patient file states none: a fluid-filled or tip catheter averaged over some beats, and
-/// cine imaging.
+/// Noise of clinical traces if a patient file states none: a fluid-filled or tip catheter averaged
+/// over several beats, and cine imaging.
 pub const USUAL_NOISE: TraceNoise = TraceNoise {
     pressure_rms_mmhg: 2.0,
     pressure_correlation_ms: 12.0,
@@ -103,7 +104,7 @@ pub struct TraceNoise {
 }
 
 impl TraceNoise {
-    /// What is stated, the rest as usual.
+    /// Stated noise levels, completed by the usual ones.
     #[must_use]
     pub fn of(noise: &Noise) -> Self {
         let stated = |value: Option<f64>, usual: f64| value.filter(|v| *v > 0.0).unwrap_or(usual);
@@ -121,7 +122,8 @@ impl TraceNoise {
         }
     }
 
-    /// Variance of a sample's volume, so that [`N_SAMPLES`] of them tell as much as the frames do.
+    /// Variance of a sample's volume, at which [`N_SAMPLES`] samples carry as much information as
+    /// the frames.
     #[must_use]
     pub fn volume_variance(&self) -> f64 {
         self.volume_rms_ml.powi(2) * (N_SAMPLES as f64 / self.volume_frames).max(1.0)
@@ -156,7 +158,7 @@ pub struct ParameterSpread {
 }
 
 impl ParameterSpread {
-    /// Whether the twin's value lies outside of the 90 % interval.
+    /// Whether the twin's value lies outside the 90 % interval.
     #[must_use]
     pub fn excludes_twin(&self) -> bool {
         !(self.posterior.p5..=self.posterior.p95).contains(&self.twin)
@@ -188,13 +190,14 @@ pub struct Sampling {
     pub evaluations: u64,
 }
 
-/// Share of searches that have to end by themselves.
+/// Smallest share of searches that must end by themselves.
 const ENOUGH: f64 = 0.9;
-/// What data and prior may leave over the expected value: beyond, intervals are too narrow.
+/// Largest ratio of the remaining misfit of data and prior to its expected value. Beyond it the
+/// intervals are too narrow.
 const MOST_LEFT: f64 = 1.5;
 
 impl Sampling {
-    /// Why the intervals are not to be trusted; none where they are.
+    /// Reason why the intervals are not reliable; `None` if they are.
     #[must_use]
     pub fn doubt(&self) -> Option<String> {
         if self.converged_share < ENOUGH {
@@ -251,7 +254,8 @@ pub struct PosteriorResult {
 }
 
 impl PosteriorResult {
-    /// How many of the twin's parameters lie outside of their intervals, and why; none where all lie within.
+    /// Number of the twin's parameters outside their intervals, with the reason; `None` if all lie
+    /// within.
     #[must_use]
     pub fn outside_words(&self) -> Option<String> {
         let outside = self
@@ -268,7 +272,7 @@ impl PosteriorResult {
         })
     }
 
-    /// A draw by name.
+    /// One draw, as values by parameter name.
     #[must_use]
     pub fn draw(&self, at: usize) -> BTreeMap<String, f64> {
         let values = self.draws.get(at).into_iter().flatten();

@@ -1,4 +1,5 @@
-//! `cardiotwin prepare --json`, `prepared/prepare.json`: what was made of recordings, step by step.
+//! `cardiotwin prepare --json` and `prepared/prepare.json`: results of the preparation of
+//! recordings, step by step.
 
 use std::collections::BTreeMap;
 
@@ -102,7 +103,7 @@ pub enum StepState {
 }
 
 impl StepState {
-    /// As files and tables have it.
+    /// Name in files and tables.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {

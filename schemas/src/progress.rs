@@ -1,4 +1,4 @@
-//! `progress.jsonl` of an attempt: one line a report, appended.
+//! `progress.jsonl` of an attempt: one line per report, appended.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! How a result was made.
+//! Provenance of a result.
 
 use std::collections::BTreeMap;
 

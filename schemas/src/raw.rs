@@ -1,5 +1,5 @@
-//! `prepare.toml`: what a folder of recordings holds, and how its beat is to be made of them. Read by `cardiotwin prepare`,
-//! never edited.
+//! The file `prepare.toml`: contents of a folder of recordings, and settings for the derivation of
+//! its beat. `cardiotwin prepare` reads it and never edits it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

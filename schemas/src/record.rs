@@ -1,4 +1,5 @@
-//! What is known of a run: what reports, exports and comparisons read. Made from the store, independent of it.
+//! Record of a run for reports, exports and comparisons. It is made from the store and does not
+//! depend on it afterwards.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -155,7 +156,7 @@ pub struct Step3IterationRecord {
 }
 
 impl PatientRecord {
-    /// The beat of the personalised twin: the best one of step 3, else the verification beat.
+    /// The beat of the personalised twin: the best beat of step 3, or else the verification beat.
     #[must_use]
     pub fn twin(&self) -> Option<&TaskRecord<OrganBeatResult>> {
         let number = self.step3.as_ref().map_or(0, |step3| step3.best_iteration);

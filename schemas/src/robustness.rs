@@ -1,7 +1,8 @@
-//! Robustness of personalisations: what is varied, and the spread that comes of it (`robustness.json`).
+//! Robustness of personalisations (`robustness.json`): the varied quantities and the spread of
+//! results.
 //!
-//! Source: Jung et al. 2022, section 2.5 and Tables 3 to 10. Values are in the unit that a quantity's name says;
-//! differences, spreads and errors are fractions.
+//! Source: Jung et al. 2022, section 2.5 and Tables 3 to 10. Values have the unit in the name of
+//! their quantity; differences, spreads and errors are fractions.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +22,7 @@ pub enum Uncertainty {
 }
 
 impl Uncertainty {
-    /// As in files and tables.
+    /// Name in files and tables.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -96,7 +97,7 @@ pub enum MemberRole {
 }
 
 impl MemberRole {
-    /// As in files and tables.
+    /// Name in files and tables.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -153,7 +154,7 @@ pub enum TableKind {
 }
 
 impl TableKind {
-    /// All, in the paper's order.
+    /// All tables, in the paper's order.
     pub const ALL: [Self; 4] = [
         Self::Step1Parameters,
         Self::Step1Biomarkers,
@@ -161,7 +162,7 @@ impl TableKind {
         Self::Step2Biomarkers,
     ];
 
-    /// As in files.
+    /// Name in files.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -278,7 +279,7 @@ pub enum Printed {
 }
 
 impl Printed {
-    /// The number, or the limit that it lies below.
+    /// The value itself, or the printed limit above it.
     #[must_use]
     pub fn at_most(self) -> f64 {
         match self {

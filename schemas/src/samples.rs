@@ -1,9 +1,9 @@
-//! Pressure and volume of a beat at a few times: what step 3 compares of traces.
+//! Samples of a beat's pressure and volume at a few times, for the comparison of traces in step 3.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Number of samples of a beat, equally spaced from its start on.
+/// Number of samples of a beat, equally spaced from its start.
 pub const N_SAMPLES: usize = 40;
 
 /// Values at the times k T / [`N_SAMPLES`], T the cycle length; none where there is no trace.
@@ -61,12 +61,15 @@ pub struct MeasuredTraces {
     pub cycle_length_ms: f64,
 }
 
-/// Difference of each sample of a beat that failed, over its standard deviation.
+/// Difference over standard deviation assigned to each sample of a failed beat.
 const OF_FAILED: f64 = 10.0;
 
 impl MeasuredTraces {
-    /// Differences over standard deviations, scaled so that the sum of squares is that of as many independent ones as
-    /// correlation times fit into a beat: T/τ · rms²/σ² of each trace. As many of every beat.
+    /// Differences over standard deviations, one per sample of each trace that counts.
+    ///
+    /// They are scaled so that the sum of squares corresponds to independent samples, one per
+    /// correlation time of the beat: T/τ · rms²/σ² for each trace. Their number is the same for
+    /// every beat.
     #[must_use]
     pub fn residuals(&self, simulated: Option<&BeatSamples>) -> Vec<f64> {
         let Self {
@@ -105,7 +108,7 @@ impl MeasuredTraces {
         self.cycle_length_ms / self.deviations.correlation_ms
     }
 
-    /// How many independent things the traces that count tell.
+    /// Number of independent data in the traces that count.
     #[must_use]
     pub fn n_measured(&self) -> f64 {
         let Self {

@@ -1,4 +1,5 @@
-//! What a sensitivity analysis found: `sensitivity.json` of a sweep, and what tables and figures are drawn from.
+//! Result of a sensitivity analysis: `sensitivity.json` of a sweep, from which tables and figures
+//! are drawn.
 
 use std::collections::BTreeMap;
 

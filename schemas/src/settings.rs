@@ -1,5 +1,6 @@
-//! Every setting of a run, with its default. The same keys stand in `cohort.toml`, in a patient's `[settings]`,
-//! in `rerun`'s overrides and in `--set`; a later layer wins, key by key, and `config show --origin` tells which.
+//! All settings of a run, with their defaults. The same keys occur in `cohort.toml`, in a patient's
+//! `[settings]`, in the overrides of `rerun` and in `--set`. A later layer takes precedence key by
+//! key; `config show --origin` shows the layer of each value.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -41,7 +42,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// How step 1 finds the next parameters, with [`Update::Auto`] resolved.
+    /// Method by which step 1 finds the next parameters, with [`Update::Auto`] resolved.
     #[must_use]
     pub fn step1_update(&self) -> Update {
         match (self.step1.update, self.solver.fidelity) {
@@ -293,7 +294,8 @@ impl Default for CellFitSettings {
 }
 
 impl CellFitSettings {
-    /// What is fitted: `parameters`, without Rice's four where calcium is a fixed input.
+    /// Names of the fitted parameters: `parameters`, without Rice's four if calcium is a fixed
+    /// input.
     #[must_use]
     pub fn fitted(&self) -> Vec<String> {
         let has_effect = |name: &&String| {
@@ -370,7 +372,7 @@ pub enum InstructionSet {
 }
 
 impl InstructionSet {
-    /// Whether it is left to the processor.
+    /// Whether the processor determines the instruction set.
     #[must_use]
     pub fn is_auto(&self) -> bool {
         *self == Self::Auto

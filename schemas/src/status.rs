@@ -1,4 +1,4 @@
-//! `cardiotwin status --json`.
+//! Output of `cardiotwin status --json`.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! Settings of step 3, "in the organ": what may move, between which bounds, and how precisely biomarkers are to be met.
+//! Settings of step 3, "in the organ": parameters that may move, their bounds, and the precision
+//! required of the biomarkers.
 
 use std::collections::BTreeMap;
 
@@ -33,14 +34,15 @@ pub struct Step3Settings {
     pub trace_deviations: TraceDeviations,
 }
 
-/// Standard deviation of the prior over the interval of the logarithms: within the bounds it chooses among cells that
-/// serve alike, and hardly more.
+/// Standard deviation of the prior over the interval of the logarithms. Within the bounds the prior
+/// selects among cells with equal misfit, and has hardly any other effect.
 const PRIOR_SHARE: f64 = 0.75;
 
 impl Default for Step3Settings {
     fn default() -> Self {
-        // Table A5; wider where an organ needs it: Smax_ref, TRPN50, gamma_S. Without beta_0, of which the one-fibre ventricle
-        // says something else than one in 3D does (docs/step3.md). Valves: Table A6's are inside.
+        // Table A5, wider where an organ needs it: Smax_ref, TRPN50 and gamma_S. beta_0 is
+        // excluded, because its effect in the one-fibre ventricle differs from that in 3D
+        // (docs/step3.md). The bounds of the valves enclose those of Table A6.
         let wider = |key, interval| match key {
             "Smax_ref_kPa" => [40.0, 400.0],
             "TRPN50" => [0.2, 0.5],
@@ -76,7 +78,8 @@ impl Default for Step3Settings {
 }
 
 impl Step3Settings {
-    /// What moves, around the model's defaults; valves around those of the verification beat.
+    /// Parameters that move, centred on the model's defaults; valves are centred on those of the
+    /// verification beat.
     #[must_use]
     pub fn moved(&self, valves: &ValveParameters) -> BTreeMap<String, MovedParameter> {
         let mut valves = *valves;
@@ -102,7 +105,7 @@ impl Step3Settings {
         self.parameters.iter().filter_map(moved).collect()
     }
 
-    /// Values in a beat of what moves.
+    /// Values that the moving parameters have in a beat.
     ///
     /// - `cell`: parameters that differ from the model's defaults
     #[must_use]
@@ -121,7 +124,7 @@ impl Step3Settings {
 }
 
 impl Step3Settings {
-    /// What was measured of traces; none without any, or where none counts.
+    /// Measured traces; `None` without any, or if none of them counts.
     #[must_use]
     pub fn traces(
         &self,
@@ -137,7 +140,7 @@ impl Step3Settings {
         (traces.n_measured() > 0.0).then_some(traces)
     }
 
-    /// Measured biomarkers that count, and the independent things that `traces` tell.
+    /// Number of independent data: measured biomarkers that count, plus the content of `traces`.
     #[must_use]
     pub fn n_measured(&self, measured: &Biomarkers, traces: Option<&MeasuredTraces>) -> f64 {
         let counts = |(biomarker, value): &(Biomarker, Option<f64>)| {

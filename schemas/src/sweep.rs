@@ -1,4 +1,5 @@
-//! `sweep.json`: what a folder of a sweep is about, and everything that its results follow from.
+//! The file `sweep.json`: subject of a sweep's directory, and all inputs that determine its
+//! results.
 
 use std::collections::BTreeMap;
 
@@ -35,7 +36,7 @@ pub enum SweepSpec {
 }
 
 impl SweepSpec {
-    /// The kind as in files and tables.
+    /// Name of the kind in files and tables.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -93,7 +94,7 @@ pub struct SweptOrgan {
 }
 
 impl CellDesign {
-    /// Names of the biomarkers that are swept, as `samples.csv` has them.
+    /// Names of the swept biomarkers, as in `samples.csv`.
     #[must_use]
     pub fn outputs(&self) -> &'static [&'static str] {
         if self.organ.is_some() {
@@ -104,7 +105,7 @@ impl CellDesign {
     }
 }
 
-/// Biomarkers of the cell: the paper's five outputs.
+/// Biomarkers of the cell, the paper's five outputs.
 const CELL_OUTPUTS: [&str; 5] = [
     "Sa_max_kPa",
     "dSadt_max_kPa_per_ms",
@@ -115,13 +116,17 @@ const CELL_OUTPUTS: [&str; 5] = [
 /// Biomarkers of the organ that step 3 compares.
 const ORGAN_OUTPUTS: [&str; Biomarker::OF_ORGAN.len()] = Biomarker::ORGAN_KEYS;
 
-/// First line of `samples.csv`, a chunk's artefact: a line a sample follows, in the design's order. Block and row count
-/// from 0; `cut` says that a duration lacks a crossing of its level within the beat; the rise is the steepest one after
-/// the maximum. Numbers read back without a change; a sample without a result leaves them empty.
+/// First line of `samples.csv`, a chunk's artefact. It is followed by one line per sample, in the
+/// order of the design.
+///
+/// Block and row count from 0. `cut` states whether a duration lacks a crossing of its level within
+/// the beat; the rise is the steepest one after the maximum. Numbers can be read back exactly. A
+/// sample without a result leaves them empty.
 pub const SAMPLES_HEADING: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per_ms,STD30_ms,STD50_ms,STD90_ms,cut,\
                                    lambda_min,Sa_res_kPa,Sa_min_kPa,rise_after_peak_kPa_per_ms,beats";
 
-/// The same of an organ: a biomarker that the beat does not have is empty; `shut` says that a valve did not open and close.
+/// The corresponding line for an organ. A biomarker that the beat lacks is empty; `shut` states
+/// whether a valve did not open and close.
 pub const ORGAN_SAMPLES_HEADING: &str = "block,row,status,P_max_mmHg,dPdt_max_mmHg_per_ms,dPdt_min_mmHg_per_ms,PTD90_ms,tau_VD_ms,tau_VR_ms,SV_mL,shut";
 
 /// A parameter and the interval that it is drawn from, in the unit that its name says.

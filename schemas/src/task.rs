@@ -1,4 +1,4 @@
-//! What is wanted: a task's specification and its key.
+//! Specification of a task, and its key.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -59,7 +59,7 @@ pub enum TaskSpec {
 }
 
 impl TaskSpec {
-    /// The kind as in files and tables.
+    /// Name of the kind in files and tables.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -76,7 +76,8 @@ impl TaskSpec {
         }
     }
 
-    /// Whether it is a simulation of the 3D ventricle, which ranks can share: step 0 or a beat.
+    /// Whether this is a simulation of the 3D ventricle (step 0 or a beat), which can be divided
+    /// among ranks.
     #[must_use]
     pub fn is_in_3d(&self) -> bool {
         match self {
@@ -86,7 +87,8 @@ impl TaskSpec {
         }
     }
 
-    /// Raised by hand when the results of a kind change; part of the key.
+    /// Version of the model, which is part of the key. It is raised by hand when the results of a
+    /// kind change.
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
@@ -102,7 +104,8 @@ impl TaskSpec {
         }
     }
 
-    /// Canonical JSON with the model version and without paths: what the key hashes and `explain` compares.
+    /// Canonical JSON with the model version and without paths. The key is its hash, and `explain`
+    /// compares it.
     ///
     /// # Panics
     /// Never: every spec can be represented in JSON.
@@ -114,14 +117,15 @@ impl TaskSpec {
         canonical_json(&value).expect("a JSON value is JSON")
     }
 
-    /// The task's identity.
+    /// Key of the task.
     #[must_use]
     pub fn key(&self) -> TaskKey {
         TaskKey(sha256_hex(self.canonical().as_bytes()))
     }
 }
 
-/// Removes `path` beside `sha256`: where a file lies does not change what it says.
+/// Removes each `path` next to a `sha256`, because the location of a file does not change its
+/// content.
 fn strip_paths(value: &mut serde_json::Value) {
     match value {
         serde_json::Value::Object(map) => {
@@ -240,7 +244,8 @@ pub struct OrganBeatSpec {
 }
 
 impl OrganBeatSpec {
-    /// The same with other parameters of the cell and of the valves, by name; those that are absent stay.
+    /// The same beat with other parameters of the cell and of the valves, by name; absent
+    /// parameters do not change.
     #[must_use]
     pub fn with_parameters(&self, parameters: &BTreeMap<String, f64>) -> Self {
         let mut beat = self.clone();
@@ -347,7 +352,7 @@ pub struct Step1Beat {
     pub biomarkers: Biomarkers,
 }
 
-/// A patient's cell in the organ: what step 3 begins with.
+/// A patient's cell in the organ, the start of step 3.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellInOrgan {
     /// The verification beat.
@@ -444,7 +449,7 @@ pub struct AttemptSpec {
     pub task: TaskSpec,
 }
 
-/// Whether a number is left out of files.
+/// Whether a number is omitted from files.
 pub(crate) fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }

@@ -1,4 +1,5 @@
-//! Times as text: UTC, RFC 3339, milliseconds. Pure; coordinator and worker each read their clock in one place.
+//! Times as text: UTC, RFC 3339, in milliseconds. The functions are pure; coordinator and worker
+//! each read their clock in one place.
 
 /// `ms` since 1970-01-01T00:00:00Z as text, for example `2026-07-30T12:34:56.789Z`.
 #[must_use]
@@ -14,7 +15,7 @@ pub fn utc_text(ms: i64) -> String {
     )
 }
 
-/// The inverse of [`utc_text`]; `None` for any other form.
+/// Inverse of [`utc_text`]; `None` for any other form.
 #[must_use]
 pub fn utc_ms(text: &str) -> Option<i64> {
     let (date, time) = text.strip_suffix('Z')?.split_once('T')?;
@@ -27,7 +28,7 @@ pub fn utc_ms(text: &str) -> Option<i64> {
         <[i64; 3]>::try_from(numbers(date, &['-'])?).ok()?,
         <[i64; 4]>::try_from(numbers(time, &[':', '.'])?).ok()?,
     );
-    // Days since 0000-03-01, as in `civil`, less those until 1970.
+    // Days since 0000-03-01, as in `civil`, minus those until 1970.
     let (year, month) = if month > 2 {
         (year, month - 3)
     } else {
@@ -41,8 +42,8 @@ pub fn utc_ms(text: &str) -> Option<i64> {
     Some(days * 86_400_000 + ((h * 60 + min) * 60 + s) * 1000 + milli)
 }
 
-/// Calendar date of a day counted from 1970-01-01 (Hinnant's algorithm: years that begin in March end with the leap
-/// day, in eras of 400 years).
+/// Calendar date of a day counted from 1970-01-01. Hinnant's algorithm uses eras of 400 years and
+/// years that start in March and end with the leap day.
 fn civil(days: i64) -> (i64, i64, i64) {
     let z = days + 719_468;
     let (era, day_of_era) = (z.div_euclid(146_097), z.rem_euclid(146_097));

@@ -1,4 +1,4 @@
-//! Whether a twin holds: the biomarkers of its beat against stated tolerances.
+//! Verdict on a twin: the biomarkers of its beat against stated tolerances.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -47,7 +47,7 @@ impl Default for TwinTolerances {
 }
 
 impl TwinTolerances {
-    /// Name and tolerance of each.
+    /// Name and tolerance of each biomarker.
     #[must_use]
     pub fn named(&self) -> [(&'static str, f64); 5] {
         [
@@ -71,7 +71,8 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Judges a beat; a biomarker that is not measured is not judged, one that the beat lacks is off by all of it.
+    /// Judges a beat. A biomarker that was not measured is not judged; one that the beat lacks
+    /// counts with a difference of 100 %.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers, tolerances: &TwinTolerances) -> Self {
         let values = |b: &Biomarkers| {
@@ -109,7 +110,7 @@ impl fmt::Display for Verdict {
         if self.personalised {
             return f.write_str("personalised");
         }
-        // The farthest first: that is what a reader needs to know.
+        // The largest difference comes first, because readers need it most.
         let mut off: Vec<(&String, &f64)> = self.off_percent.iter().collect();
         off.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         let off: Vec<String> = off

@@ -1,5 +1,6 @@
-//! The whole personalisation of the seven bundled patients in this process: step 1 to its first iterate within the
-//! tolerance, targets, step 2, verification beat. `cargo run --release -p cardiotwin-worker --example chain_seven -- THREADS`
+//! Personalises the seven bundled patients in this process: step 1 to its first iterate within the
+//! tolerance, targets, step 2, verification beat. `cargo run --release -p cardiotwin-worker
+//! --example chain_seven -- THREADS`
 
 #[path = "../tests/support/mod.rs"]
 mod support;

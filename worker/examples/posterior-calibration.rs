@@ -1,9 +1,14 @@
-//! How often the posterior's 90 % intervals hold the true values of simulated patients.
+//! Coverage of the posterior's 90 % intervals over simulated patients.
 //!
-//! `posterior-calibration FIRST PATIENTS FACTOR,… SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
-//! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
-//! traces get noise as the file states it, its measured biomarkers an error of `step3.uncertainty_percent`. Step 3 finds a twin for them, from a cell at the prior's centre,
-//! and the task `posterior` gets that twin, as in a run; neither knows the truth. The task is run with each `posterior.error_factor`. Beats of its draws under other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
+//! `posterior-calibration FIRST PATIENTS FACTOR,… SPEC…`: each specification of a task `posterior`
+//! (`attempts/*/*/spec.json` of a run) supplies heart, loads, noise and prior. A patient's true
+//! parameters are a draw of this prior with a physiological beat. The traces get noise as specified
+//! in the file; the measured biomarkers get an error of `step3.uncertainty_percent`. Step 3
+//! proposes a twin for them, starting from a cell at the prior's centre, and the task `posterior`
+//! receives that twin, as in a run. Neither of them has access to the true values. The task runs
+//! once with each `posterior.error_factor`. Periodic beats of its draws under other loads are
+//! compared with those of the true parameters. Lines go to stdout, and a table goes to stderr at
+//! the end.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +30,7 @@ use cardiotwin_worker::tasks::proposal::step3;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Beats that a heart may have: smallest and largest pressure at the peak (mmHg) and ejection fraction.
+/// Limits of a physiological beat: peak pressure (mmHg) and ejection fraction.
 const PRESSURE: [f64; 2] = [70.0, 220.0];
 const EJECTION: [f64; 2] = [0.3, 0.8];
 /// Other loads: name, factor of the filling pressure, factor of the peripheral resistance.
@@ -85,7 +90,8 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// How many true values intervals hold, and how many there are, by error factor and kind of value.
+/// Number of true values inside their intervals and number of all true values, by error factor and
+/// kind of value.
 #[derive(Default)]
 struct Counts(BTreeMap<String, [usize; 2]>);
 
@@ -182,7 +188,8 @@ fn heart(path: &str) -> anyhow::Result<PosteriorSpec> {
     }
 }
 
-/// A beat of the one-fibre ventricle in steps of 2 ms, as the task's; none where it is not whole.
+/// A beat of the one-fibre ventricle with the task's steps of 2 ms; `None` if the beat is
+/// incomplete.
 fn one(beat: &OrganBeatSpec) -> Option<OrganBeatResult> {
     let OrganSpec::Reduced {
         passive,
@@ -205,14 +212,14 @@ fn normal(generator: &mut Pcg64) -> f64 {
     quantile(generator.random::<f64>().max(f64::MIN_POSITIVE))
 }
 
-/// A patient with noisy traces, and the truth.
+/// A patient with noisy traces, and the true parameters and beat.
 struct Simulated {
     spec: PosteriorSpec,
     parameters: BTreeMap<String, f64>,
     beat: OrganBeatResult,
 }
 
-/// A patient of a heart's prior.
+/// Draws a patient from a heart's prior.
 fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Simulated> {
     let axes = axes(&heart.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
@@ -249,7 +256,7 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
             generator,
         );
         let mut measured = truth.biomarkers;
-        // In this order, so that a seed makes the hearts that it always made.
+        // The order is fixed, so that a seed always gives the same hearts.
         let drawn = Biomarker::TABLE_2
             .into_iter()
             .chain([Biomarker::TauVd, Biomarker::TauVr]);
@@ -276,7 +283,7 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
     Err(anyhow!("no draw of the prior is a heart's"))
 }
 
-/// The same task with the twin that step 3 proposes for its measurements.
+/// Replaces the task's twin by the one that step 3 proposes for the patient's measurements.
 fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<PosteriorSpec> {
     let centre: BTreeMap<String, f64> = spec
         .parameters
@@ -325,7 +332,8 @@ fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<Poste
     })
 }
 
-/// An Ornstein-Uhlenbeck process on the pressure; on the volume independent noise of each frame, linear in between.
+/// Adds an Ornstein-Uhlenbeck process to the pressure. The volume gets independent noise at each
+/// frame, linear in between.
 fn noisy(
     samples: &BeatSamples,
     noise: &TraceNoise,

@@ -1,6 +1,7 @@
-//! Step 1 of the seven bundled patients in this process, with its figures: costs, errors, minimal stretch, the volume
-//! left open at the end of the beat. `cargo run --release -p cardiotwin-worker --example step1_seven -- [onset=MS]
-//! [nodes=N] [patient=ID] [stop=first|best]`; with `nodes` on the finite-element ventricle.
+//! Runs step 1 for the seven bundled patients in this process and prints costs, errors, minimal
+//! stretch, and the difference between the volumes at the beginning and the end of the beat. `cargo
+//! run --release -p cardiotwin-worker --example step1_seven -- [onset=MS] [nodes=N] [patient=ID]
+//! [stop=first|best]`; `nodes` selects the finite-element ventricle.
 
 #[path = "../tests/support/mod.rs"]
 mod support;
@@ -15,7 +16,7 @@ use cardiotwin_worker::context::Context;
 
 type Of = fn(&Biomarkers) -> Option<f64>;
 
-/// The biomarkers whose mean errors the paper gives, in its order.
+/// Biomarkers whose mean errors the paper reports, in its order.
 const ERRORS: [(&str, Of); 5] = [
     ("P_max", |b| b.p_max_mmhg),
     ("PTD90", |b| b.ptd90_ms),

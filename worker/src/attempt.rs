@@ -1,4 +1,5 @@
-//! An attempt as its worker sees it: claimed by this process, revoked by the coordinator or closed by one outcome.
+//! Life of an attempt in its worker: the process claims the directory, works and publishes one
+//! outcome, unless the coordinator revokes the attempt first.
 //!
 //! ```text
 //! spec.json ──► started.json (exclusive) ──► work ──► artefacts, synced ──► outcome.json (exclusive)
@@ -18,43 +19,43 @@ use cardiotwin_schemas::task::AttemptSpec;
 
 use crate::clock;
 
-/// Why an attempt cannot be started or closed.
+/// Reasons why an attempt cannot be started or closed.
 #[derive(Debug, thiserror::Error)]
 pub enum AttemptError {
     /// The specification cannot be read.
     #[error("cannot read {file}")]
     Read {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// The specification is not one of ours.
+    /// The file is not a valid specification of an attempt.
     #[error("{file}: not a specification of an attempt in format {SCHEMA_VERSION}")]
     Spec {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Where and why.
+        /// Position and cause of the parse error.
         source: serde_json::Error,
     },
-    /// A file of another version.
+    /// The specification was written in another format version.
     #[error(
         "{file}: written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the same version as the coordinator"
     )]
     Version {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Its version.
+        /// Format version found in the file.
         found: u32,
     },
-    /// Another process has the attempt.
+    /// Another process has claimed the attempt.
     #[error(
         "{directory} was claimed before, by {holder}; a further try needs a directory of its own"
     )]
     Claimed {
         /// The attempt's directory.
         directory: PathBuf,
-        /// Who, as far as it can be read.
+        /// Description of the claiming process, as far as its claim can be read.
         holder: String,
     },
     /// The coordinator revoked the attempt.
@@ -63,21 +64,21 @@ pub enum AttemptError {
         /// The attempt's directory.
         directory: PathBuf,
     },
-    /// A file cannot be written.
+    /// A claim or an outcome cannot be written.
     #[error("cannot write {file}")]
     Write {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
 }
 
-/// A claimed attempt. Who holds this value is the only one who may publish.
+/// A claimed attempt. Only the owner of this value may publish an outcome.
 #[derive(Debug)]
 pub struct Attempt {
     directory: PathBuf,
-    /// What is to be done.
+    /// Specification of the task.
     pub spec: AttemptSpec,
 }
 
@@ -85,8 +86,9 @@ impl Attempt {
     /// Reads `spec.json` and claims the directory for this process.
     ///
     /// # Errors
-    /// [`AttemptError::Claimed`] when any process claimed it before, living or dead; [`AttemptError::Revoked`] when
-    /// it was revoked already; otherwise when files cannot be read or written.
+    /// [`AttemptError::Claimed`] when any process, living or dead, claimed it before;
+    /// [`AttemptError::Revoked`] when it was revoked already; otherwise when files cannot be read
+    /// or written.
     pub fn claim(directory: &Path) -> Result<Self, AttemptError> {
         let spec = read_spec(&directory.join(names::SPEC))?;
         let attempt = Self {
@@ -109,7 +111,7 @@ impl Attempt {
         }
     }
 
-    /// Where the attempt lives.
+    /// The attempt's directory.
     #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
@@ -121,10 +123,11 @@ impl Attempt {
         }
     }
 
-    /// Publishes the outcome and ends the attempt. Artefacts must be on disk before.
+    /// Publishes the outcome and ends the attempt. Artefacts must be on disk before the call.
     ///
     /// # Errors
-    /// [`AttemptError::Revoked`] when the attempt was revoked meanwhile; otherwise when the file cannot be written.
+    /// [`AttemptError::Revoked`] when the attempt was revoked meanwhile; otherwise when the file
+    /// cannot be written.
     pub fn publish(self, outcome: &TaskOutcome) -> Result<(), AttemptError> {
         let published =
             PreparedOutcome::new(&self.directory, outcome).and_then(PreparedOutcome::publish);
@@ -139,7 +142,6 @@ impl Attempt {
     }
 }
 
-/// Reads an attempt's specification.
 fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
     let text = fs::read_to_string(file).map_err(|source| AttemptError::Read {
         file: file.to_owned(),
@@ -158,7 +160,7 @@ fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
     Ok(spec)
 }
 
-/// The holder of a claim, in words.
+/// Describes the process that holds the claim.
 fn holder(directory: &Path) -> String {
     let Ok(ClaimFile::By(claim)) = claim::read(directory) else {
         return "somebody whose claim cannot be read".to_owned();

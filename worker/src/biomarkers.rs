@@ -1,10 +1,10 @@
-//! From the solver's biomarkers to those that pass between processes.
+//! Conversion between the solver's biomarkers and those of the schemas.
 
 use cardiotwin_schemas::biomarkers::{self, Biomarkers, TimePoints};
 use cardiotwin_signals::{BiomarkerSet, Flag, NoiseWindows};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-/// The same values in the form of files.
+/// Converts the solver's biomarkers to the schema's values and time points.
 #[must_use]
 pub fn to_schema(set: &BiomarkerSet) -> (Biomarkers, TimePoints) {
     let mmhg = |value: Option<Mmhg>| value.map(|value| value.0);
@@ -36,7 +36,7 @@ pub fn to_schema(set: &BiomarkerSet) -> (Biomarkers, TimePoints) {
     (biomarkers, time_points)
 }
 
-/// Windows of noisy traces in the form of files.
+/// Converts the windows of noisy traces to the schema.
 #[must_use]
 pub fn windows_to_schema(windows: NoiseWindows) -> biomarkers::NoiseWindows {
     let ms = |window: Option<Ms>| window.map(|window| window.0);
@@ -46,7 +46,7 @@ pub fn windows_to_schema(windows: NoiseWindows) -> biomarkers::NoiseWindows {
     }
 }
 
-/// Windows of noisy traces from the form of files.
+/// Converts the windows of noisy traces to the solver.
 #[must_use]
 pub fn windows_to_solver(windows: biomarkers::NoiseWindows) -> NoiseWindows {
     NoiseWindows {
@@ -55,7 +55,7 @@ pub fn windows_to_solver(windows: biomarkers::NoiseWindows) -> NoiseWindows {
     }
 }
 
-/// What a reader must know of a set, in words.
+/// Describes the flags of a set in words.
 #[must_use]
 pub fn remarks(set: &BiomarkerSet) -> Vec<String> {
     set.flags

@@ -1,5 +1,5 @@
-//! A calcium transient as a fixed input: a file with columns `time_ms` (from activation on) and `Ca_uM`, which is a
-//! measured trace or the median over an organ's nodes.
+//! Calcium transients as fixed input. The file has the columns `time_ms` (from activation on) and
+//! `Ca_uM`; its trace is measured, or the median over an organ's nodes.
 
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Quantity;
@@ -7,18 +7,19 @@ use cardiotwin_signals::Quantity;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
-/// Interval of the samples.
+/// Interval between samples \[ms\].
 pub const INTERVAL_MS: f64 = 1.0;
-/// Latest first sample: the foot of the transient must be there.
+/// Latest time of the first sample \[ms\]; later ones would miss the foot of the transient.
 const LATEST_START_MS: f64 = 5.0;
-/// Share of the cycle that must be covered; from the last sample on the value is held.
+/// Share of the cycle that the file must cover. After its last sample the value is held.
 const COVERED: f64 = 0.8;
 
-/// Samples \[µM\] at 0, [`INTERVAL_MS`], … up to the cycle's end, linear between those of the file and held beyond.
+/// Samples \[µM\] at 0, [`INTERVAL_MS`], … up to the end of the cycle, interpolated linearly
+/// between those of the file and held after the last one.
 ///
 /// # Errors
-/// [`TaskError`] when the file is not the planned one, is no trace, begins late, ends early or has a sample that is not
-/// positive.
+/// [`TaskError`] when the file is not the planned one or not a trace, when it begins too late or
+/// ends too early, or when a sample is not positive.
 pub fn samples(file: &InputFile, cycle_length_ms: f64) -> Result<Vec<f64>, TaskError> {
     let trace = read_trace(file, Quantity::Calcium)?;
     let refused = |message: String| TaskError::Measured {

@@ -1,4 +1,5 @@
-//! Names of the cell's parameters in files (`organ::CELL_PARAMETERS`) and where they go in the solvers' types.
+//! Names of the cell's parameters in files (`organ::CELL_PARAMETERS`), and their places in the
+//! solvers' types.
 
 use std::collections::BTreeMap;
 
@@ -13,10 +14,11 @@ use crate::error::TaskError;
 /// Position of `a_p_kPa`.
 const PASSIVE_SCALE: usize = N_PARAMETERS - 1;
 
-/// A cell by the names of its parameters: Land, passive and calcium, all at their defaults before anything is set.
+/// A cell whose parameters are accessed by name: contraction (Land), passive stress and calcium.
+/// All have their default values until they are set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedCell {
-    /// In the order of [`CELL_PARAMETERS`], which is the engine's.
+    /// Values in the order of [`CELL_PARAMETERS`], which is also the engine's.
     values: [f64; N_PARAMETERS],
     cycle_length_ms: f64,
     lambda_0: f64,
@@ -34,11 +36,13 @@ pub fn position(name: &str) -> Result<usize, TaskError> {
 }
 
 impl NamedCell {
-    /// Defaults (Tables A2 to A4, the passive scale of the sensitivity analysis) at a cycle length and initial stretch.
+    /// A cell with the default parameters (Tables A2 to A4, and the passive scale of the
+    /// sensitivity analysis), at a cycle length \[ms\] and an initial stretch.
     #[must_use]
     pub fn new(cycle_length_ms: f64, lambda_0: f64) -> Self {
         let mut values = DEFAULT_PARAMETERS;
-        // Table A3's 2.1 kPa is that of isolated tissue: a cell in the organ's place would collapse with it.
+        // Table A3's 2.1 kPa describes isolated tissue. A cell in the organ's place would collapse
+        // with it.
         values[PASSIVE_SCALE] = LandPassiveParameters::default().a_p_kpa;
         Self {
             values,
@@ -47,7 +51,7 @@ impl NamedCell {
         }
     }
 
-    /// Sets every parameter of a map.
+    /// Sets all parameters of a map.
     ///
     /// # Errors
     /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
@@ -66,13 +70,13 @@ impl NamedCell {
         Ok(self.values[position(name)?])
     }
 
-    /// What the batched engine takes; [`position`] says where a parameter lies in it.
+    /// Input of the batched engine; [`position`] gives a parameter's place in it.
     #[must_use]
     pub fn input(&self) -> CellInput {
         CellInput::new(self.values, self.cycle_length_ms, self.lambda_0)
     }
 
-    /// What the scalar cell takes, from which the organ's contraction is made.
+    /// Input of the scalar cell, from which the organ's contraction is also made.
     #[must_use]
     pub fn parameters(&self) -> CellParameters {
         let [

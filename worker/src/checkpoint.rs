@@ -1,15 +1,17 @@
-//! What an optimiser was told, kept so that a later attempt goes on from it, and so that a search can be taken up again
-//! at any of its generations.
+//! Journals of optimisers. With a journal, a later attempt continues the search of an earlier one,
+//! and a search can be restarted from any of its generations.
 //!
-//! Optimisers are deterministic: what they ask follows from what they were told. So the told costs are all there is to
-//! keep, a few bytes an evaluation, appended batch by batch: telling them again gives every state that there was, without
-//! computing a cell. A record also holds a hash of the points that were asked: where the optimiser asks for others (it was
-//! changed meanwhile), the record and all later ones are left aside.
+//! Optimisers are deterministic: the points they ask for follow from the costs they received. The
+//! journal therefore holds the costs alone, a few bytes per evaluation, appended batch by batch.
+//! When the optimiser receives them again, it passes through all its earlier states, and no cell is
+//! computed. Each record also holds a hash of the requested points. If the optimiser asks for other
+//! points, because it was changed in the meantime, this record and all later ones are ignored.
 //!
-//! The file is `checkpoint/<name>` in the attempt's directory: a line of JSON (format, what is searched), then records
-//! (number of costs, hash of the points, costs, hash of it all chained to the record before; little endian). It is not
-//! synced: after a power failure it may end early or torn, which the hash tells, and costs only the time to do the work
-//! again.
+//! The file is `checkpoint/<name>` in the attempt's directory. A line of JSON (format and name of
+//! the search) comes first, then binary records in little endian: number of costs, hash of the
+//! points, costs, and a hash of all of these chained to the previous record. The file is not
+//! synced. After a power failure it may be truncated or damaged; the hashes detect this, and only
+//! computing time is lost.
 
 use std::fs::{self, File};
 use std::io::{self, Write as _};
@@ -19,7 +21,7 @@ use cardiotwin_protocol::names;
 use cardiotwin_schemas::ids::AttemptId;
 use serde::{Deserialize, Serialize};
 
-/// Raised when an older file would be misread.
+/// Version of the file format, raised when an older file would be misread.
 const FORMAT: u32 = 2;
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -28,19 +30,20 @@ struct Header {
     search: String,
 }
 
-/// Where journals are written and looked for.
+/// Directories in which checkpoints are written and searched.
 #[derive(Debug, Default)]
 pub struct Checkpoints {
-    /// Directory of this attempt.
+    /// Directory of this attempt; `None` if nothing is written.
     own: Option<PathBuf>,
-    /// Directories that may hold an earlier journal, first choice first.
+    /// Directories that may hold an earlier journal, in order of preference.
     earlier: Vec<PathBuf>,
-    /// What is recalled ends with this generation.
+    /// Last generation that is recalled; `None` for no limit.
     last_generation: Option<u64>,
 }
 
 impl Checkpoints {
-    /// In an attempt's directory; earlier generations of the same task are looked for beside it, newest first.
+    /// Checkpoints in an attempt's directory. Earlier generations of the same task are searched
+    /// beside it, newest first.
     #[must_use]
     pub fn of_attempt(directory: &Path, attempt: &AttemptId) -> Self {
         let earlier = (1..attempt.generation)
@@ -53,7 +56,8 @@ impl Checkpoints {
         }
     }
 
-    /// In `directory`, going on from what lies in `other`, up to and with a generation if one is given.
+    /// Checkpoints in `directory`, continued from those in `other`, up to and including
+    /// `last_generation` if given.
     #[must_use]
     pub fn restarting(directory: &Path, other: &Path, last_generation: Option<u64>) -> Self {
         Self {
@@ -63,7 +67,7 @@ impl Checkpoints {
         }
     }
 
-    /// In `directory`, from the beginning.
+    /// Checkpoints in `directory`, without any earlier ones.
     #[must_use]
     pub fn writing(directory: &Path) -> Self {
         Self {
@@ -72,19 +76,19 @@ impl Checkpoints {
         }
     }
 
-    /// Nowhere: every task begins anew and leaves nothing.
+    /// No checkpoints: tasks start from the beginning and write nothing.
     #[must_use]
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// The generation with which recalling ends, where it was limited.
+    /// Last generation that is recalled; `None` for no limit.
     #[must_use]
     pub fn last_generation(&self) -> Option<u64> {
         self.last_generation
     }
 
-    /// Where this attempt writes the checkpoint `name`, if it writes any.
+    /// File to which this attempt writes the checkpoint `name`; `None` if it writes nothing.
     #[must_use]
     pub fn own_file(&self, name: &str) -> Option<PathBuf> {
         self.own
@@ -92,7 +96,7 @@ impl Checkpoints {
             .map(|directory| directory.join(names::CHECKPOINT).join(name))
     }
 
-    /// Where earlier attempts may have left the checkpoint `name`, first choice first.
+    /// Files in which earlier attempts may have left the checkpoint `name`, in order of preference.
     #[must_use]
     pub fn earlier_files(&self, name: &str) -> Vec<PathBuf> {
         self.earlier
@@ -101,10 +105,10 @@ impl Checkpoints {
             .collect()
     }
 
-    /// Opens the journal of a search, with what the first earlier one of the same search holds.
+    /// Creates the journal of a search and loads the first earlier journal of the same search.
     ///
     /// # Errors
-    /// Any error of the file system in making the new file.
+    /// Any error of the file system while the new file is created.
     pub fn journal(&self, name: &str, search: &str) -> io::Result<Journal> {
         let earlier = self.earlier.iter().find_map(|directory| {
             let records = read(&directory.join(names::CHECKPOINT).join(name), search)?;
@@ -125,7 +129,7 @@ impl Checkpoints {
     }
 }
 
-/// Told costs: recalled from an earlier attempt as far as they go, recorded beyond.
+/// Costs of a search: recalled from an earlier attempt as long as it has records, then recorded.
 #[derive(Debug)]
 pub struct Journal {
     file: Option<File>,
@@ -141,13 +145,13 @@ struct Record {
 }
 
 impl Journal {
-    /// The directory whose journal is recalled, if there is one.
+    /// Directory of the journal that is recalled, if any.
     #[must_use]
     pub fn from(&self) -> Option<&Path> {
         self.from.as_deref()
     }
 
-    /// The costs that were told for `points`, if the earlier journal has them next.
+    /// Costs of `points`, if they are next in the earlier journal.
     pub fn recall(&mut self, points: &[Vec<f64>]) -> Option<Vec<f64>> {
         let record = self.records.next()?;
         if record.asked == hash_of(points) && record.costs.len() == points.len() {
@@ -160,12 +164,12 @@ impl Journal {
         None
     }
 
-    /// Leaves the rest of the earlier journal aside.
+    /// Ignores the rest of the earlier journal.
     pub fn forget(&mut self) {
         self.records = Vec::new().into_iter();
     }
 
-    /// Appends what is told for `points`.
+    /// Appends the costs of `points`.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -181,7 +185,7 @@ impl Journal {
     }
 }
 
-/// FNV-1a over 64-bit words: tells damage, not malice.
+/// FNV-1a over 64-bit words. It detects damage, not manipulation.
 fn fnv(start: u64, words: impl Iterator<Item = u64>) -> u64 {
     words.fold(start, |hash, word| {
         (hash ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(23)
@@ -195,7 +199,7 @@ fn hash_of(points: &[Vec<f64>]) -> u64 {
     )
 }
 
-/// Hash of the records so far.
+/// Running hash over all records so far.
 #[derive(Debug, Clone, Copy)]
 struct Chain(u64);
 
@@ -229,14 +233,15 @@ fn create(folder: &Path, name: &str, search: &str) -> io::Result<File> {
     Ok(file)
 }
 
-/// The directory of another generation: `…/<key>-g3` gives `…/<key>-g2`.
+/// Directory of another generation of the same task: `…/<key>-g2` for `…/<key>-g3` and generation
+/// 2.
 fn sibling(directory: &Path, generation: u32) -> Option<PathBuf> {
     let absolute = fs::canonicalize(directory).ok()?;
     let (key, _) = absolute.file_name()?.to_str()?.rsplit_once("-g")?;
     Some(absolute.with_file_name(format!("{key}-g{generation}")))
 }
 
-/// The sound records of a file, if it has any and they are of the same search.
+/// Intact records of a file; `None` if it cannot be read or belongs to another search.
 fn read(path: &Path, search: &str) -> Option<Vec<Record>> {
     let bytes = fs::read(path).ok()?;
     let end = bytes.iter().position(|byte| *byte == b'\n')?;

@@ -1,10 +1,10 @@
-//! The one place of the worker that reads the wall clock.
+//! Wall clock of the worker. No other module reads it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use cardiotwin_schemas::time::utc_text;
 
-/// The present time as text.
+/// Current UTC time as text.
 #[must_use]
 pub fn now() -> String {
     let since = SystemTime::now()

@@ -1,4 +1,4 @@
-//! What a task is given beside its specification.
+//! Environment of a task: everything that it gets besides its specification.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,40 +16,40 @@ use crate::progress::ProgressLog;
 use crate::stop::StopFlag;
 use crate::team::Team;
 
-/// Simulated time between two checkpoints of a beat where nothing else is asked for \[ms\].
+/// Default simulated time between two checkpoints of a beat \[ms\].
 pub const CHECKPOINT_MS: f64 = 100.0;
-/// A beat that is over sooner leaves no checkpoint.
+/// Default wall time between two checkpoints. A beat that ends sooner leaves no checkpoint.
 pub const CHECKPOINT_APART: Duration = Duration::from_secs(20);
 
-/// The surroundings of one task.
+/// Environment of one task.
 #[derive(Debug)]
 pub struct Context {
-    /// Where artefacts go.
+    /// Artefacts written by the task.
     pub artefacts: Artefacts,
-    /// Threads that may be used; results do not depend on it.
+    /// Number of threads; results do not depend on it.
     pub threads: u32,
-    /// Ranks of other processes that help with a beat in 3D, instead of threads.
+    /// Ranks in other processes that compute a 3D beat together with this one, instead of threads.
     pub team: Option<Team>,
-    /// Instructions of the cell engine.
+    /// Instruction set of the cell engine.
     pub instruction_set: InstructionSet,
-    /// Where reports go.
+    /// Log of the task's progress reports.
     pub progress: ProgressLog,
-    /// Where work in hand is kept.
+    /// Checkpoints of unfinished work.
     pub checkpoints: Checkpoints,
-    /// Simulated time between two checkpoints of a beat \[ms\], 0 for none.
+    /// Simulated time between two checkpoints of a beat \[ms\]; 0 for no checkpoints.
     pub checkpoint_ms: f64,
-    /// Real time between two of them at least.
+    /// Shortest wall time between two checkpoints.
     pub checkpoint_apart: Duration,
-    /// Simulated time between frames of a series of VTU files \[ms\], 0 for no series.
+    /// Simulated time between frames of a series of VTU files \[ms\]; 0 for no series.
     pub vtu_every_ms: f64,
-    /// Whether to stop.
+    /// Flag that asks the task to stop.
     pub stop: StopFlag,
-    /// The attempt's `outcome.json`: while the task is at work, only a revocation creates it.
+    /// The attempt's `outcome.json`. While the task is at work, only a revocation creates it.
     pub closed: Option<PathBuf>,
 }
 
 impl Context {
-    /// A context in which nothing is reported, kept or interrupted; artefacts go to `directory`.
+    /// An environment without reports, checkpoints and interruption. Artefacts go to `directory`.
     #[must_use]
     pub fn plain(directory: &Path, threads: u32) -> Self {
         Self {
@@ -67,10 +67,10 @@ impl Context {
         }
     }
 
-    /// Looks whether the work should be left: to be called between steps of at most a few seconds.
+    /// Checks whether the task should stop. Tasks call this between steps of a few seconds at most.
     ///
     /// # Errors
-    /// [`TaskError::Cancelled`] when stopping was asked for or the attempt was revoked.
+    /// [`TaskError::Cancelled`] when the stop flag is raised or the attempt was revoked.
     pub fn check_stop(&self) -> Result<(), TaskError> {
         if self.stop.is_raised() || self.closed.as_ref().is_some_and(|closed| closed.exists()) {
             return Err(TaskError::Cancelled);
@@ -79,7 +79,7 @@ impl Context {
     }
 }
 
-/// Files made by a task, each on disk and hashed as soon as it is written.
+/// Files made by a task. Each is synced and hashed as it is written.
 #[derive(Debug)]
 pub struct Artefacts {
     directory: PathBuf,
@@ -87,7 +87,7 @@ pub struct Artefacts {
 }
 
 impl Artefacts {
-    /// Files go to `directory`, which exists.
+    /// Artefacts in `directory`, which must exist.
     #[must_use]
     pub fn in_directory(directory: &Path) -> Self {
         Self {
@@ -96,16 +96,16 @@ impl Artefacts {
         }
     }
 
-    /// Where files go.
+    /// Directory of the artefacts.
     #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
     }
 
-    /// Writes `file` with `content` in the role `name`.
+    /// Writes `content` to `file` and records it under the role `name`.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when the file system refuses.
+    /// [`TaskError::Write`] for an error of the file system.
     pub fn write(&mut self, name: &str, file: &str, content: &str) -> Result<(), TaskError> {
         let path = self.directory.join(file);
         files::write_synced(&path, content.as_bytes())
@@ -119,10 +119,10 @@ impl Artefacts {
         Ok(())
     }
 
-    /// Writes `file` in the role `name` piece by piece.
+    /// Writes `file` piece by piece and records it under the role `name`.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when `write` or the file system refuses.
+    /// [`TaskError::Write`] for an error of `write` or of the file system.
     pub fn write_pieces(
         &mut self,
         name: &str,
@@ -144,10 +144,11 @@ impl Artefacts {
         Ok(())
     }
 
-    /// Writes `file` with `content` in the role `name`, whole or not at all: for what later tasks read.
+    /// Writes `content` to `file` atomically, for files that later tasks read, and records it under
+    /// the role `name`.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when the file system refuses.
+    /// [`TaskError::Write`] for an error of the file system.
     pub fn write_bytes(
         &mut self,
         name: &str,
@@ -171,7 +172,7 @@ impl Artefacts {
         Ok(InputFile { name, path, sha256 })
     }
 
-    /// What was written so far.
+    /// Takes the records of the files written so far.
     #[must_use]
     pub fn take(&mut self) -> Vec<Artefact> {
         std::mem::take(&mut self.written)

@@ -1,9 +1,9 @@
-//! The cell engine as this worker uses it.
+//! Settings of the cell engine.
 
 use cardiotwin_cell_engine::{EngineSettings, SimdPath};
 use cardiotwin_schemas::settings::InstructionSet;
 
-/// The engine's settings with the instructions that were asked for.
+/// Engine settings for the requested instruction set.
 #[must_use]
 pub fn settings_for(instruction_set: InstructionSet) -> EngineSettings {
     let path = match instruction_set {
@@ -18,7 +18,7 @@ pub fn settings_for(instruction_set: InstructionSet) -> EngineSettings {
     }
 }
 
-/// The instructions that are used, in the words of provenance.
+/// Name, for the provenance, of the instruction set in use.
 #[must_use]
 pub fn path_in_use(instruction_set: InstructionSet) -> &'static str {
     match settings_for(instruction_set)

@@ -1,4 +1,4 @@
-//! Why a task failed, and what that asks for.
+//! Errors of tasks, and the failure class and remedy of each.
 
 use std::io;
 use std::path::PathBuf;
@@ -26,203 +26,205 @@ use cardiotwin_signals::{BiomarkerError, TraceError};
 use crate::finite_element::FiniteElementError;
 use crate::nodal::NodalError;
 
-/// Why a task did not succeed.
+/// Reasons why a task did not succeed.
 #[derive(Debug, thiserror::Error)]
 pub enum TaskError {
     /// An input file cannot be read.
     #[error("cannot read {role} input {file}")]
     InputMissing {
-        /// What the file is for.
+        /// Role of the file in the task.
         role: String,
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// An input file is not the one that the task was planned with.
+    /// An input file changed after the task was planned.
     #[error("{role} input {file} has SHA-256 {found}, but the task was planned with {expected}")]
     InputChanged {
-        /// What the file is for.
+        /// Role of the file in the task.
         role: String,
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Hash of what lies there now.
+        /// Hash of the file as it is now.
         found: String,
         /// Hash in the specification.
         expected: String,
     },
-    /// A measured trace cannot be used.
+    /// A measured trace is not usable.
     #[error("{role} trace: {message}")]
     Measured {
-        /// What the file is for.
+        /// Role of the file in the task.
         role: String,
-        /// File, line, what was found and expected.
+        /// File and line, with the found and the expected value.
         message: String,
     },
-    /// A measured trace cannot be brought to the common step.
+    /// A measured trace cannot be resampled to the common step.
     #[error("measured trace cannot be resampled")]
     Resample(#[from] ResampleError),
-    /// Traces give no biomarkers.
+    /// No biomarkers can be computed from the traces.
     #[error("no biomarkers")]
     Biomarkers(#[from] BiomarkerError),
-    /// Something without which no beat can be simulated.
+    /// A quantity is missing without which no beat can be simulated.
     #[error("no {what} was measured")]
     NotMeasured {
-        /// What is missing.
+        /// The missing quantity.
         what: &'static str,
-        /// What to add.
+        /// Advice on the data to add.
         remedy: &'static str,
     },
-    /// A factor of a sample of uncertain data that cannot be applied.
+    /// A factor of a sample of uncertain data cannot be applied to its biomarker.
     #[error("biomarker `{name}` cannot be multiplied by {factor}: {why}; step 1 fits {}", Biomarker::COST_KEYS.join(", "))]
     Factor {
-        /// The biomarker's key.
+        /// Key of the biomarker.
         name: String,
-        /// Its factor.
+        /// The factor.
         factor: f64,
-        /// What is wrong.
+        /// Reason why the factor cannot be applied.
         why: &'static str,
     },
-    /// Settings of step 1 make no sense.
+    /// The settings of step 1 are invalid.
     #[error("settings of step 1")]
     Step1(#[from] FixedPointError),
     /// A load or filling pressure cannot be estimated.
     #[error("a load that the patient file lacks cannot be estimated")]
     Load(#[from] EstimateError),
-    /// The measured points determine no passive law.
+    /// The measured points do not determine a passive law.
     #[error("passive state")]
     PassiveState(#[source] VentricleError),
-    /// The organ refused its parameters.
+    /// The organ model rejects its parameters.
     #[error("organ")]
     Organ(#[source] VentricleError),
-    /// The contraction model refused its parameters.
+    /// The contraction model rejects its parameters.
     #[error("contraction model")]
     Contraction(#[source] ContractionError),
-    /// The circulation refused its parameters.
+    /// The circulation model rejects its parameters.
     #[error("circulation")]
     Circulation(#[source] CirculationError),
-    /// The 0D cell refused its parameters, or has no periodic beat.
+    /// The 0D cell model rejects its parameters, or has no periodic beat.
     #[error("0D cell")]
     Cell(#[from] CellError),
-    /// A parameter is to be fitted that has no bounds.
+    /// A parameter is to be fitted but has no bounds.
     #[error("parameter `{name}` is to be fitted, but has no bounds")]
     NoBounds {
-        /// Its name.
+        /// Name of the parameter.
         name: String,
     },
-    /// A weight for something that is no target.
+    /// A weight is given for a name that is not a target.
     #[error("there is no target `{name}` to weigh")]
     UnknownWeight {
-        /// Its name.
+        /// The name.
         name: String,
     },
-    /// A target from which no relative difference can be taken.
+    /// A target is not positive and finite, so that relative differences from it are undefined.
     #[error("target {name} = {value} must be positive and finite")]
     Target {
-        /// Its name.
+        /// Name of the target.
         name: &'static str,
-        /// Its value.
+        /// Value of the target.
         value: f64,
     },
-    /// The design of a sweep makes no sense.
+    /// The design of a sweep is invalid.
     #[error("design of the sweep")]
     Design(#[from] SobolError),
-    /// The optimiser refused its settings.
+    /// The optimiser rejects its settings.
     #[error("step 2's strategy")]
     Population(#[from] PopulationError),
-    /// The profiles of the fitted parameters could not be made.
+    /// The profiles of the fitted parameters could not be computed.
     #[error("identifiability")]
     Identifiability(#[from] IdentifiabilityError),
-    /// The cell engine refused its settings, or this processor lacks the instructions that were asked for.
+    /// The cell engine rejects its settings, or the processor lacks the requested instructions.
     #[error("cell engine")]
     Engine(#[from] EngineError),
-    /// The cell engine refused the calcium samples.
+    /// The cell engine rejects the calcium samples.
     #[error("calcium")]
     CalciumSamples(#[from] InputProblem),
-    /// A cell that was computed before has no periodic beat.
+    /// The fitted cell has no periodic beat.
     #[error("the fitted cell has no periodic beat ({status})")]
     NoBeat {
-        /// How it ended.
+        /// Status with which the engine ended.
         status: String,
     },
-    /// No parameters within the bounds gave a cell that could be computed.
+    /// No cell within the bounds could be computed.
     #[error("no cell within the bounds could be computed")]
     NoCell,
-    /// Work in hand cannot be kept.
+    /// A checkpoint cannot be written.
     #[error("cannot write a checkpoint")]
     Checkpoint(#[source] io::Error),
-    /// The threads could not be started.
+    /// The threads cannot be started.
     #[error("cannot start threads")]
     Threads(#[source] rayon::ThreadPoolBuildError),
     /// An accepted effect cannot be simulated.
     #[error("effects of the patient's model")]
     Effect(#[source] EffectError),
-    /// No finite-element ventricle.
+    /// The finite-element ventricle failed.
     #[error(transparent)]
     FiniteElement(#[from] FiniteElementError),
-    /// A simulated trace is not one: finite states were checked before.
+    /// A simulated trace is invalid. States are checked to be finite beforehand, so this points to
+    /// a bug.
     #[error("simulated trace")]
     SimulatedTrace(#[source] TraceError),
-    /// Nodal traces without a median that has biomarkers.
+    /// The medians of the nodal traces have no biomarkers.
     #[error("the medians of {n_nodes} nodal traces have no active stress to be characterised")]
     NoMedian {
         /// Number of nodes.
         n_nodes: u64,
     },
-    /// A file of nodal traces cannot be used.
+    /// A file of nodal traces is not usable.
     #[error("{file}")]
     Nodal {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Line and reason.
         source: NodalError,
     },
-    /// A parameter that the cell model does not have.
+    /// The cell model has no parameter of this name.
     #[error("the cell has no parameter `{name}`; it has {}", CELL_PARAMETERS.join(", "))]
     UnknownParameter {
-        /// The name given.
+        /// The name.
         name: String,
     },
-    /// The search refused its data or settings, or has no base fit.
+    /// The search for missing effects rejects its data or settings, or has no base fit.
     #[error("search for missing effects")]
     Discover(#[from] DiscoverError),
-    /// The search came to no answer, or to one that its own model does not repeat.
+    /// The search for missing effects found no answer, or an answer that its own model does not
+    /// reproduce.
     #[error("the search for missing effects ended without an answer")]
     SearchEnded,
-    /// Nothing can be proposed for step 1.
+    /// There is no further iterate to propose for step 1.
     #[error("nothing to simulate next: {0}")]
     NoProposal(&'static str),
-    /// The one-fibre ventricle has no beat with the twin's parameters, or none near them.
+    /// The one-fibre ventricle has no beat with the twin's parameters or near them.
     #[error(
         "the one-fibre ventricle makes no beat near the twin's parameters: its posterior cannot be sampled"
     )]
     NoPosterior,
-    /// The settings of an external solver make no sense.
+    /// The settings of an external solver are invalid.
     #[error("solver.external: {0}")]
     External(String),
     /// An external solver cannot be started.
     #[error("the external solver `{program}` cannot be started")]
     ExternalStart {
-        /// The command's first word.
+        /// First word of the command.
         program: String,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
     /// An artefact cannot be written.
     #[error("cannot write {file}")]
     Write {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// Stopping was asked for.
+    /// The task was asked to stop.
     #[error("stopped on request")]
     Cancelled,
 }
 
 impl From<EffectError> for TaskError {
-    /// What the base model's parts refuse is theirs, whether or not there are effects.
+    /// Errors of the base model's parts keep their own variant, with or without effects.
     fn from(error: EffectError) -> Self {
         match error {
             EffectError::Circulation(error) => Self::Circulation(error),
@@ -256,7 +258,7 @@ impl TaskError {
             | Self::Population(_)
             | Self::CalciumSamples(_)
             | Self::Engine(_) => FailureClass::Input,
-            // A fitted cell that the organ stretches too far says nothing of the patient's data.
+            // If the organ overstretches a fitted cell, the patient's data are not at fault.
             Self::Organ(VentricleError::Contraction {
                 source: ContractionError::Sensitivity { .. },
                 ..
@@ -349,7 +351,7 @@ impl TaskError {
         }
     }
 
-    /// The ending that this error means.
+    /// The ending with which a task reports this error.
     #[must_use]
     pub fn into_ending(self) -> Ending {
         match self {
@@ -366,7 +368,7 @@ impl TaskError {
     }
 }
 
-/// An error with its causes, outermost first, on one line.
+/// Joins an error and its causes in one line, outermost first.
 #[must_use]
 pub fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();

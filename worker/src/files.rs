@@ -1,4 +1,5 @@
-//! Files of an attempt: whole files as the protocol writes them, and long ones that are hashed on the way.
+//! Files of an attempt: short files written in one piece, and long ones that are hashed while they
+//! are written.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -8,7 +9,7 @@ pub use cardiotwin_protocol::files::{create_exclusive, write_atomic, write_synce
 use cardiotwin_schemas::hash::hex;
 use sha2::{Digest as _, Sha256};
 
-/// A file that is written piece by piece and hashed on the way.
+/// A file that is written piece by piece and hashed at the same time.
 #[derive(Debug)]
 pub struct Hashed {
     file: io::BufWriter<File>,
@@ -17,7 +18,7 @@ pub struct Hashed {
 }
 
 impl Hashed {
-    /// A new file, or one that is written anew.
+    /// Creates the file, or truncates an existing one.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -29,7 +30,7 @@ impl Hashed {
         })
     }
 
-    /// Brings it to disk; returns its SHA-256 in hexadecimal and its length.
+    /// Syncs the file to disk and returns its SHA-256 in hexadecimal and its length in bytes.
     ///
     /// # Errors
     /// Any error of the file system.

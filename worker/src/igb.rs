@@ -1,17 +1,19 @@
-//! openCARP's `.igb` files: a header of 1,024 bytes with `key:value` pairs, then numbers of all nodes, time after time.
+//! openCARP's `.igb` files: a header of 1,024 bytes with `key:value` pairs, then the values of all
+//! nodes, one frame after the other.
 //!
-//! Format: openCARP's manual, "Output File Formats"; values are `raw * facteur + zero`, `org_t` and `dim_t` (or `inc_t`) tell
-//! the times of the first frame and the span of all.
+//! Format: openCARP's manual, "Output File Formats". Values are `raw * facteur + zero`. The header
+//! gives the time of the first frame (`org_t`) and the time span of all frames (`dim_t` or
+//! `inc_t`).
 
 use std::collections::BTreeMap;
 
-/// Bytes of the header.
+/// Length of the header in bytes.
 const HEADER: usize = 1024;
 
-/// The beginning of a file of single-precision millivolts (little-endian), one frame a millisecond from 0 on; the numbers of each
-/// frame's nodes follow.
+/// Header of a file of single-precision millivolts (little-endian) with one frame per millisecond
+/// from 0 on. The values of each frame's nodes follow it in the file.
 ///
-/// - `n_nodes`, `n_frames`: what follows
+/// - `n_nodes`, `n_frames`: size of the data after the header
 /// - `length_ms`: time of the last frame
 #[must_use]
 pub fn header_mv(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
@@ -25,42 +27,42 @@ pub fn header_mv(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
     bytes
 }
 
-/// Numbers of all nodes at several times.
+/// Values of all nodes at several times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Igb {
-    /// Times in ms.
+    /// Times of the frames \[ms\].
     pub time_ms: Vec<f64>,
-    /// Nodes.
+    /// Number of nodes.
     pub n_nodes: usize,
     /// Value `k` of node `i` at `k · n_nodes + i`.
     pub values: Vec<f64>,
 }
 
-/// Why a file is not one of these.
+/// Reasons why bytes are not a readable `.igb` file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IgbError {
-    /// Shorter than its header.
+    /// The file is shorter than its header.
     #[error("{0} bytes, expected a header of 1,024 bytes and data")]
     Short(usize),
-    /// A key of the header is missing or is no number.
+    /// A key of the header is missing or not a number.
     #[error("the header lacks a number for `{0}`")]
     Key(&'static str),
-    /// A type that is not read.
+    /// The type of the values is not supported.
     #[error("type `{0}`, expected float or double")]
     Type(String),
-    /// A byte order that is not known.
+    /// The byte order is unknown.
     #[error("systeme `{0}`, expected little_endian or big_endian")]
     Order(String),
-    /// Other data than the header says.
+    /// The size of the data differs from the size in the header.
     #[error("{found} bytes of data, expected {expected}: {n_nodes} nodes at {n_frames} times")]
     Length {
-        /// Bytes after the header.
+        /// Number of bytes after the header.
         found: usize,
-        /// Bytes by the header.
+        /// Number of bytes according to the header.
         expected: usize,
-        /// Nodes by the header.
+        /// Number of nodes according to the header.
         n_nodes: usize,
-        /// Times by the header.
+        /// Number of frames according to the header.
         n_frames: usize,
     },
 }
@@ -68,7 +70,7 @@ pub enum IgbError {
 /// Reads a file.
 ///
 /// # Errors
-/// [`IgbError`] with what is not as it must be.
+/// [`IgbError`] for a header or data that cannot be read.
 pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
     if bytes.len() < HEADER {
         return Err(IgbError::Short(bytes.len()));
@@ -105,7 +107,7 @@ pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
         other => return Err(IgbError::Order(other.to_owned())),
     };
     let expected = n_nodes.saturating_mul(n_frames).saturating_mul(size);
-    // The manual has data end with a form feed; openCARP's own files end without.
+    // According to the manual, data end with a form feed; openCARP's own files end without it.
     let data = if data.len() == expected + 1 {
         data.strip_suffix(b"\x0c").unwrap_or(data)
     } else {
@@ -157,7 +159,7 @@ mod tests {
         bytes
     }
 
-    // The header of openCARP's own vm.igb of its first tutorial, with fewer nodes.
+    // Header of the `vm.igb` that openCARP's first tutorial writes, with fewer nodes.
     const HEAD: &str = "x:2 y:1 z:1 t:3 type:float systeme:little_endian org_x:0 org_y:0 org_z:0 org_t:0 dim_x:1 dim_y:0 dim_z:0 \
                         dim_t:20 unites_x:um unites_y:um unites_z:um unites_t:ms unites:mV facteur:1 zero:0 \r\n";
 

@@ -1,4 +1,5 @@
-//! Input files of a task: read once, and only with the content that the task was planned with.
+//! Reads a task's input files and checks that their content is the one that the task was planned
+//! with.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -10,17 +11,19 @@ use sha2::{Digest as _, Sha256};
 
 use crate::error::TaskError;
 
-/// The content of an input file.
+/// Reads an input file in one piece and checks its hash.
 ///
 /// # Errors
-/// [`TaskError::InputMissing`] when it cannot be read, [`TaskError::InputChanged`] when its hash is another.
+/// [`TaskError::InputMissing`] when the file cannot be read, [`TaskError::InputChanged`] when its
+/// hash differs.
 pub fn read_verified(input: &InputFile) -> Result<Vec<u8>, TaskError> {
     let bytes = std::fs::read(&input.path).map_err(|source| missing(input, source))?;
     compare(input, sha256_hex(&bytes))?;
     Ok(bytes)
 }
 
-/// An input file that is too large for memory: what was read of it counts once [`Self::verify`] has seen the rest.
+/// An input file that is too large for memory. Content read from it is trustworthy only after
+/// [`Self::verify`] succeeds.
 #[derive(Debug)]
 pub struct Verifying<'a> {
     input: &'a InputFile,
@@ -29,10 +32,10 @@ pub struct Verifying<'a> {
 }
 
 impl<'a> Verifying<'a> {
-    /// Opens it.
+    /// Opens the file.
     ///
     /// # Errors
-    /// [`TaskError::InputMissing`] when it cannot be read.
+    /// [`TaskError::InputMissing`] when the file cannot be opened.
     pub fn open(input: &'a InputFile) -> Result<BufReader<Self>, TaskError> {
         let missing = |source| missing(input, source);
         let file = File::open(&input.path).map_err(missing)?;
@@ -46,10 +49,11 @@ impl<'a> Verifying<'a> {
         ))
     }
 
-    /// Reads on to the end, and compares.
+    /// Reads the rest of the file and checks its hash.
     ///
     /// # Errors
-    /// [`TaskError::InputMissing`] when it cannot be read, [`TaskError::InputChanged`] when its hash is another.
+    /// [`TaskError::InputMissing`] when the file cannot be read, [`TaskError::InputChanged`] when
+    /// its hash differs.
     pub fn verify(mut self) -> Result<(), TaskError> {
         let input = self.input;
         io::copy(&mut self, &mut io::sink()).map_err(|source| missing(input, source))?;
@@ -72,7 +76,7 @@ impl Read for Verifying<'_> {
     }
 }
 
-/// The error of a file that cannot be read.
+/// The error for an input file that cannot be read.
 pub fn missing(input: &InputFile, source: io::Error) -> TaskError {
     TaskError::InputMissing {
         role: input.name.clone(),
@@ -94,10 +98,11 @@ fn compare(input: &InputFile, found: String) -> Result<(), TaskError> {
     })
 }
 
-/// A measured trace, if its file is sound.
+/// Reads a measured trace and checks it.
 ///
 /// # Errors
-/// As [`read_verified`], and [`TaskError::Measured`] with the first problem that stands in the way.
+/// As [`read_verified`], and [`TaskError::Measured`] with the first problem that makes the trace
+/// unusable.
 pub fn read_trace(input: &InputFile, quantity: Quantity) -> Result<Trace, TaskError> {
     let bytes = read_verified(input)?;
     let reading = parse_trace(&bytes, &input.path, quantity);

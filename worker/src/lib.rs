@@ -1,7 +1,8 @@
-//! TaskSpec in, TaskOutcome out: the one place where specifications become solver types.
+//! The worker: executes a task specification and returns its outcome. It is the only crate that
+//! converts specifications to solver types.
 //!
-//! [`run::run_attempt`] is a worker process's whole life: claim an attempt's directory, do the task, publish the
-//! outcome. [`tasks::run_task`] is the task alone.
+//! [`run::run_attempt`] is the whole life of a worker process: it claims an attempt's directory,
+//! executes the task and publishes the outcome. [`tasks::run_task`] only executes the task.
 
 pub mod attempt;
 pub mod biomarkers;

@@ -1,4 +1,4 @@
-//! `cardiotwin-worker`: does one task.
+//! `cardiotwin-worker`: executes one task.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,18 +1,19 @@
-//! What the allocator does with large blocks.
+//! Settings of the memory allocator.
 
-/// From here on \[bytes\] a block is returned to the system as soon as it is freed.
+/// Size \[bytes\] from which on a block is returned to the system as soon as it is freed.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 const LARGE: std::ffi::c_int = 4 << 20;
 
-/// Has large blocks returned to the system when they are freed. Left to itself the GNU C library keeps what a finished phase
-/// used, up to 32 MB a block, and fragments it: a beat at 64,000 nodes then holds 150 MB that nobody uses.
+/// Makes the allocator return large blocks to the system when they are freed. By default, the GNU C
+/// library keeps the blocks of a finished phase, up to 32 MB each, and fragments them; a beat at
+/// 64,000 nodes then holds 150 MB of unused memory.
 pub fn return_large_blocks() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     #[expect(
         unsafe_code,
         reason = "a function of the C library that takes two numbers"
     )]
-    // SAFETY: no other thread allocates yet, nor would it matter.
+    // SAFETY: no other thread allocates yet, and the call would be safe even then.
     unsafe {
         libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
     }

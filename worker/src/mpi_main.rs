@@ -1,4 +1,4 @@
-//! `cardiotwin-worker-mpi`: does one task on the ranks of an MPI launcher.
+//! `cardiotwin-worker-mpi`: executes one task on the ranks of an MPI launcher.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,7 +1,8 @@
-//! `nodal.csv`: active stress, calcium and stretch of every node of a simulated organ over its last beat.
+//! `nodal.csv`: active stress, calcium and stretch of every node of a simulated organ over its last
+//! beat.
 //!
-//! Wide: one row a time, a column a node and quantity. Two comments before the header hold each node's activation time
-//! and its weight in medians:
+//! The table is wide: one row for each time, one column for each quantity and node. Two comments
+//! before the header give the nodes' activation times and their weights in medians:
 //!
 //! ```text
 //! # activation_ms: 12.5,15.2
@@ -9,55 +10,55 @@
 //! time_ms,Sa_kPa[1],Sa_kPa[2],Ca_uM[1],Ca_uM[2],lambda[1],lambda[2]
 //! 0,0,0,0.15,0.15,1,1
 //! ```
-//! A contraction model without calcium has no `Ca_uM` columns.
+//! The `Ca_uM` columns are absent if the contraction model has no calcium.
 
 use std::fmt::Write as _;
 use std::io;
 
 use cardiotwin_models::beat::NodalTraces;
 
-/// Why a file is not one of nodal traces.
+/// Reasons why a file is not a file of nodal traces.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NodalError {
-    /// No activation times in the first line.
+    /// The first line does not hold the activation times.
     #[error("line 1 must be `# activation_ms: …` with one time a node, but is `{found}`")]
     Activation {
-        /// The line's beginning.
+        /// Beginning of the line.
         found: String,
     },
-    /// No weights in the second line, or not one a node.
+    /// The second line does not hold one weight for each node.
     #[error("line 2 must be `# weight: …` with {n_nodes} numbers, but is `{found}`")]
     Weight {
-        /// Nodes by the first line.
+        /// Number of nodes according to the first line.
         n_nodes: usize,
-        /// The line's beginning.
+        /// Beginning of the line.
         found: String,
     },
-    /// Other columns than those of so many nodes.
+    /// The header does not name the columns of all nodes.
     #[error("line 3 must name the columns of {n_nodes} nodes, but is `{found}`")]
     Header {
-        /// Nodes by the first line.
+        /// Number of nodes according to the first line.
         n_nodes: usize,
-        /// The line's beginning.
+        /// Beginning of the line.
         found: String,
     },
-    /// A row of other length, or with something that is not a finite number.
+    /// A row has the wrong length, or a value that is not a finite number.
     #[error("line {line}: expected {n_columns} finite numbers")]
     Row {
-        /// Line, from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// Columns by the header.
+        /// Number of columns according to the header.
         n_columns: usize,
     },
-    /// Too few rows, or times that do not increase.
+    /// There are fewer than three rows, or times do not increase.
     #[error("the traces need at least three rows of increasing time, but line {line} breaks this")]
     Time {
-        /// Line, from 1.
+        /// Number of the line, from 1.
         line: usize,
     },
 }
 
-/// The file's text.
+/// Text of the file.
 #[must_use]
 pub fn to_csv(time_ms: &[f64], nodes: &NodalTraces, with_calcium: bool) -> String {
     let n = nodes.n_nodes;
@@ -83,13 +84,14 @@ pub fn to_csv(time_ms: &[f64], nodes: &NodalTraces, with_calcium: bool) -> Strin
     String::from_utf8(text).expect("numbers are UTF-8")
 }
 
-/// Writes the file. Nine significant digits: far below every tolerance of what is made from it.
+/// Writes the file with nine significant digits, which is far more accurate than the tolerance of
+/// any result computed from it.
 ///
-/// - `activation_and_weight`: one number a node each
-/// - `row`: active stress, calcium where there is any and stretch of all nodes at a sample
+/// - `activation_and_weight`: activation time \[ms\] and weight, one value for each node
+/// - `row`: active stress, calcium (if the model has it) and stretch of all nodes at a sample
 ///
 /// # Errors
-/// Those of `row` and of writing.
+/// Errors of `row` and of the output.
 pub fn write_csv(
     out: &mut impl io::Write,
     time_ms: &[f64],
@@ -138,38 +140,38 @@ fn header(n_nodes: usize, with_calcium: bool) -> String {
     header
 }
 
-/// Reads what [`write_csv`] wrote, a row at a time.
+/// Reader for the files of [`write_csv`], one row at a time.
 #[derive(Debug)]
 pub struct NodalRows<R> {
     from: R,
     text: Vec<u8>,
-    /// Lines so far.
+    /// Number of lines read so far.
     line: usize,
     last_ms: Option<f64>,
     /// Activation time of each node \[ms\].
     pub activation_ms: Vec<f64>,
     /// Weight of each node.
     pub weights: Vec<f64>,
-    /// Whether rows have calcium.
+    /// Whether the rows contain calcium.
     pub has_calcium: bool,
 }
 
-/// Why nodal traces cannot be read.
+/// Reasons why nodal traces cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum NodalReadError {
-    /// The file system.
+    /// The file cannot be read.
     #[error(transparent)]
     Io(#[from] io::Error),
-    /// What is in the file.
+    /// The content of the file is invalid.
     #[error(transparent)]
     Content(#[from] NodalError),
 }
 
 impl<R: io::BufRead> NodalRows<R> {
-    /// Reads what precedes the rows.
+    /// Reads the three lines before the rows.
     ///
     /// # Errors
-    /// [`NodalReadError`] with the line that is not as it must be.
+    /// [`NodalReadError`] with the first invalid line.
     pub fn begin(from: R) -> Result<Self, NodalReadError> {
         let (text, activation_ms, weights) = (vec![], vec![], vec![]);
         let mut rows = Self {
@@ -208,10 +210,11 @@ impl<R: io::BufRead> NodalRows<R> {
         Ok(rows)
     }
 
-    /// Time and values of the next row, as [`write_csv`] got them; `None` at the end.
+    /// Time and values of the next row, as they were passed to [`write_csv`]; `None` at the end.
     ///
     /// # Errors
-    /// [`NodalReadError`] with the line that is not as it must be; three rows at least.
+    /// [`NodalReadError`] with the first invalid line, also when the file ends before its third
+    /// row.
     pub fn next_row(&mut self) -> Result<Option<(f64, Vec<f64>)>, NodalReadError> {
         let n_columns = 1 + self.activation_ms.len() * columns(self.has_calcium).len();
         let text = self.next_line()?;
@@ -234,7 +237,7 @@ impl<R: io::BufRead> NodalRows<R> {
         Ok(Some((time_ms, values)))
     }
 
-    /// The rest of the file, unread.
+    /// Returns the reader, with the rest of the file unread.
     pub fn into_inner(self) -> R {
         self.from
     }
@@ -253,7 +256,7 @@ impl<R: io::BufRead> NodalRows<R> {
     }
 }
 
-/// A number in nine significant digits, without zeros that say nothing.
+/// Formats a number with nine significant digits, without trailing zeros.
 #[must_use]
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {

@@ -1,9 +1,12 @@
-//! A personalised model in the files of openCARP and its kin: parameters of the active stress, mesh, activation times, calcium.
+//! Exports a personalised model to the file formats of openCARP and related programs: parameters of
+//! the active stress, mesh, activation times, calcium.
 //!
-//! Names of parameters are those of CARP's `TanhStress` (openCARP: `Stress_Niederer`) and of openCARP's `Stress_Land17`, which
-//! is Land et al. 2017 but for two things that its users have to know: its rates to and from the weakly bound state are given
-//! as multiples (`nu`, `mu`) of those of skinned muscle, and its length dependence is max(0.87, min(1.2, λ)) where Land's
-//! has h(λ). It takes calcium from the ionic model; the personalised transient lies beside it.
+//! Parameters have the names of CARP's `TanhStress` (openCARP: `Stress_Niederer`) and of openCARP's
+//! `Stress_Land17`. The latter is the model of Land et al. 2017 with two differences that users
+//! must know. Its rates to and from the weakly bound state are given as multiples (`nu`, `mu`) of
+//! the rates of skinned muscle, and its length dependence is max(0.87, min(1.2, λ)) instead of
+//! Land's h(λ). It takes calcium from the ionic model; the personalised transient is exported next
+//! to it.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -23,26 +26,27 @@ use crate::finite_element::StoredVentricle;
 
 /// Stem of the mesh's files.
 const MESH: &str = "heart";
-/// Activation times.
+/// File of the activation times.
 const ACTIVATION: &str = "activation.dat";
-/// Rates k_UW and k_WS of skinned muscle \[1/ms\], which `nu` and `mu` of `Stress_Land17` multiply (Land et al. 2017, Table 1).
+/// Rates k_UW and k_WS of skinned muscle \[1/ms\], which `nu` and `mu` of `Stress_Land17` multiply
+/// (Land et al. 2017, Table 1).
 const SKINNED_PER_MS: [f64; 2] = [0.026, 0.004];
-/// What openCARP has for nodes that are never activated.
+/// openCARP's activation time of nodes that are never activated.
 const NEVER_MS: f64 = -1.0;
 
-/// A plugin for the active stress.
+/// A plugin for the active stress, with its parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plugin {
-    /// `imp_region[].plugins`.
+    /// Value of `imp_region[].plugins`.
     pub name: &'static str,
-    /// `imp_region[].plug_param`.
+    /// Value of `imp_region[].plug_param`.
     pub parameters: String,
 }
 
-/// The plugin of a model of active stress, and its parameters: kPa, ms, µM.
+/// Plugin for a model of active stress, with its parameters in kPa, ms and µM.
 ///
 /// # Errors
-/// [`TaskError::UnknownParameter`].
+/// [`TaskError::UnknownParameter`] for a name that the cell does not have.
 pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
     let listed = |pairs: &[(&str, f64)]| {
         pairs
@@ -68,7 +72,7 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
         }),
         ContractionSpec::Land2017Rice { parameters, .. }
         | ContractionSpec::Land2017Trace { parameters, .. } => {
-            // Cycle length and stretch at the start are no parameters of the model.
+            // Cycle length and initial stretch are not parameters of the model.
             let cell = NamedCell::new(1000.0, 1.0).with(parameters)?;
             let [k_uw, k_ws] = [cell.value("k_UW_per_ms")?, cell.value("k_WS_per_ms")?];
             Ok(Plugin {
@@ -97,14 +101,17 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
     }
 }
 
-/// Writes the models of simulations of one patient, and the mesh of the first that has one.
+/// Exports the models of one patient's simulations, and the mesh of the first simulation that has
+/// one.
 ///
 /// - `specs`: simulations, each with its own model of active stress
-/// - `out`: a folder that is there; gets `tanh.par`, `land17.par`, `calcium.csv` (`time_ms` from activation on, `Ca_uM`),
-///   `heart.pts` (µm, the image), `heart.unloaded.pts`, `heart.elem`, `heart.lon`, `heart.SURFACE.surf`, `activation.dat` (ms)
+/// - `out`: an existing folder; it receives `tanh.par`, `land17.par`, `calcium.csv` (`time_ms` from
+///   activation on, `Ca_uM`), `heart.pts` (µm, the image), `heart.unloaded.pts`, `heart.elem`,
+///   `heart.lon`, `heart.SURFACE.surf`, `activation.dat` (ms)
 ///
 /// # Errors
-/// [`TaskError`] when an input is not the planned one or a file cannot be written.
+/// [`TaskError`] when an input file changed after the task was planned, or when a file cannot be
+/// written.
 pub fn write(specs: &[OrganBeatSpec], out: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     let organ = specs.iter().find_map(|spec| match &spec.organ {
@@ -138,7 +145,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), TaskError> {
     })
 }
 
-/// Mesh and activation times.
+/// Exports mesh and activation times.
 fn mesh(stored: &StoredVentricle, out: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let stem = out.join(MESH);
     carp::write(&stored.mesh, &stem)?;
@@ -152,7 +159,7 @@ fn mesh(stored: &StoredVentricle, out: &Path) -> anyhow::Result<Vec<PathBuf>> {
             .iter()
             .map(|surface| stem.with_extension(format!("{}.surf", surface.name))),
     );
-    // The same nodes in another place.
+    // The same nodes at their unloaded positions.
     let unloaded = out.join(format!("{MESH}.unloaded.pts"));
     carp::write_pts(&stored.unloaded[..stored.mesh.n_nodes()], &unloaded)?;
     files.push(unloaded);
@@ -215,7 +222,7 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
     Ok((file, text))
 }
 
-/// The calcium that drives the model, each millisecond.
+/// Calcium that drives the model, one sample per millisecond; `None` for a model without calcium.
 fn transient(spec: &OrganBeatSpec) -> Result<Option<String>, TaskError> {
     let samples: Vec<f64> = match &spec.contraction {
         ContractionSpec::Tanh { .. } => return Ok(None),
@@ -270,7 +277,7 @@ mod tests {
         })
         .unwrap();
         assert_eq!(found.name, "Stress_Land17");
-        // Land's whole-organ defaults are 7 and 3 times those of skinned muscle.
+        // Land's whole-organ defaults are 7 and 3 times the rates of skinned muscle.
         assert!(
             found
                 .parameters

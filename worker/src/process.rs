@@ -4,10 +4,12 @@ use std::fs;
 
 use cardiotwin_protocol::process::stat_fields;
 
-/// Clock ticks a second in `/proc/PID/stat`: fixed in Linux's interface to user space on every platform we build for.
+/// Clock ticks per second in `/proc/PID/stat`. Linux fixes this number in its user-space interface
+/// on every platform that we build for.
 const TICKS_PER_SECOND: f64 = 100.0;
 
-/// Processor time of this process so far, user and system, all threads, in seconds (resolution 10 ms).
+/// Processor time of this process so far, summed over all threads, user and system \[s\]. The
+/// resolution is 10 ms.
 #[must_use]
 pub fn cpu_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
@@ -21,7 +23,7 @@ pub fn cpu_s() -> f64 {
     (ticks(11) + ticks(12)) / TICKS_PER_SECOND
 }
 
-/// Largest resident set of this process so far, in MB (1e6 bytes).
+/// Largest resident set of this process so far \[MB\] (1e6 bytes).
 #[must_use]
 pub fn peak_memory_mb() -> f64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -32,9 +34,10 @@ pub fn peak_memory_mb() -> f64 {
     kib.unwrap_or(0.0) * 1024.0 / 1e6
 }
 
-/// Makes [`peak_memory_mb`] count anew, where the kernel lets this process.
+/// Restarts the measurement of [`peak_memory_mb`], if the kernel permits it.
 pub fn forget_peak_memory() {
-    // "5" resets the high-water mark (proc(5), clear_refs); where that is refused the mark stays.
+    // "5" resets the high-water mark (proc(5), clear_refs). If the kernel refuses, the old mark
+    // stays.
     let _ = fs::write("/proc/self/clear_refs", "5");
 }
 

@@ -1,4 +1,5 @@
-//! What the programs `cardiotwin-worker` and `cardiotwin-worker-mpi` share: exit codes, log, reading of arguments' files.
+//! Code shared by the programs `cardiotwin-worker` and `cardiotwin-worker-mpi`: exit codes,
+//! logging, files named on the command line.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -10,14 +11,14 @@ use tracing::Level;
 use crate::attempt::AttemptError;
 use crate::checkpoint::Checkpoints;
 
-/// Exit code: nothing was published, for a reason other than the two below.
+/// Exit code if no outcome was published for a reason other than the two below.
 pub const EXIT_FAILED: u8 = 1;
-/// Exit code: the attempt was claimed before.
+/// Exit code if the attempt was claimed before.
 pub const EXIT_CLAIMED: u8 = 3;
-/// Exit code: the attempt was revoked.
+/// Exit code if the attempt was revoked.
 pub const EXIT_REVOKED: u8 = 4;
 
-/// The exit code that tells why nothing was published.
+/// Exit code for an error that prevented the outcome.
 #[must_use]
 pub fn code_of(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(match error.downcast_ref::<AttemptError>() {
@@ -27,7 +28,7 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
     })
 }
 
-/// Log lines to stderr, which the coordinator keeps beside the outcome.
+/// Sends log lines to stderr, which the coordinator stores next to the outcome.
 pub fn log(level: Level) {
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
@@ -36,18 +37,19 @@ pub fn log(level: Level) {
         .init();
 }
 
-/// A file's text.
+/// Reads a text file.
 ///
 /// # Errors
-/// Names the file that cannot be read.
+/// When the file cannot be read; the error names it.
 pub fn read(file: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
 }
 
-/// The specification of a task, alone or as an attempt's `spec.json` has it.
+/// Reads the specification of a task, which is either the whole file or a part of an attempt's
+/// `spec.json`.
 ///
 /// # Errors
-/// Names the file that cannot be read, or holds something else.
+/// When the file cannot be read or does not hold a specification; the error names it.
 pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
     let read = |text: String| {
         let value: serde_json::Value = serde_json::from_str(&text)?;
@@ -60,18 +62,18 @@ pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
         .with_context(|| format!("{}: not the specification of a task", file.display()))
 }
 
-/// Makes a folder for results.
+/// Creates a folder for results.
 ///
 /// # Errors
-/// Names the folder that cannot be made.
+/// When the folder cannot be created; the error names it.
 pub fn make_folder(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))
 }
 
-/// Checkpoints in `out` that go on from those of the folder `other`.
+/// Checkpoints in `out` that continue those of the folder `other`.
 ///
 /// # Errors
-/// When `other` is no folder.
+/// When `other` is not a folder.
 pub fn restarting(
     out: &Path,
     other: &Path,

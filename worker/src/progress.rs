@@ -1,4 +1,4 @@
-//! `progress.jsonl`: one line a report, appended, at most about four a second.
+//! Progress reports in `progress.jsonl`: one line each, appended, at most about four per second.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -12,7 +12,8 @@ use crate::clock;
 /// Shortest time between two reports of one phase.
 const INTERVAL: Duration = Duration::from_millis(250);
 
-/// Where reports go. Losing one is no reason to fail: a report that cannot be written is dropped.
+/// Log of progress reports. A report that cannot be written is dropped, because the loss of a
+/// report is no reason to fail.
 #[derive(Debug)]
 pub struct ProgressLog {
     path: Option<PathBuf>,
@@ -22,7 +23,8 @@ pub struct ProgressLog {
 }
 
 impl ProgressLog {
-    /// Reports to `progress.jsonl` in `directory`, which is made at the first one, and to stderr where `echo` is set.
+    /// Reports to `progress.jsonl` in `directory`, and to stderr if `echo` is set. The first report
+    /// creates the file.
     #[must_use]
     pub fn in_directory(directory: &Path, echo: bool) -> Self {
         Self {
@@ -33,7 +35,7 @@ impl ProgressLog {
         }
     }
 
-    /// Reports to nobody.
+    /// Drops all reports.
     #[must_use]
     pub fn silent() -> Self {
         Self {
@@ -44,7 +46,8 @@ impl ProgressLog {
         }
     }
 
-    /// Whether a report of `phase` would be written now: a new phase at once, the same one after a while.
+    /// Whether a report of `phase` would be written now. A new phase is reported at once, the same
+    /// phase again only after an interval.
     #[must_use]
     pub fn is_due(&self, phase: &str) -> bool {
         self.last
@@ -52,7 +55,7 @@ impl ProgressLog {
             .is_none_or(|(last, at)| last != phase || at.elapsed() >= INTERVAL)
     }
 
-    /// Writes a report if one is due; `note` is made only then.
+    /// Writes a report if one is due. `note` is called only in this case.
     pub fn report(
         &mut self,
         phase: &str,
@@ -81,7 +84,8 @@ impl ProgressLog {
         }
         if let (Some(file), Ok(mut line)) = (&mut self.file, serde_json::to_string(&progress)) {
             line.push('\n');
-            // One write a line, so that a reader never sees half of one from two writers.
+            // One write call per line, so that a reader never sees half a line when two writers
+            // append.
             let _ = file.write_all(line.as_bytes());
         }
     }

@@ -1,4 +1,4 @@
-//! How a result was made.
+//! Provenance of a result: version, commit, processor, inputs and times.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use crate::{clock, process};
 /// Version of the worker.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Commit that the worker was built from; none outside a checkout.
+/// Commit that the worker was built from; `None` if built outside a checkout.
 #[must_use]
 pub fn commit() -> Option<&'static str> {
     Some(env!("CARDIOTWIN_COMMIT")).filter(|commit| !commit.is_empty())
@@ -23,7 +23,7 @@ pub fn commit() -> Option<&'static str> {
 /// Version and commit as one text.
 pub const VERSION_TEXT: &str = env!("CARDIOTWIN_VERSION_TEXT");
 
-/// Beginning of a task, from which its provenance follows at the end.
+/// Start of a task, from which its provenance is computed at the end.
 #[derive(Debug)]
 pub struct Beginning {
     started: String,
@@ -31,7 +31,7 @@ pub struct Beginning {
 }
 
 impl Beginning {
-    /// Begins now.
+    /// Records the current time as the start.
     #[must_use]
     pub fn now() -> Self {
         Self {
@@ -40,7 +40,7 @@ impl Beginning {
         }
     }
 
-    /// What is known at the end of `task`.
+    /// Provenance of `task`; called at its end.
     #[must_use]
     pub fn provenance(
         &self,
@@ -89,7 +89,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         TaskSpec::Targets(spec) => vec![&spec.nodal],
         TaskSpec::CellFit(spec) => spec.calcium.iter().collect(),
         TaskSpec::OrganBeat(spec) => calcium(spec),
-        // Of a mesh only the figures are used, which the specification holds.
+        // Only figures of the mesh are used, and the specification holds them.
         TaskSpec::Step3Proposal(spec) => calcium(&spec.beat),
         TaskSpec::Posterior(spec) => calcium(&spec.beat),
         TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
@@ -97,7 +97,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
     }
 }
 
-/// The calcium of a beat's cells, where it is an input.
+/// Calcium transient of a beat's cells, if it is an input file.
 fn calcium(beat: &OrganBeatSpec) -> Vec<&InputFile> {
     match &beat.contraction {
         ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
@@ -105,7 +105,8 @@ fn calcium(beat: &OrganBeatSpec) -> Vec<&InputFile> {
     }
 }
 
-/// Instruction set that the kernels were compiled for: results are bit for bit the same only within one.
+/// Instruction set that the kernels were compiled for. Results are reproducible bit for bit only
+/// within one instruction set.
 fn arithmetic() -> String {
     let set: BTreeMap<&str, bool> = [
         ("avx2", cfg!(target_feature = "avx2")),

@@ -1,4 +1,4 @@
-//! One attempt from claim to outcome, and one task without either.
+//! Executes an attempt from claim to outcome, or a task alone.
 
 use std::any::Any;
 use std::panic::{self, AssertUnwindSafe};
@@ -22,10 +22,12 @@ use crate::stop::StopFlag;
 use crate::tasks::run_task;
 use crate::team::Team;
 
-/// Claims the attempt in `directory`, does its work, a beat in 3D with the ranks of `team`, and publishes the outcome.
+/// Claims the attempt in `directory`, executes its task (a 3D beat on the ranks of `team`) and
+/// publishes the outcome.
 ///
 /// # Errors
-/// [`AttemptError`] when nothing was published; a task that fails is no error but an outcome.
+/// [`AttemptError`] when no outcome was published. A task that fails is not an error but an
+/// outcome.
 pub fn run_attempt(
     directory: &Path,
     team: Option<Team>,
@@ -64,7 +66,7 @@ pub fn run_attempt(
     Ok(outcome.ending)
 }
 
-/// Does one task without a claim.
+/// Executes one task without a claim.
 #[must_use]
 pub fn simulate(task: &TaskSpec, mut context: Context) -> TaskOutcome {
     let beginning = Beginning::now();
@@ -105,7 +107,7 @@ fn outcome(
     }
 }
 
-/// Runs the task; a panic becomes a failure of class `bug` that names its message and place.
+/// Runs the task. A panic becomes a failure of class `bug` with the panic's message and location.
 fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
     let place: Arc<Mutex<Option<String>>> = Arc::default();
     let seen = Arc::clone(&place);
@@ -116,7 +118,7 @@ fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
             .map(|location| format!("{}:{}", location.file(), location.line()));
         eprintln!("defect in the worker: {info}");
         if let Ok(mut place) = seen.lock() {
-            // The first panic is the cause; others follow from it in other threads.
+            // The first panic is the cause; panics of other threads follow from it.
             place.get_or_insert(location.unwrap_or_default());
         }
     }));
@@ -156,7 +158,7 @@ fn panic_message(payload: &(dyn Any + Send)) -> String {
 mod tests {
     use super::*;
 
-    // One test, since the hook belongs to the whole process.
+    // One test for both cases, because the hook belongs to the whole process.
     #[test]
     fn a_panic_is_a_failure_of_class_bug_with_message_and_place() {
         for text in ["a text", "a made text"] {

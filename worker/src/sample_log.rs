@@ -1,8 +1,10 @@
-//! Lines of samples, kept as they are computed, so that a later attempt begins at the first that is missing.
+//! Log of computed samples, so that a later attempt continues with the first missing one.
 //!
-//! The file is `checkpoint/samples` in the attempt's directory, one for each worker: a line of JSON (format, what the lines
-//! are of), then for each sample a checksum in 16 hexadecimal digits, a blank and the sample's line. It is not synced: what a
-//! power failure tears the checksum tells, and it costs only the time to compute it again.
+//! The file is `checkpoint/samples` in the attempt's directory, one for each worker. A line of JSON
+//! comes first (format, and the subject of the samples). Each sample follows on one line: a
+//! checksum of 16 hexadecimal digits, a blank, and the sample. The file is not synced. After a
+//! power failure, checksums detect the damaged lines, and only the time to compute them again is
+//! lost.
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -13,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::Checkpoints;
 
-/// Raised when an older file would be misread.
+/// Version of the file format, raised when an older file would be misread.
 const FORMAT: u32 = 1;
 /// Name of the file among an attempt's checkpoints.
 pub const FILE: &str = "samples";
@@ -24,19 +26,20 @@ struct Header {
     samples: String,
 }
 
-/// Lines of samples, appended.
+/// Log of samples, to which lines are appended.
 #[derive(Debug)]
 pub struct SampleLog {
     file: Option<File>,
 }
 
 impl SampleLog {
-    /// A log of this attempt's, with the lines that an earlier attempt left: those of the one that came furthest.
+    /// Creates the log of this attempt. It begins with the lines of the earlier attempt that got
+    /// furthest, which are also returned.
     ///
-    /// - `about`: what the lines are of; a log of anything else is left aside
+    /// - `about`: subject of the samples; an earlier log with another subject is ignored
     ///
     /// # Errors
-    /// Any error of the file system in making the new file.
+    /// Any error of the file system while the new file is created.
     pub fn open(checkpoints: &Checkpoints, about: &str) -> io::Result<(Self, Vec<String>)> {
         let header = Header {
             format: FORMAT,
@@ -67,7 +70,7 @@ impl SampleLog {
         Ok((log, lines))
     }
 
-    /// Appends lines, all of them in one write.
+    /// Appends all lines in one write call.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -77,24 +80,25 @@ impl SampleLog {
         };
         let mut text = String::new();
         for line in lines {
-            // Writing to a text cannot fail.
+            // Writing to a `String` cannot fail.
             let _ = writeln!(text, "{:016x} {line}", checksum(line));
         }
         file.write_all(text.as_bytes())
     }
 }
 
-/// FNV-1a: tells damage, not malice.
+/// FNV-1a hash. It detects damage, not manipulation.
 fn checksum(line: &str) -> u64 {
     line.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     })
 }
 
-/// The lines of a file up to the first that is not sound; nothing where it is no such file, or of something else.
+/// Lines of a file up to the first damaged one; `None` if the file is not a log or has another
+/// subject.
 fn read(path: &Path, header: &Header) -> Option<Vec<String>> {
     let bytes = fs::read(path).ok()?;
-    // The last line is whole only with its end.
+    // The last line is complete only if it ends with a line break.
     let end = bytes.iter().rposition(|byte| *byte == b'\n')?;
     let mut lines = bytes[..end].split(|byte| *byte == b'\n');
     if serde_json::from_slice::<Header>(lines.next()?).ok()? != *header {
@@ -143,7 +147,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         leave(root.path(), 1, &["0,0,x", "0,1,y", "0,2,z"]);
         assert_eq!(recalled(root.path(), 2, "a"), ["0,0,x", "0,1,y", "0,2,z"]);
-        // The third goes on from the second, which holds what it was given.
+        // The third attempt continues the second, whose log includes the lines of the first.
         fs::remove_dir_all(root.path().join("abcd-g1")).unwrap();
         assert_eq!(recalled(root.path(), 3, "a").len(), 3);
         assert!(recalled(root.path(), 4, "b").is_empty(), "of other samples");

@@ -1,9 +1,9 @@
-//! A request to stop: set by SIGTERM or SIGINT, looked at where work can be left.
+//! Requests to stop by SIGTERM or SIGINT. Tasks check for them where they can interrupt their work.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether to stop at the next good place.
+/// Flag that asks a task to stop, or to write a checkpoint.
 #[derive(Debug, Clone, Default)]
 pub struct StopFlag {
     stop: Arc<AtomicBool>,
@@ -11,10 +11,11 @@ pub struct StopFlag {
 }
 
 impl StopFlag {
-    /// A flag that SIGTERM and SIGINT raise instead of killing the process; SIGUSR1 asks for a checkpoint.
+    /// A flag that SIGTERM and SIGINT raise instead of killing the process. SIGUSR1 requests a
+    /// checkpoint.
     ///
     /// # Errors
-    /// When the kernel refuses the handler.
+    /// When the kernel refuses the signal handler.
     pub fn on_signals() -> std::io::Result<Self> {
         let flag = Self::default();
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -24,18 +25,18 @@ impl StopFlag {
         Ok(flag)
     }
 
-    /// Asks to stop.
+    /// Requests the stop.
     pub fn raise(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Whether stopping was asked for.
+    /// Whether a stop was requested.
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Whether a checkpoint was asked for since the last call.
+    /// Whether a checkpoint was requested since the last call.
     #[must_use]
     pub fn take_checkpoint(&self) -> bool {
         self.checkpoint.swap(false, Ordering::Relaxed)

@@ -1,4 +1,5 @@
-//! Ranks of other processes: rank 0 does a task as it would alone, and calls the others to step 0 and to a beat in 3D.
+//! Teams of ranks in several processes. Rank 0 executes the task as it would alone; the other ranks
+//! take part in step 0 and in 3D beats when rank 0 calls them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,10 +14,10 @@ use crate::finite_element::stored::About;
 use crate::finite_element::tissue;
 use crate::tasks::organ_beat;
 
-/// What rank 0 calls the others to; the mesh comes from it, too.
+/// Work for which rank 0 calls the other ranks. Rank 0 also sends them the mesh.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) enum Call {
-    /// A beat of the ventricle that a file is about.
+    /// A beat of a stored ventricle.
     Beat(Box<OrganBeatSpec>, Box<About>),
     /// Fibres and activation times.
     Tissue,
@@ -31,12 +32,14 @@ pub struct Team {
     amid: Arc<AtomicBool>,
 }
 
-/// Work that all ranks share. When it is dropped, other than by a panic, the others wait for the next.
+/// Work in which all ranks take part. Unless a panic drops it, the other ranks wait for the next
+/// call once it is dropped.
 #[derive(Debug)]
 pub(crate) struct Session(Arc<AtomicBool>);
 
 impl Session {
-    /// The ranks did not come together: the others cannot be reached any more.
+    /// Gives up the other ranks after a failure to start the shared work, because they cannot be
+    /// reached any more.
     pub fn lose(self) {
         std::mem::forget(self);
     }
@@ -51,7 +54,7 @@ impl Drop for Session {
 }
 
 impl Team {
-    /// The ranks that `comm` joins.
+    /// The ranks that `comm` connects.
     #[must_use]
     pub fn new(comm: Arc<dyn Communicator>) -> Self {
         Self {
@@ -60,13 +63,13 @@ impl Team {
         }
     }
 
-    /// Ranks.
+    /// Number of ranks.
     #[must_use]
     pub fn n_ranks(&self) -> usize {
         self.comm.n_ranks()
     }
 
-    /// The communicator, for several owners.
+    /// The ranks' communicator, for shared ownership.
     #[must_use]
     pub fn shared_comm(&self) -> Arc<dyn Communicator> {
         Arc::clone(&self.comm)
@@ -78,14 +81,14 @@ impl Team {
         Box::new(Arc::clone(&self.comm))
     }
 
-    /// Whether rank 0 left the others amid their work: they wait for something that does not come, and whoever launched the
-    /// ranks has to end them.
+    /// Whether rank 0 left its work before the end. The other ranks then wait for messages that
+    /// will not come, and the launcher has to end them.
     #[must_use]
     pub fn is_amid(&self) -> bool {
         self.amid.load(Ordering::Relaxed)
     }
 
-    /// Calls the other ranks; for rank 0.
+    /// Sends a call to the other ranks. Only rank 0 calls this.
     pub(crate) fn begin(&self, call: &Call) -> Session {
         let words = serde_json::to_vec(call).expect("a call is JSON");
         self.amid.store(true, Ordering::Relaxed);
@@ -95,15 +98,15 @@ impl Team {
         Session(Arc::clone(&self.amid))
     }
 
-    /// Lets the other ranks go; for rank 0, which is not amid shared work.
+    /// Ends [`Self::follow`] on the other ranks. Only rank 0 calls this, while no work is shared.
     pub fn dismiss(&self) {
         self.comm.order(&mut [0.0]);
     }
 
-    /// Helps until rank 0 lets go; for the other ranks.
+    /// Takes part in rank 0's calls until rank 0 dismisses the team. All other ranks call this.
     ///
     /// # Errors
-    /// [`TaskError`] of this rank: whoever launched the ranks has to end all.
+    /// [`TaskError`] of this rank. The launcher then has to end all ranks.
     pub fn follow(&self) -> Result<(), TaskError> {
         loop {
             let mut length = [0.0];

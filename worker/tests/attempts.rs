@@ -1,4 +1,4 @@
-//! Claim, revocation, outcome and stopping, with the real program.
+//! Claim, revocation, outcome and stopping of attempts, with the real program.
 
 mod support;
 
@@ -66,7 +66,7 @@ fn outcome(directory: &Path) -> TaskOutcome {
     serde_json::from_slice(&fs::read(directory.join("outcome.json")).unwrap()).unwrap()
 }
 
-/// Waits for a started worker to claim its directory.
+/// Waits until a started worker has claimed its directory.
 fn spawn_and_wait_for_claim(directory: &Path) -> Child {
     let child = worker(directory).spawn().unwrap();
     let begin = Instant::now();
@@ -166,7 +166,8 @@ fn an_outcome_that_is_there_cannot_be_revoked() {
     assert_eq!(outcome(&directory), published);
 }
 
-/// The worker is stopped when its outcome waits for its name, and the attempt is revoked there.
+/// The worker is stopped between writing and publishing its outcome, and the attempt is revoked at
+/// that moment.
 #[test]
 fn a_revocation_just_before_the_publication_wins() {
     let root = tempfile::tempdir().unwrap();
@@ -186,7 +187,7 @@ fn a_revocation_just_before_the_publication_wins() {
                 None => {}
             }
         };
-        // The process is not reaped, so that its number is its own.
+        // The process has not been reaped, so its number cannot have been reused.
         let signal = |signal| {
             if is_at_its_end {
                 rustix::process::kill_process(pid, signal).unwrap();

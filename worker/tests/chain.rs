@@ -12,7 +12,7 @@ use cardiotwin_worker::run::simulate;
 use cardiotwin_worker::tasks::run_task;
 use rand::{Rng, SeedableRng};
 
-/// A fit that ends soon: the chain is tested here, the optimum in the benchmarks.
+/// A short fit, because this test covers the chain; benchmarks cover the optimum.
 fn short_fit() -> CellFitSettings {
     CellFitSettings {
         popsize: 3,
@@ -151,7 +151,8 @@ fn rates_of_a_smooth_pressure_are_differences_and_those_of_a_noisy_one_have_a_wi
     let window_ms = state.noise_windows.pressure_ms.expect("a noisy pressure");
     assert!((4.0..=40.0).contains(&window_ms), "{window_ms}");
 
-    // What the window takes off is taken off both: the simulated beat of a twin is not too slow for its data.
+    // The window lowers the rates of both traces alike, so that a twin's simulated beat is not too
+    // slow for its data.
     let ratio =
         state.measured.dpdt_max_mmhg_per_ms.unwrap() / known.measured.dpdt_max_mmhg_per_ms.unwrap();
     assert!((0.6..1.1).contains(&ratio), "{ratio}");
@@ -204,7 +205,7 @@ fn what_a_patient_lacks_is_estimated_and_said() {
     assert!(found.left_atrial_pressure_mmhg <= full.end_diastolic_pressure_mmhg.unwrap());
     assert!((found.left_atrial_pressure_mmhg - given.left_atrial_pressure_mmhg).abs() < 3.0);
 
-    // A patient so completed can be simulated.
+    // A patient with these estimates can be simulated.
     let parameters = Default::default();
     let contraction = ContractionSpec::Tanh {
         parameters: Default::default(),
@@ -290,13 +291,13 @@ fn pressure_alone_is_enough_where_a_volume_is_given() {
     assert_eq!(state.measured.edv_ml, Some(120.0));
 }
 
-/// The perturbed values are what step 1 aims at; heart and loads are those of the data as measured.
+/// The perturbed values are the targets of step 1; heart and loads are those of the measured data.
 #[test]
 fn a_sample_of_uncertain_data_changes_targets_and_nothing_else() {
     let scratch = tempfile::tempdir().unwrap();
     let mut context = Context::plain(scratch.path(), 1);
     let mut spec = support::step0("02-CoA");
-    spec.afterload = None; // estimated from peak pressure and volume: must not see the factors
+    spec.afterload = None; // estimated from peak pressure and volume, unaffected by the factors
     spec.aortic_systolic_mmhg = None;
     let measured = support::passive_state(&spec, &mut context);
     let task = TaskSpec::PassiveState(Box::new(spec.clone()));

@@ -1,4 +1,5 @@
-//! Accepted effects in an organ beat: those of the heart are simulated, those of the measurement refused.
+//! Accepted effects in an organ beat: those of the heart are simulated, those of the measurement
+//! are rejected.
 
 mod support;
 

@@ -1,4 +1,5 @@
-//! The finite-element ventricle as tasks: step 0 and beats of a bundled patient on the coarsest mesh.
+//! Tasks of the finite-element ventricle: step 0 and beats of a bundled patient on the coarsest
+//! mesh.
 
 mod support;
 
@@ -24,7 +25,7 @@ use cardiotwin_worker::nodal::NodalRows;
 use cardiotwin_worker::tasks::run_task;
 use support::{beat_spec, passive_state, step0, vtk_reader};
 
-/// 01-CoA on the coarsest mesh, to a tolerance that is enough for what is looked at here.
+/// Settings for 01-CoA on the coarsest mesh, with a tolerance that suffices for these tests.
 fn coarse() -> FiniteElementSettings {
     FiniteElementSettings {
         mesh_nodes: 500,
@@ -79,7 +80,8 @@ fn read(folder: &Path, name: &str) -> Vec<u8> {
     std::fs::read(folder.join(name)).unwrap()
 }
 
-/// `heart.json` holds a closed surface in two states, the second with less in it, shortened and under stress.
+/// `heart.json` holds a closed surface in two states. In the second, its volume is smaller, it is
+/// shortened, and it is under stress.
 fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
     let text = read(folder, "heart.json");
     assert!(text.len() < 150_000, "{} bytes", text.len());
@@ -135,7 +137,7 @@ fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
             stress_kpa >= 0.0 && (0.7..1.2).contains(&stretch),
             "{stress_kpa} kPa at {stretch}"
         );
-        // What was activated first may have relaxed already.
+        // Tissue that was activated first may have relaxed already.
         relaxed += usize::from(stress_kpa == 0.0);
     }
     assert!(relaxed * 10 < n, "{relaxed} of {n} corners without stress");
@@ -145,8 +147,8 @@ fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
     );
 }
 
-/// Frames each 20 ms, the index, and all of it again where a beat was resumed; read by a VTK reader that is not ours, where
-/// one can be had.
+/// The series has a frame every 20 ms and the index, also after a beat was resumed. An independent
+/// VTK reader reads it, if one can be installed.
 fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
     let index = String::from_utf8(read(whole, "vtu/beat.pvd")).unwrap();
     let names: Vec<String> = (0..=9).map(|k| format!("vtu/beat-{k:05}.vtu")).collect();
@@ -219,7 +221,7 @@ fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
     assert_eq!(found.len(), 4);
 }
 
-// One test for all that needs the ventricle: step 0 is what takes time.
+// One test for everything that needs the ventricle, because step 0 takes most of the time.
 #[test]
 fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     let folder = tempfile::tempdir().unwrap();
@@ -248,7 +250,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         read(folder.path(), &ventricle.file).len()
     );
 
-    // Uninterrupted.
+    // Without interruption.
     let short = beat(&state, 190.0);
     let whole = tempfile::tempdir().unwrap();
     let result = finished(run(
@@ -268,7 +270,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         result.biomarkers
     );
 
-    // A checkpoint on the way, then from there.
+    // With a checkpoint during the beat, and then resumed from it.
     let kept = tempfile::tempdir().unwrap();
     let mut writing = Context {
         checkpoints: Checkpoints::restarting(kept.path(), Path::new("nowhere"), None),
@@ -303,7 +305,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         );
     }
 
-    // The same on other numbers of threads: written on two, gone on from on three and on one.
+    // The same with other numbers of threads: written on two, resumed on three and on one.
     let kept_by_two = tempfile::tempdir().unwrap();
     let mut writing = Context {
         checkpoints: Checkpoints::restarting(kept_by_two.path(), Path::new("nowhere"), None),
@@ -348,7 +350,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     the_heart_is_drawn(whole.path(), &found);
     a_series_is_whole(whole.path(), again.path(), &found);
 
-    // A checkpoint that is truncated, or of another task, is refused.
+    // A checkpoint that is truncated or belongs to another task is rejected.
     let file = kept.path().join("checkpoint").join(FILE);
     let bytes = std::fs::read(&file).unwrap();
     let key = TaskSpec::OrganBeat(Box::new(short.clone()))
@@ -365,7 +367,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         Err(CheckpointError::File(_))
     ));
 
-    // A request to stop leaves a checkpoint, too.
+    // A stop request also leaves a checkpoint.
     let stopped = tempfile::tempdir().unwrap();
     let mut stopping = Context {
         checkpoints: Checkpoints::restarting(stopped.path(), kept.path(), None),
@@ -377,7 +379,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     std::fs::write(&closed, "").unwrap();
     assert_eq!(run_task(&organ_beat, &mut stopping), Ending::Cancelled);
 
-    // A beat that cannot be saved: no Newton iteration is enough.
+    // A beat that must diverge, because no Newton iteration is accurate enough.
     let mut hopeless = OrganBeatSpec {
         newton_iterations: 1,
         shortest_step_ms: 1.0,
@@ -399,7 +401,8 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     }
     assert!(!read(diverged.path(), "traces.csv").is_empty());
 
-    // An effect of the circulation acts; one of the passive law has to be there since step 0.
+    // An effect of the circulation takes effect; an effect on the passive law must already have
+    // been present in step 0.
     let with = |name: &str, parameter: &str, value: f64| {
         let mut spec = short.clone();
         let effect = EffectSpec {
@@ -450,7 +453,7 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
             .unwrap()
     };
     assert_eq!(csv.lines().count(), 122);
-    // At rest, and on the plateau a tenth of a second after activation.
+    // Potential at rest, and on the plateau a tenth of a second after activation.
     assert!(
         (-86.0..-83.0).contains(&median(1)) && (-10.0..40.0).contains(&median(121)),
         "{} {}",
@@ -488,7 +491,7 @@ fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStat
     assert_eq!(rows.len(), 401);
     for ((time, values), (want_time, want_values)) in rows.iter().zip(&rows_of_usual) {
         assert_eq!(time, want_time);
-        // Stretch is the second half.
+        // The second half of the values are stretches.
         let n = values.len() / 2;
         let apart = values[n..]
             .iter()
@@ -518,7 +521,7 @@ fn diastasis_starts_from_the_image_at_end_diastolic_pressure() {
     assert_eq!(found.end_diastolic_pressure_mmhg, found.image_pressure_mmhg);
 }
 
-/// Step 0 and a beat of 01-CoA with these settings of the wall.
+/// Step 0 and a beat of 01-CoA with changed settings of the wall.
 fn beat_with(
     change: impl FnOnce(&mut FiniteElementSettings),
 ) -> (VentricleFigures, OrganBeatResult) {
@@ -554,7 +557,7 @@ fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
         (figures.unloaded_volume_ml / plain.unloaded_volume_ml - 1.0).abs() < 0.02,
         "{figures:?}"
     );
-    // Its modulus is told, a fraction of Guccione's C.
+    // The stiffness is reported as the law's modulus, a fraction of Guccione's C.
     assert!(
         figures.stiffness_kpa < 0.3 * plain.stiffness_kpa,
         "{} {}",
@@ -568,7 +571,8 @@ fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
         stroke(&usual)
     );
 
-    // The same tension per reference area pulls less where fibres are short than that over λ.
+    // A tension per reference area exerts less force where fibres are short than the same tension
+    // divided by λ.
     let (same, first) = beat_with(|s| s.wall.active_convention = ActiveConvention::FirstPiola);
     assert_eq!(
         same.stiffness_kpa, plain.stiffness_kpa,
@@ -581,7 +585,7 @@ fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
         stroke(&usual)
     );
 
-    // The settings of Newton's method reach the beat: short steps take more iterations.
+    // The settings of Newton's method reach the beat: with shorter steps it takes more iterations.
     let (_, careful) = beat_with(|s| s.newton.farthest_mm = 0.2);
     assert!(
         (stroke(&careful) / stroke(&usual) - 1.0).abs() < 2e-3,

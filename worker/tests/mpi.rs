@@ -1,6 +1,7 @@
-//! The worker under an MPI launcher: a beat on two ranks is that on two threads, and nothing hangs when a rank fails.
+//! The worker under an MPI launcher: a beat on two ranks equals the beat on two threads, and
+//! nothing hangs when a rank fails.
 //!
-//! `CARDIOTWIN_MPIRUN` names the launcher (`mpirun` where it is not set), with its arguments.
+//! `CARDIOTWIN_MPIRUN` is the launcher with its arguments; the default is `mpirun`.
 
 mod support;
 
@@ -21,7 +22,7 @@ use cardiotwin_worker::finite_element::checkpoint::{BeatCheckpoint, FILE};
 use cardiotwin_worker::tasks::run_task;
 use support::{beat_spec, passive_state, step0};
 
-/// What the issue allows from a rank's failure to the end of all, and a slow machine needs beside it.
+/// Time from the failure of a rank to the end of all, with a margin for slow machines.
 const ALL_END_WITHIN: Duration = Duration::from_secs(10);
 
 fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
@@ -36,7 +37,7 @@ fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
             env!("CARGO_BIN_EXE_cardiotwin-worker-mpi"),
         ])
         .args(arguments);
-    // Open MPI's; MPICH knows none of them and needs none.
+    // Variables of Open MPI; MPICH ignores them and does not need them.
     for name in [
         "OMPI_ALLOW_RUN_AS_ROOT",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM",
@@ -44,9 +45,10 @@ fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
     ] {
         command.env(name, "1");
     }
-    // The same from Open MPI 5 on.
+    // The equivalent from Open MPI 5 on.
     command.env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
-    // Ranks that share a core nap by themselves; a yield inside each of MPI's calls besides costs milliseconds where others work.
+    // Ranks that share a core already sleep between polls. Yielding inside each MPI call as well
+    // costs milliseconds on a busy machine.
     command.env("OMPI_MCA_mpi_yield_when_idle", "0");
     command.stdin(Stdio::null());
     command
@@ -60,7 +62,7 @@ fn said(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
-/// Step 0 of a patient on the coarsest mesh, and a beat from it.
+/// Step 0 of a patient on the coarsest mesh, and the specification of a beat.
 fn beat(folder: &Path, cycle_length_ms: f64) -> OrganBeatSpec {
     let coarse = FiniteElementSettings {
         mesh_nodes: 500,
@@ -103,7 +105,7 @@ fn written(folder: &Path, task: &TaskSpec) -> PathBuf {
     file
 }
 
-/// Waits for what `child` is to do before it ends; a child that ended did not.
+/// Waits for an event before the end of `child`. Fails if the child ends first.
 fn until(child: &mut Child, what: &str, done: impl Fn() -> bool) {
     while !done() {
         let ended = child.try_wait().expect("a child");
@@ -145,7 +147,7 @@ fn ranks_of(pid: u32) -> Vec<u32> {
 #[test]
 fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop() {
     let folder = tempfile::tempdir().expect("a folder");
-    // A mesh that is large enough for multigrid, and a law that is given.
+    // A mesh that is large enough for multigrid, with a given law.
     let mesh = FiniteElementSettings {
         mesh_nodes: 3400,
         ..FiniteElementSettings::default()
@@ -187,7 +189,7 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
         "the ventricle on ranks differs from that on threads"
     );
 
-    // SIGTERM to rank 0 in the unloading ends all, with an outcome that says so.
+    // SIGTERM to rank 0 during the unloading ends all ranks with an outcome of cancellation.
     let directory = attempt(folder.path(), &task);
     let mut child = mpirun(2, &["run", text(&directory), "--quiet"])
         .spawn()
@@ -223,7 +225,7 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
     );
 }
 
-// One test for all that needs the beat: step 0 is what takes time.
+// One test for everything that needs the beat, because step 0 takes most of the time.
 #[test]
 fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoint() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -260,7 +262,7 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
         assert!(a == b, "{name} on ranks differs from that on threads");
     }
 
-    // What two ranks left at 80 ms, one thread goes on from.
+    // One thread resumes the beat from the checkpoint that two ranks wrote at 80 ms.
     let resumed = folder.path().join("resumed");
     fs::create_dir(&resumed).expect("a folder");
     let checkpoints = Checkpoints::restarting(&resumed, &by_ranks, None);
@@ -294,7 +296,7 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
     folder: &Path,
     spec: &OrganBeatSpec,
 ) {
-    // Few steps: eight ranks on two cores wait for each other most of the time.
+    // Few steps, because eight ranks on two cores spend most of the time waiting for each other.
     let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
         time_step_ms: 10.0,
         ..spec.clone()
@@ -332,7 +334,7 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
     );
 }
 
-/// The directory of an attempt that has two threads or ranks.
+/// Directory of an attempt with two threads or ranks.
 fn attempt(folder: &Path, task: &TaskSpec) -> PathBuf {
     let directory = folder.join("attempt");
     fs::create_dir(&directory).expect("a folder");
@@ -410,7 +412,7 @@ fn a_missing_file_is_an_outcome(folder: &Path, spec: &OrganBeatSpec) {
     );
 }
 
-/// So many beats that nobody waits for their end.
+/// The specification has so many beats that it does not end during the test.
 fn a_killed_rank_ends_all(folder: &Path, spec: &OrganBeatSpec) {
     let spec = OrganBeatSpec {
         beats: BeatCount::Fixed { n: 100_000 },
@@ -536,7 +538,7 @@ fn ranks_are_counted_before_anything_is_done() {
             said(&out)
         );
     }
-    // Without a launcher, as under one of another MPI: every rank is alone.
+    // Without a launcher, or under one of another MPI, every rank runs alone.
     let alone = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker-mpi"))
         .args(["check", "--ranks", "2"])
         .output()
@@ -611,7 +613,7 @@ fn ranks_start_in_a_slurm_allocation() {
         }
     };
     let launcher = std::env::var("CARDIOTWIN_MPIRUN").unwrap_or_else(|_| "mpirun".to_owned());
-    // What srun knows of each MPI, and what leaves its ranks alone.
+    // The plugin of srun that suits the MPI, and one that does not connect its ranks.
     let (mpi, other) = if launcher.contains("mpich") {
         ("pmi2", "pmix")
     } else {

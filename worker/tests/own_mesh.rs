@@ -1,4 +1,5 @@
-//! Step 0 on a patient's own mesh: the generated one, written as CARP files with other tags and in other units, is the same heart.
+//! Step 0 on a patient's own mesh. The generated mesh, written as CARP files with other tags and
+//! another unit, gives the same heart.
 
 mod support;
 
@@ -30,7 +31,8 @@ fn spec() -> PassiveStateSpec {
     }
 }
 
-/// The ellipsoid of 01-CoA as a clinic's mesh: tags 7 and 9, coordinates in µm, no surfaces.
+/// The ellipsoid of 01-CoA in the form of a clinic's mesh: tags 7 and 9, coordinates in µm, no
+/// surfaces.
 fn clinic(folder: &Path, cavity_ml: f64) -> OwnMesh {
     let wall_ml = step0("01-CoA").wall_volume_ml.expect("known");
     let made = generate(&EllipsoidSpec::new(Ml(cavity_ml), Ml(wall_ml), 500)).unwrap();
@@ -103,7 +105,8 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
         (read.exponent_factor, generated.exponent_factor),
         (read.spread_ms, generated.spread_ms),
     ];
-    // Surfaces that are found, and rounding to the files' digits: not to the bit.
+    // Results do not agree bit for bit, because surfaces are searched anew and coordinates are
+    // rounded to the files' digits.
     assert!(
         pairs.iter().all(|(a, b)| (a / b - 1.0).abs() < 0.02),
         "{pairs:?}"

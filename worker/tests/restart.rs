@@ -1,4 +1,4 @@
-//! The cell fit gives the same numbers however often it is interrupted and on however many threads it runs.
+//! The cell fit gives the same numbers for any number of interruptions and threads.
 
 mod support;
 
@@ -39,7 +39,7 @@ fn fit(settings: CellFitSettings) -> TaskSpec {
     TaskSpec::CellFit(Box::new(support::cell_fit_spec(852.0, &targets, settings)))
 }
 
-/// A fit of a second or less: first population, eight generations, polish.
+/// A fit that takes about a second: first population, eight generations, polish.
 fn short() -> TaskSpec {
     fit(CellFitSettings {
         popsize: 2,
@@ -99,7 +99,8 @@ fn a_fit_stopped_after_every_batch_ends_as_one_that_was_not() {
     let expected = uninterrupted(&task, 1);
     let root = tempfile::tempdir().unwrap();
     let mut stopped = 0;
-    // Each attempt does one batch, since it is asked to stop from the beginning; the tenth and last may go on.
+    // Each attempt computes one batch, because its stop flag is raised from the beginning; the
+    // tenth and last one may finish.
     for generation in 1..=10 {
         let directory = attempt_directory(root.path(), &task, generation, 1);
         let stop = StopFlag::default();
@@ -153,8 +154,8 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
 
 #[test]
 fn a_killed_fit_is_continued_by_the_next_generation() {
-    // The one that is killed never ends by itself, so that it cannot end too early; until it is killed it does what the
-    // one that ends after 30 generations does.
+    // The fit to be killed never ends by itself, so it cannot end too early. Until it is killed, it
+    // does the same as the fit that ends after 30 generations.
     let endless = CellFitSettings {
         max_generations: 1_000_000,
         tol: 0.0,
@@ -231,10 +232,10 @@ fn a_search_is_taken_up_again_at_any_of_its_generations() {
             fs::read(left("long")).unwrap()
         );
     }
-    // Another limit: the same search, which goes on where the shorter one ended.
+    // With another limit it is the same search, which continues after the end of the shorter one.
     run(&short, "short", None);
     assert_eq!(run(&long, "longer", Some(("short", None))), expected);
-    // Other targets: another search, which begins anew.
+    // With other targets it is another search, which starts from the beginning.
     let mut spec = match &long {
         TaskSpec::CellFit(spec) => spec.clone(),
         other => panic!("{other:?}"),

@@ -1,4 +1,5 @@
-//! `cardiotwin fit calcium` knows Rice's transient without the models: both must be the same curve.
+//! `cardiotwin fit calcium` has its own implementation of Rice's transient; it must agree with the
+//! models' curve.
 
 use cardiotwin_calibrate::calcium_fit::RiceParameters;
 use cardiotwin_models::calcium::{Calcium as _, Rice2008, Rice2008Parameters};

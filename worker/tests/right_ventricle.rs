@@ -1,4 +1,4 @@
-//! A patient whose own mesh has both ventricles, through step 0 and a beat.
+//! A patient whose own mesh has both ventricles: step 0 and a beat.
 
 mod support;
 
@@ -34,7 +34,8 @@ fn settings() -> FiniteElementSettings {
     settings
 }
 
-/// Ambit's bi-ventricle, whose right wall has the tag 2, as the mesh of a patient with the pressures of 01-CoA.
+/// Ambit's bi-ventricle, whose right wall has the tag 2, as the mesh of a patient with the
+/// pressures of 01-CoA.
 fn own_mesh(pressure: RightPressureSpec) -> OwnMesh {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/meshes/ambit_biv");
     let stem = folder.join("ambit_biv");
@@ -103,7 +104,7 @@ fn beat(state: &PassiveStateResult, cycle_length_ms: f64, folder: &Path) -> Orga
     }
 }
 
-/// A right ventricle's pressure: 5 mmHg but for a systole of 25.
+/// Pressure of a right ventricle: 5 mmHg in diastole, 25 mmHg in systole.
 fn trace(folder: &Path, cycle_ms: f64) -> RightPressureSpec {
     let mut text = "time_ms,pressure_mmHg\n".to_owned();
     for t in (0..cycle_ms as u32).step_by(5) {
@@ -176,7 +177,8 @@ fn a_patient_with_both_ventricles_runs_through_step_0_and_a_beat() {
         (peak[1] - peak[0]).abs() > 0.1,
         "the right ventricle's systole is felt in the left: {peak:?} mmHg"
     );
-    // Fibres by the rule turn across the septum as across the free wall: the apex twists against the base.
+    // Rule-based fibres rotate across the septum as across the free wall, so that the apex twists
+    // against the base.
     let twist = beats
         .each_ref()
         .map(|beat| beat.motion.as_ref().expect("followed").twist_epi_deg);

@@ -1,4 +1,5 @@
-//! Both updates of step 1 where the simulated organ is another one-fibre ventricle than the one that proposes.
+//! Both updates of step 1, with a simulated organ that is another one-fibre ventricle than the
+//! surrogate.
 
 mod support;
 
@@ -19,11 +20,11 @@ use cardiotwin_worker::tasks::organ_beat::reduced_beat;
 use cardiotwin_worker::tasks::proposal::outcome;
 use cardiotwin_worker::tasks::run_task;
 
-/// What is simulated, and what proposes.
+/// A patient with the simulated organ and the surrogate.
 struct Patient {
     cycle_length_ms: f64,
     state: PassiveStateResult,
-    /// None: those of the cost.
+    /// Weights of the cost; empty for the default weights.
     weights: BTreeMap<String, f64>,
 }
 
@@ -48,7 +49,7 @@ impl Patient {
         )
     }
 
-    /// The ventricle that plays the expensive one.
+    /// Outcome of the ventricle that stands for the expensive one.
     fn other(&self, p: &Step1Parameters, differs: bool) -> Outcome {
         let OrganSpec::Reduced {
             mut passive,
@@ -157,7 +158,7 @@ impl Patient {
     }
 }
 
-/// Simulations until the best cost is at most `level`.
+/// Number of simulations until the cost is at most `level`.
 fn until(costs: &[f64], level: f64) -> Option<usize> {
     costs
         .iter()
@@ -165,12 +166,12 @@ fn until(costs: &[f64], level: f64) -> Option<usize> {
         .map(|position| position + 1)
 }
 
-/// Not later than the other, or at all where the other is.
+/// Whether `a` is not later than `b`; `None` is later than any number.
 fn no_later(a: Option<usize>, b: Option<usize>) -> bool {
     a.unwrap_or(usize::MAX) <= b.unwrap_or(usize::MAX)
 }
 
-/// docs/step1.md has this table; `--nocapture` prints it.
+/// `--nocapture` prints the table of docs/step1.md.
 #[test]
 fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient() {
     let number = |n: Option<usize>| n.map_or("-".to_owned(), |n| n.to_string());
@@ -256,7 +257,7 @@ fn an_accepted_effect_acts_on_the_proposal_and_one_that_cannot_is_refused() {
     }
 }
 
-/// Its figures are enough: the mesh is not read.
+/// The figures of a finite-element ventricle suffice; its mesh is not read.
 #[test]
 fn a_finite_element_ventricle_is_proposed_for_by_a_one_fibre_one_of_its_volumes() {
     let mut patient = Patient::new("02-CoA");

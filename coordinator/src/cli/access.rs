@@ -1,4 +1,4 @@
-//! Who may read what a run writes: the mask of new files, and the group of the run's folder.
+//! File access of a run: the umask for new files and the group of the run's folder.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -10,15 +10,16 @@ use rustix::fs::Mode;
 
 use super::error::CliError;
 
-/// What others may do with files of a run where nothing else is set: nothing.
+/// Permission bits that are masked for other users unless `executor.umask` is set: all of them.
 const OTHERS: u32 = 0o007;
-/// Files below a folder with this bit have its group.
+/// The set-group-ID bit: files made below a folder with this bit get the folder's group.
 const SET_GROUP: u32 = 0o2000;
 
-/// Sets the mask of this process, which its workers, jobs and drivers inherit, and makes the run's folder with its group.
+/// Sets the umask of this process, which its workers, jobs and drivers inherit, and makes the run's
+/// folder with the configured group.
 ///
 /// # Errors
-/// A folder that cannot be made; a group that is not there, or that this user is not in.
+/// The folder cannot be made, or the group does not exist or does not contain this user.
 pub fn apply(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError> {
     let asked = settings
         .umask
@@ -31,7 +32,7 @@ pub fn apply(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError
         return Ok(());
     };
     fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
-    // `chgrp` asks whatever directory of users the site has.
+    // `chgrp` looks the group up in whatever user directory the site has.
     let said = Command::new("chgrp")
         .arg("--")
         .arg(group)

@@ -1,14 +1,14 @@
-//! What became of a request to a run.
+//! Printed outcome of a request to a run.
 
 use super::error::CliError;
 use super::place::Folders;
 use super::talk::Talk;
 use crate::engine::Answer;
 
-/// Tells it; `go_on` names the run where `run` has to follow.
+/// Prints the outcome. `go_on` names the run if `run` has to follow.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(), CliError> {
     match answer {
         Answer::Applied { changes } => {

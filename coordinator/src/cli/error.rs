@@ -1,4 +1,4 @@
-//! What ends a command, and with which exit code.
+//! Errors that end a command, and their exit codes.
 
 use std::path::PathBuf;
 
@@ -12,90 +12,90 @@ use crate::sweep::SweepError;
 use super::commands::mesh::{MeshFileCommandError, MmgError};
 use super::exit::Exit;
 
-/// A command could not do what it was asked.
+/// Error that ends a command.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// The loop or a request.
+    /// The engine's loop or a request to it failed.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// Reading a run.
+    /// A run's database cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Drawing the report.
+    /// The report cannot be written.
     #[error("cannot write the report")]
     Report(#[source] WriteError),
-    /// Writing tables, or the folder of a patient.
+    /// Tables or the folder of a patient cannot be written.
     #[error("cannot export")]
     Export(#[source] WriteError),
-    /// Making, going on with or analysing a sweep.
+    /// A sweep cannot be made, continued or analysed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
-    /// Accepting what was found, or undoing it.
+    /// An acceptance of findings cannot be made or undone.
     #[error(transparent)]
     Overlay(#[from] OverlayError),
-    /// Problems that were printed one by one before.
+    /// The input has errors, which were printed one by one.
     #[error("{errors} in the input; nothing was run (`cardiotwin check` looks again)")]
     Input {
-        /// How many, in words.
+        /// Number of errors in words, such as `2 errors`.
         errors: String,
     },
-    /// Problems of a trace that were printed one by one before.
+    /// A trace has errors, which were printed one by one.
     #[error("{errors} in the trace; nothing was fitted")]
     Trace {
-        /// How many, in words.
+        /// Number of errors in words.
         errors: String,
     },
-    /// Problems of recordings that were printed one by one before.
+    /// Recordings have errors, which were printed one by one.
     #[error("{errors} in the recordings; nothing was written")]
     Recordings {
-        /// How many, in words.
+        /// Number of errors in words.
         errors: String,
     },
-    /// A mesh that cannot be read, mended or written.
+    /// A mesh cannot be read, repaired or written.
     #[error(transparent)]
     Mesh(Box<MeshFileCommandError>),
-    /// Meshing anew.
+    /// mmg3d cannot be run or failed.
     #[error(transparent)]
     Mmg(MmgError),
-    /// Arguments that contradict each other or name nothing.
+    /// Arguments contradict each other or name something that does not exist.
     #[error("{0}")]
     Usage(String),
-    /// A file or directory.
+    /// An operation on a file or directory failed.
     #[error("cannot {what} {path}")]
     File {
-        /// Verb.
+        /// Verb of the operation, as in "cannot read".
         what: &'static str,
-        /// Which.
+        /// Path of the file or directory.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The worker's answer.
+    /// The worker failed or gave an unusable answer.
     #[error("{worker}: {message}")]
     Worker {
-        /// Which executable.
+        /// Path of the worker's executable.
         worker: PathBuf,
-        /// What it said.
+        /// Description of the failure, or the worker's own words.
         message: String,
     },
-    /// A simulation that did not succeed.
+    /// A simulation did not succeed.
     #[error("{message}")]
     Simulation {
-        /// How it ended.
+        /// Description of how the simulation ended.
         message: String,
     },
-    /// The terminal, a pipe or a signal handler.
+    /// The terminal, a pipe, a signal handler or a serialisation failed.
     #[error("{what}")]
     Io {
-        /// What was tried.
+        /// Operation that failed, as a sentence.
         what: &'static str,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
 }
 
 impl CliError {
-    /// A failed operation on a file.
+    /// Closure for `map_err` that turns an I/O error into [`CliError::File`]; `what` is the verb.
     pub fn file(
         what: &'static str,
         path: impl Into<PathBuf>,
@@ -104,7 +104,7 @@ impl CliError {
         move |source| Self::File { what, path, source }
     }
 
-    /// The exit code that belongs to it.
+    /// Exit code for this error.
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {

@@ -1,10 +1,11 @@
-//! Engine events as log records: what a log collector wants to keep, with fields in the place of sentences.
+//! Engine events as log records for a log collector, with fields in place of sentences.
 
 use tracing::{debug, info, trace, warn};
 
 use crate::engine::{EngineEvent, PatientEnding};
 
-/// Writes the record of one event; `-v` shows what happened, `-vv` what was started, `-vvv` how far it is.
+/// Writes the record of one event: results at level `info` (`-v`), starts at `debug` (`-vv`),
+/// progress at `trace` (`-vvv`).
 pub fn log(event: &EngineEvent) {
     match event {
         EngineEvent::Started {

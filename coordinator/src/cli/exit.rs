@@ -1,34 +1,34 @@
-//! Exit codes, all of them; `--help` and docs/operations.md list them from here.
+//! Exit codes of the program. `--help` and docs/operations.md list all of them.
 
 use std::process::ExitCode;
 
-/// How the program ended, for scripts.
+/// Outcome of the program, as an exit code for scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
-    /// Everything asked for was done.
+    /// The command did everything that was requested.
     Ok,
     /// `check` found problems, or patients failed or were cancelled in a run.
     Problems,
-    /// The command line makes no sense.
+    /// The command line is invalid.
     Usage,
-    /// Cohort, patients or settings are wrong: nothing was run.
+    /// Cohort, patient files or settings are wrong, and nothing was run.
     Input,
     /// Another coordinator works on this run.
     Locked,
-    /// The run's database is missing, damaged, from a newer version, or cannot be written.
+    /// The run's database is missing, damaged, of a newer version, or cannot be written.
     Store,
-    /// A file, a directory or the worker's executable.
+    /// A file, a directory or the worker's executable cannot be used.
     System,
-    /// Jobs wait or run on a cluster: `advance` again.
+    /// Jobs wait or run on a cluster; `advance` continues the run.
     Unfinished,
-    /// A defect of ours.
+    /// A defect of the program.
     Bug,
-    /// Stopped by Ctrl-C or SIGTERM; the same command goes on.
+    /// The program was stopped by Ctrl-C or SIGTERM; the same command continues.
     Interrupted,
 }
 
 impl Exit {
-    /// All of them, in the order of their codes.
+    /// All exit codes in ascending order.
     pub const ALL: [Self; 10] = [
         Self::Ok,
         Self::Problems,
@@ -59,7 +59,7 @@ impl Exit {
         }
     }
 
-    /// What it means.
+    /// Meaning in a few words, as `--help` prints it.
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {
@@ -80,7 +80,7 @@ impl Exit {
         }
     }
 
-    /// The table for `--help`.
+    /// The table of exit codes in `--help`.
     #[must_use]
     pub fn help() -> String {
         let mut text = "Exit codes:".to_owned();

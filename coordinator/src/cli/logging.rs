@@ -1,4 +1,4 @@
-//! Logs go to stderr, for people or as JSON lines.
+//! Logging to stderr, as text or as JSON lines.
 
 use clap::ValueEnum;
 use tracing_subscriber::filter::EnvFilter;
@@ -12,7 +12,8 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts logging. `CARDIOTWIN_LOG` (`debug`, `cardiotwin::engine=trace`, …) wins over `-v` and `--quiet`.
+/// Starts logging. `CARDIOTWIN_LOG` (`debug`, `cardiotwin::engine=trace`, …) overrides `-v` and
+/// `--quiet`.
 pub fn start(verbose: u8, quiet: bool, format: LogFormat, colour: bool) {
     let level = match (quiet, verbose) {
         (true, _) => "error",
@@ -21,7 +22,7 @@ pub fn start(verbose: u8, quiet: bool, format: LogFormat, colour: bool) {
         (false, 2) => "debug",
         (false, _) => "trace",
     };
-    // Without -v the events' own lines say the same, better.
+    // Without -v the watcher prints a sentence for each event, which would only be repeated here.
     let events = if verbose == 0 && matches!(format, LogFormat::Human) {
         ",cardiotwin::cli::event_log=off"
     } else {
@@ -34,7 +35,7 @@ pub fn start(verbose: u8, quiet: bool, format: LogFormat, colour: bool) {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(colour);
-    // A second start, as in tests, keeps the first.
+    // A second start, as in tests, keeps the first subscriber.
     let _ = match format {
         LogFormat::Human => builder.try_init(),
         LogFormat::Json => builder.json().try_init(),

@@ -1,4 +1,5 @@
-//! The command line: arguments, tables, progress, exit codes. Data on stdout, talk on stderr; no SQL.
+//! The command line: arguments, tables, progress, exit codes. Data go to stdout, messages to
+//! stderr; the module contains no SQL.
 
 mod access;
 mod answer;
@@ -100,13 +101,13 @@ enum Command {
     Drive(drive::DriveArgs),
 }
 
-/// The whole command as clap knows it: for completions, manual pages and tests.
+/// The command as clap knows it, for completions, manual pages and tests.
 #[must_use]
 pub fn command() -> clap::Command {
     Cli::command()
 }
 
-/// The program: arguments in, exit code out.
+/// The program from its arguments to its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
     let cli = Cli::parse();

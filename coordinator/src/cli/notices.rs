@@ -1,4 +1,5 @@
-//! Telling operators while a run goes on, beside it: whatever becomes of a notice, the run does not wait for it.
+//! Notices to operators during a run. They are sent by a separate task: the run never waits for a
+//! notice.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -10,17 +11,17 @@ use tokio::task::JoinHandle;
 use super::talk::Talk;
 use crate::engine::{self, EngineError, EngineEvent, PatientEnding, StoreError};
 
-/// How often the room is looked at.
+/// Interval at which notices are looked for without an event, for example on free disk space.
 const EVERY: Duration = Duration::from_secs(60);
 
-/// Looks for something to tell whenever there may be.
+/// Task that sends pending notices after each relevant event and at regular intervals.
 pub struct Notifier {
     poke: UnboundedSender<()>,
     task: JoinHandle<()>,
 }
 
 impl Notifier {
-    /// Begins with what an earlier coordinator left untold.
+    /// Starts the task. Its first notices may be those that an earlier coordinator did not send.
     #[must_use]
     pub fn start(run_dir: &Path, settings: &NoticeSettings, talk: &Talk) -> Self {
         let (poke, poked) = unbounded_channel();
@@ -28,7 +29,7 @@ impl Notifier {
         Self { poke, task }
     }
 
-    /// Something that may be worth telling happened: it is in the database already.
+    /// Wakes the task if the event may cause a notice. The event is in the database already.
     pub fn on(&self, event: &EngineEvent) {
         let matters = match event {
             EngineEvent::Started { .. } => true,
@@ -37,23 +38,23 @@ impl Notifier {
             _ => false,
         };
         if matters {
-            // Nobody listens only when nobody is to be told.
+            // The channel is closed only if the settings ask for no notices.
             let _ = self.poke.send(());
         }
     }
 
-    /// Tells what is left to tell.
+    /// Sends the remaining notices and ends the task.
     pub async fn finish(self) {
         drop(self.poke);
         let _ = self.task.await;
     }
 }
 
-/// Tells once, for commands that do not stay.
+/// Sends pending notices once, for commands that end at once.
 pub async fn tell(run_dir: &Path, settings: &NoticeSettings, talk: &Talk) {
     match engine::tell(run_dir, settings).await {
         Ok(said) => said.iter().for_each(|line| talk.say(line)),
-        // A run that has no database yet has nothing to tell.
+        // A run without a database has no notices.
         Err(EngineError::Store(StoreError::Missing { .. })) => {}
         Err(error) => talk.say(&format!("notices: {error}; the run goes on")),
     }

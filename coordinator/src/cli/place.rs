@@ -1,4 +1,4 @@
-//! Which cohort and which run a command is about.
+//! The cohort and the run that a command works on.
 
 use std::path::{Path, PathBuf};
 
@@ -29,22 +29,23 @@ pub struct OfCohort {
     pub run_dir: Option<PathBuf>,
 }
 
-/// Where things are.
+/// Folders of the cohort and the run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folders {
-    /// The cohort; absent where only a run was named.
+    /// Folder of the cohort; `None` if only a run was named.
     pub cohort: Option<PathBuf>,
-    /// The run; it need not exist.
+    /// Folder of the run, which need not exist.
     pub run: PathBuf,
 }
 
-/// File that tells a run's folder.
+/// File by which a run's folder is recognised.
 pub const DATABASE: &str = "cardiotwin.db";
-/// File that tells a cohort's folder.
+/// File by which a cohort's folder is recognised.
 const COHORT: &str = "cohort.toml";
 
 impl Folders {
-    /// Reads the arguments as a person means them.
+    /// Folders for the arguments. Without `run_dir`, `folder` is a run if it holds a database but
+    /// no `cohort.toml`; otherwise it is a cohort.
     #[must_use]
     pub fn of(folder: &Path, run_dir: Option<&Path>) -> Self {
         let is_run = folder.join(DATABASE).exists() && !folder.join(COHORT).exists();
@@ -57,7 +58,7 @@ impl Folders {
                 cohort: None,
                 run: folder.to_owned(),
             },
-            // `run/…` reads better than `./run/…`.
+            // In messages, `run/…` reads better than `./run/…`.
             None if folder == Path::new(".") => Self {
                 cohort: Some(folder.to_owned()),
                 run: PathBuf::from("run"),
@@ -69,7 +70,7 @@ impl Folders {
         }
     }
 
-    /// The command that goes on here.
+    /// The command that continues this run.
     #[must_use]
     pub fn run_command(&self) -> String {
         match folder::find(&self.run) {
@@ -82,10 +83,10 @@ impl Folders {
         }
     }
 
-    /// Refuses the folder of a sweep to a command that makes no sense there.
+    /// Refuses the folder of a sweep for a command that needs the run of a cohort.
     ///
     /// # Errors
-    /// [`CliError::Usage`] with the command that does.
+    /// [`CliError::Usage`] with `instead`, the command to use in its place.
     pub fn refuse_sweep(&self, instead: &str) -> Result<(), CliError> {
         if folder::find(&self.run)?.is_none() {
             return Ok(());
@@ -97,7 +98,8 @@ impl Folders {
         )))
     }
 
-    /// How to name this place to another command: ` my-cohort`, nothing for the current directory.
+    /// These folders as an argument of another command, such as ` my-cohort`; empty for the current
+    /// directory.
     #[must_use]
     pub fn as_argument(&self, option: &str) -> String {
         let folder = self.cohort.as_ref().unwrap_or(&self.run);
@@ -115,7 +117,7 @@ impl Folders {
 }
 
 impl Place {
-    /// Where things are.
+    /// Folders for these arguments.
     #[must_use]
     pub fn folders(&self) -> Folders {
         Folders::of(&self.folder, self.run_dir.as_deref())
@@ -123,7 +125,7 @@ impl Place {
 }
 
 impl OfCohort {
-    /// Where things are.
+    /// Folders for these arguments.
     #[must_use]
     pub fn folders(&self) -> Folders {
         Folders::of(&self.cohort, self.run_dir.as_deref())

@@ -1,11 +1,11 @@
-//! Problems of the input as people read them.
+//! Problems of the input as text.
 
 use cardiotwin_signals::Problem;
 
 use super::talk::{Tone, paint};
 use crate::input::{Finding, Report};
 
-/// Errors first, then by file and line.
+/// Findings with errors first, then by file and line.
 #[must_use]
 pub fn in_order(report: &Report) -> Vec<Finding> {
     let mut findings = report.findings().to_vec();
@@ -16,7 +16,7 @@ pub fn in_order(report: &Report) -> Vec<Finding> {
     findings
 }
 
-/// Three lines a problem: where and what, what was expected, what to do.
+/// Text with three lines per problem: its place and description, the expectation, and the remedy.
 #[must_use]
 pub fn text(report: &Report, colour: bool) -> String {
     let mut text = String::new();

@@ -1,4 +1,4 @@
-//! What a person sees while a run goes on: bars on a terminal, plain lines elsewhere.
+//! Progress display of a run: bars on a terminal, plain lines elsewhere.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use super::event_log;
 use super::talk::{Talk, Tone, paint};
 use crate::engine::{EngineEvent, PatientEnding};
 
-/// Shows engine events as they come.
+/// Display of engine events.
 pub struct Watcher {
     talk: Talk,
     members: &'static str,
@@ -24,7 +24,8 @@ struct Bars {
 }
 
 impl Watcher {
-    /// A watcher for this terminal, or the lack of one; `members` is what the run consists of, in the plural.
+    /// A watcher with bars on a terminal and without bars elsewhere. `members` is the plural noun
+    /// for the run's members.
     #[must_use]
     pub fn new(talk: &Talk, members: &'static str) -> Self {
         let bars = talk.bars.then(|| {
@@ -61,7 +62,7 @@ impl Watcher {
         }
     }
 
-    /// Says a line above the bars.
+    /// Prints a line above the bars.
     pub fn say(&self, text: &str) {
         match &self.bars {
             Some(bars) => bars.all.suspend(|| self.talk.say(text)),
@@ -69,7 +70,7 @@ impl Watcher {
         }
     }
 
-    /// Takes the bars away.
+    /// Removes the bars.
     pub fn finish(self) {
         if let Some(bars) = self.bars {
             bars.patients
@@ -139,7 +140,7 @@ fn style(template: &str) -> ProgressStyle {
         .progress_chars("=> ")
 }
 
-/// An event as a line, where it deserves one.
+/// An event as a line; `None` for events that are not printed.
 #[must_use]
 pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> {
     Some(match event {
@@ -221,7 +222,8 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
     })
 }
 
-/// `step-1 iteration 3` as two columns.
+/// A step such as `step-1 iteration 3` with a double space in the place of the first one, which
+/// makes two columns.
 fn spaced(step: &str) -> String {
     step.replacen(' ', "  ", 1)
 }

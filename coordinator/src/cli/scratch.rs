@@ -1,4 +1,5 @@
-//! Where attempts lie: in the run's folder, or on a file system of their own, which the run's folder then has a link to.
+//! Place of a run's attempts: in the run's folder, or on a separate file system, to which the run's
+//! folder then has a link.
 
 use std::fs;
 use std::io;
@@ -11,14 +12,15 @@ use cardiotwin_schemas::settings::ExecutorSettings;
 use super::error::CliError;
 use crate::engine::ATTEMPTS;
 
-/// Makes the link to `executor.scratch`, or sees that it is the one that is there; what was purged is made anew, empty.
+/// Makes the link to `executor.scratch`, or checks the existing one. A target that was purged is
+/// made anew, empty.
 ///
 /// # Errors
-/// Attempts that lie elsewhere already; folders that cannot be made.
+/// The attempts lie elsewhere already, or a folder cannot be made.
 pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError> {
     let link = run_dir.join(ATTEMPTS);
     let Some(scratch) = &settings.scratch else {
-        // The link stays where the setting went: what it leads to may have been purged.
+        // An existing link stays although the setting is gone. Its target may have been purged.
         return match fs::read_link(&link) {
             Ok(target) => fs::create_dir_all(&target).map_err(CliError::file("make", &target)),
             Err(_) => Ok(()),
@@ -49,20 +51,20 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
             }
             return fs::create_dir_all(&target).map_err(CliError::file("make", &target));
         }
-        // An empty folder is in nobody's way.
+        // An empty folder can be replaced by the link.
         Ok(_) => fs::remove_dir(&link).map_err(|_| elsewhere(&link))?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(CliError::file("read", &link)(error)),
     }
     fs::create_dir_all(&target).map_err(CliError::file("make", &target))?;
     match symlink(&target, &link) {
-        // Another command of this moment was first.
+        // Another command made the link at the same moment.
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => lay_out(settings, run_dir),
         made => made.map_err(CliError::file("make the link", &link)),
     }
 }
 
-/// A folder of this run's alone: called after the cohort's folder and the run's path.
+/// Folder for this run alone, named after the cohort's folder and a hash of the run's path.
 fn folder_of(scratch: &Path, run_dir: &Path) -> PathBuf {
     let run_dir = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.to_owned());
     let cohort = run_dir

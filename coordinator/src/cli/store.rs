@@ -1,4 +1,4 @@
-//! Opening a run for reading.
+//! Opening of a run for reading.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,18 +10,19 @@ use super::error::CliError;
 use super::place::Folders;
 use crate::engine::{Reader, StoreError};
 
-/// The run of these folders.
+/// Opens the run in these folders.
 ///
 /// # Errors
-/// The store's, each saying what to do.
+/// Errors of the store, each with a remedy.
 pub async fn open(folders: &Folders) -> Result<Reader, CliError> {
     Ok(Reader::open(&folders.run).await?)
 }
 
-/// What `rerun` stored for a patient, by its name; empty where nothing was run yet.
+/// Settings that `rerun` stored for a patient, under the patient's id; empty if the run does not
+/// exist or lacks the patient.
 ///
 /// # Errors
-/// The store's, but not that there is no store or no such patient in it.
+/// Errors of the store, other than a missing store or an unknown patient.
 pub async fn stored_overrides(
     run_dir: &Path,
     patient: &str,

@@ -1,4 +1,5 @@
-//! The table that ends a run: what each step reached, beside what the paper's cohort reached.
+//! The table printed at the end of a run: result of each step, beside the results of the paper's
+//! cohort.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -21,7 +22,8 @@ const HEADINGS: [&str; 11] = [
     ">TIME",
 ];
 
-/// A row for each step of a patient, then means of the absolute differences and the paper's.
+/// A row for each step of a patient, followed by means of the absolute differences and the paper's
+/// means.
 #[must_use]
 pub fn table(run: &RunRecord, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &HEADINGS);
@@ -37,7 +39,8 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         if step == Step::Step3 && !any_step3 {
             continue;
         }
-        // Step 3 answers for every patient that it ended with; the paper's means are of those that converged.
+        // Step 3's mean is over all patients that finished it; the paper's means are over patients
+        // that converged.
         let counts = |patient: &&PatientRecord| match step {
             Step::Step3 => patient.step3.is_some(),
             _ => PatientView(patient).step1_converged(),
@@ -86,7 +89,7 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
     text
 }
 
-/// Whose twin holds, and by what the others are off.
+/// Names of the personalised patients, and the verdicts of the others.
 fn verdicts(run: &RunRecord) -> String {
     let verified: Vec<_> = run
         .patients
@@ -118,7 +121,7 @@ fn verdicts(run: &RunRecord) -> String {
     text
 }
 
-/// One line about a patient that has just ended.
+/// Summary in one line of a patient that has just ended.
 #[must_use]
 pub fn line(patient: &PatientRecord) -> String {
     let view = PatientView(patient);

@@ -1,4 +1,4 @@
-//! Tables for people: plain columns, no frames, so that they can be cut and grepped.
+//! Tables for the terminal: plain columns without frames, which can be cut and grepped.
 
 use comfy_table::{Cell, CellAlignment, Color, ContentArrangement, Table};
 
@@ -11,7 +11,8 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// With these headings; one that begins with `>` is a column of numbers, aligned right.
+    /// An empty table with these headings. A heading that begins with `>` makes a right-aligned
+    /// column of numbers.
     #[must_use]
     pub fn new(talk: &Talk, headings: &[&str]) -> Self {
         let mut table = Table::new();
@@ -42,7 +43,7 @@ impl Columns {
         }
     }
 
-    /// A row of plain cells.
+    /// Adds a row of plain cells.
     pub fn row<T: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = T>) {
         self.toned(
             cells
@@ -51,7 +52,7 @@ impl Columns {
         );
     }
 
-    /// A row of cells that may have a tone.
+    /// Adds a row of cells that may have a tone.
     pub fn toned(&mut self, cells: impl IntoIterator<Item = (String, Option<Tone>)>) {
         let colour = self.colour;
         self.table.add_row(cells.into_iter().map(|(text, tone)| {
@@ -66,7 +67,7 @@ impl Columns {
         }));
     }
 
-    /// The lines, without spaces at their ends, with a line feed after each.
+    /// The table as lines without trailing spaces, each ended by a line feed.
     #[must_use]
     pub fn text(&self) -> String {
         self.table
@@ -77,7 +78,8 @@ impl Columns {
     }
 }
 
-/// A number with so many significant digits that tables need.
+/// A number with as many digits as a table needs; very large and very small ones in scientific
+/// notation.
 #[must_use]
 pub fn number(value: f64) -> String {
     let magnitude = value.abs();
@@ -92,7 +94,7 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// The same, or a dash where there is none.
+/// The number as in [`number`], or a dash.
 #[must_use]
 pub fn optional(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), number)

@@ -1,4 +1,5 @@
-//! Data go to stdout, talk to stderr; colour never says anything that the words do not.
+//! Output of the program: data go to stdout, messages to stderr. Colour never adds information to
+//! the words.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,13 +23,13 @@ pub enum ColourChoice {
 /// A colour with a meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
-    /// Failed, error.
+    /// Failures and errors.
     Bad,
-    /// Stalled, warning.
+    /// Stalled fits and warnings.
     Doubtful,
-    /// Done.
+    /// Success.
     Good,
-    /// Less important.
+    /// Less important text.
     Quiet,
 }
 
@@ -43,24 +44,24 @@ impl Tone {
     }
 }
 
-/// Set once stdout has no reader any more.
+/// Set once the reader of stdout has closed the pipe.
 static READER_LEFT: AtomicBool = AtomicBool::new(false);
 
-/// How this program speaks to whoever called it.
+/// Settings of the program's output.
 #[derive(Debug, Clone, Copy)]
 pub struct Talk {
-    /// Colour on stdout.
+    /// Whether stdout is coloured.
     pub colour_out: bool,
-    /// Colour on stderr.
+    /// Whether stderr is coloured.
     pub colour_err: bool,
-    /// Say only errors.
+    /// Whether only errors are printed on stderr.
     pub quiet: bool,
-    /// Draw bars on stderr.
+    /// Whether progress bars are drawn on stderr.
     pub bars: bool,
 }
 
 impl Talk {
-    /// Looks at the terminal and the environment.
+    /// Settings for the terminal and the environment of this process.
     #[must_use]
     pub fn new(colour: ColourChoice, quiet: bool) -> Self {
         let no_colour = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
@@ -79,11 +80,11 @@ impl Talk {
         }
     }
 
-    /// Data, as they are.
+    /// Writes data to stdout unchanged.
     ///
     /// # Errors
-    /// When stdout cannot be written. A reader that has left (`| head`) is no error: the command goes on to its own exit code
-    /// ([`Talk::reader_left`]).
+    /// Stdout cannot be written. A reader that has closed the pipe (`| head`) is no error: the
+    /// command goes on to its own exit code ([`Talk::reader_left`]).
     pub fn data(&self, text: &str) -> Result<(), CliError> {
         let mut out = std::io::stdout().lock();
         match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -98,16 +99,17 @@ impl Talk {
         }
     }
 
-    /// Whether the reader of stdout has left: what is written for nobody need not go on.
+    /// Whether the reader of stdout has closed the pipe, so that a command that repeats its output
+    /// may end.
     #[must_use]
     pub fn reader_left() -> bool {
         READER_LEFT.load(Ordering::Relaxed)
     }
 
-    /// Data as JSON for machines.
+    /// Writes a value to stdout as JSON.
     ///
     /// # Errors
-    /// As [`Talk::data`].
+    /// The same as for [`Talk::data`].
     pub fn json<T: Serialize>(&self, value: &T) -> Result<(), CliError> {
         let text = serde_json::to_string_pretty(value).map_err(|error| CliError::Io {
             what: "cannot write JSON",
@@ -116,21 +118,21 @@ impl Talk {
         self.data(&format!("{text}\n"))
     }
 
-    /// Talk, unless it should be quiet.
+    /// Prints a message on stderr, unless the program is quiet.
     pub fn say(&self, text: &str) {
         if !self.quiet {
-            // Nobody listens where stderr is closed.
+            // A closed stderr is ignored because nobody can read the message.
             let _ = writeln!(std::io::stderr().lock(), "{text}");
         }
     }
 
-    /// An error, always said: the chain of its causes in one line.
+    /// Prints an error with the chain of its causes in one line, even if the program is quiet.
     pub fn error(&self, error: &dyn std::error::Error) {
         let mut text = error.to_string();
         let mut cause = error.source();
         while let Some(inner) = cause {
             let words = inner.to_string();
-            // Transparent wrappers repeat their cause.
+            // Transparent wrappers repeat the text of their cause.
             if !text.ends_with(&words) {
                 text.push_str(": ");
                 text.push_str(&words);
@@ -144,7 +146,7 @@ impl Talk {
         );
     }
 
-    /// A hint about what to do next.
+    /// Prints a hint about the next command.
     pub fn hint(&self, text: &str) {
         self.say(&format!(
             "{}: {text}",
@@ -153,7 +155,7 @@ impl Talk {
     }
 }
 
-/// `text` in a colour where `on`.
+/// `text` in the colour of `tone` if `on`.
 #[must_use]
 pub fn paint(on: bool, tone: Tone, text: &str) -> String {
     if on {
@@ -163,7 +165,7 @@ pub fn paint(on: bool, tone: Tone, text: &str) -> String {
     }
 }
 
-/// `1 error`, `2 errors`.
+/// A number with its noun, such as `1 error` or `2 errors`.
 #[must_use]
 pub fn count(n: usize, thing: &str) -> String {
     if n == 1 {

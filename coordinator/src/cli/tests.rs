@@ -1,10 +1,10 @@
-//! Help of every command and the checks of a broken cohort, as a person sees them.
+//! Snapshots of every command's help and of the problems in a broken cohort.
 
 use super::command;
 use crate::cli::problems;
 use crate::input::{Options, Report, load};
 
-/// Commands with their path, subcommands of subcommands included.
+/// Collects all commands, including nested subcommands, with their path.
 fn all(command: &clap::Command, path: &str, out: &mut Vec<(String, clap::Command)>) {
     out.push((path.to_owned(), command.clone()));
     for inner in command

@@ -1,5 +1,5 @@
-//! A patient's ventricle for a command that simulates outside of any run: as the run left it where there is a run, else
-//! made now.
+//! A patient's ventricle for commands that simulate outside any run: taken from the run if there is
+//! one, otherwise computed.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -25,30 +25,31 @@ use crate::engine::{Reader, StoreError, contraction};
 use crate::input::{self, Options, Report};
 use crate::results::PatientView;
 
-/// Which ventricle a worker simulates.
+/// The ventricle that a worker simulates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AskedFor {
-    /// The specification's.
+    /// The one in the task's specification.
     TheOrgan,
-    /// The one-fibre ventricle of the same volumes, pressure and activation.
+    /// A one-fibre ventricle with the same volumes, pressure and activation.
     OneFibre,
 }
 
 /// A patient after step 0.
 #[derive(Debug)]
 pub struct Ventricle {
-    /// Inputs and settings.
+    /// Inputs and settings of the patient.
     pub plan: ResolvedPatient,
-    /// Passive state and loads.
+    /// Passive state and loads from step 0.
     pub passive: PassiveStateResult,
     record: Option<PatientRecord>,
 }
 
 impl Ventricle {
-    /// The patient's, with `settings` (`KEY=VALUE`) on top of the cohort's.
+    /// The ventricle of a patient, with `settings` (`KEY=VALUE`) on top of the cohort's.
     ///
     /// # Errors
-    /// [`CliError::Input`] for wrong input, [`CliError::Simulation`] where step 0 fails, [`CliError::Worker`].
+    /// [`CliError::Input`] for invalid input, [`CliError::Simulation`] if step 0 fails,
+    /// [`CliError::Worker`] if the worker cannot be run.
     pub async fn of(
         folders: &Folders,
         patient: &str,
@@ -73,10 +74,11 @@ impl Ventricle {
         })
     }
 
-    /// The patient's as a run has it.
+    /// The ventricle of a patient as stored in a run.
     ///
     /// # Errors
-    /// [`CliError::Usage`] before step 0, beginning with `option`; the store's.
+    /// [`CliError::Usage`] before step 0 is done, with a message that begins with `option`; errors
+    /// of the store.
     pub async fn of_run(folders: &Folders, patient: &str, option: &str) -> Result<Self, CliError> {
         let record = Reader::open(&folders.run)
             .await?
@@ -94,7 +96,7 @@ impl Ventricle {
         })
     }
 
-    /// The beat of step 1's best iteration with Tanh; without a run, of its first guess.
+    /// The Tanh beat of step 1's best iteration; without a run, the beat of the first guess.
     pub fn beat_of_step1(&self, beats: BeatCount) -> OrganBeatSpec {
         let best = self
             .record
@@ -117,10 +119,10 @@ impl Ventricle {
         )
     }
 
-    /// The verification beat: step 2's cell behind step 1's valves.
+    /// The verification beat: step 2's cell with step 1's valves.
     ///
     /// # Errors
-    /// [`CliError::Usage`] before step 2, beginning with `option`.
+    /// [`CliError::Usage`] before step 2 is done, with a message that begins with `option`.
     pub fn beat_of_step2(&self, option: &str, beats: BeatCount) -> Result<OrganBeatSpec, CliError> {
         let fit = self
             .record
@@ -143,10 +145,10 @@ impl Ventricle {
             .beat_spec(&self.passive, cell, self.valves(), beats))
     }
 
-    /// The twin's beat: the best one of step 3, else the verification beat.
+    /// The twin's beat: the best one of step 3, or the verification beat without step 3.
     ///
     /// # Errors
-    /// As for [`Self::beat_of_step2`].
+    /// The same as for [`Self::beat_of_step2`].
     pub fn beat_of_twin(&self, option: &str, beats: BeatCount) -> Result<OrganBeatSpec, CliError> {
         let beat = self.beat_of_step2(option, beats)?;
         let of_step3 = self
@@ -159,10 +161,10 @@ impl Ventricle {
         ))
     }
 
-    /// The twin's own beat as the run published it, with its `traces.csv`.
+    /// The twin's own beat as the run published it, with the text of its `traces.csv`.
     ///
     /// # Errors
-    /// [`CliError::Usage`] where there is none; a file that cannot be read.
+    /// [`CliError::Usage`] if the run has no twin of the patient; a file that cannot be read.
     pub fn twin(&self) -> Result<(&OrganBeatResult, String), CliError> {
         let twin = self.record.as_ref().and_then(PatientRecord::twin);
         let path = twin.and_then(|twin| twin.artefact("traces"));
@@ -176,7 +178,7 @@ impl Ventricle {
         Ok((&twin.result, text))
     }
 
-    /// How sure the twin is, where the run sampled that.
+    /// The twin's posterior; `None` if the run has not sampled it.
     pub fn posterior(&self) -> Option<&PosteriorResult> {
         self.record
             .as_ref()
@@ -184,7 +186,7 @@ impl Ventricle {
             .map(|task| &task.result)
     }
 
-    /// What the twin's beat says of it.
+    /// Verdict on the twin's beat; `None` before the verification.
     pub fn verdict(&self) -> Option<&Verdict> {
         self.record
             .as_ref()
@@ -202,7 +204,8 @@ impl Ventricle {
     }
 }
 
-/// What a run knows of the patient, where there is one.
+/// The patient's record in the run; `None` without a run, or if the run lacks a patient of the
+/// cohort.
 async fn stored(folders: &Folders, patient: &str) -> Result<Option<PatientRecord>, CliError> {
     let reader = match Reader::open(&folders.run).await {
         Ok(reader) => reader,
@@ -216,7 +219,7 @@ async fn stored(folders: &Folders, patient: &str) -> Result<Option<PatientRecord
     }
 }
 
-/// The patient as the files have it, or, where only a run was named, as the run has it.
+/// The patient's plan from the cohort's files, or from the run if only a run was named.
 fn plan(
     folders: &Folders,
     options: &Options,
@@ -243,7 +246,7 @@ fn plan(
         })
 }
 
-/// The run's passive state where it is that of these inputs, else made now.
+/// The run's passive state if it was computed from these inputs; otherwise the worker computes it.
 fn passive_state(
     plan: &ResolvedPatient,
     record: Option<&PatientRecord>,
@@ -269,10 +272,11 @@ fn passive_state(
     }
 }
 
-/// The outcome of a task that a worker does at once, with its files in `out`.
+/// Has the worker execute a task at once, and returns its outcome. Its files go to `out`.
 ///
 /// # Errors
-/// [`CliError::Worker`] where it does not answer; files that cannot be written.
+/// [`CliError::Worker`] if the worker fails or its answer cannot be parsed; files that cannot be
+/// written.
 pub fn ask_worker(
     worker: &Path,
     task: &TaskSpec,
@@ -310,7 +314,7 @@ pub fn ask_worker(
         .map_err(|error| said(format!("an answer that is no outcome: {error}")))
 }
 
-/// An answer that does not belong to the question.
+/// Error for an outcome that does not belong to the task.
 pub fn unexpected(worker: &Path) -> CliError {
     CliError::Worker {
         worker: worker.to_owned(),
@@ -318,7 +322,7 @@ pub fn unexpected(worker: &Path) -> CliError {
     }
 }
 
-/// How a task ended, in words.
+/// Description of how a task ended.
 pub fn describe(ending: &Ending) -> String {
     match ending {
         Ending::Diverged {

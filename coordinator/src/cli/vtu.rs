@@ -1,14 +1,14 @@
-//! What a series of VTU files will take, told before it is written.
+//! Announcement of the size of a VTU series before it is written.
 
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::Fidelity;
 
 use super::talk::count;
 
-/// Bytes of a frame for each node of the mesh, compressed. Measured: 66 on 500 nodes, 72 on 2,000.
+/// Bytes per node in a compressed frame. Measured: 66 on 500 nodes, 72 on 2,000.
 const BYTES_PER_NODE: f64 = 70.0;
 
-/// The size in words; nothing where no series is written.
+/// Description of the series and its size; `None` if no series is written.
 #[must_use]
 pub fn announcement(plan: &ResolvedPatient, every_ms: f64) -> Option<String> {
     let solver = &plan.settings.solver;
@@ -54,7 +54,7 @@ mod tests {
             said.contains("101 frames of about 64000 nodes") && said.contains("MB"),
             "{said}"
         );
-        // Finer than the time step there is nothing to write.
+        // A series cannot be finer than the time step.
         assert!(announcement(&plan, 0.1).unwrap().contains("1001 frames"));
     }
 }

@@ -1,6 +1,7 @@
-//! What a search for missing effects found, for people and for the next run: cases, the cohort's pooled evidence, words.
+//! Results of a search for missing effects, for people and for the next run: files of cases and the
+//! patients' overlays.
 //!
-//! Searches are tasks of the engine like any other; here is what follows from their outcomes.
+//! Searches are tasks of the engine like any other. This module handles their outcomes.
 
 pub mod overlay;
 
@@ -12,12 +13,12 @@ use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Discovered};
 use crate::results::atomic;
 use crate::results::discovery::words;
 
-/// Folder of a run of searches beside what was searched.
+/// Folder of a run of searches, inside the folder that is searched.
 pub const FOLDER: &str = "discover";
 /// File of a run's cases in its folder.
 pub const CASES: &str = "discover.json";
 
-/// What is written of one patient.
+/// The case of one patient, as it is written to files.
 #[must_use]
 pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
     DiscoverCase {
@@ -30,33 +31,34 @@ pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
     }
 }
 
-/// Writes one case, or all of them by name, as JSON.
+/// Writes the text of one case or of all cases.
 ///
 /// # Errors
-/// Whatever the file system says.
+/// The file cannot be written.
 pub fn write(path: &Path, text: &str) -> std::io::Result<()> {
     atomic::write(path, |out| out.write_all(text.as_bytes()))
 }
 
-/// One case as a text.
+/// One case as JSON text.
 ///
 /// # Panics
-/// Never: a case is JSON.
+/// Never, because a case is valid JSON.
 #[must_use]
 pub fn case_text(case: &DiscoverCase) -> String {
     serde_json::to_string_pretty(case).expect("a case is JSON") + "\n"
 }
 
-/// All cases as a text.
+/// All cases as JSON text.
 ///
 /// # Panics
-/// Never: cases are JSON.
+/// Never, because cases are valid JSON.
 #[must_use]
 pub fn cases_text(cases: &DiscoverCases) -> String {
     serde_json::to_string_pretty(cases).expect("cases are JSON") + "\n"
 }
 
-/// Cases that an earlier search left in the folder of a run; none where there is no such file or it is of another version.
+/// Cases that an earlier search left in the folder of a run; `None` if the file does not exist or
+/// is of another version.
 #[must_use]
 pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
     let text = std::fs::read(cases_file(run_dir)).ok()?;
@@ -67,13 +69,13 @@ pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
         .then_some(cases)
 }
 
-/// Cases that an earlier search left beside a cohort.
+/// Cases that an earlier search left in the cohort's folder; `None` if there are none.
 #[must_use]
 pub fn beside(cohort: Option<&Path>) -> Option<DiscoverCases> {
     read_cases(&cohort?.join(FOLDER)).filter(|cases| !cases.is_empty())
 }
 
-/// Where a run's cases lie.
+/// Path of a run's cases.
 #[must_use]
 pub fn cases_file(run_dir: &Path) -> PathBuf {
     run_dir.join(CASES)

@@ -1,4 +1,5 @@
-//! `model.toml` beside `patient.toml`: what was accepted for a patient, versioned; `patient.toml` and traces stay as they are.
+//! `model.toml` beside `patient.toml`: versions of the effects accepted for a patient.
+//! `patient.toml` and traces stay as they are.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,60 +9,60 @@ use cardiotwin_schemas::overlay::{Acceptance, AcceptedEvidence, ModelOverlay};
 
 use crate::results::atomic;
 
-/// Name of the current version.
+/// Name of the file that holds the current version.
 const FILE: &str = "model.toml";
 /// First lines of the file.
 const HEAD: &str = "# Written by `cardiotwin discover --accept`; the next `cardiotwin run` personalises with it, `cardiotwin discover --revert`\n\
                     # undoes it. What was measured is never changed. Older versions: model.vN.toml\n";
 
-/// Why a version could not be written.
+/// Errors in accepting or reverting a version.
 #[derive(Debug, thiserror::Error)]
 pub enum OverlayError {
     /// A file cannot be read or written.
     #[error("cannot {what} {path}")]
     File {
-        /// Verb.
+        /// Verb of the operation, as in "cannot read".
         what: &'static str,
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A file that is no overlay.
+    /// The file is not an overlay.
     #[error("{path} is no patient's model: correct it, or move it aside")]
     Format {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Where and why.
+        /// Position and reason of the parser's error.
         source: Box<toml::de::Error>,
     },
-    /// There is nothing to undo.
+    /// No acceptance is current that could be undone.
     #[error("{path} was not written by an acceptance: there is nothing to revert")]
     NothingAccepted {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
     },
 }
 
-/// What became of the current version.
+/// Effect of an operation on the current version.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Change {
-    /// This version is current now.
+    /// A new version with this number is current.
     Written(u32),
-    /// The current version says the same already.
+    /// The current version, with this number, comes from the same search already.
     Same(u32),
-    /// No version is current any more: the patient is as measured.
+    /// No version is current any more, and the patient is as measured.
     Removed,
     /// The search accepted nothing, so there is nothing to write.
     Nothing,
 }
 
-/// Writes what a search found as the patient's next version.
+/// Writes the accepted effects of a search as the patient's next version.
 ///
 /// - `now`: UTC, RFC 3339
 ///
 /// # Errors
-/// [`OverlayError`] when the folder cannot be written or its file is no overlay.
+/// [`OverlayError`] if the folder cannot be written or its file is not an overlay.
 pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, OverlayError> {
     let found = &case.found;
     if found.none {
@@ -119,10 +120,10 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
     write(folder, &overlay)
 }
 
-/// Undoes the last acceptance: the version before it becomes current again, under a new number.
+/// Undoes the last acceptance. The version before it becomes current again, under a new number.
 ///
 /// # Errors
-/// [`OverlayError::NothingAccepted`] where no acceptance is current, and as [`accept`].
+/// [`OverlayError::NothingAccepted`] if no acceptance is current, and the errors of [`accept`].
 pub fn revert(folder: &Path, now: &str) -> Result<Change, OverlayError> {
     let path = folder.join(FILE);
     let current = current(folder)?;
@@ -217,7 +218,7 @@ fn write(folder: &Path, overlay: &ModelOverlay) -> Result<Change, OverlayError> 
     Ok(Change::Written(overlay.version))
 }
 
-/// Highest N of `model.vN.toml`.
+/// Highest N of the files `model.vN.toml`; 0 without any.
 fn kept_versions(folder: &Path) -> u32 {
     let number = |name: &str| {
         name.strip_prefix("model.v")?

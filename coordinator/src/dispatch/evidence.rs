@@ -1,4 +1,4 @@
-//! The contents of an attempt's directory: outcome, claim, revocation, the worker's last words.
+//! Contents of an attempt's directory: outcome, claim, revocation, and the end of the worker's log.
 
 use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
@@ -20,11 +20,11 @@ fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchEr
     move |source| DispatchError::File { what, path, source }
 }
 
-/// The outcome, if one was published. An outcome that cannot be read, or whose files are missing, is evidence too; a
-/// revoked attempt has no outcome.
+/// The outcome, if one was published. An outcome that cannot be read, or whose files are missing,
+/// counts as evidence, too. A revoked attempt has no outcome.
 ///
 /// # Errors
-/// [`DispatchError::File`].
+/// [`DispatchError::File`] if the directory cannot be read.
 pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
     let path = directory.join(names::OUTCOME);
     match closing::read(directory).map_err(file("read", &path))? {
@@ -36,7 +36,8 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
 fn evidence_of(directory: &Path, text: String) -> Evidence {
     let outcome: TaskOutcome = match serde_json::from_str(&text) {
         Ok(outcome) => outcome,
-        // Outcomes appear whole: half of one is a defect and no accident.
+        // Outcomes appear complete or not at all, so that half an outcome is a defect of the
+        // program.
         Err(error) => {
             let path = directory.join(names::OUTCOME);
             return Evidence::Nothing {
@@ -70,18 +71,18 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
 /// Reads the claim on an attempt.
 ///
 /// # Errors
-/// [`DispatchError::File`].
+/// [`DispatchError::File`] if the claim cannot be read.
 pub fn claim_on(directory: &Path) -> Result<ClaimFile, DispatchError> {
     claim::read(directory).map_err(file("read", &directory.join(names::CLAIM)))
 }
 
-/// Revokes an attempt: from now on its worker publishes nothing. An outcome that was published before stays, and is
-/// returned to be taken up.
+/// Revokes an attempt, so that its worker publishes nothing from now on. An outcome that was
+/// published before stays valid and is returned.
 ///
-/// - `reason`: why, for a person who reads the attempt's directory
+/// - `reason`: explanation for people who read the attempt's directory
 ///
 /// # Errors
-/// [`DispatchError::File`].
+/// [`DispatchError::File`] if the revocation cannot be written or the outcome cannot be read.
 pub fn revoke(
     directory: &Path,
     attempt: &AttemptId,
@@ -100,7 +101,7 @@ pub fn revoke(
     }
 }
 
-/// Last line of the worker's log, for messages.
+/// Last line of the worker's log, at most 300 characters, for error messages.
 pub fn last_words(directory: &Path) -> Option<String> {
     let mut file = fs::File::open(directory.join(names::LOG)).ok()?;
     let length = file.metadata().ok()?.len();

@@ -1,4 +1,5 @@
-//! No-op tasks inside the coordinator: measures orchestration alone, without processes, directories and outcome files.
+//! No-op tasks inside the coordinator, which measure orchestration without processes, directories
+//! and outcome files.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -15,10 +16,10 @@ use tokio::sync::mpsc;
 use super::{DispatchError, Evidence, Executor, Found, News, Order};
 use crate::clock;
 
-/// How many results one call of [`Executor::news`] brings at most: they share a commit.
+/// Most results that one call of [`Executor::news`] returns. They are committed together.
 const LARGEST_GROUP: usize = 2048;
 
-/// No-op tasks inside the coordinator.
+/// Executor of no-op tasks inside the coordinator.
 #[derive(Debug)]
 pub struct InProcess {
     at_once: usize,
@@ -28,7 +29,7 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// Takes `at_once` tasks at a time.
+    /// An executor that takes `at_once` tasks at a time.
     #[must_use]
     pub fn new(at_once: usize) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
@@ -101,7 +102,7 @@ impl Executor for InProcess {
     }
 
     fn adopt(&mut self, _attempt: &AttemptId, _directory: &Path) -> Result<Found, DispatchError> {
-        // What ran inside a coordinator ended with it.
+        // A task inside an earlier coordinator ended with that coordinator.
         Ok(Found::Unclaimed)
     }
 
@@ -111,13 +112,13 @@ impl Executor for InProcess {
         _directory: &Path,
         _now: bool,
     ) -> Result<bool, DispatchError> {
-        // A no-op is over soon enough.
+        // A no-op ends by itself soon enough.
         Ok(self.running.contains(attempt))
     }
 
     async fn news(&mut self) -> Vec<News> {
         let mut attempts = Vec::new();
-        // Pending for ever when nothing runs: whoever waits has other things to wait for, too.
+        // Pending for ever if nothing runs. The caller waits for other events at the same time.
         self.ended.recv_many(&mut attempts, LARGEST_GROUP).await;
         for attempt in &attempts {
             self.running.remove(attempt);

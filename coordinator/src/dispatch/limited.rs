@@ -1,4 +1,4 @@
-//! Commands of the operator's: given their input, and never waited for longer than a limit.
+//! Commands of the operator, which get their input and a time limit.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Stdio;
@@ -7,20 +7,21 @@ use std::time::Duration;
 use tokio::io::AsyncWriteExt as _;
 use tokio::process::Command;
 
-/// How a command ended.
+/// The way in which a command ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CommandEnd {
-    /// By itself, with this code.
+    /// The command exited with this code.
     Code(i32),
-    /// By a signal.
+    /// A signal ended the command.
     Signal,
-    /// It took too long and was killed, with what it had started.
+    /// The command took too long and was killed together with its child processes.
     TimedOut,
-    /// Why not.
+    /// The command could not be started, with the reason.
     NotStarted(String),
 }
 
-/// Starts a program with arguments in a process group of its own, gives it `input`, and waits for its end.
+/// Starts a program with arguments in a process group of its own, writes `input` to its stdin, and
+/// waits for its end, at most for `limit`.
 pub async fn run_limited(command: &[String], input: &str, limit: Duration) -> CommandEnd {
     let Some((program, arguments)) = command.split_first() else {
         return CommandEnd::NotStarted("no program is named".into());
@@ -40,7 +41,7 @@ pub async fn run_limited(command: &[String], input: &str, limit: Duration) -> Co
     let stdin = child.stdin.take();
     let whole = async {
         if let Some(mut stdin) = stdin {
-            // A command that does not read is none the worse for it.
+            // A command that does not read its input may still succeed.
             let _ = stdin.write_all(input.as_bytes()).await;
         }
         child.wait().await
@@ -86,7 +87,7 @@ mod tests {
             (end, std::fs::read_to_string(got).unwrap().as_str()),
             (CommandEnd::Code(3), "what happened")
         );
-        // More than a pipe holds, to a command that reads none of it.
+        // The input is larger than a pipe, and the command reads none of it.
         let much = "x".repeat(1 << 20);
         assert_eq!(
             run_limited(&shell("exit 0"), &much, limit).await,
@@ -115,7 +116,7 @@ mod tests {
         let state =
             || std::fs::read_to_string(format!("/proc/{}/stat", pid.trim())).unwrap_or_default();
         for _ in 0..500 {
-            // Killed, and perhaps not yet reaped by whoever inherits it.
+            // A killed child may not be reaped yet by the process that inherited it.
             if state().is_empty() || state().contains(") Z ") {
                 return;
             }

@@ -1,11 +1,12 @@
-//! Worker processes on this machine, N at once.
+//! Worker processes on this machine, a limited number at once.
 //!
-//! Each worker leads its own process group, so that Ctrl-C on the terminal reaches the coordinator alone. A worker that
-//! outlives its coordinator is found by its claim and watched as if it were ours. Two workers in one directory are
-//! harmless: the claim is created exclusively, and the second one ends with exit code 3.
+//! Each worker leads its own process group, so that Ctrl-C on the terminal reaches only the
+//! coordinator. A worker that outlives its coordinator is found by its claim and watched like a
+//! child process. Two workers in one directory are harmless: the claim is created exclusively, and
+//! the second worker ends with exit code 3.
 //!
-//! A 3D simulation may run on MPI ranks instead, under a launcher: the claim is then that of rank 0, which is asked to leave in
-//! the launcher's place. It ends the other ranks.
+//! A 3D simulation may run on MPI ranks under a launcher. Rank 0 then holds the claim, and a
+//! request to stop goes to rank 0 instead of the launcher. Rank 0 ends the other ranks.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -26,17 +27,17 @@ use super::evidence;
 use super::process::signal_group;
 use super::{DispatchError, Evidence, Executor, Found, News, Order};
 
-/// How often orphans and stopped workers are looked at.
+/// Interval at which orphans and stopped workers are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How long a worker may take to leave after SIGTERM: a beat writes its checkpoint after the step that it is in, seconds on
-/// a large mesh.
+/// Time that a worker has to leave after SIGTERM. A beat finishes its current step before it writes
+/// a checkpoint, which takes seconds on a large mesh.
 const GRACE: Duration = Duration::from_secs(20);
-/// A claim that stays unreadable for so long was cut off by the end of its writer.
+/// Age from which an unreadable claim counts as cut off by the end of its writer.
 const CLAIM_GRACE: Duration = Duration::from_secs(5);
-/// The worker's answer when another process holds the claim.
+/// Exit code of a worker if another process holds the claim.
 const EXIT_CLAIMED: i32 = 3;
 
-/// Worker processes on this machine.
+/// Executor that runs worker processes on this machine.
 #[derive(Debug)]
 pub struct Local {
     worker: PathBuf,
@@ -48,17 +49,17 @@ pub struct Local {
     tell: mpsc::UnboundedSender<Exit>,
 }
 
-/// How 3D simulations become MPI ranks.
+/// Launcher that runs 3D simulations on MPI ranks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Launcher {
-    /// The launcher with its arguments; `-n RANKS` is added.
+    /// The launcher's program and arguments; `-n RANKS` is appended.
     pub command: Vec<String>,
-    /// The executable of each rank.
+    /// Executable of each rank.
     pub worker: PathBuf,
 }
 
 impl Launcher {
-    /// With the ranks' executable beside the worker; none for an empty command.
+    /// A launcher of the MPI executable beside `worker`; `None` for an empty command.
     #[must_use]
     pub fn beside(command: &[String], worker: &Path) -> Option<Self> {
         let worker = worker.with_file_name("cardiotwin-worker-mpi");
@@ -74,7 +75,7 @@ struct Running {
     directory: PathBuf,
     pid: u32,
     start: u64,
-    /// Not our child: watched by looking.
+    /// Claim of a worker that is not a child process and is therefore polled.
     orphan: Option<Claim>,
     stopped: Option<Instant>,
 }
@@ -86,7 +87,7 @@ struct Exit {
 }
 
 impl Local {
-    /// Runs `worker`, `at_once` of them at a time.
+    /// An executor that runs at most `at_once` processes of `worker`.
     #[must_use]
     pub fn new(worker: PathBuf, at_once: usize) -> Self {
         let (tell, exits) = mpsc::unbounded_channel();
@@ -101,13 +102,14 @@ impl Local {
         }
     }
 
-    /// Runs 3D simulations with several threads on as many ranks.
+    /// Runs 3D simulations that have several threads on as many ranks.
     #[must_use]
     pub fn with_launcher(self, launcher: Option<Launcher>) -> Self {
         Self { launcher, ..self }
     }
 
-    /// What runs an attempt, on ranks where it has several and there is a launcher; and the program's name for errors.
+    /// Command that runs an attempt, on ranks if it has several and there is a launcher, and the
+    /// program's name for error messages.
     fn program(&self, n_ranks: u32) -> (Command, PathBuf) {
         let launcher = self.launcher.as_ref().filter(|_| n_ranks > 1);
         let Some((Launcher { worker, .. }, [program, arguments @ ..])) =
@@ -116,7 +118,8 @@ impl Local {
             return (Command::new(&self.worker), self.worker.clone());
         };
         let mut command = Command::new(program);
-        // In a job of Slurm's the driver's own step has the resources: a step of the launcher's would wait for them for ever.
+        // Inside a Slurm job, the driver's own step holds the resources. Without overlap, the
+        // launcher's step would wait for them for ever.
         command.env("SLURM_OVERLAP", "1");
         command
             .args(arguments)
@@ -125,7 +128,7 @@ impl Local {
         (command, program.into())
     }
 
-    /// Gives workers that are asked to leave so long before they are forced.
+    /// Sets the time that workers have to leave before they are killed.
     #[must_use]
     pub fn with_grace(self, grace: Duration) -> Self {
         Self { grace, ..self }
@@ -136,7 +139,8 @@ impl Local {
         let file = |what, path: PathBuf| move |source| DispatchError::File { what, path, source };
         fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
         let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
-        // A worker of an earlier coordinator may be reading it: replaced whole, never seen half.
+        // A worker of an earlier coordinator may be reading the file, so that it is replaced as a
+        // whole.
         let path = directory.join(names::SPEC);
         files::replace(&path, &spec).map_err(file("write", path))?;
         let path = directory.join(names::LOG);
@@ -164,13 +168,14 @@ impl Local {
         let (tell, attempt) = (self.tell.clone(), order.spec.attempt.clone());
         tokio::spawn(async move {
             let status = child.wait().await;
-            // Nobody listens only when the coordinator is on its way out.
+            // The channel is closed only if the coordinator is ending.
             let _ = tell.send(Exit { attempt, status });
         });
         Ok(pid)
     }
 
-    /// What the end of our child means.
+    /// News that follow from the exit of a child process; `None` if the attempt is not watched any
+    /// more.
     fn ended(&mut self, exit: Exit) -> Result<Option<News>, DispatchError> {
         let Exit { attempt, status } = exit;
         let Some(running) = self.running.get(&attempt) else {
@@ -181,7 +186,8 @@ impl Local {
             .as_ref()
             .is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
         let news = match self.look(&directory)? {
-            // Another process has it: started by an earlier coordinator that was killed in the act.
+            // Another process holds the claim. An earlier coordinator started it and was killed
+            // before it recorded that.
             Found::Alive(claim) if claim.pid != running.pid => {
                 self.watch(&attempt, &directory, &claim);
                 return Ok(Some(News::Alive { attempt, claim }));
@@ -205,7 +211,7 @@ impl Local {
             Found::Elsewhere(_) => News::Vanished {
                 attempt: attempt.clone(),
             },
-            // By another process: our child said so.
+            // The claim is being written by another process, as the child's exit code shows.
             Found::BeingClaimed if claimed_before => News::Vanished {
                 attempt: attempt.clone(),
             },
@@ -228,7 +234,7 @@ impl Local {
     fn look(&self, directory: &Path) -> Result<Found, DispatchError> {
         match evidence::claim_on(directory)? {
             ClaimFile::Absent => Ok(Found::Unclaimed),
-            // Without an age its writer may be at it this moment.
+            // A claim of unknown age may be being written at this moment.
             ClaimFile::Unreadable if claim::age(directory).is_none_or(|age| age < CLAIM_GRACE) => {
                 Ok(Found::BeingClaimed)
             }
@@ -247,7 +253,8 @@ impl Local {
         }
     }
 
-    /// Nobody is left who could still write: only now the outcome's absence means something.
+    /// State of an attempt without a living process. Only now can the absence of an outcome be
+    /// trusted, because no process is left to write one.
     fn over(&self, directory: &Path, claim: Option<Claim>) -> Result<Found, DispatchError> {
         let evidence = evidence::outcome(directory)?.unwrap_or_else(|| Evidence::Nothing {
             class: FailureClass::Site,
@@ -267,7 +274,7 @@ impl Local {
         self.running.insert(attempt.clone(), running);
     }
 
-    /// Looks at those of whom no exit will be told, and presses those that were asked to leave.
+    /// Checks processes that are not children, and kills workers that did not leave in time.
     fn patrol(&mut self) -> Result<Vec<News>, DispatchError> {
         let mut over = Vec::new();
         for (attempt, running) in &mut self.running {
@@ -303,7 +310,7 @@ impl Local {
 }
 
 impl Running {
-    /// Asks to leave, or forces it.
+    /// Asks the worker to leave, or kills it `by_force`.
     fn press(&self, by_force: bool) {
         let rank_0 = match evidence::claim_on(&self.directory) {
             Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => {
@@ -312,15 +319,15 @@ impl Running {
             _ => None,
         };
         match rank_0.filter(process::lives) {
-            // A launcher that is asked ends its ranks after a moment, before there is a checkpoint; one that loses a rank ends the
-            // others.
+            // A launcher that gets the signal ends its ranks after a moment, before there is a
+            // checkpoint. A launcher that loses a rank ends the other ones.
             Some(claim) => signal_group(claim.pid, claim.pid_start_ticks, by_force),
             None => signal_group(self.pid, self.start, by_force),
         }
     }
 }
 
-/// What is said of a worker that left no outcome.
+/// Evidence about a worker that left no outcome.
 fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
     let (class, reason) = match status {
         Ok(status) => match (status.signal(), status.code()) {
@@ -363,7 +370,8 @@ fn with_last_words(reason: &str, directory: &Path) -> String {
     )
 }
 
-/// A directory that cannot be read is told as an end of the site's doing: the loop decides what follows.
+/// Reports an unreadable directory as an end of class [`FailureClass::Site`], so that the engine's
+/// loop decides what follows.
 fn told(result: Result<Vec<News>, DispatchError>, attempt: Option<AttemptId>) -> Vec<News> {
     match (result, attempt) {
         (Ok(news), _) => news,
@@ -378,7 +386,7 @@ fn told(result: Result<Vec<News>, DispatchError>, attempt: Option<AttemptId>) ->
                 claim: None,
             }]
         }
-        (Err(_), None) => Vec::new(), // looked at again at the next patrol
+        (Err(_), None) => Vec::new(), // the next patrol looks again
     }
 }
 
@@ -444,7 +452,7 @@ impl Executor for Local {
             } else {
                 self.exits.recv().await
             };
-            // One exit rarely comes alone: those that are here already share a commit.
+            // Exits often come in groups. Those that are here already share a commit.
             let mut next = exit;
             while let Some(exit) = next {
                 let attempt = exit.attempt.clone();

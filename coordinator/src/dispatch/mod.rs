@@ -1,7 +1,9 @@
-//! Where attempts run. An executor starts, watches and ends them; it decides nothing and knows no database.
+//! Execution of attempts. An executor starts, watches and ends them. It decides nothing and does
+//! not access the database.
 //!
-//! Every call may come twice: a coordinator that was killed repeats what it cannot know to have happened. Evidence is
-//! read from the attempt's own directory first (`outcome.json`, `started.json`), from the operating system second.
+//! Every call may come twice, because a coordinator that was killed cannot know which calls took
+//! effect. Evidence is read from the attempt's own directory first (`outcome.json`,
+//! `started.json`), and from the operating system second.
 
 mod evidence;
 mod in_process;
@@ -26,111 +28,111 @@ pub use limited::{CommandEnd, run_limited};
 pub use local::{Launcher, Local};
 pub use process::{claim_of_this_process, lives_here, own_uid};
 
-/// What an executor needs to start an attempt.
+/// Data that an executor needs to start an attempt.
 #[derive(Debug, Clone)]
 pub struct Order {
-    /// Becomes `spec.json`.
+    /// Specification, written to `spec.json`.
     pub spec: AttemptSpec,
-    /// The attempt's own directory, absolute.
+    /// The attempt's own directory, as an absolute path.
     pub directory: PathBuf,
 }
 
-/// What an attempt left behind.
+/// Evidence of how an attempt ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
-    /// An outcome, with its text as it was found.
+    /// A published outcome.
     Outcome {
-        /// What it says.
+        /// The parsed outcome.
         outcome: Box<TaskOutcome>,
-        /// The text.
+        /// The text from which it was parsed.
         text: String,
     },
     /// No outcome, and no process that could still write one.
     Nothing {
-        /// Whose fault, as far as it can be told.
+        /// Class of the failure, as far as it can be determined.
         class: FailureClass,
-        /// What is known: exit code, signal, last line of the log.
+        /// Exit code, signal, or last line of the log.
         reason: String,
     },
 }
 
-/// Something that happened to an attempt.
+/// An event of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
-    /// Another process than the one that we started holds the claim and lives.
+    /// The claim is held by a living process that this executor did not start.
     Alive {
-        /// Which attempt.
+        /// Id of the attempt.
         attempt: AttemptId,
-        /// Who.
+        /// Claim of the living process.
         claim: Claim,
     },
-    /// It ended.
+    /// The attempt ended.
     Ended {
-        /// Which attempt.
+        /// Id of the attempt.
         attempt: AttemptId,
-        /// With what.
+        /// Outcome, or the reason for its absence.
         evidence: Evidence,
-        /// Who had claimed it.
+        /// Claim on the attempt, if it was claimed.
         claim: Option<Claim>,
     },
-    /// It can no longer be seen whether it lives.
+    /// It cannot be observed any more whether the attempt is alive.
     Vanished {
-        /// Which attempt.
+        /// Id of the attempt.
         attempt: AttemptId,
     },
 }
 
-/// What is found of an attempt that an earlier coordinator started, or was about to.
+/// State of an attempt that an earlier coordinator started or was about to start.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Found {
-    /// It lives, and is watched from now on.
+    /// Its process lives, and is watched from now on.
     Alive(Claim),
-    /// It is over.
+    /// The attempt is over.
     Over {
-        /// With what.
+        /// Outcome, or the reason for its absence.
         evidence: Evidence,
-        /// Who had claimed it.
+        /// Claim on the attempt, if it was claimed.
         claim: Option<Claim>,
     },
-    /// Nobody has claimed it: it may be submitted (again).
+    /// The attempt has no claim and may be submitted (again).
     Unclaimed,
-    /// Its claim is half written: to be looked at again.
+    /// Its claim is incomplete and should be read again later.
     BeingClaimed,
-    /// Claimed on another host: nothing can be said from here.
+    /// A process on another host holds the claim, and its state cannot be determined from here.
     Elsewhere(Claim),
 }
 
-/// Why an attempt cannot be handed over.
+/// Errors in handing over or watching an attempt.
 #[derive(Debug, thiserror::Error)]
 pub enum DispatchError {
-    /// A file of the attempt's directory.
+    /// A file of the attempt's directory cannot be read or written.
     #[error("cannot {what} {path}")]
     File {
-        /// Verb.
+        /// Verb of the operation, as in "cannot read".
         what: &'static str,
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// The worker cannot be started.
     #[error("cannot start {worker}")]
     Spawn {
-        /// Its executable.
+        /// Path of the worker's executable.
         worker: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// Not for this executor.
+    /// The executor does not run tasks of this kind.
     #[error("the in-process executor only does no-op tasks, not {kind}")]
     Kind {
-        /// The task's kind.
+        /// Kind of the task.
         kind: &'static str,
     },
 }
 
 impl DispatchError {
-    /// Whether waiting a moment may help: the process table or memory is full.
+    /// Whether the error may pass by itself, because the process table or the memory is full.
     #[must_use]
     pub fn is_passing(&self) -> bool {
         matches!(self, Self::Spawn { source, .. }
@@ -140,30 +142,31 @@ impl DispatchError {
 
 /// Starts, watches and ends attempts.
 pub trait Executor: Send {
-    /// As in the table of allocations.
+    /// Name of the executor in the table of allocations.
     fn kind(&self) -> &'static str;
 
-    /// How many more attempts it would take now.
+    /// Number of attempts that the executor would take now.
     fn free(&self) -> usize;
 
-    /// Starts an attempt; with an attempt that is claimed already nothing is done twice.
+    /// Starts an attempt. If the attempt is claimed already, no work is done twice.
     fn submit(
         &mut self,
         order: Order,
     ) -> impl Future<Output = Result<ExternalId, DispatchError>> + Send;
 
-    /// Looks for an attempt of an earlier coordinator and watches it if it lives.
+    /// Looks for an attempt of an earlier coordinator, and watches it if it is alive.
     ///
     /// # Errors
-    /// [`DispatchError::File`] when its directory cannot be read.
+    /// [`DispatchError::File`] if its directory cannot be read.
     fn adopt(&mut self, attempt: &AttemptId, directory: &Path) -> Result<Found, DispatchError>;
 
-    /// Revokes an attempt unless it has published, and ends its process: kindly first, by force after a while, or at
-    /// once when `now`. Tells whether a process is still watched, whose end will be news; where none is, an outcome
-    /// that was published first is found by [`Executor::adopt`].
+    /// Revokes an attempt unless it has published, and ends its process: by a request first and by
+    /// force after a while, or by force at once if `now`. Returns whether a process is still
+    /// watched, whose end will be reported by [`Executor::news`]. If not, [`Executor::adopt`] finds
+    /// an outcome that was published before.
     ///
     /// # Errors
-    /// [`DispatchError::File`] when the revocation cannot be written.
+    /// [`DispatchError::File`] if the revocation cannot be written.
     fn stop(
         &mut self,
         attempt: &AttemptId,
@@ -171,6 +174,6 @@ pub trait Executor: Send {
         now: bool,
     ) -> Result<bool, DispatchError>;
 
-    /// Waits until there is something to tell. Dropping the future loses nothing.
+    /// Waits for events. Dropping the future loses none.
     fn news(&mut self) -> impl Future<Output = Vec<News>> + Send;
 }

@@ -1,5 +1,6 @@
-//! Tables and traces of a run for other programs: the paper's Tables 1, 2, A6 and A7 for this cohort as CSV and JSON,
-//! and all traces as one tidy CSV. Touches neither store nor network. Columns are named as in `docs/formats.md`.
+//! Tables and traces of a run for other programs: the paper's Tables 1, 2, A6 and A7 for this
+//! cohort as CSV and JSON, and all traces as one tidy CSV. The module accesses neither store nor
+//! network. Columns are named as in `docs/formats.md`.
 
 mod paper;
 pub mod ro_crate;
@@ -12,19 +13,22 @@ use cardiotwin_schemas::record::RunRecord;
 
 use crate::results::{WriteError, atomic};
 
-/// What was written.
+/// Files of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
-    /// `table_1`, `table_2`, `table_A6`, `table_A7`, each as `.csv` and `.json`, then `traces.csv`.
+    /// Paths of `table_1`, `table_2`, `table_A6`, `table_A7`, each as `.csv` and `.json`, followed
+    /// by `traces.csv`.
     pub files: Vec<PathBuf>,
-    /// Files of the run that could not be read, one sentence each; their traces are missing.
+    /// One sentence for each file of the run that could not be read and whose traces are therefore
+    /// missing.
     pub problems: Vec<String>,
 }
 
-/// Writes tables and traces of a run into a folder, which is made where it is not there. What a patient lacks is empty.
+/// Writes tables and traces of a run into a folder, which is made if it does not exist. Values that
+/// a patient lacks are left empty.
 ///
 /// # Errors
-/// [`WriteError`]; each file is written atomically.
+/// [`WriteError`] if a file cannot be written. Each file is written atomically.
 pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
     std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
     let mut files = Vec::new();

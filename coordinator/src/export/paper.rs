@@ -1,6 +1,6 @@
-//! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. Columns carry the names under which the
-//! paper's own numbers are kept, so that both can be joined; `LFM` is step 1, `HFM` step 2 there. Columns that the
-//! paper does not have stand at the end.
+//! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. Columns have the names
+//! under which the paper's own numbers are kept, so that both can be joined; there `LFM` is step 1
+//! and `HFM` step 2. Columns that the paper lacks come last.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::cell::TABLE_A7;
@@ -49,7 +49,7 @@ pub fn table_1(run: &RunRecord) -> Table {
         ]),
         rows: rows(run, |view| {
             let p = view.0;
-            // A ventricle with a mesh counts it; the reduced one has none.
+            // A ventricle with a mesh counts nodes and elements; the reduced one has none.
             let counted = |name: &str| {
                 number(
                     view.beat(Step::Step1)
@@ -154,7 +154,8 @@ pub fn table_a6(run: &RunRecord) -> Table {
     }
 }
 
-/// Personalised Land and Rice models with a_p and the smallest stretch; other fitted parameters after them.
+/// Personalised Land and Rice models with a_p, followed by other fitted parameters and the smallest
+/// stretch.
 pub fn table_a7(run: &RunRecord) -> Table {
     let mut columns = names(&TABLE_A7);
     columns.push("a_p_kPa".to_owned());
@@ -167,7 +168,7 @@ pub fn table_a7(run: &RunRecord) -> Table {
     }
     let fitted = columns.clone();
     columns.extend(names(&["lambda_min", "lambda_min_reached", "on_bounds"]));
-    // What the data determine of each, where that was looked at.
+    // Near-optimal intervals and marks of the parameters for which they were computed.
     let profiled: Vec<String> = fitted
         .iter()
         .filter(|name| is_profiled(run, name))

@@ -4,30 +4,30 @@ use serde_json::{Map, Value, json};
 
 use crate::results::MeanSd;
 
-/// A row: one per patient, or several where `kind` tells them apart (clinical, step 1, …).
+/// A row of a table. A patient may have several rows that differ in `kind` (clinical, step 1, …).
 pub struct Row {
-    /// Pseudonym.
+    /// Pseudonym of the patient.
     pub patient: String,
-    /// Which of the patient's rows; all rows of a table have one, or none has.
+    /// Kind of the row. Either all rows of a table have one, or none has.
     pub kind: Option<&'static str>,
-    /// In the order of the columns; null is missing.
+    /// Values in the order of the columns; null for missing ones.
     pub values: Vec<Value>,
 }
 
-/// A table.
+/// A table of the export.
 pub struct Table {
     /// File name without extension.
     pub name: &'static str,
-    /// What it holds.
+    /// Caption of the table.
     pub caption: &'static str,
-    /// With units.
+    /// Names of the columns, including units.
     pub columns: Vec<String>,
-    /// In the cohort's order.
+    /// Rows in the cohort's order.
     pub rows: Vec<Row>,
 }
 
 impl Table {
-    /// Kinds of rows in their order; `[None]` where rows have none.
+    /// Kinds of rows in their order; `[None]` if rows have no kind.
     fn kinds(&self) -> Vec<Option<&'static str>> {
         let mut kinds = Vec::new();
         for row in &self.rows {
@@ -38,7 +38,7 @@ impl Table {
         kinds
     }
 
-    /// Mean and SD of every column over the rows of a kind; absent for columns of words.
+    /// Mean and SD of every column over the rows of a kind; `None` for columns of text.
     fn spread(&self, kind: Option<&'static str>) -> Vec<Option<MeanSd>> {
         let of = |column: usize| {
             MeanSd::of(
@@ -51,8 +51,9 @@ impl Table {
         (0..self.columns.len()).map(of).collect()
     }
 
-    /// As CSV: `patient`, `row` where rows have kinds, then the columns; after the patients, rows `mean`, `SD` (n − 1)
-    /// and `n` (how many values there were).
+    /// The table as CSV with the columns `patient`, `row` (if rows have kinds), and the table's own
+    /// columns. The patients are followed by rows `mean`, `SD` (with n − 1) and `n` (number of
+    /// values).
     #[must_use]
     pub fn csv(&self) -> String {
         let with_kind = self.rows.iter().any(|r| r.kind.is_some());
@@ -94,7 +95,8 @@ impl Table {
             .expect("CSV of text is text")
     }
 
-    /// As JSON: `caption`, `columns`, `rows` by patient (and kind), `mean`, `SD`, `n` by kind.
+    /// The table as JSON: `caption`, `columns`, `rows` by patient (and kind), and `mean`, `SD`, `n`
+    /// by kind.
     #[must_use]
     pub fn json(&self) -> String {
         let object = |values: &mut dyn Iterator<Item = Value>| {
@@ -147,12 +149,13 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// Twelve significant digits: the last bits of a sum depend on its order, and say nothing.
+/// A value with twelve significant digits, because the last bits of a sum depend on the order of
+/// its terms.
 fn rounded(value: f64) -> f64 {
     format!("{value:.11e}").parse().unwrap_or(value)
 }
 
-/// A number to twelve significant digits, or null for what is missing or not finite.
+/// A number with twelve significant digits, or null for a value that is missing or not finite.
 #[must_use]
 pub fn number(value: Option<f64>) -> Value {
     value

@@ -1,4 +1,4 @@
-//! All traces of a run in long form: one value a row.
+//! All traces of a run in long form, with one value per row.
 
 use std::io::{self, Write};
 
@@ -6,8 +6,9 @@ use cardiotwin_schemas::record::RunRecord;
 
 use crate::results::Signals;
 
-/// Columns `patient,source,signal,time_ms,value,unit`; a patient at a time, so that memory does not grow with the
-/// cohort. `problems` takes a sentence for each file that could not be read.
+/// Writes the columns `patient,source,signal,time_ms,value,unit`, one patient after the other, so
+/// that memory does not grow with the cohort. `problems` gets a sentence for each file that could
+/// not be read.
 pub fn write(run: &RunRecord, out: &mut dyn Write, problems: &mut Vec<String>) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record(["patient", "source", "signal", "time_ms", "value", "unit"])?;

@@ -1,4 +1,4 @@
-//! Patients whose own mesh has both ventricles, or surfaces with springs.
+//! Tests of patients whose own mesh has both ventricles, or surfaces with springs.
 
 use super::tests::{COHORT, Folder, PATIENT, only};
 use super::{Cohort, Options};
@@ -6,7 +6,8 @@ use cardiotwin_schemas::finite_element::{OwnRightVentricle, RightPressureSpec};
 
 const THREE_D: &str = "[solver]\nfidelity = \"finite-element\"\n";
 
-/// A cohort of one patient with Ambit's bi-ventricle, and these lines about the right one; what is said of it.
+/// A cohort of one patient with Ambit's bi-ventricle and these lines about the right ventricle, and
+/// its problems.
 fn said(right: &str, settings: &str, trace: Option<&str>) -> (Option<Cohort>, Vec<String>) {
     let mesh = "\n[anatomy.mesh]\nfile = \"ambit_biv\"\nunit = \"um\"\nleft_ventricle = [1]\n\
                 activation_sites_mm = [[-19.2, -1.7, -41.4]]\n";
@@ -41,7 +42,7 @@ fn table(lines: &str) -> String {
     format!("\n[anatomy.mesh.right_ventricle]\n{lines}\n")
 }
 
-/// A right ventricle's pressure over 700 ms, in whatever unit makes it `factor` times 5 to 25 mmHg.
+/// Trace of a right ventricle's pressure over 700 ms, `factor` times 5 to 25 mmHg.
 fn trace(factor: f64) -> String {
     use std::fmt::Write as _;
     let mut text = "time_ms,pressure_mmHg\n".to_owned();

@@ -1,4 +1,4 @@
-//! A cohort's folder: `cohort.toml`, a folder per patient, and whatever was learned about them.
+//! A cohort's folder: `cohort.toml`, a folder per patient, and the effects accepted for them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,53 +18,54 @@ use super::nearest::nearest;
 use super::report::Report;
 use super::{data, mesh, patient, ranges, resolve, shape};
 
-/// What is asked for beyond the files.
+/// Options of a load beyond the files.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Patients; empty is all.
+    /// Ids of the patients to load; empty means all.
     pub only: Vec<String>,
-    /// Settings that `rerun` stored, by patient.
+    /// Settings stored by `rerun`, by patient.
     pub overrides: BTreeMap<String, Value>,
-    /// `key=value` of the command line.
+    /// Assignments `key=value` from the command line.
     pub set: Vec<String>,
-    /// Whether patients' own meshes are read and looked at, which takes seconds where they are large.
+    /// Whether patients' own meshes are read and checked, which takes seconds for large meshes.
     pub meshes: bool,
 }
 
-/// A cohort that was read.
+/// A cohort as read from its folder.
 #[derive(Debug, Clone)]
 pub struct Cohort {
-    /// Its folder, as given.
+    /// Folder of the cohort, as given.
     pub directory: PathBuf,
-    /// Its name.
+    /// Name of the cohort.
     pub name: String,
-    /// One sentence.
+    /// Description in one sentence.
     pub description: String,
-    /// Settings of the cohort, without any patient's own.
+    /// Settings of the cohort, without any patient's own settings.
     pub settings: Merged,
-    /// In the order of their folders' names.
+    /// Patients in the order of their folders' names.
     pub patients: Vec<Patient>,
 }
 
-/// A patient that was read.
+/// A patient as read from its folder.
 #[derive(Debug, Clone)]
 pub struct Patient {
-    /// Name of the folder, and pseudonym.
+    /// Pseudonym of the patient, which is its folder's name.
     pub id: String,
-    /// Settings, all layers.
+    /// Settings from all layers.
     pub settings: Merged,
-    /// Its file, and the line of each of its keys.
+    /// Path of patient.toml, and the line of each of its keys.
     pub lines: (PathBuf, BTreeMap<String, usize>),
-    /// Its file as it was read, and the folder where it lies.
+    /// Content of patient.toml.
     pub file: PatientFile,
-    /// See [`Patient::file`].
+    /// Folder that holds patient.toml.
     pub folder: PathBuf,
-    /// The plan, where nothing is wrong with the patient.
+    /// The plan; `None` if the patient has errors.
     pub resolved: Option<ResolvedPatient>,
 }
 
 impl Patient {
-    /// Where the value called `name` (the last part of a key) was set: dotted key and place, settings first.
+    /// Places where the value called `name` (the last part of a key) was set: dotted key and place,
+    /// settings first.
     #[must_use]
     pub fn places_of(&self, name: &str) -> Vec<(String, String)> {
         let ends = |key: &str| key.rsplit('.').next() == Some(name);
@@ -73,7 +74,8 @@ impl Patient {
             .leaves()
             .into_iter()
             .filter(|(key, _, origin)| {
-                // Built in says nothing about where to look; lines of this patient's own file follow below.
+                // A default has no place to look at, and lines of this patient's own file follow
+                // below.
                 ends(key) && !matches!(origin, Origin::Default)
             });
         let mut places: Vec<(String, String)> = settings
@@ -89,7 +91,7 @@ impl Patient {
 }
 
 impl Cohort {
-    /// Plans of all patients; call it when the report has no errors.
+    /// Plans of the patients without errors.
     #[must_use]
     pub fn plans(&self) -> Vec<ResolvedPatient> {
         self.patients
@@ -99,7 +101,8 @@ impl Cohort {
     }
 }
 
-/// Reads and checks a cohort: every problem of every file goes to `report`. None where `cohort.toml` cannot be read.
+/// Reads and checks a cohort. Every problem of every file goes to `report`. `None` if `cohort.toml`
+/// cannot be read.
 pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<Cohort> {
     let path = inside(directory, "cohort.toml");
     let command_line = Layer::from_command_line(&options.set, report);
@@ -142,8 +145,8 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     })
 }
 
-/// Reads and checks a patient's folder that may lie outside of any cohort; its id is what its file says. Every problem goes
-/// to `report`. None where `patient.toml` cannot be read.
+/// Reads and checks a patient's folder that may lie outside any cohort. Its id is the one in its
+/// file. Every problem goes to `report`. `None` if `patient.toml` cannot be read.
 pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     let own_id = || {
         let text = std::fs::read_to_string(folder.join("patient.toml")).ok()?;
@@ -194,13 +197,13 @@ struct Layers<'a> {
     cohort: &'a Layer,
     overrides: Option<Layer>,
     command_line: &'a Layer,
-    /// The cohort's.
+    /// Folder of the cohort.
     folder: &'a Path,
     /// See [`Options::meshes`].
     meshes: bool,
 }
 
-/// A patient, and the id that stands in its file.
+/// A patient, and the id in its file.
 fn load_patient(
     id: &str,
     folder: &Path,
@@ -217,7 +220,7 @@ fn load_patient(
         "settings",
     );
     let overrides = layers.overrides.unwrap_or_default();
-    // A rerun is about one patient and wins over what is said of all.
+    // A rerun applies to one patient and overrides settings that apply to all.
     let settings = Merged::of([
         layers.defaults,
         layers.cohort,
@@ -260,7 +263,7 @@ fn load_patient(
     ))
 }
 
-/// A document as its type; what does not fit is reported.
+/// A document as its type. Values that do not fit are reported.
 pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
     document: &Document,
     patient: Option<&str>,
@@ -270,7 +273,8 @@ pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
     match serde_json::from_value(value) {
         Ok(file) => Some(file),
         Err(error) => {
-            // The walk over the schema has let something pass that the type refuses: say what the type says.
+            // The schema allows a value that the type refuses, so that the type's error is
+            // reported.
             let remedy = "correct the value";
             report.add(
                 patient,
@@ -286,14 +290,14 @@ pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
     }
 }
 
-/// Checks what settings would be with `layer` on top of `base`; what cannot be right goes to `report`.
+/// Checks the settings with `layer` on top of `base`. Invalid values go to `report`.
 pub fn check_on_top(base: &Settings, layer: &Layer, report: &mut Report) {
     if let Ok(merged) = Merged::of([&Layer::base(base), layer]) {
         complain(&merged, None, report);
     }
 }
 
-/// Reports settings that cannot be right at the place where they were set.
+/// Reports invalid settings at the place where they were set.
 fn complain(merged: &Merged, patient: Option<(&str, &Document)>, report: &mut Report) {
     for complaint in ranges::complaints(&merged.settings) {
         let mut origin = merged.origin(&complaint.key);
@@ -361,7 +365,7 @@ fn check_defaults(file: &CohortFile, document: &Document, report: &mut Report) {
     }
 }
 
-/// A path below the cohort's folder; one in the current directory is named without `./`.
+/// A path in the cohort's folder, without `./` if that is the current directory.
 fn inside(directory: &Path, name: &str) -> PathBuf {
     if directory == Path::new(".") {
         PathBuf::from(name)
@@ -370,7 +374,7 @@ fn inside(directory: &Path, name: &str) -> PathBuf {
     }
 }
 
-/// Folders of patients by name, sorted; hidden ones are passed over.
+/// Patients' folders with their names, sorted, without hidden ones.
 fn patient_folders(
     directory: &Path,
     file: &CohortFile,
@@ -450,7 +454,7 @@ fn select(folders: &[(String, PathBuf)], only: &[String], report: &mut Report) {
     }
 }
 
-/// Two folders whose files claim the same id: a copy that was not renamed.
+/// Reports folders whose files have the same id, such as a copy that was not renamed.
 fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (patient, id) in patients.iter().filter(|(_, id)| !id.is_empty()) {
@@ -471,7 +475,7 @@ fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
     }
 }
 
-/// `model.toml` beside `patient.toml`: what was accepted for this patient.
+/// Reads `model.toml` beside `patient.toml`, which holds the effects accepted for this patient.
 fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay> {
     let path = folder.join("model.toml");
     if !path.exists() {

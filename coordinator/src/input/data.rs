@@ -1,4 +1,4 @@
-//! Measured traces: read, and checked against each other and against the patient's file.
+//! Reading of measured traces, and checks against each other and against the patient's file.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use super::layers::line_of;
 use super::report::Report;
 use super::resolve::left_atrial_pressure;
 
-/// Reads the traces of a patient and reports what is wrong with them.
+/// Reads the traces of a patient and reports their problems.
 pub fn check(
     file: &PatientFile,
     folder: &Path,
@@ -26,7 +26,7 @@ pub fn check(
     let mut read = |name: &Option<String>, quantity: Quantity| -> Option<(PathBuf, Trace)> {
         let path = folder.join(name.as_ref()?);
         if !path.is_file() {
-            return None; // reported at the key that names it
+            return None; // `check_values` of the patient reports it
         }
         let reading = read_trace(&path, quantity);
         let patient = folder.file_name().and_then(|name| name.to_str());

@@ -1,4 +1,4 @@
-//! A TOML file as a tree that remembers the line of every key.
+//! A TOML file as a tree that contains the line of every key.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,36 +8,36 @@ use toml::de::{DeTable, DeValue};
 
 use super::report::Report;
 
-/// A value and the line where its key stands; line 0 where there is no file.
+/// A value and the line of its key; line 0 for a value that is not from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
-    /// Line, from 1.
+    /// Line, counted from 1.
     pub line: usize,
-    /// What stands there.
+    /// Value of the key.
     pub value: Tree,
 }
 
-/// What may stand in a TOML file.
+/// A TOML value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Tree {
-    /// `[table]` or `{ inline = "table" }`.
+    /// A table, written as `[table]` or `{ inline = "table" }`.
     Table(BTreeMap<String, Node>),
-    /// `[1, 2]`.
+    /// A list such as `[1, 2]`.
     Array(Vec<Node>),
-    /// `"text"`.
+    /// A string such as `"text"`.
     Text(String),
-    /// `12`.
+    /// An integer such as `12`.
     Integer(i64),
-    /// `1.5`, also `nan` and `inf`.
+    /// A float such as `1.5`, also `nan` and `inf`.
     Float(f64),
-    /// `true`.
+    /// `true` or `false`.
     Bool(bool),
-    /// A date or a time: no key of ours has one.
+    /// A date or a time, which no key of cardiotwin accepts.
     Datetime(String),
 }
 
 impl Tree {
-    /// What a message calls it, with the value where it is short.
+    /// Description for messages, with the value if it is short.
     #[must_use]
     pub fn describe(&self) -> String {
         match self {
@@ -52,19 +52,21 @@ impl Tree {
     }
 }
 
-/// A file that was read.
+/// A file that was read and parsed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Document {
-    /// As given, so that messages name it as the user did.
+    /// Path as given, so that messages show it as the user wrote it.
     pub file: PathBuf,
-    /// Its content.
+    /// Content of the file.
     pub root: Node,
-    /// Whether its syntax is right: where it is not, what is missing may stand in the part that was not understood.
+    /// Whether the syntax is correct. If not, a key that seems to be missing may be in a part that
+    /// could not be parsed.
     pub sound: bool,
 }
 
 impl Document {
-    /// Reads and parses `file`. Every problem goes to `report`; what could be understood is returned.
+    /// Reads and parses `file`. Every problem goes to `report`. Returns the parts that could be
+    /// parsed; `None` if the file cannot be read or is not UTF-8.
     pub fn read(file: &Path, patient: Option<&str>, report: &mut Report) -> Option<Self> {
         let bytes = match std::fs::read(file) {
             Ok(bytes) => bytes,
@@ -120,7 +122,8 @@ impl Document {
     }
 }
 
-/// A value given as text, as after `--set key=`: TOML where it is TOML, else the text itself.
+/// A value given as text, as after `--set key=`: parsed as TOML if possible, otherwise the text
+/// itself.
 #[must_use]
 pub fn value_from_text(text: &str) -> Node {
     match DeValue::parse(text) {
@@ -165,7 +168,7 @@ impl Node {
         self
     }
 
-    /// A JSON value as a tree without lines; `null` is left out.
+    /// A JSON value as a tree without lines. `null` values are left out.
     #[must_use]
     pub fn from_json(value: &serde_json::Value) -> Option<Self> {
         use serde_json::Value;
@@ -188,7 +191,7 @@ impl Node {
     }
 }
 
-/// Where lines begin.
+/// Offsets at which lines begin.
 struct Lines(Vec<usize>);
 
 impl Lines {

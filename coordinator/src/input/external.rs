@@ -1,4 +1,4 @@
-//! `[solver.external]`: whether it makes sense, and its files by their content.
+//! Checks of `[solver.external]`, and hashes of the files that it names.
 
 use std::path::Path;
 
@@ -14,10 +14,10 @@ use super::ranges::Complaint;
 use super::report::Report;
 use super::resolve::hash;
 
-/// Quantities of `results.igb`.
+/// Quantities that `results.igb` may name.
 const QUANTITIES: [&str; 3] = ["Sa_kPa", "lambda", "Ca_uM"];
 
-/// Everything that is wrong with the settings of an external solver; nothing where another solver is asked for.
+/// Problems of an external solver's settings; empty if another solver is selected.
 pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
     if settings.solver.fidelity != Fidelity::External {
         return vec![];
@@ -186,7 +186,7 @@ impl List {
         }
     }
 
-    /// Names of files in the folder that the solver runs in.
+    /// Checks that a name is a path inside the folder in which the solver runs.
     fn inside(&mut self, key: &str, name: &str) {
         let path = Path::new(name);
         let plain = path
@@ -204,8 +204,9 @@ impl List {
     }
 }
 
-/// The solver's files by their content, from the patient's folder where they are there, else from the cohort's. One that
-/// cannot be read is a problem in `report`, and then there is nothing.
+/// The solver's files with their hashes, from the patient's folder if they exist there, otherwise
+/// from the cohort's. A file that cannot be read becomes a problem in `report`, and the result is
+/// `None`.
 pub(super) fn files(
     settings: &Settings,
     patient_folder: &Path,

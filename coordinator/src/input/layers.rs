@@ -1,4 +1,4 @@
-//! Layers of settings, merged key by key; every leaf remembers where it came from.
+//! Layers of settings, merged key by key. Every leaf keeps its origin.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,21 +13,21 @@ use super::document::{Document, Node, Tree, value_from_text};
 use super::report::Report;
 use super::shape::{fit, join};
 
-/// Name under which the command line's settings appear in messages.
+/// Name for the command line's settings in messages.
 pub const COMMAND_LINE: &str = "--set";
-/// Name under which `rerun`'s settings appear in messages.
+/// Name for settings stored by `rerun` in messages.
 pub const RERUN: &str = "rerun";
 
-/// Where a setting came from.
+/// Origin of a setting.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// Built in.
+    /// Built-in default.
     Default,
-    /// A line of a file.
+    /// File and line.
     File(PathBuf, usize),
     /// Stored by `cardiotwin rerun`.
     Rerun,
-    /// `--set`.
+    /// Given with `--set`.
     CommandLine,
 }
 
@@ -48,7 +48,7 @@ impl Serialize for Origin {
     }
 }
 
-/// One layer: its keys as JSON, shaped like [`Settings`], and the origin of each leaf.
+/// One layer: its keys as JSON in the shape of [`Settings`], and the origin of each leaf.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Layer {
     value: Map<String, Value>,
@@ -59,16 +59,16 @@ impl Layer {
     /// The built-in defaults.
     ///
     /// # Panics
-    /// Never: the defaults are JSON.
+    /// Never, because the defaults are valid JSON.
     #[must_use]
     pub fn defaults() -> Self {
         Self::base(&Settings::default())
     }
 
-    /// Settings that stand already, as the lowest layer.
+    /// Existing settings as the lowest layer.
     ///
     /// # Panics
-    /// Never: settings are JSON.
+    /// Never, because settings are valid JSON.
     #[must_use]
     pub fn base(settings: &Settings) -> Self {
         Self::of(
@@ -77,7 +77,8 @@ impl Layer {
         )
     }
 
-    /// A table of a file that was already checked; `prefix` is its dotted key, empty for the whole file.
+    /// The layer in a checked file. `prefix` is the dotted key of its table, empty for the whole
+    /// file.
     #[must_use]
     pub fn from_file(layer: &SettingsLayer, document: &Document, prefix: &str) -> Self {
         let lines = lines(&document.root, prefix);
@@ -87,7 +88,7 @@ impl Layer {
         })
     }
 
-    /// What `rerun` stored for a patient.
+    /// Settings that `rerun` stored for a patient.
     pub fn from_rerun(value: &Value, patient: &str, report: &mut Report) -> Self {
         let root = Node::from_json(value).unwrap_or(Node {
             line: 0,
@@ -107,7 +108,7 @@ impl Layer {
         Self::of(value, |_| Origin::Rerun)
     }
 
-    /// `key=value` as given on the command line.
+    /// Assignments `key=value` from the command line.
     pub fn from_command_line(assignments: &[String], report: &mut Report) -> Self {
         let mut root = BTreeMap::new();
         for assignment in assignments {
@@ -143,13 +144,13 @@ impl Layer {
         Self::of(value, |_| Origin::CommandLine)
     }
 
-    /// The layer as JSON, as `rerun` stores it.
+    /// The layer as JSON, in the form that `rerun` stores.
     #[must_use]
     pub fn into_value(self) -> Value {
         Value::Object(self.value)
     }
 
-    /// Whether it sets nothing.
+    /// Whether the layer sets nothing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.origins.is_empty()
@@ -170,11 +171,11 @@ impl Layer {
 /// Settings after merging, with the origin of every leaf.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Merged {
-    /// The settings.
+    /// The merged settings.
     pub settings: Settings,
-    /// Dotted key to origin.
+    /// Origin of each leaf by dotted key.
     pub origins: BTreeMap<String, Origin>,
-    /// The same settings as JSON.
+    /// The merged settings as JSON.
     pub value: Value,
 }
 
@@ -182,7 +183,7 @@ impl Merged {
     /// Merges layers, later ones over earlier ones.
     ///
     /// # Errors
-    /// When a layer does not fit [`Settings`], which `fit` has then reported.
+    /// A layer does not fit [`Settings`]; `fit` has reported the reason.
     pub fn of<'a>(layers: impl IntoIterator<Item = &'a Layer>) -> Result<Self, serde_json::Error> {
         let mut value = Map::new();
         let mut origins = BTreeMap::new();
@@ -198,7 +199,8 @@ impl Merged {
         })
     }
 
-    /// Origin of a key, or of the nearest one inside or around it.
+    /// Origin of a key; for a key without one, the origin of the nearest table around it or of a
+    /// leaf inside it.
     #[must_use]
     pub fn origin(&self, key: &str) -> &Origin {
         let mut prefix = key;
@@ -218,7 +220,7 @@ impl Merged {
             .map_or(&Origin::Default, |(_, origin)| origin)
     }
 
-    /// Every leaf: dotted key, value, origin.
+    /// All leaves with dotted key, value and origin.
     #[must_use]
     pub fn leaves(&self) -> Vec<(String, Value, Origin)> {
         let mut leaves = Vec::new();
@@ -229,7 +231,7 @@ impl Merged {
     }
 }
 
-/// Key by key: tables are merged, anything else is replaced.
+/// Merges tables key by key; other values replace the old ones.
 fn merge(under: &mut Map<String, Value>, over: &Map<String, Value>) {
     for (key, value) in over {
         match (under.get_mut(key), value) {
@@ -275,7 +277,7 @@ pub fn lines(root: &Node, prefix: &str) -> BTreeMap<String, usize> {
     out
 }
 
-/// Line of one dotted key of a document; 0 where it does not stand there.
+/// Line of a dotted key in a document; 0 if the key is absent.
 #[must_use]
 pub fn line_of(document: &Document, key: &str) -> usize {
     lines(&document.root, "").get(key).copied().unwrap_or(0)

@@ -1,4 +1,5 @@
-//! A patient's own mesh, looked at as step 0 will: every defect before anything waits in a queue.
+//! Checks of a patient's own mesh as in step 0, so that every defect is found before a task waits
+//! in a queue.
 
 use std::path::Path;
 
@@ -27,8 +28,8 @@ const GENERATED: [&str; 4] = [
     surface_names::SEPTUM,
 ];
 
-/// Reports every defect of the patient's mesh, if there is one whose files are there, and springs of surfaces that a generated mesh does
-/// not have.
+/// Reports every defect of the patient's mesh if its files exist. For a patient without a mesh,
+/// reports springs on surfaces that a generated mesh does not have.
 pub fn check(
     file: &PatientFile,
     folder: &Path,
@@ -58,7 +59,7 @@ pub fn check(
     };
     let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else {
         return;
-    }; // told by whoever looks at values
+    }; // `check_values` of the patient reports it
     let patient = named(folder);
     let path = folder.join(&mesh.file);
     let times = mesh
@@ -70,7 +71,7 @@ pub fn check(
         None if !mesh.activation_sites_mm.is_empty() => {
             Activation::Sites(&mesh.activation_sites_mm)
         }
-        _ => Activation::Unasked, // told by whoever looks at values
+        _ => Activation::Unasked, // `check_values` of the patient reports it
     };
     let fibres = match mesh.fibres {
         MeshFibres::Auto => Fibres::Auto,
@@ -121,7 +122,7 @@ pub fn check(
             }
         }
         Err(error) => {
-            // A file that is not there is told by whoever looks at values.
+            // `check_values` of the patient reports a missing file.
             let there = [path.clone(), path.with_extension("pts")]
                 .iter()
                 .any(|path| path.is_file())
@@ -137,14 +138,14 @@ pub fn check(
     }
 }
 
-/// Table of springs by surface.
+/// Table of the springs by surface.
 const SPRUNG: &str = "solver.finite_element.wall.surface";
 
 fn named(folder: &Path) -> Option<&str> {
     folder.file_name().and_then(|name| name.to_str())
 }
 
-/// A problem of a surface's springs, where these were set.
+/// A problem of a surface's springs, at the place where they were set.
 fn at_setting(
     settings: &Merged,
     document: &Document,
@@ -191,7 +192,7 @@ pub fn problem(file: &Path, defect: &Defect) -> Problem {
     make(file, defect.found(), defect.expected(), defect.remedy())
 }
 
-/// The key whose value is to be looked at.
+/// The key whose value may cause the defect.
 fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
     match defect {
         Defect::NoTag { .. } => "anatomy.mesh.left_ventricle",
@@ -210,8 +211,9 @@ fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
     }
 }
 
-/// Volume of the cavity in the state that the mesh shows, as step 0 has it; none where nothing tells it. Corrections of traces
-/// that were accepted for the patient are left out: they are far smaller than the tolerance.
+/// Volume of the cavity in the state that the mesh shows, determined as in step 0; `None` if the
+/// data do not give one. Accepted corrections of traces are ignored, because they are far smaller
+/// than the tolerance.
 fn imaged_volume(file: &PatientFile, folder: &Path, start: StartMode) -> Option<Ml> {
     let measured = &file.measured;
     let given = measured.biomarkers.unwrap_or_default();

@@ -1,7 +1,9 @@
-//! From files to plans: reads a cohort, layers its settings, checks everything at once, hashes what goes in.
+//! Input from files to plans: reads a cohort, merges its layers of settings, checks everything at
+//! once, and hashes the input files.
 //!
-//! Layers, later ones over earlier ones, key by key: built-in defaults, `cohort.toml`, `[settings]` of `patient.toml`,
-//! `--set`, what `rerun` stored for the patient. Each leaf keeps its origin.
+//! Later layers replace earlier ones key by key: built-in defaults, `cohort.toml`, `[settings]` of
+//! `patient.toml`, `--set`, and settings stored by `rerun` for the patient. Each leaf keeps its
+//! origin.
 
 #[cfg(test)]
 mod both_ventricles_tests;

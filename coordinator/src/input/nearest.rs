@@ -1,6 +1,6 @@
-//! The known word nearest to one that is not known.
+//! Search for the known word nearest to an unknown one.
 
-/// The nearest of `known`, where it is near enough to be meant.
+/// The nearest of `known`; `None` if none is similar enough to be meant.
 #[must_use]
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let plain = |text: &str| text.to_lowercase().replace(['-', '_'], "");
@@ -9,7 +9,7 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
         .into_iter()
         .map(|candidate| {
             let candidate_plain = plain(candidate);
-            // A name without its unit is the commonest slip: `P_max` for `P_max_mmHg`.
+            // Most often the unit is missing from a name: `P_max` for `P_max_mmHg`.
             let distance = if wanted.len() >= 3 && candidate_plain.starts_with(&wanted) {
                 1
             } else {
@@ -22,7 +22,7 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
         .map(|(_, candidate)| candidate)
 }
 
-/// Insertions, deletions, substitutions and swaps of neighbours from `a` to `b`.
+/// Number of insertions, deletions, substitutions and swaps of neighbours between `a` and `b`.
 fn edit_distance(a: &str, b: &str) -> usize {
     let a: Vec<char> = a.chars().collect();
     let b: Vec<char> = b.chars().collect();

@@ -1,5 +1,5 @@
-//! One patient's file: values that cannot be, and data that are missing. What traces show, the cycle length that must
-//! agree with them included, is checked by the signals crate.
+//! Checks of a patient's file for impossible values and missing data. The signals crate checks the
+//! traces, including the cycle length, which must agree with them.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ use super::document::Document;
 use super::layers::line_of;
 use super::report::Report;
 
-/// Longest pseudonym: it appears in tables, paths and, on a cluster, in job names.
+/// Longest pseudonym. It appears in tables, in paths and, on a cluster, in job names.
 const LONGEST_ID: usize = 64;
 
-/// Checks the values of a patient's file; `folder` is the name of the folder where it lies.
+/// Checks the values of a patient's file. `folder` is the name of the folder that holds it.
 pub fn check_values(file: &PatientFile, document: &Document, folder: &str, report: &mut Report) {
     let mut list = Values {
         document,
@@ -86,7 +86,7 @@ pub fn check_values(file: &PatientFile, document: &Document, folder: &str, repor
     }
 }
 
-/// Checks that the data suffice for the way the patient is to be simulated.
+/// Checks that the data are sufficient for the settings with which the patient is simulated.
 pub fn check_completeness(
     file: &PatientFile,
     settings: &Settings,
@@ -156,7 +156,7 @@ pub fn check_completeness(
     }
 }
 
-/// The folder's name, which stays the patient's name where `id` says something else.
+/// The folder's name, by which the patient is known even if `id` differs from it.
 fn folder_of<'a>(document: &'a Document, id: &'a str) -> &'a str {
     document
         .file

@@ -1,4 +1,5 @@
-//! Settings that contradict each other, and unknown names of parameters. Ranges of numbers are in [`stated_ranges`].
+//! Checks for settings that contradict each other and for unknown names of parameters. Ranges of
+//! numbers are in [`stated_ranges`].
 
 use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use std::collections::BTreeMap;
@@ -14,22 +15,23 @@ use super::external;
 use super::nearest::nearest;
 use super::stated_ranges;
 
-/// A setting that cannot be right.
+/// A problem of a setting's value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Complaint {
-    /// Dotted key.
+    /// Dotted key of the setting.
     pub key: String,
-    /// Another key that it conflicts with: where `key` is a built-in default, this is the one that was set.
+    /// A key with which the setting conflicts. If `key` is a built-in default, this is the key that
+    /// was set.
     pub against: Option<String>,
-    /// What was found.
+    /// Value that was found.
     pub found: String,
-    /// What was expected.
+    /// Description of valid values.
     pub expected: String,
-    /// What to do.
+    /// Advice to the user.
     pub remedy: String,
 }
 
-/// Everything that is wrong with the values of `settings`.
+/// All problems of the values of `settings`.
 #[must_use]
 pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let mut list = List(stated_ranges::complaints(settings));
@@ -52,7 +54,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.0
 }
 
-/// Octal, and the owner keeps everything.
+/// Whether the text is an octal mask that leaves the owner all permissions.
 fn is_mask(text: &str) -> bool {
     (3..=4).contains(&text.len())
         && u32::from_str_radix(text, 8).is_ok_and(|mask| mask & 0o7700 == 0)
@@ -77,7 +79,7 @@ impl List {
         });
     }
 
-    /// The last complaint is about a conflict with `key`.
+    /// Marks the last complaint as a conflict with `key`.
     fn against(&mut self, key: String) {
         if let Some(last) = self.0.last_mut() {
             last.against = Some(key);
@@ -155,7 +157,8 @@ impl List {
             );
             self.against("solver.time_step_ms".to_owned());
         }
-        // JSON has no such numbers, so that the stated ranges cannot refuse them where a setting may be absent.
+        // JSON has no such numbers: an optional setting becomes null, which its stated range cannot
+        // refuse.
         let optional = [
             ("activation.onset_ms", solver.activation.onset_ms),
             (
@@ -353,7 +356,8 @@ impl List {
         }
     }
 
-    /// Guesses of parameters that are fitted; those of Rice's where calcium is a fixed input change nothing.
+    /// Checks the guesses of fitted parameters. Guesses of Rice's parameters have no effect if
+    /// calcium is a fixed input, and are allowed.
     fn initial_guess(&mut self, step2: &CellFitSettings) {
         for (name, value) in &step2.initial {
             let key = format!("step2.initial.{name}");

@@ -15,29 +15,29 @@ use super::document::Document;
 use super::layers::line_of;
 use super::report::Report;
 
-/// What the folder's file is called.
+/// Name of the folder's settings file.
 pub const PREPARE_TOML: &str = "prepare.toml";
-/// kPa to mmHg.
+/// Factor from kPa to mmHg.
 const MMHG_PER_KPA: f64 = cardiotwin_units::MMHG_PER_KPA;
-/// L/min to mL/s.
+/// Factor from L/min to mL/s.
 const ML_PER_S_PER_L_PER_MIN: f64 = 1000.0 / 60.0;
 
-/// A folder of recordings that was read.
+/// A folder of recordings that was read without errors.
 #[derive(Debug, Clone)]
 pub struct RawFolder {
-    /// What `prepare.toml` says.
+    /// Content of `prepare.toml`.
     pub file: RawFile,
-    /// The catheter's recording.
+    /// Recording of the catheter.
     pub recording: Recording,
-    /// The cine series, where there is one.
+    /// The cine series, if there is one.
     pub cine: Option<Cine>,
-    /// Flow of one cycle, times in ms and flows in mL/s, where there is a file of it.
+    /// Flow of one cycle, with times in ms and flows in mL/s; `None` without a file of flow.
     pub flow: Option<(Vec<f64>, Vec<f64>)>,
-    /// What was read.
+    /// Files that were read, with their hashes and numbers of rows.
     pub inputs: Vec<RawInput>,
 }
 
-/// Reads a folder of recordings; every problem goes to `report`. None where there is an error among them.
+/// Reads a folder of recordings. Every problem goes to `report`. `None` if any problem is an error.
 pub fn read_raw(folder: &Path, report: &mut Report) -> Option<RawFolder> {
     let path = folder.join(PREPARE_TOML);
     let (document, given) = if path.exists() {
@@ -269,7 +269,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The bytes of a file that is named, or has its usual name; its key names it in problems.
+    /// Path and content of the named file, or of the file with the usual name. Problems are
+    /// reported at `key`.
     fn bytes(
         &mut self,
         key: &str,
@@ -473,7 +474,8 @@ fn time(ms: &Option<String>, s: &Option<String>) -> Wanted {
     wanted
 }
 
-/// A quantity under the keys' own names, or under the one that was given: then no other column is meant.
+/// A quantity that may be found under the keys' own names, or, if names were given, only under
+/// these.
 fn channel(quantity: &'static str, names: &[(&str, &Option<String>, f64)]) -> Wanted {
     let given = names
         .iter()

@@ -1,4 +1,4 @@
-//! The list that collects every problem of a cohort before anything is said.
+//! The list that collects all problems of a cohort before any is printed.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 use cardiotwin_signals::Problem;
 use serde::Serialize;
 
-/// A problem, and the patient that it concerns.
+/// A problem and the patient whom it concerns.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// Absent where it concerns the cohort.
+    /// Id of the patient; `None` for a problem of the cohort.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patient: Option<String>,
-    /// What is wrong.
+    /// Description of the problem.
     #[serde(flatten)]
     pub problem: Problem,
 }
 
-/// All problems of a cohort, in the order in which they were found, each once.
+/// All problems of a cohort in the order in which they were found, without duplicates.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Report {
     findings: Vec<Finding>,
-    /// Files and keys that are already known to be wrong: what follows from them is not said again.
+    /// Files and keys with a known problem. Problems that follow from it are not reported.
     broken: BTreeSet<(PathBuf, String)>,
 }
 
 impl Report {
-    /// Adds a problem unless it is there or follows from one that is.
+    /// Adds a problem, unless it is in the list or follows from one in the list.
     pub fn add(&mut self, patient: Option<&str>, problem: Problem) {
         let known = problem
             .key
@@ -41,19 +41,19 @@ impl Report {
         }
     }
 
-    /// Adds a problem and silences later ones at the same key.
+    /// Adds a problem and suppresses later ones at the same key.
     pub fn add_and_break(&mut self, patient: Option<&str>, problem: Problem) {
         let mark = problem.key.clone().map(|key| (problem.file.clone(), key));
         self.add(patient, problem);
         self.broken.extend(mark);
     }
 
-    /// Silences what will be said about a key, because what is wrong with it is said already.
+    /// Suppresses later problems at a key whose problem was reported already.
     pub fn break_key(&mut self, file: &Path, key: &str) {
         self.broken.insert((file.to_owned(), key.to_owned()));
     }
 
-    /// Whether the value at `key` of `file`, or a table around it, could not be taken.
+    /// Whether the value at `key` of `file`, or a table around it, is marked as broken.
     #[must_use]
     pub fn is_broken(&self, file: &Path, key: &str) -> bool {
         let mut prefix = key;
@@ -68,7 +68,7 @@ impl Report {
         }
     }
 
-    /// All of them.
+    /// All findings in the order in which they were added.
     #[must_use]
     pub fn findings(&self) -> &[Finding] {
         &self.findings

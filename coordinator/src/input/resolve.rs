@@ -1,4 +1,4 @@
-//! A checked patient as the engine takes it: settings resolved, input files hashed.
+//! Plan of a checked patient for the engine, with resolved settings and hashed input files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,8 @@ use cardiotwin_signals::Problem;
 use super::external;
 use super::report::Report;
 
-/// Makes the plan of a patient, whose folder comes before its cohort's. A file that cannot be read is a problem in `report`, and then there is no plan.
+/// Makes the plan of a patient. Files are looked up in the patient's folder before the cohort's. A
+/// file that cannot be read becomes a problem in `report`, and the result is `None`.
 pub fn resolve(
     file: &PatientFile,
     (folder, cohort_folder): (&Path, &Path),
@@ -63,7 +64,8 @@ pub fn resolve(
             .as_ref()
             .and_then(|p| p.exponent)
             .or(defaults.passive_exponent),
-        // What was accepted for the patient belongs together, and wins over what the files state.
+        // Effects and loads accepted for the patient belong together and replace the values in the
+        // files.
         afterload: overlay.and_then(|o| o.afterload).or(file.afterload),
         left_atrial_pressure_mmhg: overlay
             .and_then(|o| o.left_atrial_pressure_mmhg)
@@ -90,7 +92,7 @@ pub fn resolve(
     })
 }
 
-/// A patient's own mesh by the contents of its files.
+/// A patient's own mesh with the hashes of its files.
 fn own_mesh(
     mesh: &PatientMesh,
     folder: &Path,
@@ -164,7 +166,7 @@ fn own_mesh(
     })
 }
 
-/// `stem.NAME.surf` beside a stem, by name.
+/// Surface files `stem.NAME.surf` beside a stem, sorted by name.
 fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
     let folder = stem.parent().unwrap_or(Path::new("."));
     let prefix = format!(
@@ -185,7 +187,7 @@ fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The patient's own filling pressure, else the cohort's.
+/// The patient's own filling pressure, or the cohort's default, mmHg.
 #[must_use]
 pub fn left_atrial_pressure(file: &PatientFile, defaults: &PatientDefaults) -> Option<f64> {
     file.preload
@@ -194,7 +196,7 @@ pub fn left_atrial_pressure(file: &PatientFile, defaults: &PatientDefaults) -> O
         .or(defaults.left_atrial_pressure_mmhg)
 }
 
-/// A file by its content; one that cannot be read is a problem in `report`.
+/// A file with its hash. A file that cannot be read becomes a problem in `report`.
 pub(super) fn hash(
     name: &str,
     path: &Path,

@@ -1,4 +1,4 @@
-//! A patient's file as the search for missing effects takes it.
+//! Specification of the search for missing effects from a patient's file.
 
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_schemas::task::InputFile;
@@ -8,9 +8,10 @@ use super::cohort::Patient;
 use super::report::Report;
 use super::resolve::hash;
 
-/// What a search of this patient takes; none, and a problem in `report`, where a trace is missing.
+/// Specification of a search in this patient. If a trace is missing, the result is `None` and
+/// `report` gets a problem.
 ///
-/// - `effects`: candidates by name; empty for the whole catalogue
+/// - `effects`: names of the candidates; empty for the whole catalogue
 pub fn specification(
     patient: &Patient,
     effects: &[String],

@@ -1,5 +1,5 @@
-//! Keys and types of a document against the JSON Schema of its Rust type: one walk for every file, so that a key added
-//! to a type is known here at once.
+//! Comparison of a document's keys and types with the JSON Schema of its Rust type. One traversal
+//! serves every file, so that a key added to a type is known here at once.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use super::document::{Document, Node, Tree};
 use super::nearest::nearest;
 use super::report::Report;
 
-/// Takes from `document` what fits `schema`, as JSON; what does not fit is reported, and left out, or, where the type
-/// demands the key, stands as a placeholder whose key is marked broken in `report`.
+/// The parts of `document` that fit `schema`, as JSON. Other parts are reported and left out. A
+/// required key gets a placeholder instead, and is marked as broken in `report`.
 pub fn fit(
     document: &Document,
     schema: &schemars::Schema,
@@ -29,7 +29,7 @@ pub fn fit(
         .unwrap_or(Value::Object(Map::new()))
 }
 
-/// How a schema says that keys are whole numbers.
+/// Pattern by which a schema says that keys are whole numbers.
 const WHOLE_NUMBER: &str = r"^-?\d+$";
 
 struct Walk<'a> {
@@ -46,7 +46,7 @@ impl<'a> Walk<'a> {
         self.report.add_and_break(self.patient, problem);
     }
 
-    /// The value where it fits, else none, with the reason reported.
+    /// The value if it fits; otherwise `None`, with the reason in the report.
     fn node(&mut self, node: &Node, schema: &'a Value, key: &str) -> Option<Value> {
         let schema = self.resolve(schema);
         let choices: Vec<&'a str> = choices(schema);
@@ -140,7 +140,7 @@ impl<'a> Walk<'a> {
         let further = schema
             .get("additionalProperties")
             .filter(|schema| schema.is_object());
-        // Keys that are whole numbers, as the tags of a mesh.
+        // Keys that are whole numbers, such as the tags of a mesh.
         let numbered = schema
             .get("patternProperties")
             .and_then(|patterns| patterns.get(WHOLE_NUMBER));
@@ -179,7 +179,7 @@ impl<'a> Walk<'a> {
                 expected,
                 remedy,
             );
-            // The key that was meant is not missing.
+            // The key that was probably meant does not count as missing.
             meant.into_iter().for_each(|meant| {
                 self.report
                     .break_key(&self.document.file, &join(key, meant))
@@ -262,7 +262,7 @@ impl<'a> Walk<'a> {
             .map(Value::Array)
     }
 
-    /// Follows references, and the one real alternative of an optional value.
+    /// Follows references, and takes the alternative beside `null` of an optional value.
     fn resolve(&self, mut schema: &'a Value) -> &'a Value {
         loop {
             let alternatives = schema.get("anyOf").and_then(Value::as_array);
@@ -294,7 +294,7 @@ fn placeholder(schema: &Value) -> Value {
     }
 }
 
-/// The type, or the one beside `null`.
+/// The type, or the type beside `null`.
 fn type_name(kind: &Value) -> Option<&str> {
     match kind {
         Value::String(name) => Some(name),
@@ -306,7 +306,7 @@ fn type_name(kind: &Value) -> Option<&str> {
     }
 }
 
-/// The words of an enumeration.
+/// The values of an enumeration.
 fn choices(schema: &Value) -> Vec<&str> {
     let constants = schema
         .get("oneOf")
@@ -344,7 +344,7 @@ fn quoted(words: &[&str]) -> String {
         .join(", ")
 }
 
-/// A dotted key; a part with a dot in it is quoted as in TOML.
+/// A dotted key. A part that contains a dot is quoted as in TOML.
 #[must_use]
 pub fn join(key: &str, name: &str) -> String {
     let name = if name.contains('.') {

@@ -1,7 +1,7 @@
-//! Numbers against the ranges that the settings' types state.
+//! Comparison of numbers with the ranges that the settings' types state.
 //!
-//! A field's range stands beside it in `schemas/` as an attribute, from where it enters the JSON Schema; editors show it,
-//! and `check` reads it here. A new setting needs nothing else.
+//! A field's range is an attribute beside it in `schemas/`, and becomes part of the JSON Schema.
+//! Editors show it, and `check` reads it here. A new setting needs no further code.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,7 @@ use super::ranges::Complaint;
 
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| schemars::schema_for!(Settings).to_value());
 
-/// Every number of `settings` that lies outside its range, by its dotted key.
+/// Problems of all numbers in `settings` that lie outside their range, by dotted key.
 pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let value = serde_json::to_value(settings).expect("settings are JSON");
     let mut list = Vec::new();
@@ -39,7 +39,7 @@ fn visit(key: &str, value: &Value, schema: &Value, list: &mut Vec<Complaint>) {
             }
         }
         Value::Number(_) => list.extend(outside(key, value.as_f64(), schema)),
-        // A number that JSON cannot hold, where nothing else is meant by it.
+        // A null in the place of a number is a number that JSON cannot represent.
         Value::Null if schema.get("type").is_some_and(|kind| kind == "number") => {
             list.extend(outside(key, None, schema));
         }
@@ -47,7 +47,7 @@ fn visit(key: &str, value: &Value, schema: &Value, list: &mut Vec<Complaint>) {
     }
 }
 
-/// What the schema says of the values of a map; its keys are texts or, by one pattern, integers.
+/// Schema of a map's values. Its keys are strings or, by one pattern, integers.
 fn values_of(schema: &Value) -> Option<&Value> {
     let by_pattern = || {
         schema
@@ -62,7 +62,7 @@ fn values_of(schema: &Value) -> Option<&Value> {
         .or_else(by_pattern)
 }
 
-/// The definition behind a reference, also behind one that may be absent.
+/// The definition to which a schema refers, also if the value is optional.
 fn resolved(schema: &Value) -> &Value {
     let of_option = schema
         .get("anyOf")
@@ -119,8 +119,8 @@ fn outside(key: &str, value: Option<f64>, schema: &Value) -> Option<Complaint> {
 mod tests {
     use super::*;
 
-    /// Numbers that have no range of their own: pairs that [`super::super::ranges`] holds against each other, seeds, and
-    /// figures of a site.
+    /// Numbers without a range of their own: pairs that [`super::super::ranges`] compares with each
+    /// other, seeds, and settings of a site.
     const FREE: [&str; 9] = [
         "step1.bounds",
         "step2.bounds",

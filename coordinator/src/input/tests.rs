@@ -1,4 +1,4 @@
-//! Whole cohorts in temporary folders, each with one thing wrong.
+//! Tests of whole cohorts in temporary folders, each with one error.
 
 use std::path::Path;
 

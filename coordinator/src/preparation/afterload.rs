@@ -1,5 +1,5 @@
-//! The Windkessel of a patient that was prepared: the aorta's pressure or the cuff's, and the flow that was measured or what the
-//! volume loses in ejection.
+//! The Windkessel of a prepared patient, fitted to the aorta's or the cuff's pressure with the
+//! measured flow or the fall of the volume in ejection.
 
 use cardiotwin_calibrate::afterload::{
     Cuff, CuffFit, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff,
@@ -13,22 +13,22 @@ use cardiotwin_units::Ms;
 use super::patient::Facts;
 use crate::input::RawFolder;
 
-/// Misfit over the pulse pressure from which three elements are said to miss something.
+/// Misfit over the pulse pressure above which a warning says that three elements are not enough.
 const LARGE_MISFIT: f64 = 0.05;
 
-/// Flow of one cycle.
+/// Flow of one cycle, sampled evenly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EjectionFlow {
-    /// Every ms from the beat's beginning, mL/s.
+    /// Flow from the beat's beginning on, mL/s.
     pub flow_ml_per_s: Vec<f64>,
-    /// Distance of samples, ms.
+    /// Distance between samples, ms.
     pub step_ms: f64,
 }
 
-/// Flow from the fall of a volume trace in ejection.
+/// Flow from the fall of a volume trace in ejection, sampled every ms.
 ///
 /// # Errors
-/// In words: a trace that cannot be resampled, or a volume that does not fall.
+/// A message if the trace cannot be resampled or the volume does not fall.
 pub fn ejection_flow(volume: &Trace, cycle_length: Ms) -> Result<EjectionFlow, String> {
     let every_ms = resample(volume, Continuation::periodic(cycle_length), Ms(1.0))
         .map_err(|error| error.to_string())?;
@@ -39,34 +39,34 @@ pub fn ejection_flow(volume: &Trace, cycle_length: Ms) -> Result<EjectionFlow, S
     })
 }
 
-/// What became of the fit.
+/// Outcome of the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Load {
-    /// To the aorta's mean pressure.
+    /// A fit to the aorta's mean pressure trace.
     Catheter {
-        /// The fit.
+        /// Result of the fit.
         fit: Box<WindkesselFit>,
-        /// Where the flow is from.
+        /// Origin of the flow, in words.
         flow: &'static str,
-        /// Residual over the pulse pressure.
+        /// Root mean square residual over the pulse pressure.
         share_of_pulse: f64,
     },
-    /// To the cuff's pressures.
+    /// A fit to the cuff's pressures.
     Cuff {
-        /// The fit.
+        /// Result of the fit.
         fit: CuffFit,
-        /// Where the flow is from.
+        /// Origin of the flow, in words.
         flow: &'static str,
     },
-    /// Switched off.
+    /// The step is switched off.
     Off,
-    /// What it needs was not recorded.
+    /// The recordings lack data for a fit; the text says which.
     Lacking(&'static str),
-    /// It failed.
+    /// The fit failed, with the reason.
     Failed(String),
 }
 
-/// Fits the load.
+/// Fits the load to the aortic pressure if it was recorded, otherwise to the cuff's pressures.
 pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
     if !folder.file.steps.afterload.enabled {
         return Load::Off;
@@ -122,7 +122,7 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
     }
 }
 
-/// The flow on the beat's clock and where it is from.
+/// The flow on the beat's clock, and its origin; `None` if neither flow nor volume was recorded.
 fn flow(prepared: &Prepared) -> Result<Option<(EjectionFlow, &'static str)>, String> {
     if let Some(flow) = &prepared.average.flow {
         let step_ms = prepared.average.step_ms;
@@ -149,7 +149,7 @@ fn flow(prepared: &Prepared) -> Result<Option<(EjectionFlow, &'static str)>, Str
 }
 
 impl Load {
-    /// R1, R2, C.
+    /// Fitted R1, R2 and C; `None` if nothing was fitted.
     pub fn parameters(&self) -> Option<WindkesselParameters> {
         let [r1, r2, c] = match self {
             Self::Catheter { fit, .. } => [fit.r1.value, fit.r2.value, fit.compliance.value],
@@ -163,7 +163,7 @@ impl Load {
         })
     }
 
-    /// How it was made, in words.
+    /// Description of the fit; `None` if nothing was fitted.
     pub fn how(&self) -> Option<String> {
         match self {
             Self::Catheter { flow, .. } => {
@@ -179,12 +179,12 @@ impl Load {
         }
     }
 
-    /// `[afterload]` of a patient file.
+    /// Table `[afterload]` of a patient file; `None` if nothing was fitted.
     pub fn toml(&self) -> Option<String> {
         Some(table(&self.parameters()?, &self.how()?))
     }
 
-    /// What to mind.
+    /// Warning about a failed or poor fit.
     pub fn warning(&self) -> Option<String> {
         match self {
             Self::Failed(why) => Some(format!(
@@ -202,7 +202,7 @@ impl Load {
     }
 }
 
-/// `[afterload]` as `patient.toml` takes it, four significant digits and more.
+/// Table `[afterload]` for `patient.toml`, with five significant digits.
 #[must_use]
 pub fn table(afterload: &WindkesselParameters, comment: &str) -> String {
     let rounded = |value: f64| {

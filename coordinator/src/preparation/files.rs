@@ -1,4 +1,4 @@
-//! Tables of the patient's folder: traces as a patient file names them, and beside them what the steps did.
+//! Tables in the patient's folder: traces that the patient's file names, and results of the steps.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use cardiotwin_recordings::prepare::Prepared;
 use super::PREPARED;
 use crate::input::RawFolder;
 
-/// Name and content of each.
+/// Name and content of each table.
 pub fn tables(folder: &RawFolder, prepared: &Prepared) -> Vec<(String, String)> {
     let average = &prepared.average;
     let mut files = Vec::new();
@@ -49,13 +49,13 @@ pub fn tables(folder: &RawFolder, prepared: &Prepared) -> Vec<(String, String)> 
     files
 }
 
-/// A time to the microsecond, without zeros at its end.
+/// A time in ms with up to three decimals, without trailing zeros.
 fn time(ms: f64) -> String {
     let text = format!("{ms:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Every beat: where it lies, whether it is in the mean, and why not.
+/// Table of all beats: onset, length, whether the beat is part of the mean, and why not.
 fn beats(folder: &RawFolder, prepared: &Prepared) -> String {
     let mut text = "beat,onset_ms,length_ms,kept,kind,reasons\n".to_owned();
     for (idx, (beat, reasons)) in prepared
@@ -80,7 +80,7 @@ fn beats(folder: &RawFolder, prepared: &Prepared) -> String {
     text
 }
 
-/// The mean beat with the standard deviation between beats.
+/// Table of the mean beat with the standard deviation between beats.
 fn mean(prepared: &Prepared) -> String {
     let average = &prepared.average;
     let channels = [
@@ -108,7 +108,7 @@ fn mean(prepared: &Prepared) -> String {
     text
 }
 
-/// Every frame: as it was, and after each step.
+/// Table of all frames as measured and after each step.
 fn frames(prepared: &Prepared) -> String {
     let mut text =
         "time_ms,volume_mL,adjusted_volume_mL,reconciled_time_ms,synchronised_time_ms\n".to_owned();

@@ -1,4 +1,4 @@
-//! From a folder of recordings that was read to a patient's files, and what each step says of itself.
+//! Preparation of a patient's files from a folder of recordings, with a description of each step.
 
 mod afterload;
 mod files;
@@ -13,24 +13,25 @@ pub use afterload::{EjectionFlow, ejection_flow, table as afterload_table};
 
 use crate::input::RawFolder;
 
-/// Folder beside `patient.toml` that holds what the steps did.
+/// Folder beside `patient.toml` that holds the results of the steps.
 pub const PREPARED: &str = "prepared";
 
-/// A patient made of recordings: nothing is written yet.
+/// A patient prepared from recordings, before anything is written.
 #[derive(Debug, Clone)]
 pub struct Made {
-    /// What the steps did.
+    /// Results of the steps.
     pub prepared: Prepared,
-    /// The same for people and machines; `written` is for who writes.
+    /// Description of the results. The caller that writes the files fills in `written`.
     pub answer: Preparation,
-    /// Files of the patient's folder: name, content. `prepare.json` and drawings come beside them.
+    /// Name and content of the files in the patient's folder. The caller adds `prepare.json` and
+    /// drawings.
     pub files: Vec<(String, String)>,
 }
 
-/// Makes a patient.
+/// Prepares a patient.
 ///
 /// # Errors
-/// [`PrepareError`] where the recordings give no beat.
+/// [`PrepareError`] if no beat can be made from the recordings.
 pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
     let raw = Raw {
         recording: folder.recording.clone(),

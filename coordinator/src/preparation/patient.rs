@@ -1,4 +1,4 @@
-//! `patient.toml` of a patient that was prepared.
+//! `patient.toml` of a prepared patient.
 
 use std::fmt::Write as _;
 
@@ -9,16 +9,17 @@ use cardiotwin_schemas::raw::NoiseOf;
 use super::afterload::Load;
 use crate::input::RawFolder;
 
-/// Numbers of the patient's file that no trace holds.
+/// Numbers of the patient's file that no trace contains.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
     /// Pressure at the beat's beginning, mmHg.
     pub end_diastolic_pressure_mmhg: Option<f64>,
-    /// Systolic and diastolic pressure of the aorta and its standard deviation, mmHg, and where they are from.
+    /// Systolic and diastolic pressure of the aorta, their standard deviation, mmHg, and their
+    /// origin.
     pub aortic: Option<(f64, f64, Option<f64>, &'static str)>,
     /// Mean pressure of the aorta, mmHg.
     pub mean_aortic_mmhg: Option<f64>,
-    /// Net forward volume of a beat, mL, its standard deviation, and where it is from.
+    /// Net forward volume of a beat, mL, its standard deviation, mL, and its origin.
     pub forward: Option<(f64, Option<f64>, &'static str)>,
     /// Noise of the pressure, mmHg, and its correlation time, ms.
     pub pressure_noise: (Option<f64>, Option<f64>),
@@ -27,14 +28,15 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// From the recordings, and what `prepare.toml` gives instead.
+    /// Numbers from the recordings, unless `prepare.toml` gives others.
     pub fn of(folder: &RawFolder, prepared: &Prepared) -> Self {
         let average = &prepared.average;
         let noise = &folder.file.steps.noise;
         let seen = prepared.noise.filter(|_| noise.enabled);
         let rms = seen.map(|seen| match noise.of {
             NoiseOf::Mean => seen.mean_rms_mmhg,
-            // Level and strength differ from beat to beat, too, but neither has the noise's correlation.
+            // Level and strength also differ from beat to beat, but do not have the correlation of
+            // the noise.
             NoiseOf::Beat => seen.beat_rms_mmhg,
         });
         let frames = prepared
@@ -88,7 +90,7 @@ fn aortic(
 fn forward(folder: &RawFolder, prepared: &Prepared) -> Option<(f64, Option<f64>, &'static str)> {
     let sd = folder.file.flow.sd_ml;
     if let Some((time, flow)) = &folder.flow {
-        // One cycle of phases, each as long as the usual step.
+        // One cycle consists of phases, each as long as the mean step.
         let n = flow.len() as f64;
         let step = (time.last()? - time.first()?) / (n - 1.0);
         return Some((
@@ -105,7 +107,7 @@ fn forward(folder: &RawFolder, prepared: &Prepared) -> Option<(f64, Option<f64>,
     ))
 }
 
-/// The file's text.
+/// Text of the file.
 pub fn toml(
     id: &str,
     folder: &RawFolder,
@@ -225,7 +227,7 @@ fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
-/// A number with so many decimals at most.
+/// A number with at most this many decimals.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     if text.contains('.') {

@@ -1,4 +1,4 @@
-//! `[steps]` of `prepare.toml` as the steps take them.
+//! Settings of the steps from `[steps]` of `prepare.toml`.
 
 use cardiotwin_recordings::average::AverageSettings;
 use cardiotwin_recordings::beats::{BeatSettings, Source};
@@ -63,7 +63,7 @@ pub fn of(steps: &RawSteps) -> Settings {
     }
 }
 
-/// The whole-heart image.
+/// The whole-heart image, if `prepare.toml` has one.
 pub fn whole_heart(file: &RawFile) -> Option<WholeHeart> {
     let image = file.whole_heart.as_ref()?;
     Some(WholeHeart {

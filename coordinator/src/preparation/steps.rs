@@ -1,4 +1,4 @@
-//! What each step changed, and by how much, in words and numbers.
+//! Descriptions of the steps: the changes that each made, in words and numbers.
 
 use std::collections::BTreeMap;
 
@@ -12,18 +12,18 @@ use super::afterload::Load;
 use super::patient::Facts;
 use crate::input::RawFolder;
 
-/// Share of beats left out from which somebody should look.
+/// Share of left-out beats above which a warning is given.
 const MANY_LEFT_OUT: f64 = 0.3;
-/// Fewest beats in a mean before that is said.
+/// Number of beats in the mean below which a warning is given.
 const FEW_BEATS: usize = 5;
-/// Factor on volumes that is worth a word.
+/// Factors on volumes without a warning.
 const LARGE_FACTOR: std::ops::RangeInclusive<f64> = 0.85..=1.18;
-/// Standard error of the lag that is worth a word, ms.
+/// Standard error of the lag above which a warning is given, ms.
 const UNCERTAIN_MS: f64 = 10.0;
-/// The lags by opening and closure may differ by so much, ms.
+/// Difference between the lags by opening and by closure above which a warning is given, ms.
 const EVENTS_APART_MS: f64 = 25.0;
 
-/// What beats begin with.
+/// Description of the event with which beats begin.
 pub fn source_in_words(folder: &RawFolder, prepared: &Prepared) -> &'static str {
     match (
         prepared.found.source,
@@ -36,7 +36,7 @@ pub fn source_in_words(folder: &RawFolder, prepared: &Prepared) -> &'static str 
     }
 }
 
-/// All steps in their order.
+/// Descriptions of all steps in their order.
 pub fn done(folder: &RawFolder, prepared: &Prepared, facts: &Facts, load: &Load) -> Vec<StepDone> {
     let settings = &folder.file.steps;
     let mut steps = vec![
@@ -439,7 +439,7 @@ fn afterload(load: &Load) -> StepDone {
     )
 }
 
-/// What somebody should look at.
+/// Warnings about results that the user should check.
 pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
     let mut said = Vec::new();
     let n = prepared.reasons.len();

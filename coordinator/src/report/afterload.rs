@@ -1,11 +1,12 @@
-//! A measured aortic pressure and what a load makes of the measured flow, as SVG files.
+//! Measured aortic pressure and the pressure of a fitted load, as SVG files.
 
 use cardiotwin_schemas::afterload::{AfterloadDiscovery, AfterloadFitAnswer, CuffFitAnswer};
 
 use super::format::significant;
 use super::plot::{Axis, Chart, Mark, Scale, Series};
 
-/// Pressure and fit of three elements. Points: time in ms, pressure in mmHg. None where no sample is finite.
+/// Measured pressure and the fit of three elements. Points are time in ms and pressure in mmHg.
+/// `None` if no sample is finite.
 #[must_use]
 pub fn afterload_fit_svg(
     answer: &AfterloadFitAnswer,
@@ -37,7 +38,8 @@ pub fn afterload_fit_svg(
     Some(chart.file())
 }
 
-/// Pressure of the load through a cuff's pressures. Points: time in ms, pressure in mmHg. None without a finite sample.
+/// Pressure of the load fitted to cuff pressures. Points are time in ms and pressure in mmHg.
+/// `None` without a finite sample.
 #[must_use]
 pub fn cuff_fit_svg(answer: &CuffFitAnswer, fitted: &[(f64, f64)]) -> Option<String> {
     let (first, last) = (fitted.first()?.0, fitted.last()?.0);
@@ -83,7 +85,8 @@ pub fn cuff_fit_svg(answer: &CuffFitAnswer, fitted: &[(f64, f64)]) -> Option<Str
     Some(chart.file())
 }
 
-/// Pressure, three elements and the load with what was found.
+/// Measured pressure, the fit of three elements, and the fit with the accepted effects. Points are
+/// time in ms and pressure in mmHg. `None` without a finite sample.
 #[must_use]
 pub fn afterload_discovery_svg(
     answer: &AfterloadDiscovery,

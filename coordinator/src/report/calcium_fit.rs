@@ -5,7 +5,8 @@ use cardiotwin_schemas::fit::CalciumFitAnswer;
 use super::format::significant;
 use super::plot::{Axis, Chart, Mark, Scale, Series, SvgText};
 
-/// The file's text. `measured` and `fitted`: time in ms, calcium in µM. None where no sample is finite.
+/// Text of the SVG file. Points of `measured` and `fitted` are time in ms and calcium in µM. `None`
+/// if no sample is finite.
 #[must_use]
 pub fn calcium_fit_svg(
     answer: &CalciumFitAnswer,

@@ -1,4 +1,4 @@
-//! The cohort: summary, comparison with the paper, table, small plots.
+//! Cohort part of the report: summary, comparison with the paper, table, small plots.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord, Step1Quality};
@@ -11,7 +11,7 @@ use super::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
 use super::tables::scrolling;
 use crate::results::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Source, Step};
 
-/// Links to patients: within the page, or to a page each.
+/// Function that gives the link to a patient: an anchor on the same page, or a page of its own.
 pub type Link<'a> = &'a dyn Fn(&PatientRecord) -> String;
 
 /// Mean of the absolute relative differences of a biomarker over patients, percent.
@@ -30,7 +30,7 @@ fn mean_error(
     )
 }
 
-/// The run in one or two sentences.
+/// Summary of the run in one or two sentences.
 fn sentence(run: &RunRecord) -> String {
     let of = |f: &dyn Fn(&PatientRecord) -> bool| run.patients.iter().filter(|p| f(p)).count();
     let converged = of(&|p| PatientView(p).step1_converged());
@@ -86,7 +86,7 @@ fn sentence(run: &RunRecord) -> String {
     text + "."
 }
 
-/// Title, when, versions, summary.
+/// Title, description, summary, time, versions and total computing time.
 #[must_use]
 pub fn header(run: &RunRecord) -> Markup {
     let mut versions: Vec<String> = run
@@ -134,7 +134,8 @@ fn mean_sd(value: Option<MeanSd>) -> Markup {
     }
 }
 
-/// A mean beside the paper's: a sign where it is no larger, to the digit that both print.
+/// A mean with a sign that says whether it is larger than the paper's, compared to the digit that
+/// both print.
 fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
     html! {
         td.num {
@@ -150,7 +151,7 @@ fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
     }
 }
 
-/// Mean errors over the cohort beside the paper's, as a plot with a dot per patient, and as a table.
+/// Mean errors over the cohort beside the paper's, as a plot with a dot per patient and as a table.
 #[must_use]
 pub fn against_the_paper(run: &RunRecord) -> Markup {
     let patients = &run.patients;
@@ -229,24 +230,25 @@ fn legend_of_strips() -> Markup {
     }
 }
 
-/// So many dots of a biomarker at most.
+/// Most dots drawn per biomarker.
 const DOTS: usize = 150;
 
-/// At most `n` of the errors, in the order of patients where all fit; else evenly chosen by size, so that the dots
-/// spread as all would.
+/// At most `n` of the errors: all of them in the order of patients if they fit, otherwise a choice
+/// at even ranks, which spreads as all errors would.
 fn spread_out<'a>(found: &[(&'a PatientRecord, f64)], n: usize) -> Vec<(&'a PatientRecord, f64)> {
     if found.len() <= n {
         return found.to_vec();
     }
     let mut sorted = found.to_vec();
     sorted.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // A stride that shares no factor with n scatters neighbours in size across the width.
+    // The stride shares no factor with n, so that neighbours in size are scattered across the
+    // width.
     (0..n)
         .map(|i| sorted[(i * 61 % n) * (sorted.len() - 1) / (n - 1)])
         .collect()
 }
 
-/// A dot per patient and biomarker, the means as bars.
+/// Plot with a dot per patient and biomarker, and the means as bars.
 fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
     let class = match step {
         Step::Step1 | Step::Step1FirstConverged => Source::Step1.name(),
@@ -322,20 +324,21 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
     chart.render()
 }
 
-/// How a column of the patients' table is printed, and averaged.
+/// Format of a column in the patients' table and its mean.
 #[derive(Clone, Copy, PartialEq)]
 enum Show {
-    /// A count.
+    /// An integer.
     Count,
-    /// A cost.
+    /// A cost with two significant digits.
     Cost,
-    /// A cost, with a mark where a target of step 2 is not reachable.
+    /// The cost of step 2, with a mark if a target is not reachable.
     Fit,
-    /// A signed relative difference, printed in percent, shaded by its size; averaged without sign.
+    /// A signed relative difference, printed in percent and shaded by its size. Its mean is over
+    /// absolute values.
     Error,
-    /// One decimal.
+    /// A number with one decimal.
     Tenths,
-    /// Seconds.
+    /// A duration in seconds.
     Time,
 }
 
@@ -452,14 +455,14 @@ fn cell(column: &Column, first: bool, patient: &PatientRecord) -> Markup {
     html! { td class={ "num" (group) (size) } { (text) @if short_of { span.warn title="not all targets are reachable" { " ▲" } } } }
 }
 
-/// Whether each column opens a group.
+/// Whether each column is the first of its step's group.
 fn opens(columns: &[Column]) -> Vec<bool> {
     (0..columns.len())
         .map(|i| i == 0 || columns[i].step != columns[i - 1].step)
         .collect()
 }
 
-/// One row per patient; below them mean, SD and the paper's means.
+/// Table with one row per patient, followed by mean, SD and the paper's means.
 #[must_use]
 pub fn table(run: &RunRecord, link: Link) -> Markup {
     let columns = columns();
@@ -515,7 +518,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             tbody {
                 @for p in &run.patients {
                     @let (class, sign, words) = standing(p);
-                    // What the twin is off by stands in the columns.
+                    // The sizes of the differences are in the columns.
                     @let words = if words.starts_with("verified, off") { "verified, off" } else { &*words };
                     tr {
                         th scope="row" { a href=(link(p)) { (p.plan.id) } }
@@ -542,7 +545,8 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
     })
 }
 
-/// Small pressure plots, ready made, with links.
+/// Tiles with small pressure plots: id, link and plot of each patient. `left_out` is the number of
+/// patients without a tile.
 #[must_use]
 pub fn small_multiples(tiles: &[(String, String, Markup)], left_out: usize) -> Markup {
     html! {

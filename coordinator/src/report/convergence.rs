@@ -1,4 +1,5 @@
-//! Convergence: parameters and cost of step 1 by iteration (the paper's Figure A2), differential evolution of step 2.
+//! Convergence plots: parameters and cost of step 1 by iteration (the paper's Figure A2),
+//! differential evolution of step 2.
 
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::step1::Step1Parameter;
@@ -39,7 +40,7 @@ fn small(alt: String, x: Axis, y: Axis) -> Chart {
     chart
 }
 
-/// Marks the iterate that was taken and those that failed.
+/// Marks the iterate that was taken and the iterations that failed.
 fn mark_iterations(
     chart: &mut Chart,
     patient: &PatientRecord,
@@ -71,7 +72,7 @@ fn mark_iterations(
     }
 }
 
-/// Cost by iteration with the threshold. `None` before the first simulation.
+/// Cost by iteration with the tolerance. `None` before the first simulation.
 #[must_use]
 pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     let tolerance = patient.plan.settings.step1.tolerance;
@@ -131,7 +132,8 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     Some(chart)
 }
 
-/// One chart per updated parameter, relative to the first guess, all on one logarithmic axis.
+/// One chart per updated parameter, relative to the first guess. All charts have the same
+/// logarithmic axis.
 #[must_use]
 pub fn parameters(patient: &PatientRecord) -> Vec<(&'static str, Chart)> {
     let Some(first) = patient.iterations.first() else {
@@ -181,10 +183,10 @@ pub fn parameters(patient: &PatientRecord) -> Vec<(&'static str, Chart)> {
     charts.collect()
 }
 
-/// Best and mean cost of the population by evaluations.
+/// Best and mean cost of the population over the number of cell evaluations.
 ///
 /// # Errors
-/// The sentence that says why `convergence.csv` cannot be shown.
+/// A sentence for the report that explains why there is no plot.
 pub fn evolution(patient: &PatientRecord) -> Result<Chart, String> {
     let Some(fit) = &patient.cell_fit else {
         return Err("Step 2 has not finished.".to_owned());
@@ -206,8 +208,8 @@ pub fn evolution(patient: &PatientRecord) -> Result<Chart, String> {
         )
     };
     let last = best.last().ok_or_else(unusable)?.0;
-    // A population starts with candidates whose cost is that of a failed cell: the axis follows the best cost, and the
-    // mean enters the plot once it says something beside it.
+    // The first populations contain candidates with the cost of a failed cell. The axis follows the
+    // best cost, and the mean is drawn where it is low enough to be informative.
     let ceiling = 10.0 * best.iter().map(|p| p.1).fold(0.0, f64::max);
     let mean: Vec<_> = mean.into_iter().filter(|p| p.1 <= ceiling).collect();
     let scale = Scale::log(best.iter().chain(&mean).map(|p| p.1), 3.0).ok_or_else(unusable)?;

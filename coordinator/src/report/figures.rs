@@ -1,4 +1,5 @@
-//! Traces of a patient: pressure, volume, loop, flows (the paper's Figure A1), cell (Figure 5).
+//! Charts of a patient's traces: pressure, volume, loop, flows (the paper's Figure A1), and cell
+//! (Figure 5).
 
 use cardiotwin_schemas::biomarkers::{Biomarker, TimePoints};
 use cardiotwin_schemas::record::PatientRecord;
@@ -8,7 +9,7 @@ use super::format::{fixed, significant};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
 use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
-/// Order in which lines are drawn, the measured one on top.
+/// Order in which lines are drawn; the measured one comes last and lies on top.
 const SOURCES: [Source; 4] = [
     Source::Step2,
     Source::Step1,
@@ -33,7 +34,7 @@ pub fn line_name(source: Source, patient: &PatientRecord) -> String {
     }
 }
 
-/// A figure: a chart, or the sentence that says why there is none, and what it shows.
+/// A figure with a chart and a note on it, or with the sentence `absent` if there is no chart.
 #[must_use]
 pub fn figure(title: &str, chart: Option<Chart>, absent: &str, note: &Markup) -> Markup {
     html! {
@@ -47,7 +48,7 @@ pub fn figure(title: &str, chart: Option<Chart>, absent: &str, note: &Markup) ->
     }
 }
 
-/// Samples of a legend for the sources that are drawn.
+/// Legend with a sample of each line: its class in the style sheet and its name.
 #[must_use]
 pub fn legend(entries: &[(&'static str, String)]) -> Markup {
     html! {
@@ -62,7 +63,8 @@ pub fn legend(entries: &[(&'static str, String)]) -> Markup {
     }
 }
 
-/// Value of a trace at a time, linear between samples, held outside.
+/// Value of a trace at `x`: linear between samples, constant beyond the first and last one. `None`
+/// for an empty trace.
 #[must_use]
 pub fn at(points: &[(f64, f64)], x: f64) -> Option<f64> {
     let i = points.partition_point(|p| p.0 < x);
@@ -80,7 +82,7 @@ fn time_axis(patient: &PatientRecord) -> Axis {
     )
 }
 
-/// A chart of one kind of signal over time, a line per source. `None` where nothing was read.
+/// A chart of one kind of signal over time, with a line per source. `None` without values.
 fn over_time(
     patient: &PatientRecord,
     signals: &Signals,
@@ -130,7 +132,7 @@ fn time_points(patient: &PatientRecord, source: Source) -> Option<TimePoints> {
     }
 }
 
-/// Marks the time points on the lines: with names where measured, as small dots elsewhere.
+/// Marks the time points on the lines, with names on the measured line only.
 fn mark_times(chart: &mut Chart, patient: &PatientRecord, signals: &Signals, kind: SignalKind) {
     for source in SOURCES {
         let (Some(times), Some(points)) = (time_points(patient, source), signals.get(source, kind))
@@ -199,7 +201,7 @@ fn mark_times(chart: &mut Chart, patient: &PatientRecord, signals: &Signals, kin
     }
 }
 
-/// Pressure with t1 to t3, the 10 % level whose crossings they are, and the aortic pressure.
+/// Pressure with t1 to t3, the 10 % level between t1 and t3, and the aortic pressure.
 #[must_use]
 pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let mut chart = over_time(
@@ -209,7 +211,7 @@ pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
         "pressure (mmHg)".into(),
         true,
     )?;
-    // Room above for t2.
+    // The label of t2 needs room above the peak.
     let (lo, hi, _) = chart.y.scale.ends();
     chart.y.scale = Scale::exact(lo, hi + 0.05 * (hi - lo));
     if let Some(points) = signals.get(Source::Step1, SignalKind::AorticPressure) {
@@ -243,7 +245,7 @@ pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     Some(chart)
 }
 
-/// Volume with t4 to t7.
+/// Volume with t4 to t7, and the gap at the beat's end.
 #[must_use]
 pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let mut chart = over_time(
@@ -253,7 +255,7 @@ pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
         "volume (mL)".into(),
         false,
     )?;
-    // Room below for t5 and t6, which stand at the smallest volume.
+    // The labels of t5 and t6, at the smallest volume, need room below.
     let (lo, hi, _) = chart.y.scale.ends();
     chart.y.scale = Scale::exact(lo - 0.06 * (hi - lo), hi);
     if let Some(measured) = signals.get(Source::Measured, SignalKind::Volume)
@@ -273,7 +275,7 @@ pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     Some(chart)
 }
 
-/// What the beat's end leaves open, in words.
+/// Volume that is left open at the end of each step's beat, in words.
 #[must_use]
 pub fn gap_words(patient: &PatientRecord) -> Option<String> {
     let gap = |step| {
@@ -292,7 +294,7 @@ pub fn gap_words(patient: &PatientRecord) -> Option<String> {
     (!words.is_empty()).then(|| format!(": left open at the end, {}", words.join(", ")))
 }
 
-/// Pressure against volume.
+/// Pressure-volume loops of all sources, with marks where beats begin and end.
 #[must_use]
 pub fn pv_loop(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let cycle = patient.plan.step0.cycle_length_ms;
@@ -362,7 +364,7 @@ pub fn pv_loop(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     Some(chart)
 }
 
-/// Flow through both valves, simulated.
+/// Simulated flow through both valves.
 #[must_use]
 pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let kinds = [SignalKind::AorticFlow, SignalKind::MitralFlow];
@@ -415,7 +417,7 @@ pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     Some(chart)
 }
 
-/// Active stress, calcium or stretch: median over nodes against the fitted cell.
+/// Active stress, calcium or stretch: median over the nodes and the fitted cell.
 #[must_use]
 pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Option<Chart> {
     let title = match kind {
@@ -449,7 +451,8 @@ pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Opt
     Some(chart)
 }
 
-/// Name of a cell line.
+/// Name of a line in the cell's charts: the median over nodes if `target`, otherwise the fitted
+/// cell.
 #[must_use]
 pub fn cell_line_name(target: bool) -> &'static str {
     if target {
@@ -459,7 +462,8 @@ pub fn cell_line_name(target: bool) -> &'static str {
     }
 }
 
-/// A small pressure plot for the overview: without titles, since there is one per patient.
+/// A small pressure plot for the overview, without axis titles because there is one plot per
+/// patient. `top` is the upper end of the axis, mmHg.
 #[must_use]
 pub fn small_pressure(patient: &PatientRecord, signals: &Signals, top: f64) -> Option<Chart> {
     let mut chart = over_time(
@@ -478,7 +482,7 @@ pub fn small_pressure(patient: &PatientRecord, signals: &Signals, top: f64) -> O
     Some(chart)
 }
 
-/// The largest pressure that any line reaches: the small plots of a cohort share their axis.
+/// Largest pressure of all lines, mmHg, for the axis that the small plots of a cohort share.
 #[must_use]
 pub fn top_pressure(patient: &PatientRecord) -> f64 {
     let view = PatientView(patient);
@@ -494,8 +498,9 @@ pub fn top_pressure(patient: &PatientRecord) -> f64 {
     .fold(0.0, f64::max)
 }
 
-/// A smooth periodic curve through samples (cubic Hermite, slopes from neighbours): cine frames are 25 to 40 ms apart,
-/// and a loop drawn with straight lines between them would show corners that no heart has.
+/// A smooth periodic curve through samples (cubic Hermite, slopes from neighbours). Cine frames are
+/// 25 to 40 ms apart, and straight lines between them would give the loop corners that no heart
+/// has.
 struct Periodic {
     points: Vec<(f64, f64)>,
     period: f64,

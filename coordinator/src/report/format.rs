@@ -1,9 +1,10 @@
-//! Numbers and names for a person.
+//! Formats of numbers and names for readers.
 
 use cardiotwin_schemas::label::Label;
 use maud::{Markup, html};
 
-/// `digits` significant digits, without exponent where it can be read without; a true minus sign.
+/// `value` with `digits` significant digits and a true minus sign; with an exponent only if it is
+/// very large or small.
 #[must_use]
 pub fn significant(value: f64, digits: i32) -> String {
     if !value.is_finite() {
@@ -22,7 +23,8 @@ pub fn significant(value: f64, digits: i32) -> String {
     text.replace('-', "\u{2212}")
 }
 
-/// Fixed decimals with a true minus sign, none where it rounds to nothing; a dash where there is no value.
+/// `value` with fixed decimals and a true minus sign, which is left out if the value rounds to
+/// zero; a dash for `None`.
 #[must_use]
 pub fn fixed(value: Option<f64>, decimals: usize) -> String {
     match value {
@@ -39,7 +41,7 @@ pub fn fixed(value: Option<f64>, decimals: usize) -> String {
     }
 }
 
-/// A share as signed percent: 0.051 is `+5.1`, and what rounds to nothing has no sign.
+/// A share as signed percent: 0.051 is `+5.1`, and a value that rounds to zero has no sign.
 #[must_use]
 pub fn percent(share: Option<f64>) -> String {
     match share {
@@ -51,7 +53,7 @@ pub fn percent(share: Option<f64>) -> String {
     }
 }
 
-/// Seconds, minutes or hours, as fits.
+/// A duration in milliseconds, seconds, minutes or hours, depending on its size.
 #[must_use]
 pub fn duration(seconds: f64) -> String {
     match seconds {
@@ -62,13 +64,13 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-/// `1 patient`, `2 patients`.
+/// A number with its noun, such as `1 patient` or `2 patients`.
 #[must_use]
 pub fn count(n: usize, noun: &str) -> String {
     format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }
 
-/// An RFC 3339 time as a person reads it.
+/// An RFC 3339 time as `2026-01-02 03:04:05 UTC`.
 #[must_use]
 pub fn moment(rfc3339: &str) -> String {
     match rfc3339.split_once('T') {
@@ -83,7 +85,7 @@ pub fn label_html(label: Label) -> Markup {
     html! { i { (label.symbol) } @if !label.subscript.is_empty() { sub { (label.subscript) } } }
 }
 
-/// Symbol of a key for tables, with its meaning on hover; the key itself where it has none.
+/// Symbol of a key, with its meaning on hover; the key itself if it has no symbol.
 #[must_use]
 pub fn symbol(key: &str) -> Markup {
     match Label::of(key) {

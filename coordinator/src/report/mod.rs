@@ -1,6 +1,8 @@
-//! The report: a run's record in, self-contained HTML out. Touches neither store nor network.
+//! The report: self-contained HTML from a run's record. The module accesses neither store nor
+//! network.
 //!
-//! One file for up to [`ONE_FILE`] patients; beyond, an index with a page per patient beside it.
+//! Up to [`ONE_FILE`] patients make one file; more patients make an index with a page per patient
+//! beside it.
 
 mod afterload;
 mod calcium_fit;

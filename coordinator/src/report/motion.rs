@@ -1,4 +1,4 @@
-//! How a patient's finite-element ventricle moved, beside the normal ranges.
+//! Table of the motion of a patient's finite-element ventricle, with normal ranges.
 
 use cardiotwin_schemas::motion::{Against, MOTION, MotionMeasure, MotionMeasures};
 use cardiotwin_schemas::record::PatientRecord;
@@ -8,7 +8,7 @@ use super::format::fixed;
 use super::tables::scrolling;
 use crate::results::{PatientView, Step};
 
-/// The table; none where no finite-element beat is there.
+/// The table; `None` without a finite-element beat.
 #[must_use]
 pub fn table(patient: &PatientRecord) -> Option<Markup> {
     let view = PatientView(patient);
@@ -50,7 +50,8 @@ fn digits(measure: &MotionMeasure, value: Option<f64>) -> String {
     fixed(value, if measure.unit == "1" { 2 } else { 1 })
 }
 
-/// The value, and words for where it lies: colour never alone.
+/// Cells with the value and with words for its place beside the normal range, so that colour is not
+/// needed.
 fn value(measure: &MotionMeasure, motion: Option<&MotionMeasures>) -> Markup {
     let Some(motion) = motion else {
         return html! { td {} td {} };

@@ -9,11 +9,13 @@ use super::patient::standing;
 
 const CSS: &str = include_str!("report.css");
 const JS: &str = include_str!("report.js");
-/// Runs before anything is drawn, so that a dark page never flashes white. `#dark` and `#light` in the address win.
+/// Script that sets the theme before anything is drawn, so that a dark page never flashes white.
+/// `#dark` and `#light` in the address override the stored theme.
 const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\
 try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.documentElement.dataset.theme=t})()";
 
-/// The dark colours stand in two rules of the style sheet: by the system's wish, and by the reader's.
+/// The style sheet. Its dark colours are in two rules: one for the system's preference and one for
+/// the reader's choice.
 fn style(content: &Markup) -> String {
     let mark = ("/* dark colours */", "/* end */");
     let dark = CSS
@@ -24,7 +26,7 @@ fn style(content: &Markup) -> String {
     let by_system = format!(
         "@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}"
     );
-    // Pages without a picture do without its colours.
+    // The colours of the heart are only needed by pages with a picture of it.
     let hearts = if content.0.contains("class=\"heart\"") {
         organ_3d::css()
     } else {
@@ -33,7 +35,7 @@ fn style(content: &Markup) -> String {
     format!("{CSS}\n{by_system}\n{hearts}")
 }
 
-/// A whole page.
+/// A whole page with navigation and content.
 #[must_use]
 pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
     html! {
@@ -57,7 +59,8 @@ pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
     }
 }
 
-/// Navigation that stays in sight: the cohort, then the patients with a sign of how each stands.
+/// Navigation that stays in sight: the cohort, followed by the patients with a sign for their
+/// state.
 #[must_use]
 pub fn nav(run: &RunRecord, home: &str, patients: &[PatientRecord], link: Link) -> Markup {
     html! {

@@ -1,4 +1,4 @@
-//! A patient's section.
+//! The section of a patient.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality, Step3Ending};
@@ -14,7 +14,8 @@ use super::provenance;
 use super::tables;
 use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
-/// How a patient stands, for badges: a class of the style sheet, a sign and words, so that colour is never alone.
+/// State of a patient for a badge: a class of the style sheet, a sign, and words, so that colour is
+/// not needed.
 #[must_use]
 pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String) {
     if let Some(failure) = &patient.failure {
@@ -49,7 +50,7 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
             "✕",
             format!("{state} in {}", step_name(&patient.status.step)),
         ),
-        // Before its first task a patient is in no step.
+        // A patient is in no step before its first task.
         (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_owned()),
         (state, _) => (
             "quiet",
@@ -63,7 +64,7 @@ fn step_name(step: &str) -> String {
     step.replace("step-", "step ")
 }
 
-/// Step 1's ending in words; what runs still, where it has none.
+/// Ending of step 1 in words, or the number of iterations so far.
 #[must_use]
 pub fn step1_words(patient: &PatientRecord) -> String {
     match &patient.step1 {
@@ -81,7 +82,7 @@ fn reason_words(reason: StallReason) -> &'static str {
     }
 }
 
-/// What happened, in a few sentences.
+/// Summary of the steps in a few sentences.
 fn summary(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);
     let errors = |step| {
@@ -133,7 +134,7 @@ fn summary(patient: &PatientRecord) -> Markup {
     }
 }
 
-/// Why a simulated trace is missing.
+/// Explanation of why a simulated trace is missing.
 fn why_no_beat(patient: &PatientRecord) -> String {
     match (&patient.failure, patient.iterations.is_empty()) {
         (Some(failure), true) => {
@@ -150,7 +151,7 @@ fn why_no_beat(patient: &PatientRecord) -> String {
     }
 }
 
-/// Sentences on what is not drawn, and why.
+/// Sentences about traces that are not drawn, with the reason.
 fn missing(patient: &PatientRecord, signals: &Signals) -> Vec<String> {
     let mut sentences = Vec::new();
     let has = |source, kind| signals.get(source, kind).is_some();
@@ -355,7 +356,7 @@ fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-/// The section of a patient; `heading` is `h1` on a page of its own.
+/// The section of a patient: summary, notes, figures and tables.
 #[must_use]
 pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
     let (class, sign, words) = standing(patient);

@@ -1,4 +1,5 @@
-//! How sure a twin is: bands of pressure, volume and loop, intervals of biomarkers and parameters.
+//! Uncertainty of a twin: bands of pressure, volume and loop, and intervals of biomarkers and
+//! parameters.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::outcome::Determination;
@@ -14,10 +15,10 @@ use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 /// Width and height of the picture of an interval.
 const PICTURE: (f64, f64) = (160.0, 14.0);
-/// Correlations that are told, by magnitude.
+/// Absolute correlation from which a pair of parameters is listed.
 const STRONG: f64 = 0.7;
 
-/// The part of a patient's section; empty before it was sampled.
+/// The part of a patient's section; empty if the posterior was not sampled.
 #[must_use]
 pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     let Some(task) = &patient.posterior else {
@@ -44,7 +45,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-/// What was assumed, and whether to trust it.
+/// Sentences about the assumed noise, the sampling, and doubts about it.
 fn words(result: &PosteriorResult) -> String {
     let (noise, deviations, sampling) = (
         &result.deviations.noise,
@@ -95,7 +96,7 @@ fn timed(patient: &PatientRecord, values: &[f64]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// A trace's band with the measured trace and the twin's.
+/// Band of a trace, with the measured trace and the twin's.
 fn band(
     patient: &PatientRecord,
     signals: &Signals,
@@ -258,7 +259,7 @@ fn parameters(result: &PosteriorResult) -> Markup {
     })
 }
 
-/// Prior and posterior on one logarithmic axis, and the twin.
+/// Picture of prior, posterior and twin on one logarithmic axis.
 fn picture(spread: &ParameterSpread) -> Markup {
     let (width, height) = PICTURE;
     let log = |value: f64| value.abs().ln();
@@ -299,7 +300,7 @@ fn class(mark: Determination) -> &'static str {
     }
 }
 
-/// Pairs of parameters that only move together.
+/// Pairs of strongly correlated parameters, the strongest first.
 fn strong_pairs(result: &PosteriorResult) -> Vec<String> {
     let names: Vec<&String> = result.parameters.keys().collect();
     let mut pairs: Vec<(f64, String)> = Vec::new();

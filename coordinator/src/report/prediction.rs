@@ -1,8 +1,8 @@
-//! A predicted beat beside the twin's: pressure, volume, loop.
+//! Figure of a predicted beat beside the twin's: pressure, volume, loop.
 
 use super::plot::{Axis, Chart, Scale, Series, stacked};
 
-/// Pressure and volume over time, and the loop, of one beat.
+/// Lines of one beat: pressure and volume over time, and the loop.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BeatLines {
     /// Time \[ms\] and pressure \[mmHg\].
@@ -13,9 +13,9 @@ pub struct BeatLines {
     pub pv_loop: Vec<(f64, f64)>,
 }
 
-/// The text of an SVG file; empty where there is nothing to draw.
+/// Text of an SVG file; empty if there is nothing to draw.
 ///
-/// - `headline`: whose twin; `changes`: a line each
+/// - `headline`: title with the patient; `changes`: lines below it
 #[must_use]
 pub fn figure(headline: &str, changes: &[String], before: &BeatLines, after: &BeatLines) -> String {
     let charts: Option<Vec<Chart>> = [

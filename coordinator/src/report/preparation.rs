@@ -1,33 +1,34 @@
-//! What was made of recordings, as SVG files: every beat, the mean, frames and loops before and after each step.
+//! Figures of a preparation, as SVG files: all beats, their mean, and frames and loops before and
+//! after each step.
 
 use super::plot::{Axis, Chart, Mark, Scale, Series, stacked};
 
-/// A line: x and y.
+/// Points of a line, x and y.
 pub type Line = Vec<(f64, f64)>;
 
-/// Beats of a recording, laid on each other's beginning: time in ms, pressure in mmHg.
+/// Beats of a recording, aligned at their beginning: time in ms, pressure in mmHg.
 #[derive(Debug, Clone, Default)]
 pub struct BeatLines {
-    /// Headline.
+    /// Headline of the figure.
     pub title: String,
-    /// Lines of text below it.
+    /// Lines of text below the headline.
     pub text: Vec<String>,
-    /// Those in the mean.
+    /// Beats that are part of the mean.
     pub kept: Vec<Line>,
-    /// Those that are not, with their number and the reason.
+    /// Beats that are not part of the mean, with their number and the reason.
     pub left_out: Vec<(String, Line)>,
-    /// The mean.
+    /// Mean of the kept beats.
     pub mean: Line,
-    /// The mean less and more the standard deviation between beats.
+    /// The mean minus and plus the standard deviation between beats.
     pub band: [Line; 2],
-    /// Times that are marked: name, time.
+    /// Marked times in ms, with their names.
     pub events: Vec<(&'static str, f64)>,
 }
 
-/// Letters that fit on a line.
+/// Characters that fit on a line.
 const WIDTH: usize = 96;
 
-/// Lines of text that are not cut at the picture's edge.
+/// Text broken into lines that are not cut off at the picture's edge.
 fn wrapped(text: &[String]) -> Vec<String> {
     let mut lines = Vec::new();
     for whole in text {
@@ -46,8 +47,8 @@ fn wrapped(text: &[String]) -> Vec<String> {
     lines
 }
 
-/// Every beat and the mean above, the ones that are left out in the middle, the mean with its spread below. None without a
-/// finite sample.
+/// Text of an SVG file: kept beats and the mean above, left-out beats in the middle, the mean with
+/// its spread below. `None` without a finite sample.
 #[must_use]
 pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     let last = beats.mean.last()?.0;
@@ -156,28 +157,28 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     ))
 }
 
-/// The volume and the loop after each step.
+/// Volume and loop after each step of a preparation.
 #[derive(Debug, Clone, Default)]
 pub struct VolumeLines {
-    /// Headline.
+    /// Headline of the figure.
     pub title: String,
-    /// Lines of text below it.
+    /// Lines of text below the headline.
     pub text: Vec<String>,
-    /// Frames as they were measured, on their own clock: time in ms, volume in mL.
+    /// Frames as measured, on their own clock: time in ms, volume in mL.
     pub original: Line,
-    /// After they were brought to the whole-heart image.
+    /// Frames after their adjustment to the whole-heart image.
     pub adjusted: Line,
-    /// The image's own time and volume.
+    /// Time in ms and volume in mL of the whole-heart image.
     pub image: Option<(f64, f64)>,
-    /// On the catheter's clock, synchronised.
+    /// Synchronised frames on the catheter's clock.
     pub synchronised: Line,
-    /// Volume in mL and pressure in mmHg, before synchronising.
+    /// Loop before the synchronisation: volume in mL, pressure in mmHg.
     pub sheared_loop: Line,
-    /// And after.
+    /// Loop after the synchronisation.
     pub synchronised_loop: Line,
 }
 
-/// Frames above, loops below.
+/// Text of an SVG file with the frames above and the loops below. `None` without a finite volume.
 #[must_use]
 pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
     let lines = [&volume.original, &volume.adjusted, &volume.synchronised];

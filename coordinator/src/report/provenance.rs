@@ -1,4 +1,4 @@
-//! Where a patient's numbers come from.
+//! Provenance of a patient's numbers.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +10,14 @@ use super::format::{duration, moment, significant};
 use super::tables::scrolling;
 use crate::results::PatientView;
 
-/// First digits of a hash, all of them on hover.
+/// First digits of a hash; all of them on hover.
 fn hash(text: &str) -> Markup {
     let short: String = text.chars().take(12).collect();
     html! { code title=(text) { (short) } }
 }
 
-/// Every published task with its key, times and seed; the inputs' hashes; the settings that matter.
+/// Table of the published tasks with key, times and seed; hashes of the inputs; settings that
+/// determine the result.
 #[must_use]
 pub fn details(patient: &PatientRecord) -> Markup {
     let tasks = PatientView(patient).tasks();

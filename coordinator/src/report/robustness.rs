@@ -1,4 +1,5 @@
-//! The page of a robustness sweep: loops and traces as in Figure 6 of Jung et al. 2022, tables as its 3 to 10.
+//! The page of a robustness sweep: loops and traces as in Figure 6 of Jung et al. 2022, and tables
+//! like its Tables 3 to 10.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -18,7 +19,7 @@ use super::plot::{Axis, Chart, Reading, Scale, Series};
 use super::write::write;
 use crate::results::{SignalKind, Signals, Source, WriteError};
 
-/// Samples below the originals, step 2 below step 1, as in the figure.
+/// Drawing order as in Figure 6: samples below the originals, step 2 below step 1.
 const LINES: [(MemberRole, Source, &str); 4] = [
     (MemberRole::Sample, Source::Step2, "step2 sample"),
     (MemberRole::Sample, Source::Step1, "step1 sample"),
@@ -26,13 +27,13 @@ const LINES: [(MemberRole, Source, &str); 4] = [
     (MemberRole::Original, Source::Step1, "step1 original"),
 ];
 
-/// Points of a line of some member's step.
+/// Function that gives the points of a line from a member's signals and a step.
 type PointsOf<'a> = &'a dyn Fn(&Signals, Source) -> Option<Vec<(f64, f64)>>;
 
 /// Writes the page of a sweep.
 ///
 /// # Errors
-/// [`WriteError`] when the file cannot be written.
+/// [`WriteError`] if the file cannot be written.
 pub fn write_robustness(
     result: &RobustnessResult,
     run: &RunRecord,
@@ -138,7 +139,7 @@ fn conditions(conditions: &[Condition]) -> Markup {
     }
 }
 
-/// Loops, pressures and volumes of both steps: samples light, originals bold.
+/// Loops, pressures and volumes of both steps. Samples are drawn light, originals bold.
 fn figure_6(patient: &PatientRobustness, records: &HashMap<&PatientId, &PatientRecord>) -> Markup {
     let read = |role: MemberRole| {
         let members = patient.members.iter().filter(move |m| m.role == role);

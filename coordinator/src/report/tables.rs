@@ -1,4 +1,4 @@
-//! Tables of a patient.
+//! Tables in a patient's section.
 
 use std::collections::BTreeMap;
 
@@ -15,22 +15,22 @@ use crate::results::comparison::relative_difference;
 use crate::results::{PatientView, Step};
 use cardiotwin_schemas::label::Label;
 
-/// Relative distance to a bound below which a value sits on it.
+/// Relative distance below which a value counts as lying on a bound.
 const ON_BOUND: f64 = 1e-3;
 
-/// A table that scrolls by itself on a narrow screen.
+/// A table with its own scroll bar on a narrow screen.
 #[must_use]
 pub fn scrolling(table: &Markup) -> Markup {
     html! { div.scroll tabindex="0" { (table) } }
 }
 
-/// The unit of a key, in a quiet voice.
+/// Cell with the unit of a key.
 fn unit(key: &str) -> Markup {
     let unit = Label::of(key).map_or("", |l| l.unit);
     html! { td.unit { (unit) } }
 }
 
-/// A signed difference in percent, shaded by its size: colour never alone, the number stands in it.
+/// A signed difference in percent, shaded by its size. The number makes the colour unnecessary.
 fn difference(share: Option<f64>) -> Markup {
     let class = match share.map(f64::abs) {
         Some(d) if d > 0.25 => "num diff far",
@@ -40,7 +40,7 @@ fn difference(share: Option<f64>) -> Markup {
     html! { td class=(class) { (percent(share)) } }
 }
 
-/// Biomarkers: measured, and each step's.
+/// Table of the measured biomarkers beside the simulated ones of each step.
 #[must_use]
 pub fn biomarkers(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);
@@ -87,7 +87,8 @@ fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
     fixed(value, if rate { 3 } else { 1 })
 }
 
-/// Where a value and its near-optimal interval lie between its bounds: a bar, and words where it sits on one.
+/// Cells with a bar that shows a value and its near-optimal interval between the bounds, and with
+/// words if the value lies on a bound.
 fn bounds(
     value: f64,
     lower: f64,
@@ -133,7 +134,7 @@ fn on_bound(value: f64, [lower, upper]: [f64; 2]) -> bool {
         || (value - upper).abs() <= ON_BOUND * upper.abs()
 }
 
-/// Parameters that step 1 personalised.
+/// Table of the parameters that step 1 personalised; `None` before its first simulation.
 #[must_use]
 pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
     let settings = &patient.plan.settings.step1;
@@ -166,7 +167,7 @@ pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
     }))
 }
 
-/// Parameters of the fitted cell.
+/// Table of the fitted cell's parameters.
 #[must_use]
 pub fn cell_parameters(fit: &CellFitResult) -> Markup {
     let row = |p: &FittedParameter| {
@@ -217,7 +218,7 @@ fn cell_biomarkers(b: &CellBiomarkers) -> [(&'static str, f64, usize); 6] {
     ]
 }
 
-/// Step 2's targets against what the fit reached, with the terms of its cost.
+/// Table of step 2's targets, the values that the fit reached, and the terms of its cost.
 #[must_use]
 pub fn cell_fit(fit: &CellFitResult) -> Markup {
     let others: BTreeMap<_, _> = fit
@@ -254,7 +255,8 @@ pub fn cell_fit(fit: &CellFitResult) -> Markup {
     })
 }
 
-/// What step 0 fitted or took over: passive state and loads.
+/// Table of the passive state and loads that step 0 fitted or took from the input; `None` before
+/// step 0 is done.
 #[must_use]
 pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
     let result = &patient.step0.as_ref()?.result;
@@ -299,7 +301,8 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
             "initial_windkessel_pressure_mmHg",
         ),
     ]);
-    // Keys of estimates may carry their table, as in `afterload.compliance_mL_per_mmHg`, or name a whole table.
+    // Keys of estimates may contain their table, as in `afterload.compliance_mL_per_mmHg`, or name
+    // a whole table.
     let estimated = |key: &str| {
         result.estimates.iter().any(|e| {
             let last = e.key.rsplit('.').next().unwrap_or_default();
@@ -427,7 +430,7 @@ fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
     ]
 }
 
-/// Checks of the science that did not hold, of a simulation.
+/// Sentences about the physiological checks that a simulation failed.
 #[must_use]
 pub fn failed_checks(what: &str, beat: &OrganBeatResult) -> Vec<Markup> {
     let failed = beat.checks.iter().filter(|c| !c.passed);

@@ -1,4 +1,4 @@
-//! Which files the report is made of.
+//! The files of a report.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -10,26 +10,27 @@ use maud::{Markup, html};
 use super::{cohort, discovery, figures, page, patient};
 use crate::results::{Signals, WriteError, atomic};
 
-/// Up to so many patients go into one file.
+/// Largest number of patients in a report of one file.
 pub const ONE_FILE: usize = 50;
-/// So many small pressure plots at most.
+/// Largest number of small pressure plots in an overview.
 const TILES: usize = 60;
 
-/// What was written.
+/// Paths of a report that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportPaths {
-    /// To be opened first.
+    /// File to open first.
     pub main: PathBuf,
-    /// A page per patient, in the cohort's order; empty where all are in one file.
+    /// One page per patient in the cohort's order; empty if all patients are in one file.
     pub patients: Vec<PathBuf>,
 }
 
-/// Writes the report of a run to `out` (`report.html`): one file up to [`ONE_FILE`] patients, else an index, with the
-/// patients' pages in a folder beside it (`report-patients/`). `discovered`: what searches beside the run found; of more
-/// than [`ONE_FILE`] patients the tables alone. Artefacts that cannot be read are named in the report.
+/// Writes the report of a run to `out` (`report.html`): one file for up to [`ONE_FILE`] patients,
+/// otherwise an index, with the patients' pages in a folder beside it (`report-patients/`).
+/// `discovered` are the findings of searches beside the run; for more than [`ONE_FILE`] patients
+/// only their tables are shown. The report names artefacts that cannot be read.
 ///
 /// # Errors
-/// [`WriteError`] when a file cannot be written. Each file is written atomically, the index last.
+/// [`WriteError`] if a file cannot be written. Each file is written atomically, the index last.
 pub fn write_report(
     run: &RunRecord,
     discovered: Option<&DiscoverCases>,
@@ -112,7 +113,8 @@ fn index(
         {
             tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
         }
-        // Neighbours alone: with every patient in every page's navigation a cohort's size would count squared.
+        // Only neighbours are linked: with every patient on every page, the report would grow with
+        // the square of the cohort's size.
         let near = &run.patients[i.saturating_sub(12)..run.patients.len().min(i + 13)];
         let nav = page::nav(run, &home, near, &|p| of[p.plan.id.as_str()].to_owned());
         let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
@@ -167,7 +169,8 @@ pub(super) fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
     atomic::replace(file, |out| out.write_all(page.0.as_bytes())).map_err(WriteError::file(file))
 }
 
-/// Patients that one wants to see first: failures, then the largest costs of step 1; in the cohort's order.
+/// Indices of the `n` patients to show first, in the cohort's order: failures, followed by the
+/// largest costs of step 1.
 fn most_telling(patients: &[PatientRecord], n: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..patients.len()).collect();
     let cost = |i: &usize| {
@@ -185,7 +188,8 @@ fn most_telling(patients: &[PatientRecord], n: usize) -> Vec<usize> {
     order
 }
 
-/// A file name per patient: the id with what a file system or an address might mind replaced; distinct.
+/// A distinct file name per patient: the id with `_` for characters that a file system or an
+/// address might not allow.
 fn file_names(patients: &[PatientRecord]) -> Vec<String> {
     let mut taken = HashSet::new();
     let names = patients.iter().map(|p| {
@@ -199,7 +203,8 @@ fn file_names(patients: &[PatientRecord]) -> Vec<String> {
         let base: String = p.plan.id.as_str().chars().map(plain).collect();
         let mut name = format!("{base}.html");
         let mut k = 2;
-        // Case is folded: on some file systems P1 and p1 are one file.
+        // Names are compared without case, because P1 and p1 are the same file on some file
+        // systems.
         while !taken.insert(name.to_lowercase()) {
             name = format!("{base}-{k}.html");
             k += 1;

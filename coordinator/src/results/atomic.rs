@@ -1,12 +1,14 @@
-//! Files that are either the old or the new ones, never half of each.
+//! Files that change from the old to the new content at once, and are never a mixture.
 
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Writes a file through a temporary one in the same directory: content synced, renamed, directory synced.
+/// Writes a file through a temporary one in the same directory: syncs the content, renames the
+/// file, and syncs the directory.
 ///
 /// # Errors
-/// Whatever the file system or `fill` says; the old file is then untouched.
+/// An error of the file system or of `fill`. The old file stays as it was, unless only the last
+/// sync failed.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let file = filled(path, fill)?;
     file.as_file().sync_all()?;
@@ -14,10 +16,11 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     std::fs::File::open(directory(path))?.sync_all()
 }
 
-/// The same without waiting for the disk, for what can be made again: thousands of pages of a report.
+/// Writes a file like [`write()`] but without syncs, for files that can be made again, such as the
+/// thousands of pages of a report.
 ///
 /// # Errors
-/// As [`write()`].
+/// An error of the file system or of `fill`. The old file stays as it was.
 pub fn replace(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     filled(path, fill)?
         .persist(path)
@@ -40,7 +43,8 @@ fn filled(
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // Narrowed by the umask, as for any other file: a report is to be read by the group as well.
+        // The umask narrows these permissions as for any other file, because the group should be
+        // able to read a report.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.tempfile_in(directory(path))?;

@@ -2,27 +2,27 @@
 
 use std::path::{Path, PathBuf};
 
-/// A CSV file that cannot be used.
+/// Errors in reading a CSV file of numbers.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnsError {
-    /// Absent, unreadable, or not CSV.
+    /// The file is absent or unreadable, or is not CSV.
     #[error("cannot read {file}: {source}")]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// The cause.
+        /// Error of the CSV reader.
         source: csv::Error,
     },
-    /// A cell that is no number.
+    /// A cell is not a number.
     #[error("{file}:{line}: column {column} holds `{found}`, expected a number")]
     NotANumber {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Line, 1 for the header.
+        /// Line of the cell; the header is line 1.
         line: u64,
-        /// Column name.
+        /// Name of the column.
         column: String,
-        /// The cell.
+        /// Content of the cell.
         found: String,
     },
 }
@@ -35,10 +35,10 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Reads a file. An empty cell is NaN: a value that is not there.
+    /// Reads a file. An empty cell stands for a missing value and becomes NaN.
     ///
     /// # Errors
-    /// [`ColumnsError`] names file, line and column.
+    /// [`ColumnsError`] with the file and, for a cell, its line and column.
     pub fn read(file: &Path) -> Result<Self, ColumnsError> {
         let failed = |source| ColumnsError::Read {
             file: file.to_owned(),
@@ -75,7 +75,7 @@ impl Columns {
         Ok(Self { names, values })
     }
 
-    /// A column by name.
+    /// Values of a column by name; NaN for missing ones. `None` if the file lacks the column.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&[f64]> {
         self.names
@@ -84,7 +84,8 @@ impl Columns {
             .map(|i| self.values[i].as_slice())
     }
 
-    /// Two columns side by side, rows with a missing value left out; `None` where a column is absent or empty.
+    /// Pairs of values of two columns, without rows in which one is missing. `None` if a column is
+    /// absent or no pair is complete.
     #[must_use]
     pub fn pairs(&self, x: &str, y: &str) -> Option<Vec<(f64, f64)>> {
         let pairs: Vec<_> = std::iter::zip(self.get(x)?, self.get(y)?)

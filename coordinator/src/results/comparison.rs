@@ -1,4 +1,5 @@
-//! Simulated against measured: relative differences, means over the cohort, and the paper's means beside them.
+//! Comparison of simulated with measured values: relative differences, means over the cohort, and
+//! the paper's means.
 
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::outcome::OrganBeatResult;
@@ -8,22 +9,23 @@ use cardiotwin_schemas::record::{IterationRecord, PatientRecord, Step1Quality, T
 /// A stage whose beat is compared with the measured one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
-    /// The iterate that was taken.
+    /// Step 1: the iterate that was taken.
     Step1,
-    /// The first iterate within the tolerance: the paper's stopping rule.
+    /// Step 1: the first iterate within the tolerance, which is the paper's stopping rule.
     Step1FirstConverged,
-    /// The verification beat.
+    /// Step 2: the verification beat.
     Step2,
-    /// The beat that step 3 took: the verification beat where it found no better one.
+    /// Step 3: the beat that was taken, which is the verification beat if no better one was found.
     Step3,
 }
 
-/// Mean relative differences that Jung et al. 2022 report for step 1, percent, in the order of [`Biomarker::TABLE_2`].
+/// Mean relative differences of step 1 in Jung et al. 2022, percent, in the order of
+/// [`Biomarker::TABLE_2`].
 pub const PAPER_STEP1_PERCENT: [f64; Biomarker::TABLE_2.len()] = [5.4, 13.6, 7.7, 1.4, 10.0];
-/// The same for step 2.
+/// Mean relative differences of step 2 in Jung et al. 2022, percent, in the same order.
 pub const PAPER_STEP2_PERCENT: [f64; Biomarker::TABLE_2.len()] = [5.5, 22.5, 39.9, 2.9, 11.1];
 
-/// (simulated − measured) / measured.
+/// (simulated − measured) / measured; `None` if it is not finite.
 #[must_use]
 pub fn relative_difference(simulated: f64, measured: f64) -> Option<f64> {
     let difference = (simulated - measured) / measured;
@@ -33,16 +35,16 @@ pub fn relative_difference(simulated: f64, measured: f64) -> Option<f64> {
 /// Mean and standard deviation of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanSd {
-    /// Mean.
+    /// Arithmetic mean.
     pub mean: f64,
-    /// Standard deviation with n − 1; absent for one value.
+    /// Standard deviation with n − 1; `None` for a single value.
     pub sd: Option<f64>,
     /// Number of values.
     pub n: usize,
 }
 
 impl MeanSd {
-    /// Of the values that are there; `None` without any.
+    /// Statistics of the present finite values; `None` without any.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = Option<f64>>) -> Option<Self> {
         let values: Vec<f64> = values
@@ -58,18 +60,19 @@ impl MeanSd {
         let sd = (n > 1).then(|| {
             (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt()
         });
-        // Equal values spread by the mean's last bit: that is zero.
+        // The standard deviation of equal values is the rounding error of their mean, which stands
+        // for zero.
         let sd = sd.map(|sd| if sd < 1e-14 * mean.abs() { 0.0 } else { sd });
         Some(Self { mean, sd, n })
     }
 }
 
-/// Questions that one asks of a patient's record.
+/// Methods that evaluate a patient's record.
 #[derive(Debug, Clone, Copy)]
 pub struct PatientView<'a>(pub &'a PatientRecord);
 
 impl<'a> PatientView<'a> {
-    /// The iterate that step 1 took; before it ended, the best so far.
+    /// The iterate that step 1 took, or the best one so far if step 1 has not ended.
     #[must_use]
     pub fn best_iteration(self) -> Option<&'a IterationRecord> {
         let iterations = &self.0.iterations;
@@ -93,7 +96,7 @@ impl<'a> PatientView<'a> {
         }
     }
 
-    /// The simulation that stands for a step.
+    /// The simulation that represents a step.
     #[must_use]
     pub fn beat(self, step: Step) -> Option<&'a TaskRecord<OrganBeatResult>> {
         match step {
@@ -112,7 +115,8 @@ impl<'a> PatientView<'a> {
         }
     }
 
-    /// Measured biomarkers: from the traces once step 0 has read them, else as they were given.
+    /// Measured biomarkers: from the traces once step 0 has read them, before that as given in the
+    /// patient's file.
     #[must_use]
     pub fn measured(self) -> &'a Biomarkers {
         self.0
@@ -136,7 +140,7 @@ impl<'a> PatientView<'a> {
         )
     }
 
-    /// The beat that step 3 took, where that is not the verification beat.
+    /// The beat that step 3 took, if it is not the verification beat.
     #[must_use]
     pub fn step3_beat(self) -> Option<&'a TaskRecord<OrganBeatResult>> {
         self.beat(Step::Step3).filter(|_| {
@@ -156,7 +160,7 @@ impl<'a> PatientView<'a> {
             .is_some_and(|s| s.quality == Step1Quality::Converged)
     }
 
-    /// Provenance of every published task, with a name for each, in the order of the workflow.
+    /// Name, key, generation and provenance of every published task, in the order of the workflow.
     #[must_use]
     pub fn tasks(self) -> Vec<(String, &'a str, u32, &'a Provenance)> {
         fn entry<'a, T>(
@@ -199,7 +203,7 @@ impl<'a> PatientView<'a> {
         tasks
     }
 
-    /// Wall time of all published tasks, seconds; `None` where none is published.
+    /// Wall time of all published tasks, s; `None` before the first one.
     #[must_use]
     pub fn wall_s(self) -> Option<f64> {
         self.tasks()

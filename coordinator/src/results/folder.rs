@@ -1,4 +1,4 @@
-//! A folder that is there whole or not at all.
+//! Folders that appear as a whole or not at all.
 
 use std::fs;
 use std::io::Write as _;
@@ -6,17 +6,18 @@ use std::path::{Path, PathBuf};
 
 use super::WriteError;
 
-/// A folder that is filled beside its place, and takes it when it is complete. Dropped before that it leaves nothing.
+/// A folder that is filled beside its target and takes the target's place when it is complete. If
+/// it is dropped before, it leaves nothing.
 pub struct WholeFolder {
     beside: tempfile::TempDir,
     place: PathBuf,
 }
 
 impl WholeFolder {
-    /// Begins beside `place`, whose parents are made.
+    /// Begins a folder beside `place`, and makes the parents of `place`.
     ///
     /// # Errors
-    /// [`WriteError::Folder`].
+    /// [`WriteError::Folder`] if a folder cannot be made.
     pub fn begin(place: &Path) -> Result<Self, WriteError> {
         let parent = place
             .parent()
@@ -30,7 +31,8 @@ impl WholeFolder {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt as _;
-            // A temporary folder is its maker's alone; this one will be as readable as the folder that it lies in.
+            // A temporary folder is private to its owner. This one gets the permissions of the
+            // folder that contains it.
             let mode = fs::metadata(parent)
                 .map_err(WriteError::folder(place))?
                 .permissions()
@@ -45,16 +47,16 @@ impl WholeFolder {
         })
     }
 
-    /// Where it is filled.
+    /// Path of the folder until it is published.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.beside.path()
     }
 
-    /// Writes and syncs a new file; folders on the way are made.
+    /// Writes and syncs a new file, and makes the folders in its name.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file exists already or cannot be written.
     pub fn write(&self, name: &str, content: &[u8]) -> Result<(), WriteError> {
         let path = self.path().join(name);
         if let Some(folder) = path.parent() {
@@ -65,14 +67,16 @@ impl WholeFolder {
         written.map_err(WriteError::file(&self.place.join(name)))
     }
 
-    /// Takes the place; what was there before is gone.
+    /// Moves the folder to its place and removes the folder that was there before.
     ///
     /// # Errors
-    /// [`WriteError::Folder`]; what was there before is then still there.
+    /// [`WriteError::Folder`] if the folder cannot be moved; an earlier folder is then still in
+    /// place.
     pub fn publish(self) -> Result<(), WriteError> {
         let occupied = fs::read_dir(&self.place).is_ok_and(|mut entries| entries.next().is_some());
         if occupied {
-            // Both folders change places at once, so that there is a whole one at every moment; the old one goes with `beside`.
+            // The two folders are exchanged at once, so that a whole one is in place at every
+            // moment. The old one is deleted with `beside`.
             use rustix::fs::{CWD, RenameFlags, renameat_with};
             let exchanged =
                 renameat_with(CWD, self.path(), CWD, &self.place, RenameFlags::EXCHANGE);

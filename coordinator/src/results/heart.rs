@@ -1,4 +1,4 @@
-//! The picture's surface of a patient's step 1, read from its artefact.
+//! The wall's surface for the report's picture, read from an artefact of step 1.
 
 use std::path::PathBuf;
 
@@ -8,49 +8,49 @@ use cardiotwin_schemas::record::PatientRecord;
 
 use super::comparison::PatientView;
 
-/// A surface that cannot be used.
+/// Errors in reading a surface.
 #[derive(Debug, thiserror::Error)]
 pub enum HeartError {
-    /// Absent or unreadable.
+    /// The file is absent or unreadable.
     #[error("cannot read {file}: {source}")]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// No surface.
+    /// The file is not a surface.
     #[error("{file} is no surface of a heart: {source}")]
     Format {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Where and why.
+        /// Position and reason of the parser's error.
         source: serde_json::Error,
     },
-    /// Of another version, or with numbers that point nowhere.
+    /// The surface is of another version, or its triangles name corners that do not exist.
     #[error("{file} is no surface of a heart in format {SCHEMA_VERSION}: {what}")]
     Content {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// What is wrong.
+        /// Description of the problem.
         what: String,
     },
 }
 
-/// A surface and whose it is.
+/// A surface and the simulation from which it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeartFile {
-    /// The simulation in words.
+    /// Description of the simulation.
     pub name: String,
-    /// The surface; its triangles' corners are there in every state.
+    /// The surface. The corners of its triangles exist in every state.
     pub heart: HeartSurface,
 }
 
 impl HeartFile {
-    /// Of the iterate that step 1 took; `None` where it left none.
+    /// The surface of the iterate that step 1 took; `None` if it left no surface.
     ///
     /// # Errors
-    /// [`HeartError`] naming the file.
+    /// [`HeartError`] with the file.
     pub fn read(patient: &PatientRecord) -> Result<Option<Self>, HeartError> {
         let Some(iteration) = PatientView(patient).best_iteration() else {
             return Ok(None);

@@ -1,5 +1,7 @@
-//! What report, export and comparison read from a [`RunRecord`](cardiotwin_schemas::record::RunRecord): the traces
-//! behind it, the iterate that was taken, relative differences, means. Imports schemas alone; no store, no network.
+//! Data that report, export and comparison read from a
+//! [`RunRecord`](cardiotwin_schemas::record::RunRecord): the traces behind it, the iterate that was
+//! taken, relative differences, means. The module imports only schemas, and accesses neither store
+//! nor network.
 
 pub mod atomic;
 pub mod columns;

@@ -7,21 +7,21 @@ use cardiotwin_schemas::record::PatientRecord;
 use super::columns::Columns;
 use super::comparison::PatientView;
 
-/// Whose trace it is.
+/// Source of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Source {
-    /// The clinic's.
+    /// Measurement.
     Measured,
     /// Step 1, the iterate that was taken (active stress, calcium, stretch: medians over its nodes).
     Step1,
     /// Step 2: the verification beat (active stress, calcium, stretch: the fitted cell).
     Step2,
-    /// Step 3: the beat that was taken, where that is not the verification beat.
+    /// Step 3: the beat that was taken, if it is not the verification beat.
     Step3,
 }
 
 impl Source {
-    /// As in files.
+    /// Name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -35,14 +35,14 @@ impl Source {
 
 macro_rules! kinds {
     ($($kind:ident $name:literal $column:literal $unit:literal;)*) => {
-        /// What a trace shows.
+        /// Quantity of a trace.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         pub enum SignalKind {
             $(#[doc = concat!("`", $column, "`")] $kind,)*
         }
 
         impl SignalKind {
-            /// As in files, without unit.
+            /// Name in files, without unit.
             #[must_use]
             pub fn name(self) -> &'static str {
                 match self { $(Self::$kind => $name,)* }
@@ -54,7 +54,7 @@ macro_rules! kinds {
                 match self { $(Self::$kind => $column,)* }
             }
 
-            /// Unit as in files; `1` is dimensionless.
+            /// Unit in files; `1` stands for dimensionless.
             #[must_use]
             pub fn unit(self) -> &'static str {
                 match self { $(Self::$kind => $unit,)* }
@@ -87,29 +87,30 @@ const CELL: [SignalKind; 3] = [
     SignalKind::Stretch,
 ];
 
-/// One trace: time in ms from the beat's start, and the value.
+/// One trace: time in ms from the beat's start, and value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signal {
-    /// Whose.
+    /// Source of the trace.
     pub source: Source,
-    /// What.
+    /// Quantity of the trace.
     pub kind: SignalKind,
     /// Samples in order of time.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Everything that could be read, and what could not.
+/// All traces that could be read, and the problems of the others.
 #[derive(Debug, Clone, Default)]
 pub struct Signals {
-    /// Traces.
+    /// Traces that were read.
     pub all: Vec<Signal>,
-    /// One sentence per file that is recorded, but cannot be used.
+    /// One sentence for each file that is recorded but cannot be used.
     pub problems: Vec<String>,
 }
 
 impl Signals {
-    /// Reads what the record points to. A file that is not recorded is not missed; one that is recorded and cannot be
-    /// read becomes a problem, not an error: the rest of the patient is still worth showing.
+    /// Reads the files named in the record. A file that is not recorded is not missed. A recorded
+    /// file that cannot be read becomes a problem instead of an error, because the other traces of
+    /// the patient are still worth showing.
     #[must_use]
     pub fn read(patient: &PatientRecord) -> Self {
         let mut signals = Self::default();
@@ -118,7 +119,8 @@ impl Signals {
             (&step0.pressure, SignalKind::Pressure),
             (&step0.volume, SignalKind::Volume),
         ];
-        // Traces that were corrected for artefacts are shown as they were used.
+        // Traces that were corrected for artefacts are shown with the corrections with which they
+        // were used.
         let corrected = patient
             .step0
             .as_ref()
@@ -194,14 +196,14 @@ impl Signals {
                                 kind.column()
                             ));
                         }
-                        None => {} // calcium under Tanh, volume of a pressure-only patient: absent by nature
+                        None => {} // calcium under Tanh, or volume of a pressure-only patient
                     }
                 }
             }
         }
     }
 
-    /// Samples of a trace.
+    /// Samples of a trace; `None` if it was not read.
     #[must_use]
     pub fn get(&self, source: Source, kind: SignalKind) -> Option<&[(f64, f64)]> {
         self.all

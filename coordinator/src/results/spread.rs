@@ -1,34 +1,34 @@
-//! How the nodes' traces of step 1's result spread, read from the targets' artefact.
+//! Spread of the nodes' traces in step 1's result, read from the targets' artefact.
 
 use cardiotwin_schemas::record::PatientRecord;
 
 use super::columns::{Columns, ColumnsError};
 use super::signals::SignalKind;
 
-/// Shares of the wall below the values, percent, as in the columns' names.
+/// Percentages of the wall that lie below the values, as in the columns' names.
 pub const LEVELS: [u32; 5] = [5, 25, 50, 75, 95];
 
 /// The spread of one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
-    /// Which.
+    /// The quantity.
     pub kind: SignalKind,
-    /// For each of [`LEVELS`] the trace.
+    /// One trace for each of [`LEVELS`].
     pub levels: [Vec<(f64, f64)>; 5],
 }
 
-/// All that a file holds.
+/// Content of a file of spreads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpreadFile {
-    /// Active stress, calcium where there is any, stretch.
+    /// Spreads of stretch, active stress and, if there is any, calcium.
     pub all: Vec<Spread>,
 }
 
 impl SpreadFile {
-    /// Of a patient; `None` where the targets left none.
+    /// The spread of a patient; `None` if the targets left no such file.
     ///
     /// # Errors
-    /// [`ColumnsError`] naming the file.
+    /// [`ColumnsError`] with the file.
     pub fn read(patient: &PatientRecord) -> Result<Option<Self>, ColumnsError> {
         let Some(file) = patient
             .targets

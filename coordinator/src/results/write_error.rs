@@ -1,37 +1,37 @@
-//! What went wrong when report or export wrote.
+//! Errors in writing a report or an export.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Something that could not be written.
+/// Error in writing a folder or a file.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// A folder.
+    /// A folder cannot be created.
     #[error("cannot create {folder}")]
     Folder {
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A file.
+    /// A file cannot be written.
     #[error("cannot write {file}")]
     File {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
 impl WriteError {
-    /// Of a folder.
+    /// Closure for `map_err` that makes an error of a folder.
     pub fn folder(folder: &Path) -> impl FnOnce(io::Error) -> Self {
         let folder = folder.to_owned();
         |source| Self::Folder { folder, source }
     }
 
-    /// Of a file.
+    /// Closure for `map_err` that makes an error of a file.
     pub fn file(file: &Path) -> impl FnOnce(io::Error) -> Self {
         let file = file.to_owned();
         |source| Self::File { file, source }

@@ -1,4 +1,4 @@
-//! Why a sweep cannot be made, gone on with or analysed.
+//! Errors in making, continuing or analysing a sweep.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,101 +7,101 @@ use cardiotwin_calibrate::sobol::SobolError;
 
 use super::robustness::DesignError;
 
-/// What is wrong with a sweep.
+/// Error of a sweep.
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
-    /// A file of the sweep.
+    /// A file of the sweep cannot be read or written.
     #[error("cannot {what} {path}")]
     File {
-        /// Verb.
+        /// Verb of the operation, as in "cannot read".
         what: &'static str,
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// `sweep.json` is not one of ours.
+    /// `sweep.json` is not in the format of this version.
     #[error(
         "{path}: not the file of a sweep in format {}",
         cardiotwin_schemas::SCHEMA_VERSION
     )]
     Format {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where and why.
+        /// Position and reason of the parser's error.
         source: serde_json::Error,
     },
-    /// A folder that holds something else.
+    /// The folder holds a cohort or a run.
     #[error("{path} {holds}: a sweep needs a folder of its own, see --out")]
     Occupied {
-        /// Which folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// What it is.
+        /// Content of the folder, as a predicate.
         holds: &'static str,
     },
-    /// No sweep where one was named.
+    /// The named folder holds no sweep.
     #[error("{path} holds no sweep: `cardiotwin sweep gsa --out {path}` makes one there")]
     NoSweep {
-        /// Which folder.
+        /// Path of the folder.
         path: PathBuf,
     },
-    /// A sweep without a member yet.
+    /// The sweep has no member yet.
     #[error("the sweep in {path} has no member yet: the command that made the folder goes on")]
     Empty {
-        /// Which folder.
+        /// Path of the folder.
         path: PathBuf,
     },
-    /// Other settings than those the folder was made with.
+    /// The settings differ from those with which the sweep was made.
     #[error(
         "the sweep in {path} was made with other settings: {changes}; its samples cannot be mixed: leave these options \
          out, or give a new folder with --out"
     )]
     Changed {
-        /// Which folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// Each setting with both values.
+        /// Each changed setting with both values.
         changes: String,
     },
-    /// A setting that makes no sense.
+    /// A setting is invalid.
     #[error("{name} is {found}, expected {expected}")]
     Setting {
-        /// Which option.
+        /// Name of the option.
         name: String,
-        /// What was given.
+        /// Value that was given.
         found: String,
-        /// What would do.
+        /// Description of valid values.
         expected: String,
     },
-    /// A sweep of another kind than the command is about.
+    /// The sweep is of another kind than the command expects.
     #[error(
         "the folder holds a sweep of kind {found}: `cardiotwin sweep {found} COHORT --results-only` tells its results"
     )]
     OtherKind {
-        /// Which.
+        /// Kind of the sweep in the folder.
         found: &'static str,
     },
-    /// Members of a robustness sweep.
+    /// Members of a robustness sweep cannot be made or compared.
     #[error(transparent)]
     Design(#[from] DesignError),
-    /// The design or its outputs.
+    /// The Saltelli design or its outputs are invalid.
     #[error(transparent)]
     Sobol(#[from] SobolError),
-    /// A chunk's artefact is not what was published.
+    /// A chunk's artefact differs from the published one.
     #[error(
         "{path}: {problem}; the chunk has to be computed again: remove the sweep's folder, or restore the file from a copy"
     )]
     Samples {
-        /// Which file.
+        /// Path of the artefact.
         path: PathBuf,
-        /// What was found and expected.
+        /// Description of the difference.
         problem: String,
     },
-    /// Too little is there.
+    /// Too few blocks are complete for an analysis.
     #[error("{n_blocks} of {of} blocks are complete, but indices need at least 2")]
     TooEarly {
-        /// Complete first blocks.
+        /// Number of complete blocks before the first gap.
         n_blocks: u32,
-        /// Blocks of the sweep.
+        /// Number of blocks in the sweep.
         of: u32,
     },
 }

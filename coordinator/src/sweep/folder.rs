@@ -1,4 +1,4 @@
-//! `sweep.json`: a folder knows what it is about, and is never filled with anything else.
+//! `sweep.json`, which says which sweep a folder holds and keeps other runs out of it.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,15 +8,15 @@ use cardiotwin_schemas::sweep::SweepFile;
 use super::SweepError;
 use crate::results::atomic;
 
-/// File that tells a sweep's folder.
+/// File by which a sweep's folder is recognised.
 pub const FILE: &str = "sweep.json";
-/// Where results are written.
+/// Folder of the result files, inside the sweep's folder.
 pub const RESULTS: &str = "results";
 
-/// What the folder is about; none where it holds no sweep.
+/// The sweep in a folder; `None` if it holds none.
 ///
 /// # Errors
-/// [`SweepError`] when the file is there and cannot be read.
+/// [`SweepError`] if the file exists and cannot be read.
 pub fn find(folder: &Path) -> Result<Option<SweepFile>, SweepError> {
     let path = folder.join(FILE);
     let text = match std::fs::read(&path) {
@@ -42,20 +42,21 @@ pub fn find(folder: &Path) -> Result<Option<SweepFile>, SweepError> {
         .map_err(|source| SweepError::Format { path, source })
 }
 
-/// As [`find`], where there must be one.
+/// The sweep in a folder that must hold one.
 ///
 /// # Errors
-/// [`SweepError::NoSweep`] and those of [`find`].
+/// [`SweepError::NoSweep`] if it holds none, and the errors of [`find`].
 pub fn read(folder: &Path) -> Result<SweepFile, SweepError> {
     find(folder)?.ok_or_else(|| SweepError::NoSweep {
         path: folder.to_owned(),
     })
 }
 
-/// Makes the folder if need be, and writes its file.
+/// Makes the folder if it does not exist, and writes its file.
 ///
 /// # Errors
-/// [`SweepError::Occupied`] for a cohort, or a run that is no sweep; whatever the file system says.
+/// [`SweepError::Occupied`] for a cohort, or for a run that is not a sweep; [`SweepError::File`] if
+/// the folder or its file cannot be written.
 pub fn write(folder: &Path, file: &SweepFile) -> Result<(), SweepError> {
     let path = folder.join(FILE);
     let occupied = |name: &str, holds| {
@@ -81,10 +82,10 @@ pub fn write(folder: &Path, file: &SweepFile) -> Result<(), SweepError> {
     })
 }
 
-/// Writes a file of results, and tells where.
+/// Writes a file of results and returns its path.
 ///
 /// # Errors
-/// Whatever the file system says.
+/// [`SweepError::File`] if the file cannot be written.
 pub fn write_result(folder: &Path, name: &str, text: &str) -> Result<PathBuf, SweepError> {
     let results = folder.join(RESULTS);
     std::fs::create_dir_all(&results).map_err(|source| SweepError::File {

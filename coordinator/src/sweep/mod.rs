@@ -1,7 +1,9 @@
-//! Sweeps: what a sweep's folder is about, which tasks it consists of, and what follows from their outcomes.
+//! Sweeps: the content of a sweep's folder, its tasks, and the results computed from their
+//! outcomes.
 //!
-//! A sweep is a run of the engine like any other, whose members are the sweep's elements: progress, resume, retry and
-//! cancel are the engine's. Here is what is left: specification to members, outcomes to results.
+//! A sweep is a run of the engine like any other, whose members are the sweep's elements. The
+//! engine provides progress, resume, retry and cancel. This module makes members from a
+//! specification and results from their outcomes.
 
 mod error;
 pub mod folder;

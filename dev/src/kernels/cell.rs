@@ -1,4 +1,5 @@
-//! One evaluation of the 0D cell, periodic state included: on the batched engine, and on the scalar cell beside it.
+//! Times the evaluation of a 0D cell up to its periodic state, on the batched engine and on the
+//! scalar cell.
 
 use std::collections::BTreeMap;
 
@@ -14,27 +15,28 @@ use super::{CYCLE_MS, median_seconds, processor};
 use cardiotwin_worker::cell_parameters::NamedCell;
 use cardiotwin_worker::error::TaskError;
 
-/// Cells of a batch.
+/// Number of cells in a batch.
 const CELLS: usize = 1024;
-/// Those of them that the scalar cell computes.
+/// Number of these cells that are also computed by the scalar cell.
 const SCALAR_CELLS: usize = 64;
 
-/// Medians over random cells of step 2's bounds on one core.
+/// Median times on one core, over random cells within step 2's bounds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CellTiming {
-    /// Batched on the best instructions: time of the batch over its cells.
+    /// Time per cell of a batch with the best instruction set of the processor.
     pub us_per_evaluation: f64,
-    /// The same for each of the processor's instruction sets.
+    /// Time per cell with each instruction set that the processor supports.
     pub us_per_evaluation_by_instruction_set: BTreeMap<String, f64>,
-    /// The scalar cell on cells of the same bounds, beats until periodic at its default tolerance.
+    /// Time per cell of the scalar cell, which computes beats until they are periodic at its
+    /// default tolerance.
     pub us_per_evaluation_scalar: f64,
-    /// Which instructions the first is.
+    /// Instruction set behind `us_per_evaluation`.
     pub instruction_set: String,
-    /// Cells of a batch.
+    /// Number of cells in a batch.
     pub cells: usize,
-    /// Beats at full accuracy of a batched evaluation, mean.
+    /// Mean number of full-accuracy beats in a batched evaluation.
     pub beats_per_evaluation: f64,
-    /// The processor.
+    /// Model name of the processor.
     pub processor: String,
 }
 

@@ -1,4 +1,5 @@
-//! Medians of the kernels that decide how long a personalisation or a fit to traces takes, and the strategies of step 2 side by side.
+//! Benchmarks: median times of the kernels that dominate a personalisation or a fit to traces, and
+//! a comparison of step 2's strategies.
 
 mod cell;
 mod strategies;
@@ -30,11 +31,11 @@ use serde::Serialize;
 use cardiotwin_worker::error::TaskError;
 use cardiotwin_worker::tasks::organ_beat;
 
-/// Repetitions that are not counted.
+/// Time spent on uncounted repetitions before a measurement.
 const WARM_UP: Duration = Duration::from_millis(300);
-/// How long repetitions are counted.
+/// Time over which repetitions are counted.
 const MEASURED: Duration = Duration::from_secs(2);
-/// Cycle length of all kernels.
+/// Cycle length in all kernel benchmarks.
 const CYCLE_MS: f64 = 800.0;
 
 /// One beat of the reduced ventricle with Tanh at 1 ms steps, set-up included.
@@ -44,28 +45,29 @@ pub struct BeatTiming {
     pub ms_per_beat: f64,
     /// Median with nodal traces recorded.
     pub ms_per_beat_with_nodes: f64,
-    /// Steps of a beat.
+    /// Number of time steps in a beat.
     pub steps: usize,
-    /// Activation groups.
+    /// Number of activation groups.
     pub groups: u32,
-    /// Counted repetitions of the first.
+    /// Counted repetitions of the beat without nodal traces.
     pub repetitions: usize,
 }
 
 /// The periodic beat of the base model at 2 ms steps, set-up included.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PeriodicTiming {
-    /// Median from nothing.
+    /// Median time of a search that starts without a known orbit.
     pub ms_alone: f64,
-    /// Beats that this takes.
+    /// Number of beats in such a search.
     pub beats_alone: usize,
-    /// Median from the orbit of neighbouring parameters, one of the fourteen moved by a thousandth.
+    /// Median time of a search that starts from the orbit of neighbouring parameters, where one of
+    /// the fourteen values differs by a thousandth.
     pub ms_near_another: f64,
-    /// Steps of a beat.
+    /// Number of time steps in a beat.
     pub steps: usize,
-    /// Activation groups.
+    /// Number of activation groups.
     pub groups: usize,
-    /// Counted repetitions of the last.
+    /// Counted repetitions of the search from a neighbouring orbit.
     pub repetitions: usize,
 }
 
@@ -107,7 +109,7 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     })
 }
 
-/// Times periodic beats of the average base model as a fit asks for them.
+/// Times periodic beats of the average base model with the settings of a fit.
 ///
 /// # Errors
 /// Never for the built-in parameters.
@@ -122,7 +124,7 @@ pub fn periodic() -> Result<PeriodicTiming, TaskError> {
     };
     let first = run(&values, None)?;
     let (alone, _) = median_seconds(|| run(&values, None).map(|_| ()))?;
-    // One parameter after the other moved by a thousandth, as for a Jacobian.
+    // A Jacobian perturbs one parameter after the other; so does this.
     let mut idx = 0;
     let (near, repetitions) = median_seconds(|| {
         let mut moved = values;
@@ -140,7 +142,7 @@ pub fn periodic() -> Result<PeriodicTiming, TaskError> {
     })
 }
 
-/// Median seconds of a call and the number of calls that were counted.
+/// Median time of a call in seconds, and the number of counted calls.
 fn median_seconds(
     mut work: impl FnMut() -> Result<(), TaskError>,
 ) -> Result<(f64, usize), TaskError> {
@@ -207,7 +209,7 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
     (spec, passive, activation)
 }
 
-/// The processor as it calls itself.
+/// Model name of the processor, or the architecture where `/proc/cpuinfo` gives none.
 #[must_use]
 pub fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

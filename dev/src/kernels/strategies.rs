@@ -1,4 +1,5 @@
-//! Step 2's strategies on the same targets and seeds: what they reach, what it costs, how far the parameters scatter.
+//! Compares step 2's strategies on the same targets and seeds: cost reached, computing time, and
+//! scatter of the fitted parameters.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -13,35 +14,37 @@ use super::processor;
 use cardiotwin_worker::error::TaskError;
 use cardiotwin_worker::tasks::cell_fit;
 
-/// Targets of a fit.
+/// Targets of one fit.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Case {
-    /// Whose.
+    /// Name of the subject.
     pub name: String,
-    /// Cycle length.
+    /// Cycle length \[ms\].
     pub cycle_length_ms: f64,
-    /// Initial stretch.
+    /// Initial stretch of the fibre.
     pub lambda_0: f64,
-    /// What is aimed at.
+    /// Biomarkers that the fit should reach.
     pub targets: CellBiomarkers,
-    /// What SciPy's differential evolution reached with an independent cell, where that is known.
+    /// Cost that SciPy's differential evolution reached with an independent implementation of the
+    /// cell, where known.
     pub reference_cost: Option<f64>,
 }
 
-/// One strategy on one case.
+/// Result of one strategy on one case, over all seeds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// Whose targets.
+    /// Name of the case.
     pub case: String,
-    /// Which strategy.
+    /// Strategy of the fits.
     pub strategy: Strategy,
-    /// Median of the costs reached.
+    /// Median of the reached costs.
     pub median_cost: f64,
-    /// Largest.
+    /// Largest of the reached costs.
     pub worst_cost: f64,
-    /// What SciPy's differential evolution reached with an independent cell.
+    /// Cost that SciPy's differential evolution reached with an independent implementation of the
+    /// cell, where known.
     pub reference_cost: Option<f64>,
-    /// Median evaluations.
+    /// Median number of cell evaluations.
     pub median_evaluations: f64,
     /// Median wall time on one thread.
     pub median_s: f64,
@@ -49,14 +52,14 @@ pub struct Row {
     pub spread_percent: BTreeMap<String, f64>,
 }
 
-/// All strategies on all cases.
+/// Results of all strategies on all cases.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Seeds of each row.
+    /// Number of seeds behind each row.
     pub seeds: u64,
-    /// The processor.
+    /// Model name of the processor.
     pub processor: String,
-    /// One for each case and strategy.
+    /// One row for each case and strategy.
     pub rows: Vec<Row>,
 }
 
@@ -65,10 +68,10 @@ struct Cases {
     cases: Vec<Case>,
 }
 
-/// The cases.
+/// The bundled cases.
 ///
 /// # Panics
-/// Never: the data are checked by a test.
+/// Never in practice: a test checks the bundled data.
 #[must_use]
 pub fn cases() -> Vec<Case> {
     let file: Cases = serde_json::from_str(include_str!("../../data/step2-targets.json"))
@@ -77,7 +80,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// The fit of this case.
+    /// Specification of this case's fit.
     #[must_use]
     pub fn spec(&self, settings: CellFitSettings) -> CellFitSpec {
         CellFitSpec {
@@ -156,7 +159,7 @@ fn row(case: &Case, strategy: Strategy, seeds: u64) -> Result<Row, TaskError> {
 }
 
 impl Comparison {
-    /// As a table for people.
+    /// The comparison as a Markdown table.
     #[must_use]
     pub fn table(&self) -> String {
         let heading = format!(

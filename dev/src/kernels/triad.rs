@@ -1,15 +1,17 @@
-//! What memory gives on so many threads: `a = b + s·c` on arrays that no cache holds (McCalpin's triad).
+//! Memory bandwidth of a number of threads, measured with McCalpin's triad `a = b + s·c` on arrays
+//! larger than any cache.
 
 use std::hint::black_box;
 use std::sync::Barrier;
 use std::time::Instant;
 
-/// Numbers of each array of all threads together: 128 MB.
+/// Length of each array, over all threads: 128 MB.
 const N: usize = 1 << 24;
-/// Passes, of which the best counts.
+/// Number of passes; the fastest one counts.
 const PASSES: usize = 8;
 
-/// GB/s, counting 24 bytes a number (what the caches fetch before they overwrite it left out).
+/// Bandwidth in GB/s, counting 24 bytes per element. The lines of `a` that caches fetch before
+/// overwriting them are not counted.
 #[must_use]
 pub fn triad_gb_per_s(threads: usize) -> f64 {
     let barrier = Barrier::new(threads);

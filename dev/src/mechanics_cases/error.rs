@@ -1,38 +1,38 @@
-//! What can be wrong with a benchmark.
+//! Errors of a mechanics benchmark.
 
 use std::path::{Path, PathBuf};
 
 use cardiotwin_mesh::MeshFileError;
 
-/// Why a benchmark has no, or no whole, result.
+/// Reasons why a benchmark has no result, or only a part of one.
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", file.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// The file is no benchmark.
+    /// The file is not a valid benchmark.
     #[error("{}: {source}correct the key that is named; docs/benchmark-runner.md lists all of them", file.display())]
     Format {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Line, column and what was expected.
+        /// Line and column of the error, and the expected content.
         source: Box<toml::de::Error>,
     },
-    /// A value is wrong.
+    /// A key has a wrong value.
     #[error("{}: {key}: found {found}, expected {expected}", file.display())]
     Key {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Dotted key.
+        /// The key, with dots between its parts.
         key: String,
-        /// What is there.
+        /// Value found.
         found: String,
-        /// What should be there.
+        /// Values that the key accepts.
         expected: String,
     },
     /// The mesh cannot be read.
@@ -40,15 +40,15 @@ pub enum CaseError {
     Mesh {
         /// The benchmark file.
         file: PathBuf,
-        /// Why.
+        /// The reader's error.
         source: MeshFileError,
     },
     /// The table cannot be written.
     #[error("cannot write {}: {source}", file.display())]
     Write {
-        /// The table.
+        /// File of the table.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// The computation failed.
@@ -56,16 +56,16 @@ pub enum CaseError {
         "{0}; the table holds what was reached. A smaller time or load step, or stiffer volume change, may help"
     )]
     Failed(String),
-    /// Asked to stop.
+    /// The run was asked to stop.
     #[error("stopped at {t_ms} ms; the table holds what was reached")]
     Stopped {
-        /// Last row.
+        /// Time of the last row \[ms\].
         t_ms: f64,
     },
 }
 
+/// The error of a wrong value.
 impl CaseError {
-    /// A wrong value at a key.
     pub fn key(
         file: &Path,
         key: impl Into<String>,
@@ -81,7 +81,7 @@ impl CaseError {
     }
 }
 
-/// An error with its sources in one line.
+/// Joins an error and its sources in one line.
 pub(super) fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();

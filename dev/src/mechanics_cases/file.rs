@@ -1,4 +1,4 @@
-//! The benchmark file, as it is written.
+//! Structure of a benchmark file.
 
 use std::path::PathBuf;
 
@@ -6,26 +6,26 @@ use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver};
 use cardiotwin_schemas::muscle::ActiveConvention;
 use serde::Deserialize;
 
-/// A benchmark: one body, its loads in time, what is wanted of it.
+/// A benchmark: a body, its loads over time, and the requested output.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
+/// Title, printed in the summary.
 pub struct CaseFile {
-    /// What it is.
     #[serde(default)]
     pub title: String,
-    /// Mesh.
+    /// Mesh of the body.
     pub mesh: MeshTable,
-    /// Elements.
+    /// Finite elements.
     #[serde(default)]
     pub element: ElementTable,
-    /// Tissues, first match by tag.
+    /// Tissues. An element belongs to the first one with its tag.
     pub tissue: Vec<TissueTable>,
-    /// Where fibres come from.
+    /// Source of the fibres.
     pub fibres: FibreTable,
-    /// Springs and dashpots.
+    /// Springs and dashpots on surfaces.
     #[serde(default)]
     pub support: Vec<SupportTable>,
-    /// Held nodes.
+    /// Surfaces whose nodes are held.
     #[serde(default)]
     pub fixed: Vec<FixedTable>,
     /// Surfaces under pressure.
@@ -34,20 +34,20 @@ pub struct CaseFile {
     /// Active stress of contracting tissue.
     #[serde(default)]
     pub active_stress: Option<CourseTable>,
-    /// Cavities whose volume is wanted.
+    /// Cavities whose volume is computed.
     #[serde(default)]
     pub cavity: Vec<CavityTable>,
-    /// Points whose displacement is wanted.
+    /// Points whose displacement is computed.
     #[serde(default)]
     pub probe: Vec<ProbeTable>,
-    /// Motion or equilibrium.
+    /// Time integration, or equilibrium at one time.
     pub time: TimeTable,
-    /// Tolerances.
+    /// Tolerances and linear solver.
     #[serde(default)]
     pub solver: SolverTable,
 }
 
-/// Where the mesh is.
+/// File of the mesh, its unit and its refinement.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshTable {
@@ -55,10 +55,10 @@ pub struct MeshTable {
     pub file: PathBuf,
     /// Unit of its coordinates: um, mm, cm or m.
     pub unit: String,
-    /// How often every edge is halved.
+    /// Number of times that every edge is halved; at most 4.
     #[serde(default)]
     pub refine: u32,
-    /// Ellipsoids that mid-edge nodes of boundary edges are put on.
+    /// Ellipsoids onto which mid-edge nodes of boundary edges are moved.
     #[serde(default)]
     pub curved: Option<CurvedTable>,
 }
@@ -67,9 +67,9 @@ pub struct MeshTable {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurvedTable {
-    /// x, y or z.
+    /// Common axis of revolution: x, y or z.
     pub axis: Axis,
-    /// Surfaces.
+    /// The surfaces with their half-axes.
     pub surface: Vec<CurvedSurface>,
 }
 
@@ -77,11 +77,11 @@ pub struct CurvedTable {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurvedSurface {
-    /// Its name in the mesh.
+    /// Name of the surface in the mesh.
     pub name: String,
-    /// Half-axis across.
+    /// Half-axis across the axis of revolution.
     pub short_mm: f64,
-    /// Half-axis along.
+    /// Half-axis along the axis of revolution.
     pub long_mm: f64,
 }
 
@@ -89,81 +89,82 @@ pub struct CurvedSurface {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
-    /// First.
+    /// First coordinate.
     X,
-    /// Second.
+    /// Second coordinate.
     Y,
-    /// Third.
+    /// Third coordinate.
     Z,
 }
 
-/// Elements: a cohort's by name, or by their parts.
+/// Finite elements, selected by a cohort's name for them or by their parts.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ElementTable {
-    /// As `solver.finite_element.element` of a cohort.
+    /// Same as `solver.finite_element.element` of a cohort.
     pub kind: Option<ElementKind>,
-    /// linear or quadratic, which is the default.
+    /// linear or quadratic; quadratic by default.
     pub degree: Option<Degree>,
-    /// pointwise or nodal, which is the default.
+    /// pointwise or nodal; nodal by default.
     pub volume: Option<VolumeName>,
-    /// Share of κ that stays pointwise with nodal volume change; 0 by default.
+    /// Share of κ that stays pointwise when volume changes are nodal; 0 by default.
     pub pointwise_share: Option<f64>,
 }
 
-/// Degree of the displacement.
+/// Polynomial degree of the displacement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Degree {
-    /// Four nodes.
+    /// Tetrahedra with four nodes.
     Linear,
-    /// Ten nodes.
+    /// Tetrahedra with ten nodes.
     Quadratic,
 }
 
-/// How the change of volume is resisted.
+/// Measure of the volume change that the bulk modulus acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VolumeName {
-    /// At every integration point.
+    /// Volume ratio at every integration point.
     Pointwise,
-    /// By nodal averages.
+    /// Nodal averages of the volume ratio.
     Nodal,
 }
 
-/// A tissue.
+/// Material of the elements with certain tags.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TissueTable {
-    /// Tags of its elements; all that no earlier tissue claims where absent.
+    /// Tags of its elements. Without tags, the tissue takes all elements that no earlier tissue
+    /// has.
     #[serde(default)]
     pub tags: Vec<i32>,
-    /// Density.
+    /// Density of the undeformed tissue.
     pub density_mg_per_mm3: f64,
-    /// Viscosity.
+    /// Viscosity η of the viscous stress `S = η Ė`.
     #[serde(default, rename = "viscosity_kPa_ms")]
     pub viscosity_kpa_ms: f64,
     /// Passive law with its constants.
     pub passive: PassiveTable,
-    /// Volumetric law.
+    /// Volumetric law with its bulk modulus.
     pub volumetric: VolumetricTable,
-    /// Whether and how active stress acts.
+    /// Action of the active stress; `None` for passive tissue.
     #[serde(default)]
     pub active: Option<ActiveTable>,
 }
 
-/// Passive laws.
+/// Passive laws of muscle.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "law", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum PassiveTable {
-    /// Guccione 1995.
+    /// Guccione et al. 1995.
     Guccione {
-        /// Stiffness.
+        /// Stiffness C.
         #[serde(rename = "c_kPa")]
         c_kpa: f64,
         /// Exponent along the fibre.
         b_f: f64,
-        /// Exponent across.
+        /// Exponent across the fibre.
         b_t: f64,
         /// Exponent of shear.
         b_fs: f64,
@@ -190,10 +191,10 @@ pub enum PassiveTable {
         a_fs_kpa: f64,
         /// `b_fs`.
         b_fs: f64,
-        /// Sharpness of the switch.
+        /// Sharpness of the switch that lets fibres bear tension alone.
         switch: f64,
     },
-    /// Neo-Hookean.
+    /// Neo-Hookean law.
     NeoHookean {
         /// Shear modulus.
         #[serde(rename = "mu_kPa")]
@@ -201,13 +202,13 @@ pub enum PassiveTable {
     },
 }
 
-/// Volumetric law.
+/// Resistance to changes of volume.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VolumetricTable {
     /// ln-squared, quadratic or quadratic-ln.
     pub law: VolumetricName,
-    /// Bulk modulus.
+    /// Bulk modulus κ.
     #[serde(rename = "kappa_kPa")]
     pub kappa_kpa: f64,
 }
@@ -224,31 +225,31 @@ pub enum VolumetricName {
     QuadraticLn,
 }
 
-/// How active stress acts.
+/// Action of the active stress on a tissue.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActiveTable {
     /// second-piola, first-piola or per-squared-stretch.
     pub convention: ActiveConvention,
-    /// Share across the fibre.
+    /// Share of the active stress that acts across the fibre.
     #[serde(default)]
     pub cross_fibre: f64,
 }
 
-/// Where fibres come from.
+/// Source of the fibres.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "rule", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum FibreTable {
-    /// The mesh's own.
+    /// Fibres of the mesh, one direction per element.
     FromMesh,
-    /// The same everywhere.
+    /// One direction in the whole body.
     Constant {
-        /// Fibre.
+        /// Direction of the fibres.
         fibre: [f64; 3],
-        /// Sheet.
+        /// Direction of the sheets.
         sheet: [f64; 3],
     },
-    /// The benchmarks' rule on ellipsoids.
+    /// Rule of Aróstica et al. 2025 on ellipsoids.
     Ellipsoid {
         /// Axis of revolution.
         axis: Axis,
@@ -256,14 +257,14 @@ pub enum FibreTable {
         short_mm: [f64; 2],
         /// Long half-axis at endocardium and epicardium.
         long_mm: [f64; 2],
-        /// Angle at endocardium and epicardium.
+        /// Fibre angle at endocardium and epicardium.
         alpha_deg: [f64; 2],
-        /// Where the depth of the wall comes from.
+        /// Source of the transmural depth.
         depth: DepthTable,
     },
-    /// Bayer 2012, for a left ventricle.
+    /// Rule of Bayer et al. 2012 for a left ventricle.
     LaplaceDirichlet {
-        /// Surface of the cavity.
+        /// Surface that encloses the cavity.
         endocardium: String,
         /// Outer surface.
         epicardium: String,
@@ -276,22 +277,22 @@ pub enum FibreTable {
     },
 }
 
-/// Where the depth of the wall comes from.
+/// Source of the transmural depth.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "from", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum DepthTable {
-    /// From the ellipsoid through the point.
+    /// Depth of the ellipsoid through the point, with half-axes linear in depth.
     Geometry,
-    /// From Laplace's equation between two surfaces.
+    /// Solution of Laplace's equation between two sets of surfaces.
     Laplace {
-        /// Depth 0.
+        /// Surfaces at depth 0.
         endocardium: Vec<String>,
-        /// Depth 1.
+        /// Surfaces at depth 1.
         epicardium: Vec<String>,
     },
 }
 
-/// Springs and dashpots.
+/// Springs and dashpots on a surface, per reference area.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SupportTable {
@@ -299,10 +300,10 @@ pub struct SupportTable {
     pub surface: String,
     /// normal or all.
     pub direction: DirectionName,
-    /// Stiffness.
+    /// Stiffness of the springs.
     #[serde(rename = "spring_kPa_per_mm")]
     pub spring_kpa_per_mm: f64,
-    /// Damping.
+    /// Damping of the dashpots.
     #[serde(default, rename = "dashpot_kPa_ms_per_mm")]
     pub dashpot_kpa_ms_per_mm: f64,
 }
@@ -313,17 +314,17 @@ pub struct SupportTable {
 pub enum DirectionName {
     /// Along the reference normal.
     Normal,
-    /// All.
+    /// All directions.
     All,
 }
 
-/// Held nodes.
+/// A surface whose nodes are held at zero displacement.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FixedTable {
     /// Surface of the mesh.
     pub surface: String,
-    /// Components.
+    /// Held components.
     pub components: Vec<Axis>,
 }
 
@@ -333,126 +334,126 @@ pub struct FixedTable {
 pub struct PressureTable {
     /// Surface of the mesh.
     pub surface: String,
-    /// Pressure in time.
+    /// Course of the pressure over time.
     pub course: CourseTable,
 }
 
-/// Values in time.
+/// Course of a pressure or of the active stress over time.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum CourseTable {
-    /// Always the same.
+    /// A constant value.
     Constant {
         /// Value.
         #[serde(rename = "value_kPa")]
         value_kpa: f64,
     },
-    /// Straight from zero.
+    /// A straight line from zero, then constant.
     Ramp {
-        /// Value at the end.
+        /// Value from `until_s` on.
         #[serde(rename = "value_kPa")]
         value_kpa: f64,
-        /// End.
+        /// End of the line.
         until_s: f64,
     },
-    /// Points.
+    /// Straight lines between points.
     Table {
-        /// Times.
+        /// Times of the points.
         t_s: Vec<f64>,
-        /// Values.
+        /// Values at the points.
         #[serde(rename = "value_kPa")]
         value_kpa: Vec<f64>,
     },
-    /// The benchmark's active stress.
+    /// Active stress of Aróstica et al. 2025.
     Activation {
-        /// σ₀.
+        /// Contractility σ₀.
         #[serde(rename = "contractility_kPa")]
         contractility_kpa: f64,
-        /// Rise.
+        /// Rate while activated.
         rise_per_s: f64,
-        /// Fall, negative.
+        /// Rate otherwise; negative.
         fall_per_s: f64,
-        /// Onset.
+        /// Start of the activation.
         on_s: f64,
-        /// End.
+        /// End of the activation.
         off_s: f64,
-        /// Width of the switches.
+        /// Width γ of the switches.
         switch_s: f64,
     },
-    /// The benchmark's cavity pressure.
+    /// Cavity pressure of Aróstica et al. 2025.
     ChamberPressure {
-        /// σ_mid.
+        /// Systolic pressure σ_mid.
         #[serde(rename = "systolic_kPa")]
         systolic_kpa: f64,
-        /// σ_pre.
+        /// Filling rate σ_pre.
         #[serde(rename = "filling_kPa_per_s")]
         filling_kpa_per_s: f64,
-        /// α_pre.
+        /// Filling rate α_pre.
         filling_per_s: f64,
-        /// α_mid.
+        /// Systolic rate α_mid.
         middle_per_s: f64,
-        /// Rise.
+        /// Rate while activated.
         rise_per_s: f64,
-        /// Fall, negative.
+        /// Rate otherwise; negative.
         fall_per_s: f64,
-        /// Onset.
+        /// Start of the activation.
         on_s: f64,
-        /// End.
+        /// End of the activation.
         off_s: f64,
-        /// Width of the switches.
+        /// Width γ of the switches.
         switch_s: f64,
     },
 }
 
-/// A cavity.
+/// A cavity whose volume is computed.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CavityTable {
-    /// Heads its column.
+    /// Name of the cavity, which heads its column.
     pub name: String,
-    /// Surfaces that enclose it but for openings.
+    /// Surfaces that enclose the cavity; openings are closed by flat fans.
     pub surfaces: Vec<String>,
 }
 
-/// A probe.
+/// A point whose displacement is computed.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProbeTable {
-    /// Heads its columns.
+    /// Name of the point, which heads its columns.
     pub name: String,
-    /// Place in the reference configuration.
+    /// Position in the reference configuration.
     pub at_mm: [f64; 3],
 }
 
-/// Motion or equilibrium.
+/// Time integration, or equilibrium at one time.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "mode", rename_all = "lowercase", deny_unknown_fields)]
 pub enum TimeTable {
-    /// Generalised-α from rest.
+    /// Time integration by the generalised-α method, from rest.
     Dynamic {
-        /// Step.
+        /// Time step.
         dt_ms: f64,
-        /// End.
+        /// End of the computation.
         end_ms: f64,
-        /// Time between rows of the output.
+        /// Time between two rows of the table.
         output_every_ms: f64,
-        /// Weight of the old acceleration.
+        /// Weight α_m of the old acceleration.
         alpha_m: f64,
-        /// Weight of the old forces.
+        /// Weight α_f of the old forces.
         alpha_f: f64,
-        /// Rayleigh damping by mass.
+        /// Coefficient of the mass in the Rayleigh damping.
         #[serde(default)]
         mass_damping_per_ms: f64,
-        /// Rayleigh damping by stiffness.
+        /// Coefficient of the stiffness in the Rayleigh damping.
         #[serde(default)]
         stiffness_damping_ms: f64,
     },
-    /// Equilibrium at the loads of one time.
+    /// Static equilibrium under the loads of one time.
     Static {
-        /// That time.
+        /// Time of the loads.
         #[serde(default = "one_second")]
         at_ms: f64,
-        /// First share of the load.
+        /// First load step, as a share of the load.
         #[serde(default = "a_tenth")]
         first_load_step: f64,
     },
@@ -466,16 +467,16 @@ fn a_tenth() -> f64 {
     0.1
 }
 
-/// Tolerances.
+/// Tolerances and linear solver.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolverTable {
-    /// Residual over the size of the loads.
+    /// Tolerance of the residual, relative to the size of the loads.
     pub relative_tolerance: f64,
-    /// Smallest pressure that the size of the loads counts.
+    /// Lower bound of the pressures that enter the size of the loads.
     #[serde(rename = "least_pressure_kPa")]
     pub least_pressure_kpa: f64,
-    /// Most Newton iterations of a step.
+    /// Largest number of Newton iterations in a step.
     pub max_iterations: usize,
     /// Linear solver.
     pub linear: LinearSolver,

@@ -1,4 +1,5 @@
-//! Mechanics benchmarks from a file: `cardiotwin-dev mechanics-case FILE.toml`. The format is in `docs/benchmark-runner.md`.
+//! Mechanics benchmarks that are described by a file: `cardiotwin-dev mechanics-case FILE.toml`.
+//! `docs/benchmark-runner.md` describes the format.
 
 pub mod error;
 pub mod file;
@@ -26,22 +27,22 @@ use file::{CaseFile, TimeTable};
 use model::Model;
 use output::Table;
 
-/// What a benchmark came to.
+/// Size, cost and output of a computed benchmark.
 #[derive(Debug, Clone, PartialEq)]
+/// Title in the file.
 pub struct CaseSummary {
-    /// Title of the file.
     pub title: String,
-    /// Which elements.
+    /// Kind of finite elements.
     pub element: ElementKind,
-    /// How many.
+    /// Number of tetrahedra.
     pub n_tets: usize,
-    /// Degrees of freedom.
+    /// Number of degrees of freedom.
     pub n_dofs: usize,
-    /// Work; of a static problem its load steps and Newton iterations.
+    /// Steps and iterations; for a static problem, load steps and Newton iterations.
     pub cost: RunCost,
     /// Wall time \[s\].
     pub seconds: f64,
-    /// Where the table is; `None` for standard output.
+    /// File of the table; `None` for standard output.
     pub table: Option<PathBuf>,
 }
 
@@ -63,7 +64,7 @@ impl std::fmt::Display for CaseSummary {
     }
 }
 
-/// How a benchmark is computed: all that is not the problem's.
+/// Method of the computation: everything that does not belong to the problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Method {
     element: ElementKind,
@@ -72,7 +73,7 @@ struct Method {
 }
 
 impl Method {
-    /// What a cohort computes with where it asks for nothing else.
+    /// The default method of a cohort.
     fn of_a_cohort() -> Self {
         let settings = FiniteElementSettings::default();
         let anatomy = settings.anatomy(&[]);
@@ -83,7 +84,7 @@ impl Method {
         }
     }
 
-    /// What the file asks for, or a cohort.
+    /// The method that the file describes, or a cohort's default with `as_cohort`.
     fn of(file: &Path, parsed: &CaseFile, as_cohort: bool) -> Result<Self, CaseError> {
         let cohort = Self::of_a_cohort();
         if as_cohort {
@@ -114,13 +115,14 @@ impl Method {
     }
 }
 
-/// Reads `file`, computes it and writes the table to `out` (standard output where `None`). `progress` gets a line now and
-/// then. With `as_cohort` elements, time integration and settings of the steps are those of a cohort that asks for no others,
-/// whatever the file says; laws, loads, supports and damping are the problem's. A table that ends early, by an error or by
-/// `stop`, holds the rows up to there.
+/// Reads `file`, computes it and writes the table to `out` (standard output if `None`). `progress`
+/// receives a line from time to time. With `as_cohort`, elements, time integration and step
+/// settings are a cohort's defaults, whatever the file says; laws, loads, supports and damping stay
+/// those of the problem. If an error or `stop` ends the computation early, the table holds the rows
+/// up to that time.
 ///
 /// # Errors
-/// [`CaseError`] with file and key, or with the time that was reached.
+/// [`CaseError`] with the file and key, or with the time that the computation reached.
 pub fn run_case(
     file: &Path,
     as_cohort: bool,
@@ -197,7 +199,7 @@ pub fn run_case(
     })
 }
 
-/// What is wrong with the body, under the name that the file gives the probe or cavity.
+/// Converts an error of the problem, and names the probe or cavity as the file does.
 fn by_name(file: &Path, parsed: &CaseFile, error: &ProblemError) -> CaseError {
     match error {
         ProblemError::Probe {
@@ -303,7 +305,7 @@ mod tests {
     #[test]
     fn verification_computes_with_what_a_ventricle_of_a_cohort_is_made_of() {
         let method = Method::of(Path::new("0a.toml"), &parsed(), true).unwrap();
-        // What `organ` takes where nobody says more: the ventricle's own defaults, not those of settings.
+        // Defaults of `organ`, which are the ventricle's own and not those of the settings.
         let steps = StepSettings::default();
         assert_eq!(
             method,
@@ -340,7 +342,7 @@ mod tests {
             method.steps,
             wall::steps(&equations, settings.newton_iterations)
         );
-        // The benchmark's law is the one that a cohort gets by `muscle_law = "holzapfel-ogden"`.
+        // The benchmark's law is the law that a cohort gets by `muscle_law = "holzapfel-ogden"`.
         let mut wall = settings.wall;
         wall.muscle_law = cardiotwin_schemas::muscle::MuscleLaw::HolzapfelOgden;
         let tissue = names::tissue(&file.tissue[0]);

@@ -17,13 +17,13 @@ use super::error::{CaseError, chain};
 use super::file::{CaseFile, CourseTable, DepthTable, FibreTable};
 use super::names;
 
-/// A place for a mid-edge node, from the edge's vertices.
+/// Positions of mid-edge nodes, by the vertices of their edge.
 type Middles = BTreeMap<(u32, u32), [f64; 3]>;
 
-/// Most halvings of the mesh's edges.
+/// Largest number of times that the mesh's edges can be halved.
 const MOST_HALVINGS: u32 = 4;
 
-/// Frame at a point of an element.
+/// Fibre frame at a point of an element.
 type FrameAt = Box<dyn Fn(usize, [f64; 3]) -> Frame>;
 
 /// A benchmark with its mesh in memory.
@@ -47,10 +47,10 @@ impl std::fmt::Debug for Model<'_> {
 }
 
 impl<'a> Model<'a> {
-    /// Reads the mesh and makes fibres.
+    /// Reads the mesh and makes the fibres.
     ///
     /// # Errors
-    /// [`CaseError`] with the key.
+    /// [`CaseError`] with the key at fault.
     pub fn read(file: &'a Path, parsed: &'a CaseFile) -> Result<Self, CaseError> {
         let mesh = read_mesh(file, parsed)?;
         let frame = fibres(file, parsed, &mesh)?;
@@ -67,10 +67,10 @@ impl<'a> Model<'a> {
         })
     }
 
-    /// The problem of the file on elements of a kind.
+    /// The file's problem on elements of `kind`.
     ///
     /// # Errors
-    /// [`CaseError`] with the key.
+    /// [`CaseError`] with the key at fault.
     pub fn problem(&self, kind: ElementKind) -> Result<Problem<'_>, CaseError> {
         let (file, parsed) = (self.file, self.parsed);
         let end_ms = names::end_ms(&parsed.time);
@@ -234,7 +234,7 @@ fn surface(file: &Path, mesh: &TetMesh, key: &str, name: &str) -> Result<Vec<[u3
         })
 }
 
-/// Fibre, sheet and the axis across both; `None` where they do not span a plane.
+/// Fibre, sheet and normal as an orthonormal frame; `None` if fibre and sheet do not span a plane.
 fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
     let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| a[i] * b[i]).sum::<f64>();
     let unit = |a: [f64; 3]| {
@@ -263,7 +263,7 @@ fn barycentric(mesh: &TetMesh, e: usize, x: [f64; 3]) -> [f64; 4] {
     })
 }
 
-/// Frame at a point of an element, from directions at nodes.
+/// Fibre frame at a point of an element, interpolated from the directions at its nodes.
 fn frame_at(mesh: &TetMesh, e: usize, x: [f64; 3]) -> Option<Frame> {
     let frame = mesh.fibres.frame(&mesh.tets[e], &barycentric(mesh, e, x))?;
     orthonormal(frame.fibre, frame.sheet)
@@ -389,7 +389,8 @@ fn fibres(file: &Path, parsed: &CaseFile, mesh: &TetMesh) -> Result<FrameAt, Cas
     }
 }
 
-/// 0 at the nodes of the first surfaces, 1 at those of the second, harmonic between.
+/// Transmural depth: 0 at the nodes of the surfaces `endo`, 1 at those of `epi`, harmonic in
+/// between.
 fn laplace_depth(
     file: &Path,
     mesh: &TetMesh,
@@ -425,7 +426,8 @@ fn laplace_depth(
     })
 }
 
-/// Middles of the edges of the named surfaces, moved onto their ellipsoids in the direction from the origin.
+/// Midpoints of the named surfaces' edges, moved onto their ellipsoids along the ray from the
+/// origin.
 fn curved(file: &Path, parsed: &CaseFile, mesh: &TetMesh) -> Result<Middles, CaseError> {
     let mut middles = Middles::new();
     let Some(table) = &parsed.mesh.curved else {

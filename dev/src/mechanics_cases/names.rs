@@ -1,4 +1,4 @@
-//! Names of the file to the solver's types.
+//! Conversion of the file's names to the solver's types.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use super::file::{
 };
 use cardiotwin_worker::finite_element::wall;
 
-/// 0, 1 or 2.
+/// Index of the axis.
 pub(super) fn axis(axis: Axis) -> usize {
     match axis {
         Axis::X => 0,
@@ -75,7 +75,7 @@ pub(super) fn direction(name: DirectionName) -> RobinDirection {
     }
 }
 
-/// Laws and conventions are made as a cohort's are.
+/// Makes laws and conventions by the functions that make a cohort's.
 pub(super) fn tissue(table: &TissueTable) -> Tissue {
     let wall = WallSettings::default();
     let wall = match table.passive {
@@ -196,7 +196,7 @@ pub(super) fn end_ms(time: &TimeTable) -> f64 {
     }
 }
 
-/// Steps and output of a dynamic problem.
+/// Time steps and output times of a dynamic problem.
 pub(super) fn schedule(file: &Path, time: &TimeTable) -> Result<Schedule, CaseError> {
     let TimeTable::Dynamic {
         dt_ms,

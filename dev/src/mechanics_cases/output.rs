@@ -1,4 +1,5 @@
-//! The table: `t_s`, displacements in mm for each probe, cavity volumes in mL.
+//! The output table: `t_s`, the displacement of each probe in mm and the volume of each cavity in
+//! mL.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -9,7 +10,7 @@ use cardiotwin_mechanics::prescribed::Sample;
 use super::error::CaseError;
 use super::file::CaseFile;
 
-/// A table that grows row by row; each row reaches the file at once.
+/// A table that is written row by row, without buffering across rows.
 pub struct Table {
     name: PathBuf,
     sink: Box<dyn std::io::Write>,
@@ -24,10 +25,10 @@ impl std::fmt::Debug for Table {
 }
 
 impl Table {
-    /// Begins with the heads of the columns.
+    /// Opens the file and writes the column heads.
     ///
     /// # Errors
-    /// [`CaseError::Write`].
+    /// [`CaseError::Write`] when the file cannot be created or written.
     pub fn create(parsed: &CaseFile, out: Option<&Path>) -> Result<Self, CaseError> {
         let name = out.map_or_else(|| PathBuf::from("standard output"), Path::to_owned);
         let sink: Box<dyn std::io::Write> = match out {
@@ -63,10 +64,10 @@ impl Table {
             })
     }
 
-    /// Adds a row.
+    /// Appends a row.
     ///
     /// # Errors
-    /// [`CaseError::Write`].
+    /// [`CaseError::Write`] when the file cannot be written.
     pub fn row(&mut self, sample: &Sample) -> Result<(), CaseError> {
         let mut text = format!("{}", (sample.t_ms * 1e3).round() / 1e6);
         for x in sample.probes_mm.iter().flatten() {
@@ -78,10 +79,10 @@ impl Table {
         self.line(&text)
     }
 
-    /// Ends the table.
+    /// Flushes and closes the table.
     ///
     /// # Errors
-    /// [`CaseError::Write`].
+    /// [`CaseError::Write`] when the file cannot be written.
     pub fn finish(mut self) -> Result<(), CaseError> {
         self.sink.flush().map_err(|source| CaseError::Write {
             file: self.name,

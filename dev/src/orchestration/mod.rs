@@ -158,7 +158,7 @@ fn slurm_text(result: &ClusterBenchResult) -> String {
         + &format!("{:<26}{:9.3} s\n", "restart", result.restart_s)
 }
 
-/// Arguments of a process that drives the same run.
+/// Arguments of a process that drives the same run and is killed half-way.
 fn victim(options: &BenchOptions) -> Vec<String> {
     let mut arguments: Vec<String> = ["bench", "orchestration", "--drive-only"]
         .iter()

@@ -1,4 +1,4 @@
-//! The claim on an attempt: of all processes that begin in one directory, one works.
+//! Claim on an attempt: only one of the processes that start in its directory may work.
 
 use std::fs;
 use std::io;
@@ -9,18 +9,19 @@ use cardiotwin_schemas::progress::Claim;
 
 use crate::{files, names};
 
-/// The file of a claim, as it was found.
+/// Content of a claim's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ClaimFile {
-    /// Nobody has claimed the attempt.
+    /// No process has claimed the attempt.
     Absent,
-    /// The claim is empty or cut: a worker of an earlier version is writing it, or was killed in between.
+    /// The claim is empty or truncated: a worker of an earlier version is writing it, or was killed
+    /// in between.
     Unreadable,
-    /// This process has claimed it.
+    /// The process that claimed the attempt.
     By(Claim),
 }
 
-/// Claims an attempt; tells whether this succeeded, or another process was first.
+/// Claims an attempt. Returns `false` if another process has claimed it first.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -32,7 +33,7 @@ pub fn take(directory: &Path, claim: &Claim) -> io::Result<bool> {
 /// Reads the claim on an attempt.
 ///
 /// # Errors
-/// Any error of the file system but a missing file.
+/// Any error of the file system except a missing file.
 pub fn read(directory: &Path) -> io::Result<ClaimFile> {
     match fs::read(directory.join(names::CLAIM)) {
         Ok(bytes) => {
@@ -43,7 +44,7 @@ pub fn read(directory: &Path) -> io::Result<ClaimFile> {
     }
 }
 
-/// Time since the claim was written last; `None` where that cannot be told.
+/// Time since the claim was last written; `None` if it is unknown.
 #[must_use]
 pub fn age(directory: &Path) -> Option<Duration> {
     let written = fs::metadata(directory.join(names::CLAIM)).and_then(|claim| claim.modified());

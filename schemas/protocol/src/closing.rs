@@ -1,7 +1,8 @@
-//! How an attempt is closed: its worker publishes an outcome, or its coordinator revokes it, and never both.
+//! Closing of an attempt: either its worker publishes an outcome or its coordinator revokes it.
 //!
-//! Both create `outcome.json` exclusively. The loser of the contest reads who won: a worker that comes second publishes
-//! nothing, a coordinator that comes second has an outcome to take up.
+//! Both create `outcome.json` exclusively, and the side that fails reads the winner's file. A
+//! worker that comes second publishes nothing; a coordinator that comes second processes the
+//! outcome.
 
 use std::fs;
 use std::io;
@@ -12,33 +13,34 @@ use cardiotwin_schemas::outcome::{Revocation, RevokedAttempt, TaskOutcome};
 use crate::files::SyncedDraft;
 use crate::names;
 
-/// How an attempt stands.
+/// State of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Closing {
-    /// Neither published nor revoked.
+    /// The attempt was neither published nor revoked.
     Open,
     /// The worker published this text.
     Published(String),
-    /// The coordinator revoked the attempt; `None` where an earlier version did, which left no reason.
+    /// The coordinator revoked the attempt; `None` if an earlier version did so, which stored no
+    /// reason.
     Revoked(Option<Revocation>),
 }
 
-/// Who closed an attempt.
+/// Side that closed an attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Winner {
-    /// The worker, with an outcome.
+    /// The worker, by an outcome.
     Worker,
-    /// The coordinator, with a revocation.
+    /// The coordinator, by a revocation.
     Coordinator,
 }
 
-/// Reads how an attempt stands.
+/// Reads the state of an attempt.
 ///
 /// # Errors
-/// Any error of the file system but a missing file.
+/// Any error of the file system except a missing file.
 pub fn read(directory: &Path) -> io::Result<Closing> {
     match fs::read_to_string(directory.join(names::OUTCOME)) {
-        // The form of an outcome is told apart by its first key.
+        // The first key distinguishes a revocation from an outcome.
         Ok(text) => Ok(match serde_json::from_str::<RevokedAttempt>(&text) {
             Ok(closed) => Closing::Revoked(Some(closed.revoked)),
             Err(_) => Closing::Published(text),
@@ -54,13 +56,13 @@ pub fn read(directory: &Path) -> io::Result<Closing> {
     }
 }
 
-/// Whether an attempt was revoked; `false` where its directory cannot be read.
+/// Whether an attempt was revoked; `false` if its directory cannot be read.
 #[must_use]
 pub fn is_revoked(directory: &Path) -> bool {
     matches!(read(directory), Ok(Closing::Revoked(_)))
 }
 
-/// An outcome that is on disk and waits to be published.
+/// An outcome on disk that has not been published yet.
 #[derive(Debug)]
 pub struct PreparedOutcome<'a> {
     directory: &'a Path,
@@ -68,7 +70,7 @@ pub struct PreparedOutcome<'a> {
 }
 
 impl<'a> PreparedOutcome<'a> {
-    /// Writes and syncs an outcome beside its place.
+    /// Writes and syncs an outcome next to its final place.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -78,11 +80,12 @@ impl<'a> PreparedOutcome<'a> {
         Ok(Self { directory, draft })
     }
 
-    /// Publishes the outcome unless the attempt is closed; tells who closed it. Artefacts must be on disk before.
+    /// Publishes the outcome unless the attempt is closed, and returns the side that closed it.
+    /// Artefacts must be on disk before the call.
     ///
     /// # Errors
-    /// Any error of the file system; [`io::ErrorKind::AlreadyExists`] where the attempt has another outcome, which one
-    /// claim per attempt rules out.
+    /// Any error of the file system; [`io::ErrorKind::AlreadyExists`] if the attempt has another
+    /// outcome, which the claim on each attempt excludes.
     pub fn publish(self) -> io::Result<Winner> {
         if is_revoked(self.directory) {
             return Ok(Winner::Coordinator);
@@ -101,8 +104,8 @@ impl<'a> PreparedOutcome<'a> {
     }
 }
 
-/// Revokes an attempt unless its worker has published; tells who closed it. A directory that does not exist has no
-/// worker: it counts as revoked.
+/// Revokes an attempt unless its worker has published, and returns the side that closed it. A
+/// directory that does not exist has no worker, so that its attempt counts as revoked.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -175,7 +178,7 @@ mod tests {
     #[test]
     fn a_revocation_just_before_the_publication_wins() {
         let dir = tempfile::tempdir().unwrap();
-        // The worker is past everything but its last step.
+        // The worker has completed everything except its last step.
         let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
         let winner = revoke(dir.path(), &revocation("its job ended")).unwrap();
         assert_eq!(winner, Winner::Coordinator);
@@ -200,7 +203,7 @@ mod tests {
         assert_eq!(names_in(dir.path()), [names::OUTCOME]);
     }
 
-    /// Both at once, many times: each time one wins, and both sides are told the same.
+    /// With both at once, repeated many times, one side wins and both sides learn the same result.
     #[test]
     fn outcome_and_revocation_agree_on_the_winner() {
         for _ in 0..200 {
@@ -244,7 +247,7 @@ mod tests {
         assert!(is_revoked(dir.path()));
         let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
         assert_eq!(prepared.publish().unwrap(), Winner::Coordinator);
-        // An outcome that an earlier worker published before the fence came counts as it did then.
+        // An outcome published by an earlier worker before the fence existed counts as it did then.
         fs::write(
             dir.path().join(names::OUTCOME),
             serde_json::to_string(&outcome()).unwrap(),

@@ -1,7 +1,8 @@
-//! Files that appear whole or not at all.
+//! Files that appear either complete or not at all.
 //!
-//! Every function writes a draft under a random name beside the target, so that two hosts whose processes have the same
-//! number never share a draft, and moves the draft into place in one step of the file system.
+//! Every function writes a draft under a random name next to the target and moves it into place in
+//! one step of the file system. The random name keeps two hosts whose processes have the same
+//! number from sharing a draft.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, Permissions};
@@ -13,10 +14,11 @@ use rustix::fs::{CWD, RenameFlags, renameat_with};
 use rustix::io::Errno;
 use tempfile::{Builder, NamedTempFile};
 
-/// Creates or replaces `path` with `content`; file and directory are on disk when this returns.
+/// Creates or replaces `path` with `content`; file and directory are on disk when the function
+/// returns.
 ///
 /// # Errors
-/// Any error of the file system; `path` then holds what it held before.
+/// Any error of the file system; `path` then keeps its previous content.
 pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
     let draft = draft(path, content)?;
     draft.as_file().sync_all()?;
@@ -24,7 +26,8 @@ pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_directory(parent(path))
 }
 
-/// Creates or replaces `path` with `content` without waiting for the disk, for content that can be written again.
+/// Creates or replaces `path` with `content` without waiting for the disk. It is meant for content
+/// that can be written again.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -47,9 +50,10 @@ pub fn write_synced(path: &Path, content: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Creates `path` with `content` unless the name exists; tells whether it was created. A reader sees all of it or
-/// nothing. Nothing is synced: a claim guards against processes that live now, and after a power failure none of them
-/// does.
+/// Creates `path` with `content` unless the name exists, and returns whether it was created.
+///
+/// A reader sees either the complete content or no file. Nothing is synced: a claim guards only
+/// against processes that are alive now, and none of them survives a power failure.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -57,14 +61,14 @@ pub fn create_exclusive(path: &Path, content: &[u8]) -> io::Result<bool> {
     place(&draft(path, content)?, path)
 }
 
-/// A file that is on disk under a draft's name and waits for its own.
+/// A file on disk under a draft's name, to be moved to its final name.
 #[derive(Debug)]
 pub struct SyncedDraft {
     file: NamedTempFile,
 }
 
 impl SyncedDraft {
-    /// Writes and syncs `content` beside `path`.
+    /// Writes and syncs `content` next to `path`.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -74,13 +78,14 @@ impl SyncedDraft {
         Ok(Self { file })
     }
 
-    /// Gives the draft the name `path` unless the name exists, and syncs the directory; tells whether it got the name.
+    /// Renames the draft to `path` unless that name exists, syncs the directory, and returns
+    /// whether the draft got the name.
     ///
     /// # Errors
     /// Any error of the file system.
     pub fn place_exclusively(self, path: &Path) -> io::Result<bool> {
         let placed = place(&self.file, path)?;
-        drop(self.file); // The draft's name goes first, so that one sync of the directory settles both names.
+        drop(self.file); // Removed before the sync, so that one sync covers both names.
         sync_directory(parent(path))?;
         Ok(placed)
     }
@@ -88,15 +93,16 @@ impl SyncedDraft {
 
 /// Gives a draft the name `path`, in one step and only if the name does not exist.
 ///
-/// `link(2)` does this on every file system with hard links, NFS and Lustre included. An exclusive creation followed by
-/// a write would not do: a process killed in between would leave an empty file under the name for which both sides
-/// contend, and nobody could tell who had won. Where hard links are missing (FAT, some network mounts),
-/// `renameat2(RENAME_NOREPLACE)` is as exclusive; a file system with neither is refused.
+/// `link(2)` does this on every file system with hard links, including NFS and Lustre. An exclusive
+/// creation followed by a write would not suffice: a process killed in between would leave an empty
+/// file under the contended name, and neither side could tell which one had won. If hard links are
+/// missing (FAT, some network mounts), `renameat2(RENAME_NOREPLACE)` is equally exclusive. A file
+/// system with neither is rejected.
 fn place(draft: &NamedTempFile, path: &Path) -> io::Result<bool> {
     match fs::hard_link(draft.path(), path) {
         Ok(()) => Ok(true),
-        // An NFS client repeats a request whose answer was lost, and then reports that the name exists although its own
-        // first request created it (open(2), under O_EXCL).
+        // An NFS client repeats a request whose answer was lost. It then reports that the name
+        // exists although its own first request created it (open(2), under O_EXCL).
         Err(_) if is_same_file(draft.path(), path) => Ok(true),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
         Err(error) if lacks_hard_links(&error) => {
@@ -140,14 +146,15 @@ fn draft(path: &Path, content: &[u8]) -> io::Result<NamedTempFile> {
     let mut draft = Builder::new()
         .prefix(&prefix)
         .suffix(".tmp")
-        // Narrowed by the umask as for any other file, so that a group which shares the run can read it.
+        // The umask narrows the mode as for any other file, so that a group sharing the run can
+        // read it.
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(parent(path))?;
     draft.write_all(content)?;
     Ok(draft)
 }
 
-/// Brings a directory's names to disk.
+/// Syncs the names in a directory to disk.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -180,7 +187,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("outcome.json");
         let draft = draft(&path, b"ours").unwrap();
-        // As an NFS server leaves it that answered twice.
+        // An NFS server that answered twice leaves this state.
         fs::hard_link(draft.path(), &path).unwrap();
         assert!(place(&draft, &path).unwrap());
     }

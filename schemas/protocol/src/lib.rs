@@ -1,19 +1,21 @@
-//! The protocol between coordinator and worker: one directory per attempt, written once and read by both.
+//! Protocol between coordinator and worker: one directory per attempt with files that are written
+//! once.
 //!
 //! ```text
 //! spec.json ──► started.json (exclusive) ──► work ──► artefacts, synced ──► outcome.json (exclusive)
 //!                                                                              ▲
 //!                       coordinator revokes the attempt ───────────────────────┘
 //! ```
-//! The worker's outcome and the coordinator's revocation contend for one name, `outcome.json`, which only one of them
-//! can create: an attempt that was revoked has no outcome, and an attempt that has an outcome can no longer be revoked.
+//! The worker's outcome and the coordinator's revocation contend for the name `outcome.json`, which
+//! only one of them can create. A revoked attempt therefore has no outcome, and an attempt with an
+//! outcome can no longer be revoked.
 //!
 //! | module | subject |
 //! |---|---|
 //! | [`names`] | names of the files |
-//! | [`claim`] | who works on an attempt |
-//! | [`closing`] | how an attempt is closed: published or revoked |
-//! | [`files`] | files that appear whole or not at all |
+//! | [`claim`] | claim of a worker on an attempt |
+//! | [`closing`] | closing of an attempt by publication or revocation |
+//! | [`files`] | files that appear either complete or not at all |
 //! | [`process`] | identity of processes |
 
 pub mod claim;

@@ -1,11 +1,12 @@
-//! Identity of processes: a pid means nothing without the start time of its process and the boot of its host.
+//! Identity of processes. A pid is unique only together with the start time of its process and the
+//! boot of its host.
 
 use std::fs;
 use std::sync::OnceLock;
 
 use cardiotwin_schemas::progress::Claim;
 
-/// This host's name.
+/// Name of this host.
 #[must_use]
 pub fn host() -> &'static str {
     static HOST: OnceLock<String> = OnceLock::new();
@@ -17,7 +18,7 @@ pub fn host() -> &'static str {
     })
 }
 
-/// Identity of this host's present boot; empty where the system does not tell.
+/// Identity of this host's present boot; empty if the system does not provide one.
 #[must_use]
 pub fn boot_id() -> &'static str {
     static BOOT: OnceLock<String> = OnceLock::new();
@@ -29,8 +30,8 @@ pub fn boot_id() -> &'static str {
     })
 }
 
-/// Fields of `/proc/PID/stat` after the command's name, which may itself hold spaces and brackets; the state comes
-/// first.
+/// Fields of `/proc/PID/stat` after the command's name, which may contain spaces and brackets. The
+/// first field is the state.
 #[must_use]
 pub fn stat_fields(stat: &str) -> Vec<&str> {
     stat.rsplit_once(')')
@@ -38,8 +39,8 @@ pub fn stat_fields(stat: &str) -> Vec<&str> {
         .unwrap_or_default()
 }
 
-/// Start time of a living process in clock ticks since boot (field 22 of its stat file); `None` when the process is
-/// gone or a zombie.
+/// Start time of a living process in clock ticks since boot (field 22 of its stat file); `None` if
+/// the process has ended or is a zombie.
 #[must_use]
 pub fn start_ticks(pid: u32) -> Option<u64> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
@@ -65,14 +66,14 @@ pub fn claim_of_this_process(at: String) -> Claim {
     }
 }
 
-/// Whether the process that made a claim on this host lives.
+/// Whether the process that made a claim on this host is alive.
 #[must_use]
 pub fn lives(claim: &Claim) -> bool {
     claim.boot_id == boot_id() && start_ticks(claim.pid) == Some(claim.pid_start_ticks)
 }
 
-/// Whether the process that made a claim lives; `None` where the claim was made on another host, or before a reboot of
-/// a host whose boots cannot be told apart.
+/// Whether the process that made a claim is alive; `None` if the claim was made on another host or
+/// if this host provides no boot identity.
 #[must_use]
 pub fn lives_here(claim: &Claim) -> Option<bool> {
     (claim.host == host() && !boot_id().is_empty()).then(|| lives(claim))
@@ -113,7 +114,8 @@ mod tests {
         }));
         let claim = claim(start);
         child.kill().unwrap();
-        // Not reaped yet: a zombie for the kernel, dead for us as soon as the signal arrived.
+        // The child has not been reaped yet: it is a zombie for the kernel, but counts as dead as
+        // soon as the signal has arrived.
         while lives(&claim) {
             std::thread::yield_now();
         }

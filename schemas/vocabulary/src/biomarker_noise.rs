@@ -1,11 +1,12 @@
-//! How far a clinic's noise moves measured biomarkers, and the weights of step 1 that follow.
+//! Effect of clinical noise on measured biomarkers, and the resulting weights of step 1.
 
 use std::collections::BTreeMap;
 
 use crate::biomarkers::Biomarker;
 
-/// Root mean square errors that noise of 1 to 1.5 mmHg and of 2 to 3 mL a frame makes of measured biomarkers, in percent: of
-/// 200 hearts of `solver/validation` (`cargo run --release -p cardiotwin-recordings --example biomarker-noise`).
+/// Root mean square errors of measured biomarkers in percent, due to noise of 1 to 1.5 mmHg and of
+/// 2 to 3 mL per frame, over 200 hearts of `solver/validation`
+/// (`cargo run --release -p cardiotwin-recordings --example biomarker-noise`).
 pub const NOISE_PERCENT: [(Biomarker, f64); 7] = [
     (Biomarker::PMax, 1.0),
     (Biomarker::DpdtMax, 3.9),
@@ -16,7 +17,7 @@ pub const NOISE_PERCENT: [(Biomarker, f64); 7] = [
     (Biomarker::TauVr, 9.7),
 ];
 
-/// (1 %/σ)² to two digits, as a person would write them.
+/// Weights (1 %/σ)², rounded to two digits as in hand-written settings.
 #[must_use]
 pub fn weights() -> BTreeMap<String, f64> {
     let two_digits = |x: f64| format!("{x:.1e}").parse().unwrap_or(x);

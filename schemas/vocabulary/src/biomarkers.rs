@@ -1,7 +1,7 @@
 //! Biomarkers of pressure, volume, active stress and stretch (Jung et al. 2022, Appendix C).
 //!
-//! [`Biomarker`] and [`Biomarkers`] come from one table. A new biomarker is one line there; `cardiotwin-signals` reads
-//! it from the traces.
+//! [`Biomarker`] and [`Biomarkers`] are generated from one table, in which a new biomarker is one
+//! line. `cardiotwin-signals` reads the biomarkers from traces.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -52,7 +52,7 @@ macro_rules! biomarkers {
                 match biomarker { $(Biomarker::$variant => self.$field,)* }
             }
 
-            /// Place of one biomarker's value, in the unit of its key.
+            /// Mutable value of one biomarker, in the unit of its key.
             pub const fn get_mut(&mut self, biomarker: Biomarker) -> &mut Option<f64> {
                 match biomarker { $(Biomarker::$variant => &mut self.$field,)* }
             }
@@ -116,7 +116,7 @@ impl Biomarker {
         Self::Sv,
     ];
 
-    /// Unit as people write it.
+    /// Unit as printed in reports.
     #[must_use]
     pub const fn unit(self) -> &'static str {
         self.label().unit
@@ -135,7 +135,8 @@ impl Biomarker {
             .find(|biomarker| biomarker.key() == key)
     }
 
-    /// Whether a volume trace is needed to read it. Such a biomarker is absent in a personalisation to pressure alone.
+    /// Whether a volume trace is needed to read the biomarker. It is absent in a personalisation to
+    /// pressure alone.
     #[must_use]
     pub const fn is_of_volume(self) -> bool {
         !matches!(
@@ -183,13 +184,13 @@ impl Biomarkers {
         Biomarker::OF_ORGAN.map(|biomarker| (biomarker, self.get(biomarker)))
     }
 
-    /// The same without biomarkers outside [`Biomarker::OF_ORGAN`].
+    /// The same values without biomarkers outside [`Biomarker::OF_ORGAN`].
     #[must_use]
     pub fn organ_alone(&self) -> Self {
         self.of_organ().into_iter().collect()
     }
 
-    /// The same without biomarkers that need a volume trace.
+    /// The same values without biomarkers that need a volume trace.
     #[must_use]
     pub fn pressure_alone(&self) -> Self {
         let of_pressure = |biomarker: &Biomarker| !biomarker.is_of_volume();
@@ -198,7 +199,7 @@ impl Biomarkers {
             .collect()
     }
 
-    /// Values of `given` where it has them, of `self` elsewhere.
+    /// Values of `given`, completed by those of `self`.
     #[must_use]
     pub fn overridden_by(&self, given: &Self) -> Self {
         Biomarker::ALL
@@ -207,7 +208,8 @@ impl Biomarkers {
             .collect()
     }
 
-    /// Measured (`self`) over simulated value; absent unless both exist, have one sign and give a finite ratio.
+    /// Measured (`self`) over simulated value; `None` unless both exist, have the same sign and
+    /// give a finite ratio.
     #[must_use]
     pub fn ratio_to(&self, simulated: &Self, biomarker: Biomarker) -> Option<f64> {
         let ratio = self.get(biomarker)? / simulated.get(biomarker)?;
@@ -320,7 +322,7 @@ pub struct NoiseWindows {
 }
 
 impl NoiseWindows {
-    /// Whether samples of both traces are taken as they are.
+    /// Whether samples of both traces are used without smoothing.
     #[must_use]
     pub fn are_none(&self) -> bool {
         *self == Self::default()

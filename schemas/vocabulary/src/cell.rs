@@ -1,4 +1,5 @@
-//! Parameters of the cell model, each once: Land's active stress, Rice's calcium, the passive scale.
+//! Table of the cell model's parameters: Land's active stress, Rice's calcium and the passive
+//! scale.
 
 use crate::label::Label;
 
@@ -9,8 +10,8 @@ pub struct CellParameter {
     pub label: Label,
     /// Default value in the unit of the key.
     pub default: f64,
-    /// Interval of the sensitivity analysis of Jung et al. 2022 (Table A5), which step 2 and step 3 start from. The passive
-    /// scale has none.
+    /// Interval of the sensitivity analysis of Jung et al. 2022 (Table A5), from which steps 2 and
+    /// 3 start; `None` for the passive scale.
     pub interval: Option<[f64; 2]>,
     /// Source of the default.
     pub source: &'static str,

@@ -1,4 +1,4 @@
-//! How people write the quantities that files name by keys: symbol, unit and meaning.
+//! Printed forms of the quantities that files name by keys: symbol, unit and meaning.
 
 use crate::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use crate::cell::CELL;
@@ -20,7 +20,8 @@ pub struct Label {
 }
 
 impl Label {
-    /// Label of a biomarker, or of a parameter of step 1 or of the cell model, by its key.
+    /// Label of a biomarker, or of a parameter of step 1 or of the cell model, by its key; `None`
+    /// for other keys.
     #[must_use]
     pub fn of(key: &str) -> Option<Self> {
         let of_step1 = Step1Parameter::ALL.into_iter().map(Step1Parameter::label);

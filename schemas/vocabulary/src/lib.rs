@@ -1,7 +1,8 @@
-//! The words of the field, each written once: biomarkers and the parameters of the models.
+//! Vocabulary of the field, with one definition per term: biomarkers and the parameters of the
+//! models.
 //!
-//! Every crate may import this one. It holds types, their names in files, units and defaults; no file is read here and
-//! no equation is solved.
+//! Every crate may import this one. It contains types with their names in files, units and
+//! defaults. It reads no files and solves no equations.
 
 pub mod biomarker_noise;
 pub mod biomarkers;

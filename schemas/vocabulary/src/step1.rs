@@ -1,4 +1,4 @@
-//! Parameters of step 1: the Tanh active stress, the valves, and the six of them that step 1 updates.
+//! Parameters of step 1: the Tanh active stress and the valves, six of which step 1 updates.
 
 use std::collections::BTreeMap;
 
@@ -79,7 +79,7 @@ pub struct ValveParameters {
 pub const VALVE_PARAMETERS: [&str; 2] = ["R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
 
 impl ValveParameters {
-    /// The place of one of [`VALVE_PARAMETERS`]; none for another name.
+    /// Mutable value of one of [`VALVE_PARAMETERS`]; `None` for another name.
     pub fn named_mut(&mut self, name: &str) -> Option<&mut f64> {
         match name {
             "R_AV_f_mmHg_s_per_mL" => Some(&mut self.r_av_f_mmhg_s_per_ml),
@@ -88,7 +88,7 @@ impl ValveParameters {
         }
     }
 
-    /// The same with other values of those that `parameters` names.
+    /// The same valves with other values for the names in `parameters`.
     #[must_use]
     pub fn with(mut self, parameters: &BTreeMap<String, f64>) -> Self {
         for (name, value) in parameters {
@@ -132,7 +132,7 @@ macro_rules! updated {
         impl Step1Parameter {
             /// All updated parameters, in the order of eqs. 13 and 15 and of Table A6 of Jung et al. 2022.
             pub const ALL: [Self; [$($key),*].len()] = [$(Self::$variant),*];
-            /// Their keys, in the same order.
+            /// Keys of the updated parameters, in the same order.
             pub const KEYS: [&'static str; Self::ALL.len()] = [$($key),*];
 
             /// Key with its unit, as in files.
@@ -220,20 +220,20 @@ impl Step1Parameters {
         self
     }
 
-    /// The same with another value of one updated parameter, in the unit of its key.
+    /// The same parameters with another value of one updated parameter, in the unit of its key.
     #[must_use]
     pub const fn with(mut self, parameter: Step1Parameter, value: f64) -> Self {
         self.set(parameter, value);
         self
     }
 
-    /// Whether both would be the same simulation: every updated value equal to nine digits.
+    /// Whether both describe the same simulation: every updated value is equal to nine digits.
     #[must_use]
     pub fn same_as(&self, other: &Self) -> bool {
         self.close_to(other, 1e-9)
     }
 
-    /// Whether every updated value is equal up to this share of it.
+    /// Whether every updated value is equal up to this relative difference.
     #[must_use]
     pub fn close_to(&self, other: &Self, share: f64) -> bool {
         Step1Parameter::ALL

@@ -111,7 +111,7 @@ impl Bounds {
         value >= self.lower * (1.0 - 1e-12) && value <= self.upper * (1.0 + 1e-12)
     }
 
-    /// Whether a value sits on one of the ends, up to rounding.
+    /// Whether a value lies on one of the ends, up to rounding.
     #[must_use]
     pub fn at_end(&self, value: f64) -> bool {
         value <= self.lower * (1.0 + 1e-9) || value >= self.upper * (1.0 - 1e-9)
@@ -119,7 +119,7 @@ impl Bounds {
 }
 
 impl Step1Settings {
-    /// First guess.
+    /// Initial parameters.
     #[must_use]
     pub fn start(&self) -> Step1Parameters {
         Step1Parameters {
@@ -128,7 +128,7 @@ impl Step1Settings {
         }
     }
 
-    /// The interval of a parameter: its default one where the settings name none.
+    /// Interval of a parameter; the default one if the settings do not name it.
     #[must_use]
     pub fn bounds_of(&self, parameter: Step1Parameter) -> Bounds {
         let given = self.bounds.get(parameter.key()).copied();
@@ -156,7 +156,7 @@ impl Step1Settings {
             .all(|p| self.bounds_of(p).contains(parameters.get(p)))
     }
 
-    /// Parameters moved into their bounds; frozen ones keep their value.
+    /// Clamps parameters to their bounds; frozen ones keep their value.
     #[must_use]
     pub fn clamp(&self, parameters: &Step1Parameters) -> Step1Parameters {
         self.moving().fold(*parameters, |inside, p| {

@@ -1,8 +1,11 @@
-//! How often the search on the afterload names what is there, names something where nothing is missing, and names
-//! something for gaps outside of its catalogue: `cargo run --release -p cardiotwin-calibrate --example afterload-calibration`.
+//! Hit and false alarm rates of the afterload search: how often it names an effect that is present,
+//! any effect where none is missing, and any effect for gaps outside its catalogue.
 //!
-//! Flows are the measured ones of `examples/afterload`, with noise of 1.5 % of their peak that the fit does not know;
-//! pressures are simulated by the same equations (an inverse crime), with coloured noise of 1 mmHg or 2 % of the pulse.
+//! `cargo run --release -p cardiotwin-calibrate --example afterload-calibration`
+//!
+//! Flows are the measured ones of `examples/afterload`, with noise of 1.5 % of their peak that the
+//! fit does not see. Pressures are simulated by the same equations (an inverse crime), with
+//! coloured noise of 1 mmHg or 2 % of the pulse.
 
 use cardiotwin_calibrate::afterload::{
     DiscoverySettings, EFFECTS, Record, discover, fit_windkessel, simulate,
@@ -27,7 +30,7 @@ const PRESSURE_NOISE: f64 = 0.02;
 const FLOW_NOISE: f64 = 0.015;
 const CORRELATION_MS: f64 = 10.0;
 
-/// Strengths of each effect, weak and clear, in the units of its parameters.
+/// Weak and clear strengths of each effect, in the units of its parameters.
 const STRENGTHS: [(&str, &[f64], &[f64]); 10] = [
     ("wave_reflection", &[1.5e-3, 0.3, 0.03], &[4e-3, 0.3, 0.05]),
     ("tube_reflection", &[20.0], &[50.0]),
@@ -60,7 +63,7 @@ fn read(file: &str) -> (Vec<f64>, Vec<f64>) {
     rows.map(row).unzip()
 }
 
-/// Coloured noise (Ornstein and Uhlenbeck's process) at these times.
+/// Coloured noise (an Ornstein–Uhlenbeck process) at the given times.
 fn noise(time_ms: &[f64], rms: f64, random: &mut Pcg64) -> Vec<f64> {
     let mut normal = || {
         let (u, v): (f64, f64) = (random.random(), random.random());
@@ -78,14 +81,14 @@ fn noise(time_ms: &[f64], rms: f64, random: &mut Pcg64) -> Vec<f64> {
         .collect()
 }
 
-/// A gap that the catalogue does not have.
+/// A gap outside the catalogue.
 #[derive(Clone, Copy, Debug)]
 enum Outside {
     /// A rattle of 25 Hz after each closure of the valve.
     Rattle,
-    /// The flow probe saturates: what is measured is less than what flows at high flow.
+    /// The flow probe saturates and reads too low at high flow.
     Saturation,
-    /// Pressure drifts slowly, as a transducer that warms.
+    /// The pressure drifts slowly, like a transducer that warms up.
     Drift,
 }
 

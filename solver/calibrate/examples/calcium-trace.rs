@@ -1,6 +1,10 @@
-//! A made calcium transient: Rice's curve and independent normal noise, as a CSV file on stdout.
+//! A synthetic calcium transient, Rice's curve with independent normal noise, as a CSV file on
+//! stdout.
 //!
-//! `cargo run --release -p cardiotwin-calibrate --example calcium-trace > examples/calcium/transient.csv`
+//! ```sh
+//! cargo run --release -p cardiotwin-calibrate --example calcium-trace \
+//!     > examples/calcium/transient.csv
+//! ```
 
 use cardiotwin_calibrate::calcium_fit::RiceParameters;
 use cardiotwin_calibrate::normal;

@@ -1,5 +1,6 @@
-//! Differential evolution (both kinds of updating), L-SHADE and CMA-ES on four functions of ten parameters, each with its
-//! minimum of one away from the box's middle: how often it is found (to 1e-6), and evaluations, over 50 seeds.
+//! Comparison of differential evolution (both kinds of updating), L-SHADE and CMA-ES on four
+//! functions of ten parameters. Each has a minimum of one away from the middle of the box. The
+//! output is the number of successes (to 1e-6) and the evaluations over 50 seeds.
 //!
 //! `cargo run --release -p cardiotwin-calibrate --example optimiser-comparison`
 
@@ -39,7 +40,7 @@ fn ackley(x: &[f64]) -> f64 {
     1.0 - 20.0 * (-0.2 * square.sqrt()).exp() - wave.exp() + 20.0 + E
 }
 
-/// Best cost and evaluations of one run.
+/// Best cost and number of evaluations of one run.
 fn run(strategy: &str, f: Function, bounds: &[Interval], seed: u64) -> (f64, usize) {
     let costs = |points: Vec<Vec<f64>>| points.iter().map(|p| f(p)).collect::<Vec<_>>();
     match strategy {

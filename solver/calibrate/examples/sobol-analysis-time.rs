@@ -1,4 +1,5 @@
-//! Time of the paper's sensitivity analysis: 45,056 rows, six outputs, one thread; with and without failed rows.
+//! Time of the paper's sensitivity analysis on one thread: 45,056 rows and six outputs, with and
+//! without failed rows.
 //!
 //! `cargo run --release -p cardiotwin-calibrate --example sobol-analysis-time`
 

@@ -1,4 +1,4 @@
-//! The box that an optimiser stays in.
+//! Interval of a parameter, and the box that an optimiser stays in.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,16 +12,16 @@ pub struct Interval {
     pub upper: f64,
 }
 
-/// Why a box is none.
+/// Reasons why a list of intervals is not a valid box.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum IntervalError {
-    /// No parameter at all.
+    /// The list is empty.
     #[error("an optimisation needs at least one parameter")]
     Empty,
-    /// Ends that are not finite or not in order.
+    /// An interval whose ends are not finite or not in order.
     #[error("interval {idx} goes from {lower} to {upper}, but must be finite and in order")]
     Disordered {
-        /// Position of the parameter.
+        /// Index of the parameter.
         idx: usize,
         /// Lower end.
         lower: f64,
@@ -31,7 +31,7 @@ pub enum IntervalError {
 }
 
 impl Interval {
-    /// An interval of its ends.
+    /// Creates an interval from its ends.
     #[must_use]
     pub fn new(lower: f64, upper: f64) -> Self {
         Self { lower, upper }
@@ -49,7 +49,7 @@ impl Interval {
         (self.lower..=self.upper).contains(&value)
     }
 
-    /// The nearest value inside; the middle for one that is not a number.
+    /// Nearest value inside the interval; the middle for NaN.
     #[must_use]
     pub fn clamp(&self, value: f64) -> f64 {
         if value.is_nan() {
@@ -59,15 +59,16 @@ impl Interval {
         }
     }
 
-    /// From a coordinate in [0, 1] to a value, as `SciPy` computes it: the optimum's last digits depend on it.
+    /// Converts a coordinate in [0, 1] to a value. The formula is `SciPy`'s, because the last
+    /// digits of an optimum depend on it.
     #[must_use]
     pub fn from_unit(&self, u: f64) -> f64 {
         let value = 0.5 * (self.lower + self.upper) + (u - 0.5) * self.width().abs();
-        // Rounding may lead one digit beyond an end.
+        // Rounding may exceed an end by one digit.
         value.clamp(self.lower, self.upper)
     }
 
-    /// From a value to a coordinate in [0, 1]; 0.5 where the interval has no width.
+    /// Converts a value to a coordinate in [0, 1]; 0.5 if the interval has no width.
     #[must_use]
     pub fn to_unit(&self, value: f64) -> f64 {
         if self.width() == 0.0 {
@@ -76,7 +77,7 @@ impl Interval {
         ((value - 0.5 * (self.lower + self.upper)) / self.width().abs() + 0.5).clamp(0.0, 1.0)
     }
 
-    /// Looks for intervals that make no sense.
+    /// Checks that a box is valid.
     ///
     /// # Errors
     /// [`IntervalError`] for an empty box or an interval that is not finite and in order.

@@ -1,13 +1,15 @@
-//! Latin hypercube sampling: the first population of differential evolution, and the designs of robustness sweeps.
+//! Latin hypercube sampling for first populations and for designs of robustness sweeps.
 
 use crate::interval::{Interval, IntervalError};
 use crate::random::{Purpose, generator};
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-/// Points in the unit cube, shape (`n_points`, `n_dimensions`): each dimension's `n_points` equal strata hold one each.
+/// Points in the unit cube, shape (`n_points`, `n_dimensions`). Each of the `n_points` equal strata
+/// of a dimension holds one point.
 ///
-/// Source: McKay, Beckman and Conover 1979, Technometrics 21:239; as in `SciPy`, a point lies anywhere in its stratum.
+/// Source: McKay, Beckman and Conover 1979, Technometrics 21:239. As in `SciPy`, a point lies
+/// anywhere in its stratum.
 #[must_use]
 pub fn unit(n_points: usize, n_dimensions: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut rng = generator(seed, Purpose::LatinHypercube, [0, 0]);
@@ -27,7 +29,7 @@ pub fn unit(n_points: usize, n_dimensions: usize, seed: u64) -> Vec<Vec<f64>> {
 /// Points in a box, shape (`n_points`, number of intervals), in the intervals' units.
 ///
 /// # Errors
-/// [`IntervalError`] for a box that makes no sense.
+/// [`IntervalError`] if the box is invalid.
 pub fn sample(
     intervals: &[Interval],
     n_points: usize,
@@ -59,7 +61,8 @@ mod tests {
             for dimension in 0..d {
                 let mut strata: Vec<usize> = points.iter().map(|p| ((p[dimension] * n as f64) as usize).min(n - 1)).collect();
                 strata.sort_unstable();
-                // A product that rounds up to the next stratum's edge is not a second point of it.
+                // A product that rounds up to the edge of the next stratum is not a second point of
+                // that stratum.
                 prop_assert!(strata.iter().enumerate().all(|(i, s)| s.abs_diff(i) <= 1));
             }
             prop_assert_eq!(&points, &unit(n, d, seed));

@@ -1,24 +1,26 @@
-//! Bounded nonlinear least squares: Levenberg and Marquardt's steps, projected onto the box.
+//! Bounded nonlinear least squares: Levenberg–Marquardt steps, projected onto the box.
 //!
-//! Source: Marquardt 1963, J. SIAM 11:431, with the damping of Nielsen 1999 (report IMM-REP-1999-05) and parameters that
-//! push against a bound held there. For a few parameters and residuals that cost little: differences are taken at once,
-//! not asked for.
+//! Source: Marquardt 1963, J. SIAM 11:431, with the damping of Nielsen 1999 (report
+//! IMM-REP-1999-05); parameters that push against a bound are held there. The solver is meant for
+//! few parameters and cheap residuals: it evaluates differences itself instead of through an
+//! ask-and-tell interface.
 
 use crate::{Interval, IntervalError};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Tolerances and limits.
+/// Tolerances and limits of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Ends when a step lowers the sum of squares by less than this fraction.
+    /// The fit ends when a step lowers the sum of squares by less than this fraction.
     pub cost_tolerance: f64,
-    /// Ends when a step moves no parameter by more than this fraction of its interval.
+    /// The fit ends when a step moves no parameter by more than this fraction of its interval.
     pub step_tolerance: f64,
-    /// Largest number of steps, refused ones included.
+    /// Largest number of steps, including rejected ones.
     pub max_steps: usize,
-    /// Step of a difference over the width of the parameter's interval: above the roughness of the residuals.
+    /// Step of a difference over the width of the parameter's interval. It must exceed the
+    /// roughness of the residuals.
     pub difference_step: f64,
 }
 
@@ -33,10 +35,10 @@ impl Default for Settings {
     }
 }
 
-/// What is wrong with what was to be fitted.
+/// Invalid input to a least squares fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
-    /// The box makes no sense.
+    /// The box is empty, or an interval is not finite and in order.
     #[error(transparent)]
     Interval(#[from] IntervalError),
     /// The start has another dimension than the box.
@@ -47,15 +49,15 @@ pub enum LeastSquaresError {
         /// Number of intervals.
         n_bounds: usize,
     },
-    /// Residuals at the start that are not finite.
+    /// The residuals at the start are not all finite.
     #[error("the residuals at the start {start:?} are not all finite")]
     StartNotFinite {
-        /// The start, cut to the box.
+        /// Start, clamped to the box.
         start: Vec<f64>,
     },
 }
 
-/// Where the steps ended.
+/// Result of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// Best parameters, in their units.
@@ -64,24 +66,26 @@ pub struct Fit {
     pub sum_of_squares: f64,
     /// Number of residuals.
     pub n_residuals: usize,
-    /// Which parameters sit on a bound that the residuals push against.
+    /// Whether each parameter is on a bound that the residuals push against.
     pub at_bound: Vec<bool>,
-    /// Whether a tolerance was met, not the limit of steps.
+    /// Whether a tolerance was met, rather than the limit of steps.
     pub converged: bool,
     /// Derivatives of the residuals, shape (residuals, parameters).
     jacobian: DMatrix<f64>,
 }
 
 impl Fit {
-    /// Variance of one residual: sum of squares over residuals less free parameters.
+    /// Variance of one residual: the sum of squares over the number of residuals minus that of free
+    /// parameters.
     #[must_use]
     pub fn residual_variance(&self) -> f64 {
         let n_free = self.at_bound.iter().filter(|b| !**b).count();
         self.sum_of_squares / self.n_residuals.saturating_sub(n_free).max(1) as f64
     }
 
-    /// Standard error of each parameter by the linearised model; none for one at a bound, or for all if the residuals do
-    /// not tell the free ones apart. Holds for residuals that are independent of each other.
+    /// Standard error of each parameter from the linearised model, for independent residuals. It is
+    /// `None` for a parameter at a bound, and for all if the residuals do not distinguish the free
+    /// ones.
     #[must_use]
     pub fn standard_errors(&self) -> Vec<Option<f64>> {
         let free: Vec<usize> = (0..self.at_bound.len())
@@ -89,7 +93,7 @@ impl Fit {
             .collect();
         let jacobian = self.jacobian.select_columns(&free);
         let mut errors = vec![None; self.at_bound.len()];
-        // Scaled to columns of length one first: parameters have units of their own.
+        // Columns are scaled to unit length first, because parameters have different units.
         let lengths: Vec<f64> = jacobian.column_iter().map(|c| c.norm()).collect();
         if lengths.iter().any(|l| l.is_nan() || *l <= 0.0) {
             return errors;
@@ -111,10 +115,12 @@ impl Fit {
     }
 }
 
-/// Minimises the sum of squared residuals within a box; `residuals` gives as many for any parameters.
+/// Minimises the sum of squared residuals within a box; `residuals` returns the same number of
+/// residuals for any parameters.
 ///
 /// # Errors
-/// [`LeastSquaresError`] when box or start make no sense, or the residuals at the start are not finite.
+/// [`LeastSquaresError`] if the box or start is invalid, or the residuals at the start are not
+/// finite.
 pub fn fit(
     residuals: &dyn Fn(&[f64]) -> Vec<f64>,
     start: &[f64],
@@ -160,7 +166,7 @@ pub fn fit(
         let moves = moved.fold(0.0, f64::max);
         let trial_r = evaluate(&trial);
         let trial_cost = trial_r.norm_squared();
-        // NaN is no fall.
+        // NaN does not count as a fall.
         if trial_cost < cost {
             let fall = cost - trial_cost;
             let taken = DVector::from_fn(x.len(), |i, _| trial[i] - x[i]);
@@ -192,7 +198,8 @@ pub fn fit(
     })
 }
 
-/// Parameters at a bound (to a millionth of the width) that the gradient pushes against, or without any width.
+/// Marks parameters without a width, and those at a bound (to a millionth of the width) that the
+/// gradient pushes against.
 fn held(x: &[f64], gradient: &[f64], bounds: &[Interval]) -> Vec<bool> {
     x.iter()
         .zip(gradient)
@@ -206,7 +213,7 @@ fn held(x: &[f64], gradient: &[f64], bounds: &[Interval]) -> Vec<bool> {
         .collect()
 }
 
-/// The damped step; zero for held parameters. None if nothing can move.
+/// The damped step, which is zero for held parameters; `None` if no parameter can move.
 fn step(
     jacobian: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -233,7 +240,8 @@ fn step(
     Some(step)
 }
 
-/// Derivatives of the residuals to second order: central, or one-sided next to a bound. Zero for what has no width.
+/// Second-order derivatives of the residuals: central differences, one-sided next to a bound, and
+/// zero for parameters without a width.
 fn differences(
     evaluate: &dyn Fn(&[f64]) -> DVector<f64>,
     x: &[f64],

@@ -1,7 +1,7 @@
-//! The personalisation's algorithms by ask and tell: pure, without a model, a clock or a thread.
+//! Algorithms of the personalisation with an ask-and-tell interface: no model, clock or thread.
 //!
-//! Whoever owns the simulations asks for parameters, computes, and tells; every state can be stored and continued, and
-//! the same history leads to the same proposal.
+//! The caller requests parameters, runs the simulations and returns the results. Every state can be
+//! stored and continued, and the same history leads to the same proposal.
 
 #![deny(missing_docs)]
 

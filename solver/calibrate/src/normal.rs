@@ -1,8 +1,9 @@
-//! Quantiles of the standard normal distribution, for intervals.
+//! Quantiles of the standard normal distribution.
 
-/// The value that a standard normal number stays below with this probability; infinite at 0 and 1.
+/// Value that a standard normal variable stays below with this probability; infinite at 0 and 1.
 ///
-/// Source: Wichura 1988, Appl. Stat. 37:477, algorithm AS 241 (PPND16), relative accuracy about 1e-16.
+/// Source: Wichura 1988, Appl. Stat. 37:477, algorithm AS 241 (PPND16), relative accuracy about
+/// 1e-16.
 #[must_use]
 pub fn quantile(probability: f64) -> f64 {
     let q = probability - 0.5;
@@ -31,7 +32,7 @@ pub fn quantile(probability: f64) -> f64 {
     value.copysign(q)
 }
 
-/// Coefficients from the constant on.
+/// Evaluates a polynomial whose coefficients start with the constant.
 fn polynomial(coefficients: &[f64; 8], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
@@ -123,7 +124,8 @@ mod tests {
                 "{p}: {} {z}",
                 quantile(p)
             );
-            // 1 - p is rounded, by up to half a unit of the last place of one; for the smallest nothing remains.
+            // 1 - p is rounded by up to half a unit in the last place of one; for the smallest p
+            // nothing remains.
             let rounding = 1e-16 / p;
             assert!(rounding >= 1.0 || (quantile(1.0 - p) + z).abs() <= rounding + 4e-15 * z.abs());
         }

@@ -1,35 +1,37 @@
-//! Local searches at the end of a global one: one after the other, each from the best point so far.
+//! Local searches at the end of a global one, each from the best point so far.
 //!
-//! What one search leaves undone another may find: in the parameters' own units those of small numbers move first, in
-//! shares of their intervals all move alike. The cost never rises, and every point evaluated lies inside the box.
+//! A second search may still improve the result of the first: in the parameters' own units,
+//! parameters with small values move first; in shares of their intervals, all move alike. The cost
+//! never rises, and every evaluated point lies inside the box.
 
 use crate::Interval;
 use crate::lbfgsb::{self, Lbfgsb, LbfgsbError};
 use crate::population::{scale, to_unit};
 use serde::{Deserialize, Serialize};
 
-/// In which numbers a local search thinks.
+/// Coordinates of a local search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Coordinates {
-    /// The parameters' own units, as `SciPy`.
+    /// Own units of the parameters, as in `SciPy`.
     #[default]
     OwnUnits,
-    /// Shares of each interval, from 0 to 1.
+    /// Share of each interval, from 0 to 1.
     Shares,
 }
 
-/// One local search.
+/// Settings of one local search.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LocalSearch {
-    /// In which numbers it thinks.
+    /// Coordinates in which the search moves.
     pub coordinates: Coordinates,
-    /// Its tolerances and limits, in these numbers.
+    /// Tolerances and limits, in these coordinates.
     pub settings: lbfgsb::Settings,
 }
 
-/// Local searches under way; serialise it after any [`Polish::tell`] to go on from there bit for bit.
+/// Local searches in progress. The state can be serialised after any [`Polish::tell`] and continues
+/// bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Polish {
     bounds: Vec<Interval>,
@@ -38,16 +40,16 @@ pub struct Polish {
     cost: f64,
     is_better: bool,
     current: Option<(Coordinates, Lbfgsb)>,
-    /// Those to come, the next one last.
+    /// Remaining searches, the next one last.
     waiting: Vec<LocalSearch>,
     n_evaluations: usize,
 }
 
 impl Polish {
-    /// Begins at a point of known cost; none where there is no search or the cost is not finite.
+    /// Starts at a point of known cost; `None` if `searches` is empty or the cost is not finite.
     ///
     /// # Errors
-    /// [`LbfgsbError`] when the box makes no sense or has another dimension than the start.
+    /// [`LbfgsbError`] if the box is invalid or its dimension differs from the start's.
     pub fn new(
         start: &[f64],
         cost: f64,
@@ -84,10 +86,11 @@ impl Polish {
         }
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`LbfgsbError`] when the number of costs differs or nothing is asked any more.
+    /// [`LbfgsbError`] if the number of costs differs or all searches have ended.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), LbfgsbError> {
         let (coordinates, search) = self.current.as_mut().ok_or(LbfgsbError::Ended)?;
         search.tell(costs)?;
@@ -126,19 +129,20 @@ impl Polish {
         Ok(())
     }
 
-    /// Whether nothing is asked any more.
+    /// Whether all searches have ended.
     #[must_use]
     pub fn is_ended(&self) -> bool {
         self.current.is_none()
     }
 
-    /// The best point of the searches that ended, and its cost, where they found a lower one than the start's.
+    /// Best point of the finished searches and its cost; `None` if it is not below the cost of the
+    /// start.
     #[must_use]
     pub fn gain(&self) -> Option<(&[f64], f64)> {
         self.is_better.then_some((&self.best, self.cost))
     }
 
-    /// Evaluations told: a multiple of D + 1.
+    /// Number of evaluations so far, a multiple of D + 1.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations
@@ -154,7 +158,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A valley whose two coordinates differ by six orders of magnitude, its minimum on a bound.
+    /// A valley whose coordinates differ by six orders of magnitude, with its minimum on a bound.
     fn valley(p: &[f64]) -> f64 {
         let (x, y) = (1e5 * p[0], 0.1 * p[1]);
         1.0 + (x - 1.0 - 0.5 * y * y).powi(2) + 1e-3 * (y - 12.0).powi(2)
@@ -231,7 +235,7 @@ mod tests {
     }
 
     proptest! {
-        /// The cost never rises, and storing after any batch changes nothing that follows.
+        /// The cost never rises, and storage after any batch does not change the rest of the run.
         #[test]
         fn never_rises_and_continues_from_storage(x in 0.0..1e-3f64, y in 0.0..100.0f64, store_every in 1usize..9) {
             let of = [Coordinates::Shares, Coordinates::OwnUnits, Coordinates::Shares];

@@ -1,55 +1,55 @@
-//! What the population-based optimisers share.
+//! Errors, checks and unit coordinates shared by the population-based optimisers.
 
 use crate::lbfgsb::LbfgsbError;
 use crate::{Interval, IntervalError};
 
-/// What is wrong with what an optimiser was given.
+/// Invalid input to a population-based optimiser.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PopulationError {
-    /// The box makes no sense.
+    /// The box is empty, or an interval is not finite and in order.
     #[error(transparent)]
     Interval(#[from] IntervalError),
-    /// A setting that makes no sense.
+    /// A setting outside its range.
     #[error("setting {key} is {value}, but must be {expected}")]
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What it must be.
+        /// Expected range.
         expected: &'static str,
     },
-    /// A guess that does not fit the box, or more guesses than can begin.
+    /// A guess does not match the box, or there are more guesses than members.
     #[error(
         "guess {idx} has {n_guess} parameters of {n_bounds}, and {n_guesses} guesses can begin"
     )]
     Guess {
-        /// Position of the guess.
+        /// Index of the guess.
         idx: usize,
-        /// Its number of parameters.
+        /// Number of parameters of the guess.
         n_guess: usize,
         /// Number of intervals.
         n_bounds: usize,
         /// Largest number of guesses.
         n_guesses: usize,
     },
-    /// Another number of costs than points were asked for.
+    /// The number of costs differs from the number of points requested.
     #[error("{n_costs} costs were told for {n_points} points")]
     Costs {
-        /// Costs told.
+        /// Number of costs given.
         n_costs: usize,
-        /// Points asked.
+        /// Number of points requested.
         n_points: usize,
     },
-    /// Nothing is being asked any more.
+    /// Costs were given after the end of the optimisation.
     #[error("costs were told after the optimisation had ended")]
     Ended,
-    /// The polish refused its start or its costs.
+    /// The polish rejected its start or its costs.
     #[error("the polish failed")]
     Polish(#[from] LbfgsbError),
 }
 
-/// Looks at one setting.
+/// Checks one setting.
 pub(crate) fn check(
     key: &'static str,
     value: f64,
@@ -67,7 +67,7 @@ pub(crate) fn check(
     }
 }
 
-/// Guesses in unit coordinates, cut to the box.
+/// Guesses in unit coordinates, clamped to the box.
 pub(crate) fn unit_guesses(
     guesses: &[Vec<f64>],
     bounds: &[Interval],
@@ -91,7 +91,7 @@ pub(crate) fn unit_guesses(
         .collect()
 }
 
-/// From the parameters' units to unit coordinates, cut to the box.
+/// Converts from the parameters' units to unit coordinates, clamped to the box.
 pub(crate) fn to_unit(point: &[f64], bounds: &[Interval]) -> Vec<f64> {
     point
         .iter()
@@ -100,7 +100,7 @@ pub(crate) fn to_unit(point: &[f64], bounds: &[Interval]) -> Vec<f64> {
         .collect()
 }
 
-/// From unit coordinates to the parameters' units.
+/// Converts from unit coordinates to the parameters' units.
 pub(crate) fn scale(unit: &[f64], bounds: &[Interval]) -> Vec<f64> {
     unit.iter()
         .zip(bounds)

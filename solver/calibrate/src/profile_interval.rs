@@ -1,18 +1,19 @@
-//! Ends of a profile's interval: where the sum of squares, minimised over the others, crosses its threshold.
+//! Ends of a profile interval, where the minimised sum of squares crosses its threshold.
 
 use crate::Interval;
 
-/// Doublings of the step until the threshold is crossed.
+/// Largest number of doublings of the step in search of a crossing.
 const N_DOUBLINGS: usize = 40;
-/// Refinements between.
+/// Largest number of refinements of a bracketed crossing.
 const N_REFINEMENTS: usize = 12;
-/// The end is known when the rise of the root of the sum of squares is met to this fraction.
+/// Relative precision of an end, in terms of the rise of the root of the sum of squares.
 const PRECISION: f64 = 1e-3;
 
-/// Sum of squares with one parameter held at a value and the others fitted from a start, and where they end.
+/// Fits the other parameters from a start while one is held at a value; returns the sum of squares
+/// and the end point.
 type Constrained<'a> = dyn Fn(f64, &[f64]) -> Option<(f64, Vec<f64>)> + 'a;
 
-/// A parameter's profile and the optimum that it begins at.
+/// Profile of one parameter, with the optimum that it starts from.
 pub(crate) struct Profile<'a> {
     pub(crate) at: &'a Constrained<'a>,
     pub(crate) start: &'a [f64],
@@ -23,8 +24,8 @@ pub(crate) struct Profile<'a> {
 }
 
 impl Profile<'_> {
-    /// How far beyond the threshold a value is: -1 at the optimum, 0 at an end, almost linear between, since the sum of
-    /// squares is almost quadratic. Not a number where the model fails.
+    /// Signed distance from the threshold: −1 at the optimum and 0 at an end. It is almost linear
+    /// between them because the sum of squares is almost quadratic. NaN where the model fails.
     fn beyond(&self, value: f64, warm: &mut Vec<f64>) -> f64 {
         let Some((cost, at)) = (self.at)(value, warm) else {
             return f64::NAN;
@@ -36,14 +37,14 @@ impl Profile<'_> {
             - 1.0
     }
 
-    /// Lower and upper end; none where the limit is reached below the threshold.
+    /// Lower and upper end; `None` where the limit is reached below the threshold.
     pub(crate) fn interval(
         &self,
         best: f64,
         first_step: f64,
         limits: Interval,
     ) -> [Option<f64>; 2] {
-        // An exact trace has a step of zero; any positive one crosses its threshold.
+        // An exact trace has a step of zero; any positive step crosses its threshold.
         let step = first_step.max(1e-9 * limits.width());
         [-1.0, 1.0].map(|side| self.end(best, side * step, limits))
     }
@@ -54,7 +55,7 @@ impl Profile<'_> {
         for _ in 0..N_DOUBLINGS {
             let value = limits.clamp(best + step);
             let beyond = self.beyond(value, &mut warm);
-            // Not a number lies beyond, too.
+            // NaN counts as beyond the threshold.
             if beyond.is_nan() || beyond > 0.0 {
                 outside = Some((value, beyond));
                 break;
@@ -74,7 +75,7 @@ impl Profile<'_> {
             if beyond.abs() <= PRECISION {
                 return Some(value);
             }
-            // The end that stays counts half (Dowell and Jarratt 1971, the Illinois rule).
+            // The end that is kept counts half (Dowell and Jarratt 1971, the Illinois rule).
             if beyond <= 0.0 {
                 inside = (value, beyond);
                 outside.1 *= 0.5;

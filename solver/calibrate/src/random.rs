@@ -1,39 +1,39 @@
-//! Random numbers that depend on a seed, a purpose and a position only.
+//! Random numbers that depend only on a seed, a purpose and a position.
 //!
-//! Each generation (and each candidate of the immediate mode) draws from its own generator, so that a state needs no
-//! generator to be stored, and a restart at any generation continues bit for bit.
+//! Each generation (and each candidate of the immediate mode) has its own generator. A state
+//! therefore stores no generator, and a restart at any generation continues bit for bit.
 
 use rand_pcg::Pcg64;
 
-/// What random numbers are for: each purpose has its own PCG stream.
+/// Purpose of random numbers; each has its own PCG stream.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Purpose {
     /// The first population, or a design of experiments.
     LatinHypercube = 1,
-    /// The mutation's scale of a generation.
+    /// The mutation scale of a generation.
     Dither = 2,
     /// Trials of a generation.
     Trials = 3,
     /// Trials of a generation of adaptive differential evolution.
     AdaptiveTrials = 4,
-    /// What its archive forgets.
+    /// Removal of members from the archive of adaptive differential evolution.
     Archive = 5,
     /// Normal deviates of a generation of the evolution strategy.
     Deviates = 6,
-    /// The mean of each of its starts.
+    /// Initial means of the runs of the evolution strategy.
     Starts = 7,
     /// Draws of a posterior.
     Posterior = 8,
 }
 
-/// The generator of a seed, a purpose and a position such as (generation, candidate).
+/// The generator for a seed, a purpose and a position such as (generation, candidate).
 pub(crate) fn generator(seed: u64, purpose: Purpose, position: [u64; 2]) -> Pcg64 {
     let low = mix(mix(seed) ^ position[0]);
     let high = mix(low ^ position[1].wrapping_mul(0x9E37_79B9_7F4A_7C15));
     Pcg64::new((u128::from(high) << 64) | u128::from(low), purpose as u128)
 }
 
-/// Steele, Lea and Flood 2014, `SplitMix64`: neighbouring seeds give unrelated states.
+/// `SplitMix64` (Steele, Lea and Flood 2014), by which neighbouring seeds give unrelated states.
 fn mix(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -60,7 +60,7 @@ mod tests {
                 }
             }
         }
-        // 300 uniform numbers: mean 0.5, standard error 0.017.
+        // The mean of 300 uniform numbers is 0.5, with a standard error of 0.017.
         assert!((sum / 300.0 - 0.5).abs() < 0.06, "{}", sum / 300.0);
     }
 }

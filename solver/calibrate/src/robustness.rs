@@ -1,8 +1,10 @@
-//! Robustness of a personalisation: designs over uncertain data and over initial guesses, and the spread of the results.
+//! Robustness of a personalisation: designs over uncertain data and initial guesses, and the spread
+//! of the results.
 //!
-//! Source: Jung et al. 2022, section 2.5 and Tables 3 to 10: Latin hypercubes of ten samples within ±10 % of the measured
-//! biomarkers and of five within ±50 % of the default guesses; means, standard deviations, minima and maxima of the
-//! values and of their differences from the original result, relative to it and without sign.
+//! Source: Jung et al. 2022, section 2.5 and Tables 3 to 10: Latin hypercubes of ten samples within
+//! ±10 % of the measured biomarkers and of five within ±50 % of the default guesses. The tables
+//! list mean, standard deviation, minimum and maximum of the values and of their absolute
+//! differences from the original result, relative to it.
 
 use crate::statistics::{mean, standard_deviation};
 use crate::{Interval, IntervalError, latin_hypercube};
@@ -13,36 +15,38 @@ pub const DATA_RANGE: f64 = 0.1;
 /// The paper's range of the initial guesses, as a fraction.
 pub const GUESS_RANGE: f64 = 0.5;
 
-/// What is wrong with what a design was made of.
+/// Invalid input to a design.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RobustnessError {
-    /// A centre that is not finite, or a range that is negative: the box around it makes no sense.
+    /// A centre is not finite or the range is negative, so that there is no valid box around the
+    /// values.
     #[error("no box can be made around the values")]
     Interval(#[from] IntervalError),
-    /// Another number of bounds than of guesses.
+    /// The number of bounds differs from the number of guesses.
     #[error("{n_bounds} bounds were given for {n_guesses} guesses")]
     Bounds {
-        /// Bounds given.
+        /// Number of bounds given.
         n_bounds: usize,
-        /// Guesses given.
+        /// Number of guesses given.
         n_guesses: usize,
     },
-    /// A bound that lies outside the range altogether leaves nothing to vary.
+    /// A guess lies outside its bounds.
     #[error("guess {idx} of {guess} lies outside its bounds {} to {}", .bounds.lower, .bounds.upper)]
     OutsideBounds {
-        /// Position of the guess.
+        /// Index of the guess.
         idx: usize,
-        /// The guess.
+        /// Value of the guess.
         guess: f64,
-        /// Its bounds.
+        /// Bounds of the guess.
         bounds: Interval,
     },
 }
 
-/// Samples around measured values, shape (samples, values), in their units: evenly within a fraction of each.
+/// Samples around measured values, shape (samples, values), in their units, spread evenly within a
+/// fraction of each value.
 ///
 /// # Errors
-/// [`RobustnessError`] when a value or the range makes no sense.
+/// [`RobustnessError`] if a value or the range is invalid.
 pub fn perturbed_data(
     measured: &[f64],
     range: f64,
@@ -56,13 +60,14 @@ pub fn perturbed_data(
     )?)
 }
 
-/// Samples around initial guesses, shape (samples, guesses), in their units, cut to the bounds that there are.
+/// Samples around initial guesses, shape (samples, guesses), in their units, clamped to their
+/// bounds.
 ///
-/// As in the paper the samples fill the whole range evenly and are cut afterwards, so that a bound within it holds as
-/// many of them as lie beyond.
+/// As in the paper, the samples fill the whole range evenly and are clamped afterwards. Samples
+/// beyond a bound within the range therefore accumulate on it.
 ///
 /// # Errors
-/// [`RobustnessError`] when a guess, its bounds or the range make no sense.
+/// [`RobustnessError`] if a guess, its bounds or the range are invalid.
 pub fn perturbed_guesses(
     guesses: &[f64],
     bounds: &[Option<Interval>],
@@ -107,7 +112,7 @@ fn around(values: &[f64], range: f64) -> Vec<Interval> {
 pub struct Moments {
     /// Arithmetic mean.
     pub mean: f64,
-    /// Sample standard deviation (divisor n − 1); none for a single value.
+    /// Sample standard deviation (divisor n − 1); `None` for a single value.
     pub standard_deviation: Option<f64>,
     /// Smallest value.
     pub minimum: f64,
@@ -116,7 +121,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of some values; none for an empty slice or values that are not finite.
+    /// Moments of some values; `None` for an empty slice or if a value is not finite.
     #[must_use]
     pub fn of(values: &[f64]) -> Option<Self> {
         if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
@@ -131,26 +136,27 @@ impl Moments {
     }
 }
 
-/// One column of Tables 3 to 10: a parameter or biomarker over the samples.
+/// One column of Tables 3 to 10: the spread of a parameter or biomarker over the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// The result with the measured data and the default guesses, in the quantity's unit.
+    /// Result with the measured data and the default guesses, in the quantity's unit.
     pub original: f64,
-    /// Samples with a result.
+    /// Number of samples with a result.
     pub n_samples: usize,
-    /// Samples without one.
+    /// Number of samples without a result.
     pub n_missing: usize,
-    /// Of the values, in the quantity's unit.
+    /// Moments of the values, in the quantity's unit.
     pub values: Moments,
-    /// Of |value − original| / |original|, as fractions; none for an original of zero.
+    /// Moments of |value − original| / |original|, as fractions; `None` for an original of zero.
     pub relative_differences: Option<Moments>,
-    /// Standard deviation of the values over the magnitude of the original, a fraction; none for an original of zero or
-    /// a single sample.
+    /// Standard deviation of the values over the magnitude of the original, a fraction; `None` for
+    /// an original of zero or a single sample.
     pub relative_spread: Option<f64>,
 }
 
 impl Spread {
-    /// Of one quantity's values; those not finite are samples without a result. None if there is no result at all.
+    /// Spread of one quantity. Values that are not finite count as samples without a result. `None`
+    /// if there is no result at all.
     #[must_use]
     pub fn of(original: f64, values: &[f64]) -> Option<Self> {
         let results: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
@@ -172,7 +178,8 @@ impl Spread {
         })
     }
 
-    /// How much of an input's relative spread comes out here: below one it is damped. None where either has none.
+    /// Relative spread of this quantity over that of an input; the spread is damped if it is below
+    /// one. `None` if either has no relative spread.
     #[must_use]
     pub fn amplification(&self, input: &Self) -> Option<f64> {
         let ratio = self.relative_spread? / input.relative_spread?;
@@ -186,9 +193,11 @@ pub fn relative_error(value: f64, target: f64) -> f64 {
     (value - target).abs() / target.abs()
 }
 
-/// How well each sample's fit meets its own perturbed target: moments of the relative errors, fractions.
+/// Moments of the relative errors of each sample's fit against its own perturbed target, as
+/// fractions.
 ///
-/// - `values`, `targets`: one for each sample, of one biomarker; pairs that are not finite are left out
+/// - `values`, `targets`: one biomarker, one value per sample; pairs that are not finite are
+///   ignored
 #[must_use]
 pub fn errors_to_targets(values: &[f64], targets: &[f64]) -> Option<Moments> {
     let errors: Vec<f64> = values
@@ -230,7 +239,7 @@ mod tests {
                 prop_assert!(bounds.contains(sample[0]));
                 prop_assert!(sample.iter().all(|v| (v / guess - 1.0).abs() <= 0.5 + 1e-12));
             }
-            // Without bounds in the way all strata are filled.
+            // Without bounds within the range, all strata are filled.
             let mut strata: Vec<usize> = samples.iter().map(|s| ((s[1] / guess - 0.5) * 5.0) as usize).collect();
             strata.sort_unstable();
             prop_assert_eq!(strata, vec![0, 1, 2, 3, 4]);
@@ -248,7 +257,7 @@ mod tests {
         assert!(perturbed_guesses(&[5.0], &[], 0.5, 5, 0).is_err());
     }
 
-    /// Values made so that the moments are plain, differences on both sides of the original.
+    /// Values with simple moments and differences on both sides of the original.
     #[test]
     fn a_column_of_the_tables() {
         let spread = Spread::of(-100.0, &[-90.0, -120.0, f64::NAN, -100.0, -110.0]).unwrap();

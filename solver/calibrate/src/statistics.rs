@@ -1,26 +1,27 @@
-//! Mean and standard deviation as the paper's tables print them.
+//! Mean, standard deviation and quantiles, by the definitions behind the paper's tables.
 
-/// Arithmetic mean; not a number for an empty slice.
+/// Arithmetic mean; NaN for an empty slice.
 #[must_use]
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Sample standard deviation (divisor n − 1); not a number for fewer than two values.
+/// Sample standard deviation (divisor n − 1); NaN for fewer than two values.
 #[must_use]
 pub fn standard_deviation(values: &[f64]) -> f64 {
     let m = mean(values);
     (values.iter().map(|v| (v - m).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
 }
 
-/// Population standard deviation (divisor n), that differential evolution's convergence is judged by.
+/// Population standard deviation (divisor n), on which the convergence test of differential
+/// evolution rests.
 #[must_use]
 pub fn population_standard_deviation(values: &[f64]) -> f64 {
     let m = mean(values);
     (values.iter().map(|v| (v - m).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Median; not a number for an empty slice.
+/// Median; NaN for an empty slice.
 #[must_use]
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
@@ -33,9 +34,12 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// The value that one more draw of the same distribution stays below with this probability, interpolated between two values
-/// (Hyndman and Fan 1996, Am. Stat. 50:361, definition 6); not a number for an empty slice. An interval between two of them
-/// holds the truth as often as it says, where the common definition 7 gives a 90 % interval of 100 draws only 88 %.
+/// Value that one more draw from the same distribution stays below with probability `share`,
+/// interpolated between two values (Hyndman and Fan 1996, Am. Stat. 50:361, definition 6). NaN for
+/// an empty slice.
+///
+/// An interval between two such values holds the truth as often as stated. The common definition 7
+/// gives a 90 % interval of 100 draws only 88 %.
 ///
 /// - `sorted`: values in ascending order
 #[must_use]

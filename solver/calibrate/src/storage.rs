@@ -1,8 +1,9 @@
-//! Storing costs: JSON knows no infinity, and an infinite cost (a failed evaluation) must survive storage.
+//! Serialisation of costs. JSON has no infinity, but the infinite cost of a failed evaluation must
+//! survive storage.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// What is not finite is as bad as can be.
+/// Replaces a cost that is not finite by infinity, the worst cost.
 pub(crate) fn worst_if_not_finite(cost: f64) -> f64 {
     if cost.is_finite() {
         cost
@@ -11,7 +12,7 @@ pub(crate) fn worst_if_not_finite(cost: f64) -> f64 {
     }
 }
 
-/// A list of costs, infinite ones as null.
+/// Serialises a list of costs with null for infinity.
 pub(crate) mod costs {
     use super::*;
 
@@ -34,7 +35,7 @@ pub(crate) mod costs {
     }
 }
 
-/// One cost, an infinite one as null.
+/// Serialises one cost with null for infinity.
 pub(crate) mod cost {
     use super::*;
 

@@ -1,5 +1,5 @@
-//! Sobol points, Saltelli designs, indices and bootstrap half-widths against `SALib`, whose numbers were recorded once in
-//! `data/salib.json`; its header describes the script.
+//! Sobol points, Saltelli designs, indices and bootstrap half-widths against recorded numbers of
+//! `SALib`. The header of `data/salib.json` describes the script that recorded them.
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{

@@ -1,5 +1,5 @@
-//! Differential evolution and its polish against `SciPy`: 50 seeds a function in ten dimensions, `SciPy`'s runs recorded
-//! once in `data/scipy_de.json`, whose header describes the script.
+//! Differential evolution and its polish against `SciPy`: 50 seeds per function in ten dimensions.
+//! The header of `data/scipy_de.json` describes the script that recorded `SciPy`'s runs.
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::differential_evolution::{
@@ -12,7 +12,7 @@ use std::f64::consts::{E, TAU};
 
 const DIMENSION: usize = 10;
 const N_SEEDS: usize = 50;
-/// A run found the minimum if its cost is within this of it.
+/// A run has found the minimum if its cost is within this distance of it.
 const FOUND: f64 = 1e-6;
 
 #[derive(Deserialize)]
@@ -92,7 +92,7 @@ fn minimise(f: fn(&[f64]) -> f64, bounds: [f64; 2], updating: Updating, seed: u6
     de.outcome().unwrap()
 }
 
-/// Standard normal deviate of the difference of two counts out of `N_SEEDS` each.
+/// Standard normal deviate of the difference between two counts out of `N_SEEDS` each.
 fn deviate(ours: usize, theirs: usize) -> f64 {
     let n = N_SEEDS as f64;
     let (a, b) = (ours as f64 / n, theirs as f64 / n);
@@ -158,7 +158,7 @@ fn compare(name: &str, updating: Updating) {
             "{name} {updating:?}: {a} evaluations {what}, SciPy {b}"
         );
     }
-    // One-sided at 1 %: the seeds are fixed, so this either holds for good or not at all.
+    // One-sided at 1 %. The seeds are fixed, so that the result does not change between runs.
     assert!(
         deviate(found, found_theirs) > -2.33,
         "{name} {updating:?}: found {found}, SciPy {found_theirs}"
@@ -220,7 +220,8 @@ fn polish_alone_from_the_same_starts() {
             "{}: {ours} evaluations, SciPy {scipy}",
             theirs.function
         );
-        // Rosenbrock's second minimum and Ackley's many catch some starts in either implementation.
+        // Rosenbrock's second minimum and Ackley's many minima trap some starts in either
+        // implementation.
         assert!(
             lower >= 40,
             "{}: as low as SciPy in {lower} of {N_SEEDS} runs only",

@@ -1,12 +1,14 @@
-//! Active stress with the spread of activation folded into its curve: one node stands for the whole wall.
+//! Active stress whose curve includes the spread of activation, so that one node represents the
+//! whole wall.
 //!
-//! Jung 2022, eqs. A1-A3 with a4 = 0: Sa = Smax φ(λ) g(t), g the mean over the wall of tanhⁿ(ts/τ_SR) tanh²((t_CR − ts)/τ_SD).
-//! n is 2 in the paper; here it is a base parameter, as a fixed sharpness of the upstroke passes for late activation.
+//! Jung 2022, eqs. A1-A3 with a4 = 0: Sa = Smax φ(λ) g(t), where g is the mean over the wall of
+//! tanhⁿ(ts/τ_SR) tanh²((t_CR − ts)/τ_SD). The paper sets n to 2. Here n is a base parameter,
+//! because a fixed sharpness of the upstroke would be mistaken for late activation.
 
 use cardiotwin_models::contraction::{ActiveStress, Contraction, ContractionError, NodeStep};
 use std::f64::consts::PI;
 
-/// Parameters of the curve.
+/// Parameters of the activation curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurveParameters {
     /// Peak isometric stress \[kPa\].
@@ -19,18 +21,19 @@ pub struct CurveParameters {
     pub fall_ms: f64,
     /// Duration \[ms\].
     pub duration_ms: f64,
-    /// Stretch below which no stress is made.
+    /// Stretch below which no stress develops.
     pub least_stretch: f64,
     /// Time from the first to the last activation of the wall \[ms\].
     pub spread_ms: f64,
 }
 
-/// Slope of the length dependence (a6).
+/// Slope a6 of the length dependence.
 const SLOPE: f64 = 5.0;
-/// Points over the spread, weighted 6 x (1 − x) as the groups of the one-fibre ventricle are.
+/// Number of points over the spread, weighted by 6 x (1 − x) like the groups of the one-fibre
+/// ventricle.
 const SPREAD_POINTS: usize = 8;
 
-/// The curve, tabulated each millisecond since the first activation.
+/// Activation curve, tabulated every millisecond from the first activation.
 #[derive(Debug)]
 pub struct ActivationCurve {
     table_kpa: Vec<f64>,
@@ -38,7 +41,8 @@ pub struct ActivationCurve {
 }
 
 impl ActivationCurve {
-    /// The curve of these parameters; `log_factors` multiply it by e^bump, raised cosines at equal distances over it.
+    /// Creates the curve. It is multiplied by e^bump, where the bumps are raised cosines at equal
+    /// distances with heights `log_factors`.
     #[must_use]
     pub fn new(p: &CurveParameters, log_factors: &[f64]) -> Self {
         let n = p.duration_ms.ceil() as usize + 1;

@@ -1,8 +1,10 @@
-//! Significance: how much evidence noise alone gives to the best of all candidates, linearised around a fit.
+//! Significance: the evidence that noise alone gives to the best of all candidates, linearised
+//! around a fit.
 //!
-//! Parametric bootstrap of the maximum over all candidates (Johansson et al. 2014, BMC Syst Biol 8:46) in the tangent space:
-//! the residuals of a model that is right are standard normal; a candidate sees their projection on its own direction
-//! across those of all parameters that are fitted anyway.
+//! It is a parametric bootstrap of the maximum over all candidates (Johansson et al. 2014, BMC Syst
+//! Biol 8:46) in the tangent space. Residuals of a correct model are standard normal. A candidate's
+//! evidence depends on their projection on its own direction, orthogonal to those of all fitted
+//! parameters.
 
 use crate::fit::Fit;
 use crate::problem::Problem;
@@ -14,31 +16,32 @@ use rayon::prelude::*;
 /// Direction of a candidate at one of its starts.
 #[derive(Debug, Clone)]
 pub struct Tangent {
-    /// Candidate.
+    /// Index of the candidate.
     pub term: usize,
-    /// Direction across the fitted parameters, of length one.
+    /// Unit direction orthogonal to the fitted parameters.
     direction: DVector<f64>,
-    /// Length of the derivative for the strength's z across the fitted parameters, prior included.
+    /// Length of the derivative with respect to the strength's z, orthogonal to the fitted
+    /// parameters, with the prior included.
     pub length: f64,
     /// z of the smallest strength that may be named.
     floor: f64,
-    /// Which sides of its off-value the strength may be on.
+    /// Whether the strength may lie below and above its off-value.
     sides: (bool, bool),
     /// z of the typical strength.
     typical: f64,
 }
 
 impl Tangent {
-    /// Misfit that the typical strength leaves after all else is refitted.
+    /// Misfit that the typical strength leaves after all other parameters are refitted.
     #[must_use]
     pub fn expected_misfit(&self) -> f64 {
         (self.typical * self.typical * (self.length * self.length - 1.0)).max(0.0)
     }
 
-    /// Evidence that the candidate would have were the model linear: a score test across all fitted parameters, whatever the
-    /// size of the strength.
+    /// Evidence that the candidate would have if the model were linear: a score test orthogonal to
+    /// all fitted parameters, regardless of the magnitude of the strength.
     ///
-    /// - `residuals`: white residuals of the fit that the tangent was taken at, priors last
+    /// - `residuals`: white residuals of the fit at which the tangent was computed, priors last
     #[must_use]
     pub fn score(&self, residuals: &DVector<f64>) -> f64 {
         let projection = -self.direction.rows(0, residuals.len()).dot(residuals);
@@ -50,7 +53,7 @@ impl Tangent {
         (if side { projection * projection } else { 0.0 }) - 2.0 * self.length.ln()
     }
 
-    /// Evidence that these residuals give to the candidate; none when the strength is not to be named.
+    /// Evidence of these residuals for the candidate; zero if the strength may not be named.
     fn evidence(&self, noise: &DVector<f64>) -> f64 {
         let projection = self.direction.dot(noise);
         let strength = projection / self.length;
@@ -66,14 +69,15 @@ impl Tangent {
     }
 }
 
-/// Tangents of candidates at a fit, one for each distinct start.
+/// Tangents of candidates at a fit, one per candidate and start.
 #[must_use]
 pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent> {
     let n_data = at.minimum.residuals.len() - at.z.len();
     let n = at.z.len();
-    // The last row before the priors is a determinant, which no noise moves.
+    // The last row before the priors is a determinant, which noise does not change.
     let determinant = n_data - 1;
-    // Orthonormal basis of what is fitted anyway, priors as data of their own; one more row for the strength's prior.
+    // Orthonormal basis of the fitted parameters. Priors count as data, and one more row holds the
+    // prior of the strength.
     let jacobian = DMatrix::from_fn(n_data + n + 1, n, |r, c| {
         if r < n_data + n && r != determinant {
             at.minimum.jacobian[(r, c)]
@@ -99,7 +103,8 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
             let mut structure = at.structure.clone();
             structure.terms.push(*term);
             let parameters = problem.parameters(&structure);
-            // A third of the typical strength: some effects answer to small strengths not at all.
+            // A third of the typical strength, because some effects do not respond to small
+            // strengths.
             let step = typical / 3.0;
             let mut z = at.z.clone();
             z.push(step);
@@ -138,7 +143,7 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
         .collect()
 }
 
-/// Largest evidence of any candidate in each of `n` draws of noise, sorted.
+/// Largest evidence of any candidate in each of `n` draws of noise, in ascending order.
 #[must_use]
 pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     let Some(first) = tangents.first() else {
@@ -147,7 +152,7 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     let size = first.direction.len();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut normal = move || {
-        // Box and Muller's.
+        // Box–Muller transform.
         let (u, v): (f64, f64) = (random.random(), random.random());
         (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     };
@@ -167,7 +172,8 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     maxima
 }
 
-/// Share of the sorted maxima that reach this evidence, never zero: (1 + number) / (1 + n).
+/// Share of the sorted maxima that reach this evidence, (1 + number) / (1 + n), which is never
+/// zero.
 #[must_use]
 pub fn p_value(maxima: &[f64], evidence: f64) -> f64 {
     let reached = maxima.iter().filter(|m| **m >= evidence).count();
@@ -200,7 +206,7 @@ mod tests {
         }
     }
 
-    /// One free direction: evidence is chi² of one degree of freedom less its price.
+    /// For one free direction, the evidence is χ² of one degree of freedom minus its price.
     #[test]
     fn maxima_of_one_direction_are_chi_squared() {
         let maxima = null_maxima(&[tangent(3, 1.0, 0.0, (true, true))], 20_000, 5);
@@ -221,7 +227,7 @@ mod tests {
             .map(|i| tangent(i, 1.0, 0.0, (true, true)))
             .collect();
         let ten = quantile(&null_maxima(&free, 20_000, 1), 0.95);
-        // P(max of ten chi² ≤ x) = 0.95: x = 7.87.
+        // P(max of ten χ² ≤ x) = 0.95 gives x = 7.87.
         assert!((ten - 7.87).abs() < 0.4, "{ten}");
         let half: Vec<Tangent> = (0..10)
             .map(|i| tangent(i, 1.0, 0.0, (false, true)))

@@ -1,28 +1,34 @@
-//! Small calibration errors that every measurement has (offset of the pressure, shift and factor of the volume): part of the
-//! tolerance while a model is fitted, and estimated afterwards, so that predictions can be compared with the data.
+//! Small calibration errors of every measurement: offset of the pressure, delay and factor of the
+//! volume.
+//!
+//! They are part of the tolerance during a fit and are estimated afterwards, so that predictions
+//! can be compared with the data.
 
 use crate::forward::Prediction;
 use crate::noise::{Whitener, slopes};
 use crate::problem::Data;
 use serde::{Deserialize, Serialize};
 
-/// Posterior means of the errors.
+/// Posterior means of the calibration errors.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[allow(non_snake_case)]
 pub struct Calibration {
-    /// Measured less true pressure \[mmHg\].
+    /// Measured minus true pressure \[mmHg\].
     pub pressure_offset_mmHg: f64,
-    /// Delay of the frames against the pressure \[ms\].
+    /// Delay of the frames relative to the pressure \[ms\].
     pub volume_delay_ms: f64,
-    /// Measured over true volume, less one.
+    /// Measured over true volume, minus one.
     pub volume_excess: f64,
 }
 
-/// Most that such an error may be, in its prior standard deviations: from there on it is worth a name of its own.
+/// Largest error, in prior standard deviations. A larger one has a name in the catalogue.
 const LARGEST_SD: f64 = 2.0;
 
-/// Posterior mean of the amplitude of an error of this shape with prior standard deviation `sd`, given the residuals: the
-/// covariance holds it already, so sd² hᵀ C⁻¹ r; no larger than what would have a name.
+/// Posterior mean of the amplitude of an error with the given shape and prior standard deviation
+/// `sd`.
+///
+/// It is sd² hᵀ C⁻¹ r, because the covariance includes the error already. It is limited to errors
+/// too small for a name.
 fn amplitude(whitener: &Whitener<'_>, shape: &[f64], residual: &[f64], sd: f64) -> f64 {
     let (h, r) = (whitener.whiten(shape), whitener.whiten(residual));
     let mean = sd * sd * h.iter().zip(&r).map(|(h, r)| h * r).sum::<f64>();
@@ -30,7 +36,7 @@ fn amplitude(whitener: &Whitener<'_>, shape: &[f64], residual: &[f64], sd: f64) 
 }
 
 impl Calibration {
-    /// Estimates from the residuals of a beat.
+    /// Estimates the errors from the residuals of a beat.
     #[must_use]
     pub fn of(data: &Data, beat: &Prediction) -> Self {
         let (p, v) = (&data.pressure, &data.volume);
@@ -41,7 +47,7 @@ impl Calibration {
         let (rp, rv) = (p.residual(&model_p), v.residual(&model_v));
         let (white_p, white_v) = (p.whitener(&model_p), v.whitener(&model_v));
         let tolerance = &data.tolerance;
-        // A delay of the frames moves them by less its slope.
+        // A delay changes the frames by minus their slope.
         let delayed: Vec<f64> = slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS)
             .iter()
             .map(|s| -s)
@@ -58,7 +64,7 @@ impl Calibration {
         }
     }
 
-    /// The beat as it would be measured with these errors; what is not measured stays.
+    /// The beat as measured with these errors. Quantities that are not measured do not change.
     #[must_use]
     pub fn apply(&self, beat: &Prediction) -> Prediction {
         let n = beat.volume_ml.len();

@@ -1,4 +1,5 @@
-//! What an accepted effect cannot be told from, in this case: rivals fitted to its noise-free output.
+//! Effects that cannot be distinguished from an accepted one in this case: rivals are fitted to its
+//! noise-free output.
 
 use crate::fit::Fit;
 use crate::forward::Candidate;
@@ -8,10 +9,11 @@ use crate::result::Confusable;
 use crate::search::best;
 use rayon::prelude::*;
 
-/// Misfit below which a rival cannot be told apart: odds of less than some 30 to 1 for noise of average luck.
+/// Misfit below which a rival cannot be distinguished: the odds are less than about 30 to 1 for
+/// noise of average magnitude.
 pub const SEPARABLE: f64 = 7.0;
 
-/// The data that the fitted model would give without noise.
+/// Data that the fitted model would give without noise.
 fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     let beat = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm))?;
     let mut data = problem.data.clone();
@@ -36,9 +38,10 @@ fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     Some(data)
 }
 
-/// Rivals of one accepted term with the misfit that each leaves on noise-free output of the fit, smallest first.
+/// Rivals of one accepted term, with the misfit that each leaves on the fit's noise-free output, in
+/// ascending order.
 ///
-/// - `fits`: fits of rivals to the measured data, as further starts
+/// - `fits`: fits of rivals to the measured data, used as further starts
 #[must_use]
 pub fn confusables(
     problem: &Problem<'_>,
@@ -58,7 +61,7 @@ pub fn confusables(
     let candidates = problem.forward.candidates();
     let n_base = problem.forward.base().len();
     let mut own = Vec::new();
-    // Base and the other accepted terms, as fitted.
+    // Base and other accepted terms, as fitted.
     let mut z = fit.z[..n_base].to_vec();
     let mut at = n_base;
     let mut structure = fit.structure.clone();
@@ -73,7 +76,7 @@ pub fn confusables(
         at += n;
     }
     structure.terms.retain(|t| *t != term);
-    // The prior's pull on the effect itself is no misfit.
+    // The pull of the prior on the effect itself is not a misfit.
     let itself = fit.misfit.prior;
     let found: Vec<Option<(usize, f64)>> = rivals
         .par_iter()
@@ -125,7 +128,8 @@ pub fn confusables(
     list
 }
 
-/// Candidates that `term` may be confused with: declared either way, and the best of the ranking.
+/// Candidates that might be confused with `term`: those declared in either direction, and the best
+/// of the ranking.
 #[must_use]
 pub fn rivals(
     candidates: &[Candidate],

@@ -1,4 +1,4 @@
-//! The decision: which effects are missing, if any, and whether they have a name.
+//! Decision of the search: which effects are missing, if any, and whether they have a name.
 
 use crate::bootstrap::p_value;
 use crate::calibration::Calibration;
@@ -23,21 +23,22 @@ use std::collections::BTreeMap;
 /// Settings of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Of each fit.
+    /// Settings of each fit.
     pub fit: FitSettings,
-    /// What the model may miss without anything missing.
+    /// Discrepancy that the model may show although no effect is missing.
     pub tolerance: Tolerance,
-    /// Least evidence, twice the logarithm of a Bayes factor, for a name: 6 is odds of 20 to 1 (Kass and Raftery 1995).
+    /// Smallest evidence for a name, twice the logarithm of a Bayes factor: 6 is odds of 20 to 1
+    /// (Kass and Raftery 1995).
     pub least_evidence: f64,
-    /// Probability of a name for data of the base model.
+    /// Probability that data of the base model lead to a name.
     pub false_alarm: f64,
-    /// Draws of the bootstrap.
+    /// Number of bootstrap draws.
     pub n_bootstrap: usize,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Most effects of one patient.
+    /// Largest number of effects of one patient.
     pub max_effects: usize,
-    /// Candidates by name; all when empty.
+    /// Names of the candidates; all effects of the catalogue if empty.
     pub effects: Vec<String>,
 }
 
@@ -56,31 +57,32 @@ impl Default for Settings {
     }
 }
 
-/// Why there is no answer.
+/// Reasons why a search gives no result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DiscoverError {
-    /// Bad data.
+    /// The measured data are invalid.
     #[error(transparent)]
     Measured(#[from] MeasuredError),
-    /// A candidate that the catalogue does not have.
+    /// A requested candidate is not in the catalogue.
     #[error("there is no effect {found}; there are {known}")]
     UnknownEffect {
-        /// What was asked for.
+        /// Name requested.
         found: String,
         /// Names of the catalogue.
         known: String,
     },
-    /// No start of the base fit gave a beat.
+    /// No start of the base fit gave a periodic beat.
     #[error(
         "the base model has no periodic beat at any start of its fit; check cycle length, pressure and volume"
     )]
     NoBaseFit,
 }
 
-/// Finds what a patient's data miss in a model.
+/// Finds the effects that explain the difference between a patient's data and a model.
 ///
 /// # Errors
-/// [`DiscoverError`] for bad data, unknown candidates, or a model without an answer anywhere.
+/// [`DiscoverError`] if the data are invalid, a candidate is unknown, or the base model has no beat
+/// at any start.
 pub fn discover(
     measured: &Measured,
     forward: &dyn Forward,
@@ -120,7 +122,7 @@ pub fn discover(
         beat_of(&base).ok_or(DiscoverError::NoBaseFit)?,
         beat_of(&current).ok_or(DiscoverError::NoBaseFit)?,
     );
-    // Traces are compared as measured, small errors of the calibration included.
+    // Traces are compared as measured, with small calibration errors included.
     let calibration = Calibration::of(data, &after);
     let (seen_before, seen_after) = (
         Calibration::of(data, &before).apply(&before),
@@ -235,7 +237,7 @@ fn base_values(forward: &dyn Forward, fit: &Fit) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// Positions of the candidates asked for.
+/// Indices of the requested candidates.
 fn chosen(forward: &dyn Forward, names: &[String]) -> Result<Vec<usize>, DiscoverError> {
     let candidates = forward.candidates();
     if names.is_empty() {

@@ -1,4 +1,5 @@
-//! Fits of structures: the most probable parameters with profiled noise scales, and the evidence of the structure.
+//! Fits of structures: the most probable parameters with profiled noise scales, and the evidence of
+//! the structure.
 
 use crate::least_squares::{Known, Minimum, Settings, minimise_from};
 use crate::noise::NoiseLevels;
@@ -7,9 +8,10 @@ use crate::problem::{Misfit, Problem, Structure, Weights};
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::{DMatrix, DVector};
 
-/// Most times that the noise scales are profiled anew; a start with a large misfit needs some.
+/// Largest number of times that the noise scales are profiled again; starts with a large misfit
+/// need several.
 const ROUNDS: usize = 12;
-/// Weights before anything is known of the misfit.
+/// Weights before the misfit is known.
 const UNIT: Weights = Weights {
     pressure: 1.0,
     volume: 1.0,
@@ -18,28 +20,29 @@ const UNIT: Weights = Weights {
 /// A fitted structure.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// What was fitted.
+    /// Fitted structure.
     pub structure: Structure,
-    /// Its parameters.
+    /// Parameters of the structure.
     pub parameters: Vec<Parameter>,
-    /// Their z.
+    /// z of the fitted parameters.
     pub z: Vec<f64>,
     /// White, weighted residuals at the optimum, priors last.
     pub minimum: Minimum<Orbit>,
-    /// Weights in use.
+    /// Weights of pressure and volume in the last minimisation.
     pub weights: Weights,
     /// Sums of squares by origin.
     pub misfit: Misfit,
-    /// −2 ln(likelihood · prior) at the optimum, noise scales integrated out; up to a constant of the data.
+    /// −2 ln(likelihood · prior) at the optimum with the noise scales integrated out, up to a
+    /// constant of the data.
     pub deviance: f64,
     /// −2 ln of the evidence by Laplace's approximation, up to the same constant.
     pub evidence: f64,
-    /// Evaluations of all starts.
+    /// Number of evaluations over all rounds of the fit.
     pub n_evaluations: usize,
 }
 
 impl Fit {
-    /// Fitted values.
+    /// Fitted values, in the units of the parameters.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
         self.parameters
@@ -49,13 +52,14 @@ impl Fit {
             .collect()
     }
 
-    /// Curvature JᵀJ at the optimum, priors included.
+    /// Curvature JᵀJ at the optimum, including priors.
     #[must_use]
     pub fn curvature(&self) -> DMatrix<f64> {
         self.minimum.jacobian.tr_mul(&self.minimum.jacobian)
     }
 
-    /// Number of parameters that the data determine rather than the prior: trace of (H − I) H⁻¹.
+    /// Number of parameters that are determined by the data rather than by the prior: the trace of
+    /// (H − I) H⁻¹.
     #[must_use]
     pub fn effective_parameters(&self) -> f64 {
         let n = self.z.len() as f64;
@@ -64,7 +68,8 @@ impl Fit {
             .map_or(n, |c| n - c.inverse().trace())
     }
 
-    /// Standard deviation of every value by the linearised model; infinite where the curvature is singular.
+    /// Standard deviation of every value from the linearised model; infinite if the curvature is
+    /// singular.
     #[must_use]
     pub fn standard_deviations(&self) -> Vec<f64> {
         let inverse = self.curvature().cholesky().map(|c| c.inverse());
@@ -82,7 +87,8 @@ impl Fit {
     }
 }
 
-/// Degrees of freedom of what is known of the noise scales before any fit: pressure (from its own high band too), volume.
+/// Degrees of freedom of the prior knowledge of the noise scales: pressure (also from its own high
+/// band) and volume.
 fn degrees() -> (f64, f64) {
     let stated = NoiseLevels::stated_degrees();
     (2.0 * stated, stated)
@@ -99,7 +105,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Residuals and derivatives made with some weights as they are with others.
+    /// Converts residuals and derivatives from one set of weights to another.
     fn reweighted(
         &self,
         mut r: DVector<f64>,
@@ -133,7 +139,8 @@ impl Problem<'_> {
             + self.data.volume.log_determinant
     }
 
-    /// Fits a structure from one start, with noise scales and orbit of a fit that is near; none when the model has no answer there.
+    /// Fits a structure from one start, with the noise scales and orbit of a nearby fit; `None` if
+    /// the model has no beat there.
     #[must_use]
     pub fn fit(
         &self,

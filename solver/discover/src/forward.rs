@@ -1,4 +1,4 @@
-//! What the search asks of a model: parameters, candidates, and the beat that they make.
+//! Interface between the search and a model: parameters, candidates and the predicted beat.
 
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
@@ -26,7 +26,7 @@ pub struct Prediction {
     pub diastolic_mmhg: f64,
     /// Net volume that leaves through the aortic valve in a beat \[mL\].
     pub forward_stroke_volume_ml: f64,
-    /// Where the search for a similar periodic beat begins.
+    /// Start of the search for a similar periodic beat.
     pub warm: Orbit,
 }
 
@@ -37,7 +37,7 @@ impl Prediction {
         time_ms.iter().map(|t| self.at(trace, *t)).collect()
     }
 
-    /// A trace of this beat at any time, linear between samples, periodic.
+    /// A trace of this beat at any time: linear between samples, periodic.
     #[must_use]
     pub fn at(&self, trace: &[f64], time_ms: f64) -> f64 {
         let n = trace.len();
@@ -48,53 +48,57 @@ impl Prediction {
     }
 }
 
-/// A named effect as the search sees it.
+/// A named effect as seen by the search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// Name in the catalogue.
     pub name: String,
-    /// Whether it is one of the measurement, not of the heart.
+    /// Whether the effect belongs to the measurement rather than to the heart.
     pub artefact: bool,
-    /// Fitted parameters, the strength first: prior mean of the strength is its off-value.
+    /// Fitted parameters, the strength first. The prior mean of the strength is its off-value.
     pub parameters: Vec<Parameter>,
-    /// Value at which the strength adds nothing.
+    /// Strength at which the effect vanishes.
     pub off: f64,
     /// Distance of the strength from its off-value below which it is not named.
     pub smallest: f64,
-    /// Values from which a fit starts.
+    /// Values from which fits start.
     pub starts: Vec<Vec<f64>>,
-    /// Candidates that leave similar traces.
+    /// Candidates with similar traces.
     pub confused_with: Vec<String>,
-    /// Measurements that would tell it from those.
+    /// Measurements that would distinguish it from those.
     pub separated_by: Vec<String>,
-    /// Twice the logarithm of how frequent it is against the others: decides between those that the data cannot tell apart.
+    /// Twice the logarithm of its frequency relative to the others, which decides between
+    /// candidates that the data cannot distinguish.
     pub log_prior: f64,
-    /// Evidence that it may have where nothing is missing, because the heart is of another formulation than the model: its
-    /// name needs that much more. For a strength below and above its off-value.
+    /// Evidence that the effect may have although nothing is missing, because heart and model are
+    /// formulated differently. A name needs this much additional evidence. The values are for a
+    /// strength below and above the off-value.
     pub look_alike: [f64; 2],
-    /// Side data without which it is not to be seen.
+    /// Side data without which the effect cannot be seen.
     pub hidden_because: Option<String>,
 }
 
-/// A request: base values, candidates with their values, and the nameless bumps of the activation.
+/// Input of a prediction: base values, candidates with their values, and the nameless bumps of the
+/// activation.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
-    /// Base parameters.
+    /// Values of the base parameters.
     pub base: &'a [f64],
-    /// Candidates by position with their values.
+    /// Candidates by index, with their values.
     pub terms: &'a [(usize, &'a [f64])],
-    /// Logarithms of the factors of the activation, at equal distances over the contraction; none without.
+    /// Logarithms of the activation's factors, at equal distances over the contraction; empty
+    /// without bumps.
     pub bumps: &'a [f64],
 }
 
-/// A model with a catalogue.
+/// A model with a catalogue of effects.
 pub trait Forward: Sync {
     /// Base parameters with priors.
     fn base(&self) -> &[Parameter];
-    /// Further starts of the base fit beside the prior's mean, in z.
+    /// Further starts of the base fit besides the prior mean, in z.
     fn base_starts(&self) -> Vec<Vec<f64>>;
-    /// The catalogue.
+    /// Effects that the search may add.
     fn candidates(&self) -> &[Candidate];
-    /// The periodic beat; none where the model has no answer.
+    /// The periodic beat; `None` if the model has none for these values.
     fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction>;
 }

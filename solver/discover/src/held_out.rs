@@ -1,4 +1,4 @@
-//! The gap between model and data, on the data that were fitted and on data that were held out.
+//! Gap between model and data, for the fitted data and for data held out of the fit.
 
 use crate::calibration::Calibration;
 use crate::fit::Fit;
@@ -8,12 +8,13 @@ use crate::noise::{BIN_MS, Signal};
 use crate::problem::{Data, Problem};
 use rayon::prelude::*;
 
-/// Shortest block that is held out \[ms\]: longer than the noise remembers, and than a frame lasts.
+/// Shortest block that is held out \[ms\]. It exceeds the memory of the noise and the duration of a
+/// frame.
 const SHORTEST_BLOCK_MS: f64 = 40.0;
-/// Each block is held out once, with every fourth of the others.
+/// Number of folds. Each block is held out once, together with every fourth of the others.
 const FOLDS: usize = 4;
 
-/// Mean of the squared standardised residuals of a signal, none without data.
+/// Mean of the squared standardised residuals of a signal; `None` without data.
 fn mean_square(signal: &Signal, beat: &Prediction, trace: &[f64]) -> Option<f64> {
     let sum: f64 = (0..signal.len())
         .map(|i| ((signal.value[i] - beat.at(trace, signal.time_ms[i])) / signal.noise_sd).powi(2))
@@ -21,7 +22,8 @@ fn mean_square(signal: &Signal, beat: &Prediction, trace: &[f64]) -> Option<f64>
     (!signal.is_empty()).then(|| sum / signal.len() as f64)
 }
 
-/// Sum of squared standardised residuals and its weight: pressure counts as often as it is independent.
+/// Sum of squared standardised residuals and its weight. Pressure counts by its number of
+/// independent samples.
 fn squares(data: &Data, beat: &Prediction) -> (f64, f64) {
     let n_pressure =
         data.pressure.len() as f64 * BIN_MS / (2.0 * data.levels.pressure_correlation_ms);
@@ -31,7 +33,7 @@ fn squares(data: &Data, beat: &Prediction) -> (f64, f64) {
     (n_pressure * p + n_volume * v, n_pressure + n_volume)
 }
 
-/// Rms standardised residual of a beat, side data included.
+/// Rms standardised residual of a beat, including side data.
 #[must_use]
 pub fn gap(problem: &Problem<'_>, beat: &Prediction) -> f64 {
     let (sum, n) = squares(problem.data, beat);
@@ -45,7 +47,7 @@ pub fn block_ms(data: &Data) -> f64 {
     SHORTEST_BLOCK_MS.max(3.0 * data.levels.pressure_correlation_ms)
 }
 
-/// What is predicted for data that were held out: every fourth block from the rest, in turn.
+/// Predictions for data that were held out: each fourth of the blocks from a fit to the rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeldOut {
     /// Rms standardised residual of the traces.
@@ -56,7 +58,7 @@ pub struct HeldOut {
     pub volume_ml: Vec<f64>,
 }
 
-/// Predictions for data held out. None when a refit fails.
+/// Predicts the data held out of refits; `None` if a refit fails.
 #[must_use]
 pub fn held_out(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option<HeldOut> {
     let length = block_ms(problem.data);

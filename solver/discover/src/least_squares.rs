@@ -1,17 +1,19 @@
-//! Bounded least squares for residuals that cost much: one-sided differences, few iterations, an honest stop.
+//! Bounded least squares for expensive residuals: one-sided differences, few iterations and a
+//! reliable stop.
 //!
-//! Levenberg and Marquardt's steps with Nielsen's damping (report IMM-REP-1999-05), projected onto the box; parameters that
-//! push against a bound are held there. Unlike `calibrate::least_squares` a simulation may fail (no residuals there), and
-//! the last Jacobian is part of the result, as evidence and bootstrap need it.
+//! The steps are Levenberg–Marquardt with Nielsen's damping (report IMM-REP-1999-05), projected
+//! onto the box; parameters that push against a bound are held there. Unlike in
+//! `calibrate::least_squares`, a simulation may fail and give no residuals. The result includes the
+//! last Jacobian, which evidence and bootstrap need.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Limits.
+/// Tolerances and limits of a minimisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Ends when a step lowers the sum of squares by less than this.
+    /// The minimisation ends when steps lower the sum of squares by less than this.
     pub tolerance: f64,
-    /// Most Jacobians.
+    /// Largest number of Jacobians.
     pub max_iterations: usize,
     /// Step of a difference in z.
     pub difference: f64,
@@ -27,37 +29,40 @@ impl Default for Settings {
     }
 }
 
-/// Where the steps ended.
+/// Result of a minimisation.
 #[derive(Debug, Clone)]
 pub struct Minimum<S> {
-    /// Parameters.
+    /// Parameters at the minimum, in z.
     pub z: Vec<f64>,
-    /// Residuals there.
+    /// Residuals at the minimum.
     pub residuals: DVector<f64>,
-    /// Sum of their squares.
+    /// Sum of the squared residuals.
     pub cost: f64,
-    /// Derivatives, shape (residuals, parameters), of the last accepted point or one step before.
+    /// Derivatives, shape (residuals, parameters), at the last accepted point or one step before.
     pub jacobian: DMatrix<f64>,
-    /// State of the model there.
+    /// State of the model at the minimum.
     pub warm: S,
-    /// Whether the fall of the last step was below the tolerance.
+    /// Whether the last step lowered the sum of squares by less than the tolerance.
     pub converged: bool,
-    /// Residuals asked for.
+    /// Number of evaluations of the residuals.
     pub n_evaluations: usize,
 }
 
-/// Residuals of parameters with a state from which neighbours are found sooner; none where the model has no answer.
+/// Residuals of parameters, and a state from which neighbouring points are found faster; `None` if
+/// the model has no result.
 pub type Residuals<'a, S> = dyn Fn(&[f64], Option<&S>) -> Option<(DVector<f64>, S)> + Sync + 'a;
 
-/// Residuals and derivatives at the start, where they are known.
+/// Residuals and derivatives at the start, if known.
 pub type Known = (DVector<f64>, DMatrix<f64>);
 
-/// Steps for which derivatives are carried on by Broyden's rank-one update (1965, Math Comp 19:577) before they are taken anew.
+/// Number of steps over which Broyden's rank-one update (1965, Math Comp 19:577) carries the
+/// derivatives before they are computed again.
 const CARRIED: usize = 2;
-/// A step that gains less than this share of what it promised ends that sooner.
+/// Share of its promised gain below which a step ends the use of carried derivatives.
 const TRUSTED: f64 = 0.4;
 
-/// Minimises the sum of squares in the box from `start` with the state `warm`; none when there are no residuals at the start.
+/// Minimises the sum of squares in the box from `start` with the state `warm`; `None` if there are
+/// no residuals at the start.
 #[must_use]
 pub fn minimise<S: Clone>(
     residuals: &Residuals<'_, S>,
@@ -69,7 +74,8 @@ pub fn minimise<S: Clone>(
     minimise_from(residuals, start, warm, None, bounds, settings)
 }
 
-/// The same with residuals and derivatives of the start, which `warm` then belongs to.
+/// As [`minimise`], with known residuals and derivatives at the start, for the same point as
+/// `warm`.
 #[must_use]
 pub fn minimise_from<S: Clone>(
     residuals: &Residuals<'_, S>,
@@ -86,7 +92,7 @@ pub fn minimise_from<S: Clone>(
         .map(|(z, b)| z.clamp(b.0, b.1))
         .collect();
     let mut n_evaluations = 0;
-    // Steps since the derivatives were taken, none while there are none.
+    // Number of steps since the derivatives were computed; `None` while there are none.
     let mut age = None;
     let (mut r, mut jacobian, mut warm) = match known.zip(warm) {
         Some(((r, jacobian), warm)) => {
@@ -157,7 +163,7 @@ pub fn minimise_from<S: Clone>(
             growth *= 2.0;
         }
         match fall {
-            // Only derivatives of this very point say that nothing is to be gained.
+            // Only derivatives computed at this very point show that no gain is possible.
             None if steps == 0 => break,
             Some(0.0) if steps == 0 => {
                 converged = true;
@@ -165,7 +171,8 @@ pub fn minimise_from<S: Clone>(
             }
             None | Some(0.0) => age = None,
             Some(fall) => {
-                // One small fall may be a badly damped step; two in a row are the end.
+                // One small fall may be due to a poorly damped step; two in a row end the
+                // minimisation.
                 small = if fall < settings.tolerance {
                     small + 1
                 } else {
@@ -190,8 +197,9 @@ pub fn minimise_from<S: Clone>(
     })
 }
 
-/// One-sided differences into the box; returns the number of evaluations. A parameter whose neighbour has no answer is
-/// tried on the other side, and else has no derivative.
+/// One-sided differences towards the inside of the box; returns the number of evaluations. If the
+/// model has no result at the neighbour of a parameter, the other side is tried; if both fail, the
+/// derivative is zero.
 pub(crate) fn differences<S>(
     residuals: &Residuals<'_, S>,
     (z, r, warm): (&[f64], &DVector<f64>, &S),
@@ -225,7 +233,8 @@ pub(crate) fn differences<S>(
     n
 }
 
-/// The point after a damped step; parameters that reach a bound are held there, and the rest is solved again.
+/// The point after a damped step. Parameters that reach a bound are held there, and the step is
+/// solved again for the others.
 fn step(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -242,7 +251,7 @@ fn step(
             !held && normal[(*i, *i)] > 0.0
         })
         .collect();
-    // What is fixed so far, as a change of z.
+    // Changes of z fixed so far.
     let mut change = vec![0.0; n];
     loop {
         if free.is_empty() {

@@ -1,4 +1,4 @@
-//! One level of the search: a structure, what each candidate adds to it, and what noise alone would give.
+//! One level of the search: a structure, the gain by each candidate, and the gain by noise alone.
 
 use crate::bootstrap::{Tangent, null_maxima, quantile, tangents};
 use crate::decide::Settings;
@@ -9,43 +9,45 @@ use crate::problem::Problem;
 use crate::search::{RISE, add_term, best, refit, scan};
 use rayon::prelude::*;
 
-/// Evidence below which one answer is not preferred to another: "not worth more than a bare mention" (Kass and Raftery 1995).
+/// Evidence below which no result is preferred: "not worth more than a bare mention" (Kass and
+/// Raftery 1995).
 pub const BARE_MENTION: f64 = 2.0;
-/// Evidence that an effect needs beside a competitor that explains more than it does: odds of 7 to 1.
+/// Evidence that an effect needs beside a competitor that explains more than the effect: odds of 7
+/// to 1.
 const BESIDE_BETTER: f64 = 4.0;
-/// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier level.
+/// Score below which a candidate is not fitted beside a competitor, or at a later level.
 const WORTH_A_FIT: f64 = -3.0;
-/// Candidates that are fitted with all competitors.
+/// Number of candidates that are fitted with all competitors.
 const SHORT_LIST: usize = 4;
-/// Candidates whose optima are tried as starts for one another.
+/// Number of candidates whose optima serve as starts for one another.
 const CROSSED: usize = 3;
 
-/// What does not change during a search.
+/// Inputs that stay constant during a search.
 pub struct Search<'a> {
-    /// Data.
+    /// Data, as each competitor sees them.
     pub views: &'a Views,
-    /// Model.
+    /// Model with its catalogue.
     pub forward: &'a dyn Forward,
-    /// Settings.
+    /// Settings of the search.
     pub settings: &'a Settings,
-    /// Candidates in question.
+    /// Indices of the candidates to consider.
     pub among: Vec<usize>,
 }
 
-/// One level.
+/// Fits and evidence of one level of the search.
 pub struct Level {
-    /// The structure.
+    /// Structure of the level, with its competitors.
     pub wide: Wide,
-    /// With each candidate, by candidate.
+    /// The structure with each candidate added, by candidate index; `None` if it was not fitted.
     pub with: Vec<Option<Wide>>,
-    /// Directions of the candidates.
+    /// Directions of the candidates at the structure's fit.
     pub tangents: Vec<Tangent>,
-    /// Largest evidence of any candidate in draws of noise.
+    /// Largest evidence of any candidate in draws of noise, sorted.
     pub maxima: Vec<f64>,
 }
 
 impl Level {
-    /// Evaluations of its fits.
+    /// Number of evaluations of the level's fits.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         let of = |wide: &Wide| {
@@ -57,7 +59,7 @@ impl Level {
         of(&self.wide) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
-    /// Competitors that are candidates which may not be named.
+    /// Competitors of the level that are candidates which may not be named.
     pub fn unnamed(&self) -> impl Iterator<Item = Nameless> {
         self.wide
             .fits
@@ -66,13 +68,13 @@ impl Level {
             .filter(|kind| matches!(kind, Nameless::Unnamed(_)))
     }
 
-    /// Evidence for a candidate, no competitor on either side.
+    /// Evidence for a candidate, without competitors on either side.
     #[must_use]
     pub fn gain(&self, term: usize) -> Option<f64> {
         Some(self.wide.plain().evidence - self.with[term].as_ref()?.plain().evidence)
     }
 
-    /// The same with the best competitor on either side.
+    /// Evidence for a candidate, with the best competitor on either side.
     #[must_use]
     pub fn robust_gain(&self, term: usize) -> Option<f64> {
         Some(self.wide.evidence() - self.with[term].as_ref()?.evidence())
@@ -80,13 +82,13 @@ impl Level {
 }
 
 impl Search<'_> {
-    /// The problem without competitor.
+    /// The problem without a competitor.
     #[must_use]
     pub fn plain(&self) -> Problem<'_> {
         self.views.problem(self.forward, Nameless::Nothing)
     }
 
-    /// Everything about one structure.
+    /// Fits and evidence of one structure.
     #[must_use]
     pub fn level(&self, current: &Fit, index: u64) -> Level {
         let fit = &self.settings.fit;
@@ -110,7 +112,7 @@ impl Search<'_> {
             fits: vec![(Nameless::Nothing, current.clone())],
         };
         let mut wide = widen(self.views, self.forward, only, &ALWAYS, fit);
-        // A candidate that is clearly seen but may not be named is a competitor.
+        // A candidate with clear evidence that may not be named acts as a competitor.
         let gain = |f: &Fit| current.evidence - f.evidence;
         let unnamed = (fits.iter().enumerate())
             .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
@@ -120,7 +122,7 @@ impl Search<'_> {
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
             .map(|(term, f)| (Nameless::Unnamed(term), f.clone()));
         wide.fits.extend(unnamed);
-        // Where a competitor explains much, candidates are sought beside it too.
+        // If a competitor explains much, candidates are also tried beside it.
         let (kind, nameless) = wide.nameless();
         let mut beside: Vec<Option<Fit>> = vec![None; fits.len()];
         if let Some(with) = wide.with(kind).filter(|_| nameless > BARE_MENTION) {
@@ -159,7 +161,7 @@ impl Search<'_> {
         }
     }
 
-    /// Candidates that may improve a fit, by their scores.
+    /// Candidates whose scores suggest that they improve a fit.
     fn worth_a_fit(&self, problem: &Problem<'_>, current: &Fit) -> Vec<usize> {
         let mut list: Vec<usize> = tangents(problem, current, &self.among)
             .iter()
@@ -170,7 +172,7 @@ impl Search<'_> {
         list
     }
 
-    /// Best candidates without competitor and beside the best one.
+    /// Best candidates without a competitor, and best candidates beside the best competitor.
     fn short_list(&self, wide: &Wide, fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
         let mut list = Vec::new();
         for found in [fits, beside] {
@@ -193,7 +195,8 @@ impl Search<'_> {
         list
     }
 
-    /// The structure itself again from the base values that its best candidates found: the better optimum.
+    /// Refits the structure from the base values of its best candidates and returns the better
+    /// optimum.
     fn unbent(&self, current: &Fit, fits: &[Option<Fit>]) -> Fit {
         let n_base = self.forward.base().len();
         let mut order: Vec<&Fit> = fits.iter().flatten().collect();
@@ -218,7 +221,8 @@ impl Search<'_> {
             .unwrap_or_else(|| current.clone())
     }
 
-    /// The best candidates refitted from the base values of one another: optima that a start missed.
+    /// Refits the best candidates from the base values of one another, to find optima that a start
+    /// missed.
     fn crossed(&self, mut fits: Vec<Option<Fit>>) -> Vec<Option<Fit>> {
         let n_base = self.forward.base().len();
         let mut order: Vec<(usize, f64)> = fits
@@ -256,7 +260,7 @@ impl Search<'_> {
         fits
     }
 
-    /// Evidence that a name needs.
+    /// Evidence required for a name.
     #[must_use]
     pub fn threshold(&self, level: &Level) -> f64 {
         self.settings
@@ -264,7 +268,7 @@ impl Search<'_> {
             .max(quantile(&level.maxima, 1.0 - self.settings.false_alarm))
     }
 
-    /// Position of a term's first parameter in a fit that has it.
+    /// Index of a term's first parameter in a fit that contains the term.
     #[must_use]
     pub fn offset(&self, fit: &Fit, term: usize) -> usize {
         let candidates = self.forward.candidates();
@@ -275,7 +279,7 @@ impl Search<'_> {
                 .sum::<usize>()
     }
 
-    /// Whether the strength of a term of a fit is inside its range and large enough for a name.
+    /// Whether the strength of a fitted term lies inside its range and is large enough for a name.
     #[must_use]
     pub fn plausible(&self, fit: &Fit, term: usize) -> bool {
         let candidate = &self.forward.candidates()[term];
@@ -289,12 +293,13 @@ impl Search<'_> {
         (strength - candidate.off).abs() >= candidate.smallest && inside
     }
 
-    /// Whether a candidate may be named where its fit is best.
+    /// Whether a candidate may be named, both in its best fit and without a competitor.
     fn nameable(&self, with: &Wide, term: usize) -> bool {
         self.plausible(&with.best().1, term) && self.plausible(with.plain(), term)
     }
 
-    /// Candidates by evidence under the best treatment of the rest, rarity included, best first.
+    /// Candidates ordered by their evidence with the best competitor on either side, frequency
+    /// included, the best first.
     #[must_use]
     pub fn ranking(&self, level: &Level) -> Vec<(usize, f64)> {
         let candidates = self.forward.candidates();
@@ -305,9 +310,9 @@ impl Search<'_> {
         list
     }
 
-    /// Evidence that the name of a term of a fit needs.
+    /// Evidence required to name a term of a fit.
     ///
-    /// - `threshold`: what any name needs
+    /// - `threshold`: evidence that any name requires
     #[must_use]
     pub fn needed(&self, fit: &Fit, term: usize, threshold: f64) -> f64 {
         let candidate = &self.forward.candidates()[term];
@@ -315,19 +320,19 @@ impl Search<'_> {
         threshold + candidate.look_alike[usize::from(above)]
     }
 
-    /// Whether the evidence for an effect is enough.
+    /// Whether the evidence for an effect suffices.
     ///
-    /// - `plain`: without competitor on either side
-    /// - `robust`: with the best on either side
-    /// - `nameless`: of the best competitor in the effect's place
-    /// - `needed`: what its name needs
+    /// - `plain`: evidence without competitors on either side
+    /// - `robust`: evidence with the best competitor on either side
+    /// - `nameless`: evidence of the best competitor in place of the effect
+    /// - `needed`: evidence that the name requires
     #[must_use]
     pub fn enough((plain, robust, nameless): (f64, f64, f64), needed: f64) -> bool {
         let wins = plain >= nameless && robust >= 0.0;
         plain >= needed && (wins || robust >= BESIDE_BETTER)
     }
 
-    /// The best candidate that may be named, if its evidence is enough.
+    /// Best candidate that may be named; `None` if its evidence does not suffice.
     #[must_use]
     pub fn next(&self, level: &Level) -> Option<usize> {
         let threshold = self.threshold(level);

@@ -1,4 +1,5 @@
-//! Finds where a ventricle model and measured traces disagree, names what is missing, or says that nothing can be named.
+//! Search for effects that explain where measured traces differ from a ventricle model, with the
+//! option that no effect can be named.
 #![deny(missing_docs)]
 
 pub mod activation;

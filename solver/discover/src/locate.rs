@@ -1,26 +1,30 @@
-//! Where model and data disagree: residuals by phase of the beat and signal. The phases are found from the data.
+//! Location of the disagreement between model and data: residuals by signal and phase of the beat.
+//! The phases are found from the data.
 
 use crate::forward::Prediction;
 use crate::noise::slopes;
 use crate::problem::{Data, Problem};
 use serde::{Deserialize, Serialize};
 
-/// Beginnings of the phases \[ms\] in the cycle, in order; the last ends where the first begins.
+/// Start times of the phases within the cycle \[ms\], in order. The last phase ends where the first
+/// starts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Phases {
-    /// Foot of the upstroke: begin of isovolumic contraction.
+    /// Foot of the upstroke, where isovolumic contraction starts.
     pub isovolumic_contraction_ms: f64,
-    /// Largest dP/dt: the aortic valve opens within some ms.
+    /// Time after the largest dP/dt at which dP/dt has fallen to half of it; about the opening of
+    /// the aortic valve.
     pub early_ejection_ms: f64,
-    /// Half of the ejection.
+    /// Middle of the ejection.
     pub late_ejection_ms: f64,
-    /// Least dP/dt less what the fall takes to get there: the aortic valve closes.
+    /// Time before the smallest dP/dt at which dP/dt reaches half of it; about the closure of the
+    /// aortic valve.
     pub isovolumic_relaxation_ms: f64,
-    /// Foot of the fall: the mitral valve opens.
+    /// Foot of the fall, where the mitral valve opens.
     pub rapid_filling_ms: f64,
-    /// Half of the stroke volume is back and the filling slows.
+    /// End of rapid filling: 70 % of the stroke volume has returned.
     pub diastasis_ms: f64,
-    /// Atrial systole at the latest begins here.
+    /// Latest start of atrial systole.
     pub atrial_systole_ms: f64,
 }
 
@@ -35,11 +39,13 @@ pub const PHASES: [&str; 7] = [
     "atrial_systole",
 ];
 
-/// Latest begin of atrial systole before the upstroke's foot \[ms\]: a P-R interval and the electromechanical delay.
+/// Longest time from the start of atrial systole to the foot of the upstroke \[ms\]: a P-R interval
+/// and the electromechanical delay.
 const ATRIAL_LEAD_MS: f64 = 150.0;
 
 impl Phases {
-    /// Phases from pressure and volume as measured: dP/dt extremes, and levels of pressure and volume.
+    /// Finds the phases in pressure and volume as measured, from extremes of dP/dt and levels of
+    /// pressure and volume.
     #[must_use]
     pub fn of(data: &Data) -> Self {
         let (t, p) = (&data.pressure.time_ms, &data.pressure.value);
@@ -55,7 +61,7 @@ impl Phases {
             .iter()
             .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
         let level = |share: f64| low + share * (high - low);
-        // From an index backwards or forwards, around the cycle, until the condition holds.
+        // Walks from an index backwards or forwards around the cycle until the condition holds.
         let walk = |from: usize, step: isize, stop: &dyn Fn(usize) -> bool| -> f64 {
             let n = t.len() as isize;
             let mut i = from as isize;
@@ -76,7 +82,8 @@ impl Phases {
         let after = |a: f64, b: f64| (b - a).rem_euclid(cycle);
         let half = (opening + 0.5 * after(opening, closing)).rem_euclid(cycle);
         let atrial = (foot - ATRIAL_LEAD_MS).rem_euclid(cycle);
-        // Rapid filling: until 70 % of the stroke volume is back, at most two thirds of the way to atrial systole.
+        // Rapid filling lasts until 70 % of the stroke volume has returned, but at most for two
+        // thirds of the time to atrial systole.
         let (vt, v) = (&data.volume.time_ms, &data.volume.value);
         let (v_low, v_high) = v
             .iter()
@@ -102,7 +109,7 @@ impl Phases {
         }
     }
 
-    /// Beginnings in order.
+    /// Start times in order.
     #[must_use]
     pub fn beginnings(&self) -> [f64; 7] {
         [
@@ -116,7 +123,7 @@ impl Phases {
         ]
     }
 
-    /// Position in [`PHASES`] of a time in the cycle.
+    /// Index in [`PHASES`] of a time in the cycle.
     #[must_use]
     pub fn at(&self, time_ms: f64, cycle_ms: f64) -> usize {
         let begin = self.beginnings();
@@ -130,21 +137,21 @@ impl Phases {
 /// One row of the table: a signal in a phase, or a scalar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Place {
-    /// `pressure`, `pressure_rate`, `volume`, or the scalar's name.
+    /// `pressure`, `pressure_rate`, `volume`, or the name of the scalar.
     pub signal: String,
-    /// Phase, `beat` for scalars.
+    /// Name of the phase; `beat` for scalars.
     pub phase: String,
     /// Mean of data minus model: mmHg, mmHg/s or mL.
     pub size: f64,
-    /// Size over its standard deviation by noise and tolerance.
+    /// `size` over its standard deviation due to noise and tolerance.
     pub z: f64,
-    /// Share of the whole misfit, the sum of squared white residuals; none for derived rows.
+    /// Share of the total misfit, the sum of squared white residuals; `None` for derived rows.
     pub share: f64,
-    /// Measured biomarkers that this place moves.
+    /// Measured biomarkers that the row affects.
     pub biomarkers: Vec<String>,
 }
 
-/// Biomarkers that a signal moves in a phase.
+/// Biomarkers that a signal in a phase affects.
 fn biomarkers(signal: &str, phase: usize) -> Vec<String> {
     let names: &[&str] = match (signal, phase) {
         ("pressure", 0) => &["dPdt_max", "PTD90"],
@@ -162,7 +169,7 @@ fn biomarkers(signal: &str, phase: usize) -> Vec<String> {
     names.iter().map(|n| (*n).to_owned()).collect()
 }
 
-/// The table of a beat against the data.
+/// Compares a beat with the data, by signal and phase.
 #[must_use]
 pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
     let data = problem.data;
@@ -249,7 +256,8 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
     places
 }
 
-/// Rows that repeat what others show, in the clinic's words: end-diastolic pressure and volume, dP/dt extremes.
+/// Rows that restate others in clinical terms: end-diastolic pressure and volume, and extremes of
+/// dP/dt.
 fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
     let cycle = data.measured.cycle_ms;
     let end = phases.isovolumic_contraction_ms;
@@ -311,7 +319,7 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
         slopes(&data.pressure.time_ms, &data.pressure.value, 8.0),
         slopes(&data.pressure.time_ms, &model, 8.0),
     );
-    // Noise of a slope over 16 ms: two ends of coloured noise.
+    // Noise of a slope over 16 ms, from two ends of coloured noise.
     let tau = data.levels.pressure_correlation_ms;
     let sd = data.levels.pressure_rms_mmhg * (2.0 * (1.0 - (-16.0 / tau).exp())).sqrt() / 16.0;
     for (phase, sign, biomarker) in [

@@ -1,22 +1,24 @@
-//! What was measured: traces, what is said of their noise, and scalars measured beside them.
+//! Measured data of a patient: traces, statements on their noise, and scalars measured besides
+//! them.
 
 use serde::{Deserialize, Serialize};
 
 /// A number with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Uncertain {
-    /// Value.
+    /// Value of the quantity.
     pub value: f64,
     /// Standard deviation, in the value's unit.
     pub sd: f64,
 }
 
-/// What the patient file says of the noise. Stated values are themselves uncertain ([`STATED_NOISE_SD`]).
+/// Noise levels stated in the patient file. Stated values are themselves uncertain
+/// ([`STATED_NOISE_SD`]).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct StatedNoise {
     /// Root mean square of the noise left in the pressure trace \[mmHg\].
     pub pressure_rms_mmhg: Option<f64>,
-    /// Its exponential correlation time \[ms\].
+    /// Exponential correlation time of the pressure noise \[ms\].
     pub pressure_correlation_ms: Option<f64>,
     /// Root mean square of the noise of a volume frame \[mL\].
     pub volume_rms_ml: Option<f64>,
@@ -25,7 +27,7 @@ pub struct StatedNoise {
 /// Standard deviation of the logarithm of a stated noise level or correlation time.
 pub const STATED_NOISE_SD: f64 = 0.1;
 
-/// Arm cuff, independent of the catheter.
+/// Blood pressures by an arm cuff, which is independent of the catheter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cuff {
     /// Systolic pressure \[mmHg\].
@@ -34,7 +36,7 @@ pub struct Cuff {
     pub diastolic: Uncertain,
 }
 
-/// Volume of a 3D whole-heart image at a time in the cycle.
+/// Volume from a 3D whole-heart image at a time in the cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WholeHeart {
     /// Time in the cycle \[ms\].
@@ -43,14 +45,14 @@ pub struct WholeHeart {
     pub volume: Uncertain,
 }
 
-/// Scalars measured beside the traces.
+/// Scalars measured besides the traces.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SideData {
-    /// Arm cuff.
+    /// Pressures by an arm cuff.
     pub cuff: Option<Cuff>,
-    /// Net forward stroke volume by flow imaging \[mL\].
+    /// Net forward stroke volume from flow imaging \[mL\].
     pub forward_stroke_volume: Option<Uncertain>,
-    /// Whole-heart image.
+    /// Volume from a whole-heart image.
     pub whole_heart: Option<WholeHeart>,
 }
 
@@ -63,14 +65,14 @@ impl SideData {
             + usize::from(self.whole_heart.is_some())
     }
 
-    /// Whether there is none.
+    /// Whether there are no scalars.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// Loads that the patient file gives: fitted all the same, but within their uncertainty.
+/// Loads stated in the patient file. They are fitted nevertheless, but within their uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct GivenLoads {
     /// Filling pressure \[mmHg\].
@@ -94,11 +96,11 @@ pub struct Measured {
     pub pressure_mmhg: Vec<f64>,
     /// Times of the volume frames \[ms\], increasing, within one cycle.
     pub frame_time_ms: Vec<f64>,
-    /// Volume of each frame \[mL\], as segmented: never an interpolated trace.
+    /// Volume of each frame \[mL\], as segmented. It must not come from an interpolated trace.
     pub frame_volume_ml: Vec<f64>,
-    /// Stated noise.
+    /// Stated noise levels.
     pub noise: StatedNoise,
-    /// Side data.
+    /// Scalars measured besides the traces.
     pub side: SideData,
     /// Wall volume \[mL\].
     pub wall_volume: Uncertain,
@@ -107,65 +109,65 @@ pub struct Measured {
     pub given: GivenLoads,
 }
 
-/// What is wrong with the data.
+/// Invalid measured data.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MeasuredError {
-    /// A trace whose columns differ in length.
+    /// Times and values of a trace differ in number.
     #[error("the {trace} has {n_times} times, but {n_values} values")]
     Length {
-        /// Which trace.
+        /// Name of the trace.
         trace: &'static str,
         /// Number of times.
         n_times: usize,
         /// Number of values.
         n_values: usize,
     },
-    /// Too few samples.
+    /// A trace has too few samples.
     #[error("the {trace} has {found} samples over the cycle, at least {expected} are needed")]
     TooFew {
-        /// Which trace.
+        /// Name of the trace.
         trace: &'static str,
         /// Number of samples.
         found: usize,
-        /// Smallest number.
+        /// Smallest number required.
         expected: usize,
     },
-    /// Times that do not increase within the cycle.
+    /// The times of a trace do not increase within the cycle.
     #[error(
         "the {trace}: time {time_ms} ms at sample {sample} does not increase within the cycle of {cycle_ms} ms"
     )]
     Time {
-        /// Which trace.
+        /// Name of the trace.
         trace: &'static str,
         /// Number of the sample, from one.
         sample: usize,
-        /// Its time.
+        /// Time of the sample.
         time_ms: f64,
         /// Cycle length.
         cycle_ms: f64,
     },
-    /// A number that makes no sense.
+    /// A number is outside its valid range.
     #[error("{name} is {value}, expected {expected}")]
     Value {
-        /// Which number.
+        /// Description of the number.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What is expected.
+        /// Expected range.
         expected: &'static str,
     },
 }
 
-/// Fewest pressure samples of a cycle.
+/// Smallest number of pressure samples in a cycle.
 const PRESSURE_SAMPLES: usize = 100;
-/// Fewest volume frames of a cycle.
+/// Smallest number of volume frames in a cycle.
 const FRAMES: usize = 12;
 
 impl Measured {
     /// Checks lengths, times and values.
     ///
     /// # Errors
-    /// [`MeasuredError`] with the first thing that is wrong.
+    /// [`MeasuredError`] for the first invalid item.
     pub fn validate(&self) -> Result<(), MeasuredError> {
         positive("the cycle length in ms", self.cycle_ms)?;
         let traces = [

@@ -1,4 +1,4 @@
-//! Exchanges and removals of accepted effects.
+//! Exchange and removal of accepted effects.
 
 use crate::fit::Fit;
 use crate::level::{BARE_MENTION, Level, Search};
@@ -6,22 +6,22 @@ use crate::nameless::{ALWAYS, Nameless, Wide, widen};
 use crate::search::{add_term, refit};
 use rayon::prelude::*;
 
-/// An accepted effect and what the data lose without it.
+/// An accepted effect and the loss without it.
 #[derive(Debug, Clone)]
 pub struct Loss {
-    /// The effect.
+    /// Index of the effect.
     pub term: usize,
-    /// Evidence without competitor.
+    /// Loss of evidence without the effect, no competitor on either side.
     pub plain: f64,
-    /// Deviance without competitor.
+    /// Rise of the deviance without the effect, no competitor on either side.
     pub deviance: f64,
-    /// Evidence with the best competitor on either side.
+    /// Loss of evidence with the best competitor on either side.
     pub robust: f64,
-    /// The structure without it.
+    /// The structure without the effect.
     pub without: Wide,
 }
 
-/// Whether two fits have the same effects, in whatever order.
+/// Whether two fits have the same effects, in any order.
 #[must_use]
 pub fn same_terms(a: &Fit, b: &Fit) -> bool {
     let (mut a, mut b) = (a.structure.terms.clone(), b.structure.terms.clone());
@@ -31,7 +31,7 @@ pub fn same_terms(a: &Fit, b: &Fit) -> bool {
 }
 
 impl Search<'_> {
-    /// Refits what remains without one of the terms of a fit.
+    /// Refits a structure after removal of one of its terms.
     fn without(&self, kind: Nameless, current: &Fit, term: usize) -> Option<Fit> {
         let at = self.offset(current, term);
         let mut z = current.z.clone();
@@ -47,7 +47,8 @@ impl Search<'_> {
         )
     }
 
-    /// The structure without one of its terms, with all competitors, from `current` and from what is known of it already.
+    /// The structure without one of its terms, with all competitors. It takes the better of a refit
+    /// from `current` and an earlier fit in `levels`.
     #[must_use]
     pub fn lacking(&self, current: &Wide, term: usize, levels: &[Level]) -> Option<Wide> {
         let found: Vec<(Nameless, Option<Fit>)> = current
@@ -86,7 +87,7 @@ impl Search<'_> {
         Some(Wide { fits })
     }
 
-    /// A structure with all competitors.
+    /// Fits a structure with all competitors.
     #[must_use]
     pub fn widened(&self, fit: Fit, kinds: &[Nameless]) -> Wide {
         widen(
@@ -100,7 +101,7 @@ impl Search<'_> {
         )
     }
 
-    /// What is lost with each effect, the largest loss first.
+    /// Losses without each effect, the largest first.
     #[must_use]
     pub fn losses(&self, current: &Wide, levels: &[Level]) -> Vec<Loss> {
         let fit = current.plain();
@@ -120,7 +121,8 @@ impl Search<'_> {
         list
     }
 
-    /// The best structure that has one of `alternatives` in the place of an accepted effect, if it is better than `current`.
+    /// Best structure with one of `alternatives` in place of an accepted effect; `None` if it is
+    /// not better than `current`.
     #[must_use]
     pub fn exchanged(
         &self,
@@ -145,7 +147,7 @@ impl Search<'_> {
                     continue;
                 };
                 let prior = candidates[*other].log_prior - candidates[*term].log_prior;
-                // Competitors cost five fits more: only where it may matter.
+                // Fits with competitors cost five times more, and are made only if they may matter.
                 if with.evidence - prior > fit.evidence + 5.0 * BARE_MENTION
                     || !with
                         .structure

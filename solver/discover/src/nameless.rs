@@ -1,8 +1,9 @@
-//! Nameless competitors: what may stand for a gap that no candidate names, alone and beside the named ones.
+//! Nameless competitors: explanations of a gap without a name, alone and beside named effects.
 //!
-//! An answer holds only if it does not depend on how the rest of the gap is treated. So every structure is fitted without
-//! any competitor and with each: free bumps of the activation, smooth errors of pressure and volume, and a
-//! candidate that improves the fit but may not be named (its strength is below what is worth a name, or at a bound).
+//! A result is only valid if it does not depend on the treatment of the remaining gap. Every
+//! structure is therefore fitted without a competitor and with each of them: free bumps of the
+//! activation, smooth errors of pressure and volume, and a candidate that improves the fit but may
+//! not be named because its strength is too small or at a bound.
 
 use crate::fit::Fit;
 use crate::forward::Forward;
@@ -13,32 +14,32 @@ use crate::problem::{Data, N_BUMPS, Problem, Structure};
 use crate::search::{UNBENT, add_term, best, is_bent};
 use rayon::prelude::*;
 
-/// A competitor.
+/// A nameless competitor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Nameless {
-    /// None.
+    /// No competitor.
     Nothing,
     /// Free bumps of the activation.
     Activation,
     /// Smooth errors of pressure and volume.
     Traces,
-    /// A candidate, by position, that may not be named.
+    /// A candidate, by index, that may not be named.
     Unnamed(usize),
 }
 
-/// Those that every structure is fitted with.
+/// Competitors with which every structure is fitted.
 pub const ALWAYS: [Nameless; 3] = [Nameless::Nothing, Nameless::Activation, Nameless::Traces];
 
-/// The data as each competitor sees them: a smooth error is part of the covariance.
+/// The data as each competitor sees them. A smooth error is part of the covariance.
 #[derive(Debug)]
 pub struct Views {
-    /// Without competitor, and with one of the activation.
+    /// Data without a competitor, which also serve for bumps of the activation.
     pub plain: Data,
     traces: Data,
 }
 
 impl Views {
-    /// Covariances of all.
+    /// Computes the covariances of all views.
     #[must_use]
     pub fn new(measured: &Measured, tolerance: &Tolerance) -> Self {
         Self {
@@ -47,7 +48,7 @@ impl Views {
         }
     }
 
-    /// The problem with a competitor.
+    /// The fit problem with a competitor.
     pub fn problem<'a>(&'a self, forward: &'a dyn Forward, kind: Nameless) -> Problem<'a> {
         let data = match kind {
             Nameless::Nothing | Nameless::Activation | Nameless::Unnamed(_) => &self.plain,
@@ -57,21 +58,21 @@ impl Views {
     }
 }
 
-/// One structure fitted without competitor and with some.
+/// One structure, fitted without a competitor and with some.
 #[derive(Debug, Clone)]
 pub struct Wide {
-    /// Competitor and fit; the first is without any.
+    /// Competitor and fit; the first entry has no competitor.
     pub fits: Vec<(Nameless, Fit)>,
 }
 
 impl Wide {
-    /// The fit without competitor.
+    /// The fit without a competitor.
     #[must_use]
     pub fn plain(&self) -> &Fit {
         &self.fits[0].1
     }
 
-    /// The fit with a competitor.
+    /// The fit with a competitor, if it was made.
     #[must_use]
     pub fn with(&self, kind: Nameless) -> Option<&Fit> {
         self.fits
@@ -80,7 +81,7 @@ impl Wide {
             .map(|(_, fit)| fit)
     }
 
-    /// The best treatment of the rest.
+    /// The fit with the best treatment of the remaining gap.
     #[must_use]
     pub fn best(&self) -> &(Nameless, Fit) {
         self.fits
@@ -89,13 +90,13 @@ impl Wide {
             .expect("one fit at least")
     }
 
-    /// Evidence under the best treatment of the rest.
+    /// Evidence with the best treatment of the remaining gap.
     #[must_use]
     pub fn evidence(&self) -> f64 {
         self.best().1.evidence
     }
 
-    /// The best competitor without a name of its own, and its evidence against none.
+    /// Best nameless competitor and its evidence against no competitor.
     #[must_use]
     pub fn nameless(&self) -> (Nameless, f64) {
         let gain = |fit: &Fit| self.plain().evidence - fit.evidence;
@@ -108,7 +109,7 @@ impl Wide {
     }
 }
 
-/// Start of a structure with a competitor from a fit of the same terms with another one.
+/// Start of a structure with a competitor, from a fit of the same terms with another competitor.
 fn start(fit: &Fit, bumps: bool) -> (Structure, Vec<f64>) {
     let mut z = fit.z.clone();
     match (fit.structure.bumps, bumps) {
@@ -125,7 +126,7 @@ fn start(fit: &Fit, bumps: bool) -> (Structure, Vec<f64>) {
     )
 }
 
-/// Fits the terms of `known` with a competitor, from each of the fits of the same terms.
+/// Fits the terms of `known` with a competitor, from each of these fits.
 #[must_use]
 pub fn fit_with(
     views: &Views,
@@ -160,7 +161,8 @@ pub fn fit_with(
     best(tries)
 }
 
-/// The structure of `known` (first without competitor) with all of `kinds`; competitors that `known` has are kept.
+/// Adds all competitors of `kinds` to the structure of `known`, whose first fit has no competitor.
+/// The fits of `known` are kept.
 #[must_use]
 pub fn widen(
     views: &Views,

@@ -1,40 +1,43 @@
-//! Noise of the traces: its level where the data show it, its covariance, and residuals made white with it.
+//! Noise of the traces: its level according to the data, its covariance, and whitened residuals.
 //!
-//! Pressure noise of an averaged beat is coloured: an Ornstein-Uhlenbeck process of rms σ and correlation time τ, whose
-//! spectrum above some 60 Hz, where a ventricle has nothing left, shows σ²/τ without any model.
+//! Pressure noise of an averaged beat is coloured: an Ornstein–Uhlenbeck process with rms σ and
+//! correlation time τ. Its spectrum above about 60 Hz, where a ventricle has no signal, shows σ²/τ
+//! without any model.
 
 use crate::measured::{Measured, STATED_NOISE_SD};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
-/// Correlation time where the file states none \[ms\].
+/// Correlation time if the file states none \[ms\].
 const USUAL_CORRELATION_MS: f64 = 10.0;
-/// Noise of a volume frame where the file states none \[mL\].
+/// Noise of a volume frame if the file states none \[mL\].
 const USUAL_VOLUME_RMS_ML: f64 = 2.5;
-/// Correlation of neighbouring frames: one segmentation helps the next.
+/// Correlation of neighbouring frames, because one segmentation helps the next.
 const FRAME_CORRELATION: f64 = 0.2;
-/// Band in which the pressure holds noise only \[Hz\].
+/// Frequency band in which the pressure contains only noise \[Hz\].
 const NOISE_BAND_HZ: (f64, f64) = (70.0, 400.0);
-/// Stated and seen noise power may differ by this factor (in its logarithm) before the stated value is kept: a trace that
-/// was smoothed or interpolated shows less than it is uncertain by.
+/// Largest logarithm of observed over stated noise power at which the observation is used. Beyond
+/// it the stated value is kept, because a smoothed or interpolated trace shows less noise than its
+/// actual uncertainty.
 const BELIEVABLE_LOG_RATIO: f64 = 0.9;
 
-/// Noise levels in use.
+/// Noise levels of the fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseLevels {
     /// Rms of the pressure noise \[mmHg\].
     pub pressure_rms_mmhg: f64,
-    /// Correlation time \[ms\].
+    /// Correlation time of the pressure noise \[ms\].
     pub pressure_correlation_ms: f64,
-    /// Rms of a frame's noise \[mL\].
+    /// Rms of the noise of a volume frame \[mL\].
     pub volume_rms_ml: f64,
-    /// Noise power seen in the pressure's own high band over the stated one; none where it was not believed.
+    /// Noise power in the pressure's high band over the stated power; `None` if it was not used.
     pub seen_over_stated: Option<f64>,
 }
 
 impl NoiseLevels {
-    /// Levels from the statement and from the pressure's high band: with σ²/τ seen and both stated values uncertain alike,
-    /// the most probable correction is +2/5 of the log ratio to σ and −1/5 to τ.
+    /// Combines stated levels with the pressure's high band. If σ²/τ is observed and both stated
+    /// values are equally uncertain, the most probable correction is +2/5 of the log ratio to σ and
+    /// −1/5 to τ.
     #[must_use]
     pub fn of(measured: &Measured) -> Self {
         let volume_rms_ml = measured.noise.volume_rms_ml.unwrap_or(USUAL_VOLUME_RMS_ML);
@@ -65,15 +68,16 @@ impl NoiseLevels {
         }
     }
 
-    /// Degrees of freedom of a scale whose logarithm is uncertain by [`STATED_NOISE_SD`].
+    /// Degrees of freedom of a scale whose logarithm has the standard deviation
+    /// [`STATED_NOISE_SD`].
     #[must_use]
     pub fn stated_degrees() -> f64 {
         0.5 / (STATED_NOISE_SD * STATED_NOISE_SD)
     }
 }
 
-/// Variance of an Ornstein-Uhlenbeck process of correlation time `tau_ms` that has the power seen in the noise band; none
-/// when the samples are not on a uniform grid fine enough.
+/// Variance of an Ornstein–Uhlenbeck process with correlation time `tau_ms` and the power observed
+/// in the noise band; `None` if the samples are not on a sufficiently fine uniform grid.
 fn high_band_power(measured: &Measured, tau_ms: f64) -> Option<f64> {
     let (time, p) = (&measured.pressure_time_ms[..], &measured.pressure_mmhg[..]);
     let n = p.len();
@@ -113,27 +117,32 @@ fn high_band_power(measured: &Measured, tau_ms: f64) -> Option<f64> {
     (last > first + 20).then(|| ratio / (last - first + 1) as f64)
 }
 
-/// What a model of this kind cannot follow even when nothing of the catalogue is missing: part of the covariance, so that
-/// neither a timing error of a millisecond or two nor a smooth bend of half a mmHg passes for an effect.
+/// Discrepancy that the model may show although no effect is missing.
+///
+/// It is part of the covariance, so that neither a timing error of one or two milliseconds nor a
+/// smooth bend of half a mmHg is mistaken for an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
-    /// Timing: standard deviation \[ms\], correlated over [`Self::timing_correlation_ms`].
+    /// Standard deviation of the timing error \[ms\], correlated over
+    /// [`Self::timing_correlation_ms`].
     pub timing_ms: f64,
     /// Correlation time of the timing error \[ms\].
     pub timing_correlation_ms: f64,
-    /// Smooth pressure error \[mmHg\].
+    /// Standard deviation of the smooth pressure error \[mmHg\].
     pub pressure_mmhg: f64,
-    /// Its correlation time \[ms\].
+    /// Correlation time of the smooth pressure error \[ms\].
     pub pressure_correlation_ms: f64,
-    /// Smooth volume error \[mL\].
+    /// Standard deviation of the smooth volume error \[mL\].
     pub volume_ml: f64,
-    /// Its correlation time \[ms\].
+    /// Correlation time of the smooth volume error \[ms\].
     pub volume_correlation_ms: f64,
-    /// Offset of the whole pressure trace \[mmHg\]: what every catheter is off by.
+    /// Standard deviation of the offset of the whole pressure trace \[mmHg\], typical of any
+    /// catheter.
     pub offset_mmhg: f64,
-    /// Shift of all frames against the pressure \[ms\]: what every trigger is off by.
+    /// Standard deviation of the shift of all frames against the pressure \[ms\], typical of any
+    /// trigger.
     pub shift_ms: f64,
-    /// Common factor of all frames, less one.
+    /// Standard deviation of the common factor of all frames, minus one.
     pub scale: f64,
 }
 
@@ -146,7 +155,7 @@ impl Default for Tolerance {
             pressure_correlation_ms: 40.0,
             volume_ml: 0.5,
             volume_correlation_ms: 60.0,
-            // Half of what is worth a name (notes of the catalogue: 2 mmHg, 8 ms, 4 %).
+            // Half of the values that deserve a name (notes of the catalogue: 2 mmHg, 8 ms, 4 %).
             offset_mmhg: 1.0,
             shift_ms: 4.0,
             scale: 0.02,
@@ -155,7 +164,8 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// What a nameless smooth discrepancy of pressure and volume may be: the competitor that explains by nothing.
+    /// Tolerance of the nameless competitor that explains a gap by smooth errors of pressure and
+    /// volume.
     #[must_use]
     pub fn discrepancy() -> Self {
         Self {
@@ -166,14 +176,14 @@ impl Tolerance {
     }
 }
 
-/// Data of one signal with the factor that makes its residuals white.
+/// Data of one signal, with the factor that whitens its residuals.
 #[derive(Debug, Clone)]
 pub struct Signal {
-    /// Time of each datum \[ms\]: the middle of a bin, or a frame.
+    /// Time of each datum \[ms\], which is the middle of a bin or a frame.
     pub time_ms: Vec<f64>,
-    /// Data.
+    /// Measured values.
     pub value: Vec<f64>,
-    /// Standard deviation of one datum by noise alone.
+    /// Standard deviation of one datum due to noise alone.
     pub noise_sd: f64,
     /// Rows of the inverse of the covariance's lower Cholesky factor, packed.
     whitening: Vec<f64>,
@@ -181,16 +191,18 @@ pub struct Signal {
     covariance: DMatrix<f64>,
     /// Logarithm of the determinant of the covariance without the common factor.
     pub log_determinant: f64,
-    /// Standard deviation of a factor that all data have in common, with mean one.
+    /// Standard deviation of a factor common to all data, whose mean is one.
     factor_sd: f64,
 }
 
 /// Whitening of residuals from one model curve, whose values carry the common factor of the data.
 ///
-/// With data d = (1 + s) m + e, s of standard deviation σ and e of covariance C₀ = L Lᵀ, integrating over s gives residuals
-/// d − m of covariance C₀ + σ² m mᵀ. The factor multiplies the model's values m: with the measured values in their place,
-/// each fit lies below its data (Peelle's pertinent puzzle; D'Agostini 1994, Nucl Instrum Methods A 346:306). With
-/// u = σ L⁻¹ m, the covariance is L (1 + u uᵀ) Lᵀ; its inverse square root is the symmetric one of the bracket times L⁻¹.
+/// With data d = (1 + s) m + e, where s has standard deviation σ and e has covariance C₀ = L Lᵀ,
+/// integration over s gives residuals d − m of covariance C₀ + σ² m mᵀ. The factor multiplies the
+/// model's values m. With the measured values in their place, each fit would lie below its data
+/// (Peelle's pertinent puzzle; D'Agostini 1994, Nucl Instrum Methods A 346:306). With u = σ L⁻¹ m,
+/// the covariance is L (1 + u uᵀ) Lᵀ. Its inverse square root is the symmetric one of the bracket
+/// times L⁻¹.
 #[derive(Debug, Clone)]
 pub struct Whitener<'a> {
     signal: &'a Signal,
@@ -200,7 +212,7 @@ pub struct Whitener<'a> {
 }
 
 impl Whitener<'_> {
-    /// White residuals (1 + u uᵀ)^(−1/2) L⁻¹ r of residuals r.
+    /// Whitened residuals (1 + u uᵀ)^(−1/2) L⁻¹ r of residuals r.
     #[must_use]
     pub fn whiten(&self, residual: &[f64]) -> Vec<f64> {
         let mut white = self.signal.solve_factor(residual);
@@ -215,7 +227,7 @@ impl Whitener<'_> {
         white
     }
 
-    /// Logarithm of the determinant that the common factor adds: ln(1 + |u|²).
+    /// Logarithm of the determinant added by the common factor, ln(1 + |u|²).
     #[must_use]
     pub fn factor_log_determinant(&self) -> f64 {
         self.square.ln_1p()
@@ -224,7 +236,7 @@ impl Whitener<'_> {
 
 impl Signal {
     /// # Panics
-    /// When the covariance is not positive definite, which noise on the diagonal excludes.
+    /// If the covariance is not positive definite, which noise on the diagonal excludes.
     fn new(
         time_ms: Vec<f64>,
         value: Vec<f64>,
@@ -250,7 +262,7 @@ impl Signal {
         self.value.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no data.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.value.is_empty()
@@ -294,7 +306,7 @@ impl Signal {
         }
     }
 
-    /// Standard deviation of the mean error of the data at some positions.
+    /// Standard deviation of the mean error of the data at some indices.
     ///
     /// - `model`: values of the model at the times of all data
     #[must_use]
@@ -307,7 +319,7 @@ impl Signal {
         (own + common * common).sqrt() / positions.len().max(1) as f64
     }
 
-    /// The same with other data: a simulated patient.
+    /// The same signal with other values, for a simulated patient.
     #[must_use]
     pub fn with_values(&self, value: Vec<f64>) -> Self {
         Self {
@@ -316,7 +328,7 @@ impl Signal {
         }
     }
 
-    /// The data at these positions alone, with their own covariance.
+    /// The data at these indices, with their own covariance.
     #[must_use]
     pub fn subset(&self, keep: &[usize]) -> Self {
         let pick = |v: &[f64]| keep.iter().map(|i| v[*i]).collect::<Vec<_>>();
@@ -333,7 +345,7 @@ impl Signal {
     }
 }
 
-/// Packed rows of L⁻¹, C = L Lᵀ, and ln det C.
+/// Packed rows of L⁻¹, where C = L Lᵀ, and ln det C.
 fn packed_inverse_factor(covariance: &DMatrix<f64>) -> (Vec<f64>, f64) {
     let n = covariance.nrows();
     let factor = covariance
@@ -357,7 +369,7 @@ fn packed_inverse_factor(covariance: &DMatrix<f64>) -> (Vec<f64>, f64) {
 /// Width of a pressure bin \[ms\].
 pub const BIN_MS: f64 = 4.0;
 
-/// Bins of the pressure with coloured noise and tolerance.
+/// Pressure in bins, with coloured noise and tolerance.
 #[must_use]
 pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tolerance) -> Signal {
     let n_bins = (measured.cycle_ms / BIN_MS).floor() as usize;
@@ -384,7 +396,7 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
     for i in 0..n {
         for j in 0..=i {
             let dt = time[i] - time[j];
-            // Far bins by their centres: the mean over the samples differs by a thousandth.
+            // Distant bins use their centres; the mean over the samples differs by a thousandth.
             let noise = if dt > 6.0 * tau {
                 (-dt / tau).exp()
             } else {
@@ -413,7 +425,7 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
     Signal::new(time, value, rms, covariance, 0.0)
 }
 
-/// Half width of the line through the frames that gives a slope \[ms\].
+/// Half-width of the interval of the straight line that gives the slope of the frames \[ms\].
 pub(crate) const VOLUME_SLOPE_MS: f64 = 45.0;
 
 /// Volume frames with weakly correlated noise and tolerance.
@@ -431,8 +443,8 @@ pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tole
             * slope[i]
             * slope[j]
             * bell(dt, tolerance.timing_correlation_ms);
-        // Slopes of the data may stand for slopes of the model here: an error of the data is not correlated with its own
-        // slope, so that a shift pulls no fit to one side.
+        // Slopes of the data may replace slopes of the model here. An error of the data is not
+        // correlated with its own slope, so that a shift biases no fit to one side.
         let shift = tolerance.shift_ms.powi(2) * slope[i] * slope[j];
         noise
             + timing
@@ -446,7 +458,7 @@ fn bell(dt: f64, length: f64) -> f64 {
     (-0.5 * (dt / length).powi(2)).exp()
 }
 
-/// Slope at each time by a straight line through the data within `half_width_ms`.
+/// Slope at each time from a straight line through the data within `half_width_ms`.
 #[must_use]
 pub fn slopes(time: &[f64], value: &[f64], half_width_ms: f64) -> Vec<f64> {
     time.iter()
@@ -490,7 +502,7 @@ mod tests {
         }
     }
 
-    /// Noise alone around constants: pressure 50 mmHg, volume 100 mL.
+    /// Constant pressure of 50 mmHg and volume of 100 mL, with noise alone.
     fn noise_only(rms: f64, tau: f64, stated_rms: f64, seed: u64) -> Measured {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut normal = || {
@@ -535,7 +547,8 @@ mod tests {
         }
     }
 
-    /// White after: variance one, neighbours uncorrelated, over 20 draws of 225 bins and 30 frames.
+    /// Whitened noise has variance one and uncorrelated neighbours, over 20 draws of 225 bins and
+    /// 30 frames.
     #[test]
     fn coloured_noise_is_white_after_whitening() {
         let (mut square, mut product, mut n) = ([0.0; 2], [0.0; 2], [0.0; 2]);
@@ -620,7 +633,7 @@ mod tests {
         white.iter().map(|w| w * w).sum()
     }
 
-    /// Constant volume of least misfit \[mL\], by golden section.
+    /// Constant volume with the smallest misfit \[mL\], by golden section search.
     fn best_constant(signal: &Signal, (mut low, mut high): (f64, f64)) -> f64 {
         let ratio = 0.5 * (5.0f64.sqrt() - 1.0);
         while high - low > 1e-7 * high {
@@ -634,8 +647,9 @@ mod tests {
         0.5 * (low + high)
     }
 
-    /// Peelle's pertinent puzzle: 1.5 and 1.0, each known to 10 % and both to 20 % in common, are fitted by their weighted
-    /// mean 1.154. With the measured values in the common term the fit is 0.882, below both.
+    /// Peelle's pertinent puzzle: for 1.5 and 1.0, each known to 10 % and both to 20 % in common,
+    /// the fit is their weighted mean 1.154. With the measured values in the common term it is
+    /// 0.882, below both.
     #[test]
     fn peelles_two_measurements_are_fitted_between_them() {
         let own = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![0.0225, 0.01]));

@@ -1,7 +1,7 @@
-//! A fitted parameter: interval, prior and the coordinate that the optimiser sees.
+//! A fitted parameter: its interval, its prior and its coordinate in the optimiser.
 
-/// One parameter. The optimiser works in z: the parameter (or its logarithm) from the prior's mean in prior standard
-/// deviations, so that steps and priors have one scale for all.
+/// One parameter. The optimiser works in z, the distance of the parameter (or its logarithm) from
+/// the prior mean in prior standard deviations, so that all steps and priors have one scale.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Name with unit, such as `pressure_mmhg`.
@@ -12,14 +12,14 @@ pub struct Parameter {
     pub upper: f64,
     /// Mean of the prior.
     pub mean: f64,
-    /// Standard deviation of the prior: of the logarithm where `log`.
+    /// Standard deviation of the prior, or of the logarithm if `log` is set.
     pub sd: f64,
-    /// Whether the prior is normal in the logarithm.
+    /// Whether the logarithm of the parameter has the normal prior.
     pub log: bool,
 }
 
 impl Parameter {
-    /// z of a value.
+    /// Converts a value to z.
     #[must_use]
     pub fn z(&self, value: f64) -> f64 {
         if self.log {
@@ -29,7 +29,7 @@ impl Parameter {
         }
     }
 
-    /// Value of a z, inside the interval.
+    /// Converts z to a value, clamped to the interval.
     #[must_use]
     pub fn value(&self, z: f64) -> f64 {
         let value = if self.log {
@@ -40,13 +40,13 @@ impl Parameter {
         value.clamp(self.lower, self.upper)
     }
 
-    /// z of both ends.
+    /// z of the two ends of the interval.
     #[must_use]
     pub fn z_bounds(&self) -> (f64, f64) {
         (self.z(self.lower), self.z(self.upper))
     }
 
-    /// Slope of the value with z.
+    /// Derivative of the value with respect to z.
     #[must_use]
     pub fn slope(&self, z: f64) -> f64 {
         if self.log {

@@ -1,4 +1,5 @@
-//! A model of the search (base, named terms, bumps) and its residuals against the data.
+//! Fit problem of the search: a structure (base, named terms, bumps) and its residuals against the
+//! data.
 
 use crate::forward::{Forward, Prediction, Request};
 use crate::measured::Measured;
@@ -7,28 +8,28 @@ use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::DVector;
 
-/// Factors of the activation in the nameless competitor.
+/// Number of factors of the activation in the nameless competitor.
 pub const N_BUMPS: usize = 6;
 /// Prior standard deviation of each factor's logarithm.
 const BUMP_SD: f64 = 0.15;
 
-/// Data ready for fits.
+/// Data prepared for fits.
 #[derive(Debug, Clone)]
 pub struct Data {
-    /// As measured.
+    /// Data as measured.
     pub measured: Measured,
-    /// Noise in use.
+    /// Noise levels of the fits.
     pub levels: NoiseLevels,
-    /// What the model may miss.
+    /// Discrepancy that the model may show although no effect is missing.
     pub tolerance: Tolerance,
-    /// Pressure bins.
+    /// Pressure in bins.
     pub pressure: Signal,
-    /// Volume frames.
+    /// Volume of the frames.
     pub volume: Signal,
 }
 
 impl Data {
-    /// Bins, covariances and noise levels of what was measured.
+    /// Computes bins, covariances and noise levels of measured data.
     #[must_use]
     pub fn new(measured: Measured, tolerance: &Tolerance) -> Self {
         let levels = NoiseLevels::of(&measured);
@@ -43,7 +44,7 @@ impl Data {
         }
     }
 
-    /// The trace data at the times that are wanted; side data as they are.
+    /// The trace data at selected times, with all side data.
     #[must_use]
     pub fn part(&self, wanted: &dyn Fn(f64) -> bool) -> Self {
         let keep = |signal: &Signal| {
@@ -58,7 +59,8 @@ impl Data {
         }
     }
 
-    /// Independent pieces of information: frames, pressure samples two correlation times apart, scalars.
+    /// Number of independent data: frames, pressure samples two correlation times apart, and
+    /// scalars.
     #[must_use]
     pub fn n_effective(&self) -> f64 {
         let span = self.measured.cycle_ms * self.pressure.len() as f64 * crate::noise::BIN_MS
@@ -69,44 +71,45 @@ impl Data {
     }
 }
 
-/// Which terms a model has beside the base.
+/// Terms of a model besides the base.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
 pub struct Structure {
-    /// Candidates by position.
+    /// Indices of the candidates.
     pub terms: Vec<usize>,
     /// Whether the activation has nameless bumps.
     pub bumps: bool,
 }
 
-/// Weights of the squared residuals of pressure and volume: the inverse of their profiled noise scales squared.
+/// Weights of the squared residuals of pressure and volume: the inverse squares of their profiled
+/// noise scales.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
-    /// Pressure.
+    /// Weight of the squared pressure residuals.
     pub pressure: f64,
-    /// Volume.
+    /// Weight of the squared volume residuals.
     pub volume: f64,
 }
 
-/// Everything that a fit of one structure needs.
+/// Model and data of a fit.
 pub struct Problem<'a> {
-    /// Model.
+    /// Model with its catalogue.
     pub forward: &'a dyn Forward,
-    /// Data.
+    /// Data to fit.
     pub data: &'a Data,
 }
 
-/// Sums of squared white residuals by their origin.
+/// Sums of squared white residuals by origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Misfit {
-    /// Pressure.
+    /// Sum over the pressure bins.
     pub pressure: f64,
-    /// Volume.
+    /// Sum over the volume frames.
     pub volume: f64,
-    /// Side data.
+    /// Sum over the side data.
     pub side: f64,
     /// Logarithm of the determinant that the common factor of the volumes adds to their covariance.
     pub volume_factor: f64,
-    /// Priors.
+    /// Sum over the priors.
     pub prior: f64,
 }
 
@@ -131,7 +134,7 @@ impl Problem<'_> {
         all
     }
 
-    /// The beat of these values.
+    /// Predicts the beat for these values.
     #[must_use]
     pub fn predict(
         &self,
@@ -157,9 +160,10 @@ impl Problem<'_> {
         )
     }
 
-    /// White residuals of a beat, data minus model: pressure, volume, side data, and the root of the logarithm of the
-    /// determinant that the volumes' common factor adds, since it moves with the model. Weights multiply the squares of the
-    /// first two.
+    /// White residuals of a beat, data minus model, in the order pressure, volume, side data. The
+    /// last element is the root of the logarithm of the determinant added by the volumes' common
+    /// factor, since that varies with the model. The weights multiply the squares of the first two
+    /// groups.
     #[must_use]
     pub fn white(&self, beat: &Prediction, weights: Weights) -> Vec<f64> {
         let data = self.data;
@@ -183,7 +187,8 @@ impl Problem<'_> {
         out
     }
 
-    /// Standardised residuals of the side data: cuff (systolic, diastolic), forward stroke volume, whole-heart volume.
+    /// Standardised residuals of the side data: cuff (systolic, diastolic), forward stroke volume,
+    /// whole-heart volume.
     #[must_use]
     pub fn side(&self, beat: &Prediction) -> Vec<f64> {
         let side = &self.data.measured.side;
@@ -201,7 +206,7 @@ impl Problem<'_> {
         out
     }
 
-    /// Residuals of z: white residuals, then priors; with the state for a warm start.
+    /// Residuals for z: white residuals, then priors; with the state for a warm start.
     #[must_use]
     pub fn residuals(
         &self,
@@ -221,7 +226,7 @@ impl Problem<'_> {
         Some((DVector::from_vec(out), beat.warm))
     }
 
-    /// Sums of squares by origin of residuals made with these weights, without the weights.
+    /// Unweighted sums of squares by origin, from residuals that include these weights.
     #[must_use]
     pub fn misfit(&self, residuals: &DVector<f64>, weights: Weights) -> Misfit {
         let (n_p, n_v, n_s) = (

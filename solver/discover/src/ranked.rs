@@ -1,4 +1,5 @@
-//! The ranking as it is written: evidence, strength and probability of each candidate, and what the data cannot show.
+//! Ranking for the result: evidence, strength and probability of each candidate, and candidates
+//! that the data cannot show.
 
 use crate::bootstrap::Tangent;
 use crate::fit::Fit;
@@ -7,11 +8,11 @@ use crate::moves::Loss;
 use crate::result::{NotIdentifiable, RankedEffect};
 use std::collections::BTreeMap;
 
-/// A typical strength that leaves less than this misfit cannot be shown.
+/// Misfit below which a typical strength cannot be shown.
 const SHOWN: f64 = 6.0;
 
-/// Accepted candidates as fitted together, the one that would be missed most first; then the others, each added to the base
-/// alone, by evidence.
+/// Rows of all candidates: first the accepted ones as fitted together, the largest loss first; then
+/// the others by evidence, each added to the base alone.
 pub(crate) fn ranked_effects(
     search: &Search<'_>,
     levels: &[Level],
@@ -52,7 +53,7 @@ pub(crate) fn ranked_effects(
     };
     let mut effects: Vec<RankedEffect> = Vec::new();
     for loss in losses {
-        // The last level that lacks it, where it was fitted: beside the others.
+        // The last level at which the effect was fitted as a candidate, beside the others.
         let level = levels
             .iter()
             .rev()
@@ -87,8 +88,10 @@ pub(crate) fn ranked_effects(
     effects
 }
 
-/// Weight of a candidate among all of its level, the nameless ones and "nothing more"; tempered where even the best model
-/// misses the data (Yang and Zhu 2018: weights of wrong models are too near to zero and one).
+/// Weight of a candidate among all candidates of its level, the nameless ones and "nothing more".
+///
+/// The weights are tempered if even the best model does not fit the data, because weights of wrong
+/// models are too close to zero and one (Yang and Zhu 2018).
 fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
     let ranking = search.ranking(level);
     let data = &search.views.plain;
@@ -100,7 +103,7 @@ fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
         .plain();
     let excess = (best.misfit.pressure + best.misfit.volume) / n;
     let heat = 0.5 * (1.0 / excess).min(1.0);
-    // The structure itself: with its best competitor 0, without any below.
+    // The structure itself: 0 with its best competitor, and less without any.
     let nothing = level.wide.evidence() - level.wide.plain().evidence;
     let top = ranking.first().map_or(0.0, |(_, gain)| gain.max(0.0));
     let weight = |gain: f64| (heat * (gain - top)).exp();
@@ -112,7 +115,7 @@ fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
         .map_or(0.0, |(_, gain)| weight(*gain) / sum)
 }
 
-/// Candidates whose typical strength these data would not show.
+/// Candidates whose typical strength would not show in these data.
 pub(crate) fn not_identifiable(
     search: &Search<'_>,
     level: &Level,

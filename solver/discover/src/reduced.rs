@@ -1,4 +1,5 @@
-//! The one-fibre ventricle with its circulation and the catalogue of effects, as the search sees them.
+//! The model of the search: the one-fibre ventricle with its circulation and the catalogue of
+//! effects.
 
 use crate::activation::{ActivationCurve, CurveParameters};
 use crate::forward::{Candidate, Forward, Prediction, Request};
@@ -14,29 +15,32 @@ use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
 use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 
-/// Steps of a simulated beat \[ms\].
+/// Time step of a simulated beat \[ms\].
 const STEP: Ms = Ms(2.0);
 /// Largest change of a state over a beat that counts as periodic.
 const TOLERANCE: f64 = 2e-4;
-/// Beats after which a model that is not periodic has no answer.
+/// Number of beats after which a model that is not periodic counts as without a result.
 const BEATS: usize = 25;
 
-/// An effect that leaves the traces of a more frequent one, and twice the logarithm of the odds: a third. In adults
-/// at large a septal defect is rarer than that against mitral regurgitation (Nkomo et al. 2006, Lancet 368:1005; Hoffman and
-/// Kaplan 2002, J Am Coll Cardiol 39:1890); among those with a congenital disease of the heart it is not.
+/// An effect with the same traces as a more frequent one, and twice the logarithm of the odds,
+/// which are one third. In the adult population the odds of a septal defect against mitral
+/// regurgitation are even lower (Nkomo et al. 2006, Lancet 368:1005; Hoffman and Kaplan 2002, J Am
+/// Coll Cardiol 39:1890); among patients with congenital heart disease they are not.
 const RARE: (&str, f64) = ("ventricular_septal_defect", -2.2);
 
-/// What the gap between two formulations of a heart that lacks nothing looks like, and how much evidence that is worth, for a
-/// strength below and above its off-value: unequal shapes of activation like late parts of the wall, another passive law like stiffness,
-/// leaflets that take time to close like a volume that comes late. Calibrated on the nulls of the other formulation
-/// (docs/missing-effects.md).
+/// Effects that resemble the gap between two formulations of a heart without missing effects.
+///
+/// Different shapes of the activation resemble late parts of the wall, another passive law
+/// resembles stiffness, and leaflets with a closing time resemble a delayed volume. The values are
+/// the evidence of this resemblance for a strength below and above the off-value. They are
+/// calibrated on null cases of the other formulation (docs/missing-effects.md).
 const LOOK_ALIKE: [(&str, [f64; 2]); 3] = [
     ("dyssynchrony", [0.0, 12.0]),
     ("passive_stiffening", [0.0, 6.0]),
     ("pv_misalignment", [0.0, 8.0]),
 ];
 
-/// Base parameters, by name, in the order of all value lists.
+/// Names of the base parameters, in the order of all value lists.
 pub const BASE: [&str; 19] = [
     "left_atrial_pressure_mmHg",
     "reference_volume_mL",
@@ -59,7 +63,7 @@ pub const BASE: [&str; 19] = [
     "least_stretch",
 ];
 
-/// The reduced model of one patient.
+/// Reduced model of one patient.
 #[derive(Debug, Clone)]
 pub struct Reduced {
     cycle: Ms,
@@ -90,7 +94,7 @@ fn plain(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Paramete
     }
 }
 
-/// A prior that becomes as narrow as what is given of the parameter.
+/// Narrows a prior to the stated value of the parameter, if there is one.
 fn given(prior: Parameter, value: Option<Uncertain>) -> Parameter {
     match value {
         Some(given) if given.value > 0.0 => Parameter {
@@ -104,7 +108,8 @@ fn given(prior: Parameter, value: Option<Uncertain>) -> Parameter {
     }
 }
 
-/// Priors of the base: weak, around what the data's extremes and textbook values suggest, narrower for what is given.
+/// Priors of the base parameters: weak, centred on extremes of the data and textbook values, and
+/// narrower for stated values.
 fn base_priors(m: &Measured) -> Vec<Parameter> {
     let range = |v: &[f64]| {
         v.iter()
@@ -169,7 +174,8 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
     ]
 }
 
-/// A catalogue entry with its fitted parameters: strength and shape; the rest is held at its typical value.
+/// A catalogue entry with its fitted parameters, strength and shape. The other parameters keep
+/// their typical values.
 fn candidate(effect: &'static Effect) -> Candidate {
     let strength = effect.strength();
     let off = strength.off.unwrap_or(strength.range.0);
@@ -197,7 +203,7 @@ fn candidate(effect: &'static Effect) -> Candidate {
         other[0] = (2.0 * off - typical[0]).max(low);
         starts.push(other);
     }
-    // A shape that is far from the middle of its range gets a start there too.
+    // A shape whose typical value is far from the middle of its range also gets a start there.
     for (i, p) in fitted.iter().enumerate().skip(1) {
         let middle = 0.5 * (p.range.0 + p.range.1);
         if (middle - p.typical).abs() > 0.3 * (p.range.1 - p.range.0) {
@@ -233,7 +239,7 @@ fn candidate(effect: &'static Effect) -> Candidate {
 }
 
 impl Reduced {
-    /// The model of a patient with the whole catalogue.
+    /// The model of a patient, with the whole catalogue.
     #[must_use]
     pub fn new(measured: &Measured) -> Self {
         Self {
@@ -244,7 +250,7 @@ impl Reduced {
         }
     }
 
-    /// Settings of the catalogue for candidates with fitted values.
+    /// Catalogue settings of candidates with fitted values.
     #[must_use]
     pub fn settings(&self, terms: &[(usize, &[f64])]) -> Vec<EffectSetting> {
         terms

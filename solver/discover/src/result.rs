@@ -1,4 +1,4 @@
-//! What the search finds, as it is written.
+//! Result of a search, as written to files.
 
 use crate::calibration::Calibration;
 use crate::locate::Place;
@@ -11,33 +11,35 @@ use std::collections::BTreeMap;
 pub struct RankedEffect {
     /// Name in the catalogue.
     pub name: String,
-    /// Whether the measurement is to be corrected rather than the heart.
+    /// Whether the measurement should be corrected rather than the heart.
     pub artefact: bool,
     /// Probability among all candidates, the nameless ones and "nothing", from tempered evidence.
     pub probability: f64,
-    /// Fall of the deviance less the price of its parameters, k ln n.
+    /// Fall of the deviance minus the price of its parameters, k ln n.
     pub delta_bic: f64,
-    /// Twice the logarithm of the Bayes factor against the model without it (Laplace).
+    /// Twice the logarithm of the Bayes factor against the model without it (Laplace's
+    /// approximation).
     pub log_evidence: f64,
-    /// The same where the rest of the gap may be explained by the best nameless competitor, with it and without it.
+    /// As `log_evidence`, if the best nameless competitor may explain the remaining gap in both
+    /// models.
     #[serde(default)]
     pub robust_evidence: f64,
     /// Fall of the deviance.
     pub delta_deviance: f64,
     /// Fitted parameters.
     pub strength: BTreeMap<String, f64>,
-    /// Intervals of 95 % by the linearised model, cut to the range.
+    /// 95 % intervals from the linearised model, clamped to the range.
     pub interval: BTreeMap<String, [f64; 2]>,
-    /// Whether the strength is above the smallest meaningful one and inside its range.
+    /// Whether the strength exceeds the smallest meaningful one and lies inside its range.
     pub plausible: bool,
 }
 
-/// What cannot be told from an accepted effect.
+/// An effect that cannot be distinguished from an accepted one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Confusable {
-    /// The accepted effect.
+    /// Name of the accepted effect.
     pub effect: String,
-    /// Its rival.
+    /// Name of the rival.
     pub rival: String,
     /// Misfit that the rival leaves on noise-free output of the model with the effect.
     pub expected_misfit: f64,
@@ -57,73 +59,77 @@ pub struct NotIdentifiable {
 /// A gap without a name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Unexplained {
-    /// Which nameless competitor explains it best: `activation` or `discrepancy`.
+    /// Nameless competitor that explains the gap best: `activation` or `discrepancy`.
     pub kind: String,
-    /// Its evidence against the model without it.
+    /// Evidence of the competitor against the model without it.
     pub log_evidence: f64,
-    /// Where it is largest.
+    /// Signal and phase where the gap is largest.
     pub place: Place,
-    /// What the discrepancy of the pressure and of the volume depends on, best first, with the share explained.
+    /// Variables on which the discrepancies of pressure and volume depend, best first, with the
+    /// explained share.
     pub depends_on: Vec<Dependence>,
 }
 
-/// How well one variable explains a discrepancy.
+/// Share of a discrepancy that one variable explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Dependence {
     /// `pressure` or `volume`.
     pub signal: String,
-    /// The variable.
+    /// Name of the variable.
     pub variable: String,
-    /// Share of the discrepancy's variance that a cubic of it explains, corrected for the number of coefficients.
+    /// Share of the discrepancy's variance that a cubic of the variable explains, corrected for the
+    /// number of coefficients.
     pub share: f64,
 }
 
-/// Everything that is said of one patient.
+/// Complete result for one patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Discovery {
     /// Whether no effect is named.
     pub none: bool,
-    /// Candidates: accepted ones first, then by probability.
+    /// Candidates: the accepted ones first, then by probability.
     pub effects: Vec<RankedEffect>,
-    /// Names of the accepted ones.
+    /// Names of the accepted effects.
     pub accepted: Vec<String>,
-    /// What they cannot be told from.
+    /// Effects that cannot be distinguished from the accepted ones.
     pub confusable: Vec<Confusable>,
-    /// Measurements that would separate those.
+    /// Measurements that would distinguish them.
     pub deciding_measurement: Vec<String>,
     /// Candidates that these data cannot show.
     pub not_identifiable: Vec<NotIdentifiable>,
-    /// A gap that no candidate explains.
+    /// A gap that no candidate explains, if any.
     pub unexplained: Option<Unexplained>,
     /// Rms standardised residual of the base model.
     pub gap_before: f64,
-    /// The same of the accepted model.
+    /// Rms standardised residual of the accepted model.
     pub gap_after: f64,
-    /// On data held out.
+    /// Rms standardised residual of the base model on data held out of the fit.
     pub gap_heldout_before: f64,
-    /// The same of the accepted model.
+    /// Rms standardised residual of the accepted model on data held out of the fit.
     pub gap_heldout_after: f64,
-    /// Probability that data of the base model alone give evidence as large (largest over all candidates).
+    /// Probability that data of the base model alone give as much evidence (the largest over all
+    /// candidates).
     pub p_value: f64,
-    /// Evidence that a name needed.
+    /// Evidence required for a name.
     pub threshold: f64,
     /// Evidence of the best nameless competitor.
     pub nameless_evidence: f64,
-    /// Fitted base values, with the accepted effects.
+    /// Fitted base values with the accepted effects.
     pub base: BTreeMap<String, f64>,
     /// Fitted base values without effects.
     pub base_before: BTreeMap<String, f64>,
-    /// Calibration errors too small for a name, as estimated with the accepted model; gaps and traces are those with them.
+    /// Calibration errors too small for a name, estimated with the accepted model. Gaps and traces
+    /// include them.
     #[serde(default)]
     pub calibration: Calibration,
-    /// Where the base model disagrees.
+    /// Places where the base model disagrees with the data.
     pub located: Vec<Place>,
-    /// The same places with the accepted effects.
+    /// The same places for the model with the accepted effects.
     pub located_after: Vec<Place>,
-    /// Noise power seen in the pressure's high band over the stated one.
+    /// Noise power in the pressure's high band over the stated power; `None` if it was not used.
     pub noise_seen_over_stated: Option<f64>,
-    /// Simulated beats' parameter sets.
+    /// Number of parameter sets for which beats were simulated.
     pub n_evaluations: usize,
-    /// What can be drawn and tabulated.
+    /// Data for figures and tables.
     pub series: Series,
 }

@@ -1,4 +1,4 @@
-//! Base fit from several starts, and every candidate refitted jointly with it.
+//! Fit of the base from several starts, and joint refits with every candidate.
 
 use crate::fit::Fit;
 use crate::forward::Candidate;
@@ -6,29 +6,31 @@ use crate::least_squares::Settings;
 use crate::problem::{N_BUMPS, Problem, Structure};
 use rayon::prelude::*;
 
-/// How much a fit with a further term may lie above the one without before it counts as failed \[deviance\].
+/// Largest rise of the deviance by a further term before its fit counts as failed.
 pub const RISE: f64 = 0.2;
 
-/// Mean square of the white residuals from which on starts nearer to the prior are tried too.
+/// Mean square of the white residuals above which starts closer to the prior are tried too.
 const BENT: f64 = 1.35;
-/// Share of the way from the prior's mean to the optimum without the term, where such a start is.
+/// Position of such a start, as a share of the way from the prior mean to the optimum without the
+/// term.
 pub const UNBENT: f64 = 0.4;
 
-/// Whether a fit is bent far to follow what it lacks: a bad start for what would unbend it.
+/// Whether a fit is distorted because an effect is missing. It is then a poor start for a fit with
+/// that effect.
 #[must_use]
 pub fn is_bent(problem: &Problem<'_>, fit: &Fit) -> bool {
     let n = (problem.data.pressure.len() + problem.data.volume.len()) as f64;
     fit.misfit.pressure + fit.misfit.volume > BENT * n
 }
 
-/// The fit of smallest deviance.
+/// The fit with the smallest deviance.
 pub fn best(fits: impl IntoIterator<Item = Option<Fit>>) -> Option<Fit> {
     fits.into_iter()
         .flatten()
         .reduce(|a, b| if b.deviance < a.deviance { b } else { a })
 }
 
-/// z of a candidate's start values.
+/// z of the values of a candidate's start.
 fn start_z(candidate: &Candidate, values: &[f64]) -> Vec<f64> {
     candidate
         .parameters
@@ -38,7 +40,7 @@ fn start_z(candidate: &Candidate, values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The base model from all its starts; none when the model has no answer at any.
+/// Fits the base model from all its starts; `None` if the model has no beat at any of them.
 #[must_use]
 pub fn fit_base(problem: &Problem<'_>, settings: &Settings) -> Option<Fit> {
     let n = problem.forward.base().len();
@@ -55,7 +57,8 @@ pub fn fit_base(problem: &Problem<'_>, settings: &Settings) -> Option<Fit> {
     best(fits)
 }
 
-/// A structure with one more term, from the optimum without it and all starts of the term; never worse than without.
+/// Adds one term to a structure, from the optimum without it and all starts of the term. The result
+/// is never worse than without the term.
 #[must_use]
 pub fn add_term(
     problem: &Problem<'_>,
@@ -76,7 +79,7 @@ pub fn add_term(
         .collect();
     if bent {
         starts.extend(candidate.starts.iter().map(|values| (UNBENT, values)));
-        // The prior's mean has a beat where the way to it may have none.
+        // A beat exists at the prior mean, but possibly not on the way there.
         starts.extend(candidate.starts.iter().map(|values| (0.0, values)));
     }
     let tries: Vec<Option<Fit>> = starts
@@ -84,7 +87,8 @@ pub fn add_term(
         .map(|(share, values)| {
             let mut z: Vec<f64> = without.z.iter().map(|z| share * z).collect();
             z.splice(end..end, start_z(candidate, values));
-            // Neither are its noise scales, which are as large as its misfit.
+            // The noise scales of a distorted fit, which are as large as its misfit, are a poor
+            // start too.
             problem.fit(&structure, &z, (*share == 1.0).then_some(without), settings)
         })
         .collect();
@@ -95,7 +99,7 @@ pub fn add_term(
     {
         return found;
     }
-    // The optimiser failed: once more from next to the optimum without the term.
+    // The optimiser failed; try once more from close to the optimum without the term.
     let mut z = without.z.clone();
     let mut values = candidate.starts[0].clone();
     values[0] = candidate.off + 0.1 * (values[0] - candidate.off);
@@ -103,7 +107,7 @@ pub fn add_term(
     best([found, problem.fit(&structure, &z, Some(without), settings)])
 }
 
-/// A structure from given z, near a fit.
+/// Refits a structure from given z, with the state of a nearby fit.
 #[must_use]
 pub fn refit(
     problem: &Problem<'_>,
@@ -115,7 +119,7 @@ pub fn refit(
     problem.fit(structure, z, Some(near), settings)
 }
 
-/// Every candidate that the structure does not have yet, added to it; by candidate.
+/// Adds every candidate that the structure lacks; the result is ordered by candidate index.
 #[must_use]
 pub fn scan(
     problem: &Problem<'_>,

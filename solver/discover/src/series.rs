@@ -1,4 +1,5 @@
-//! What can be drawn and tabulated of a search: data, model before and after, residuals by place.
+//! Data of a search for figures and tables: measurement, model before and after, and residuals by
+//! place.
 
 use crate::forward::Prediction;
 use crate::held_out::HeldOut;
@@ -7,23 +8,24 @@ use crate::noise::Signal;
 use crate::problem::Data;
 use serde::{Deserialize, Serialize};
 
-/// Interval of the curves \[ms\]: about a pressure bin.
+/// Interval of the curves \[ms\], about one pressure bin.
 const CURVE_MS: f64 = 4.0;
 
-/// A signal at the times of its data, with what the model says there.
+/// A signal at the times of its data, with the model's values there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Compared {
     /// Times of the data \[ms\].
     pub time_ms: Vec<f64>,
     /// Data: pressure bins \[mmHg\] or volume frames \[mL\].
     pub measured: Vec<f64>,
-    /// The base model.
+    /// Values of the base model.
     pub before: Vec<f64>,
-    /// The model with the accepted effects.
+    /// Values of the model with the accepted effects.
     pub after: Vec<f64>,
-    /// The base model fitted without the block in which the sample lies; none where a refit failed.
+    /// Values of the base model fitted without the block of the sample; `None` if a refit failed.
     pub held_out_before: Option<Vec<f64>>,
-    /// The same with the accepted effects.
+    /// Values of the model with the accepted effects fitted without that block; `None` if a refit
+    /// failed.
     pub held_out_after: Option<Vec<f64>>,
     /// Standard deviation of the noise of one sample.
     pub noise_sd: f64,
@@ -34,13 +36,13 @@ pub struct Compared {
 pub struct Curves {
     /// Times \[ms\].
     pub time_ms: Vec<f64>,
-    /// Pressure as it would be measured, base model \[mmHg\].
+    /// Pressure of the base model, as measured \[mmHg\].
     pub pressure_before_mmhg: Vec<f64>,
-    /// With the accepted effects \[mmHg\].
+    /// Pressure with the accepted effects, as measured \[mmHg\].
     pub pressure_after_mmhg: Vec<f64>,
-    /// Volume as it would be measured, base model \[mL\].
+    /// Volume of the base model, as measured \[mL\].
     pub volume_before_ml: Vec<f64>,
-    /// With the accepted effects \[mL\].
+    /// Volume with the accepted effects, as measured \[mL\].
     pub volume_after_ml: Vec<f64>,
 }
 
@@ -53,24 +55,24 @@ pub struct GapAt {
     pub phase: String,
     /// Number of samples.
     pub n: usize,
-    /// Base model.
+    /// Residual of the base model.
     pub before: f64,
-    /// With the accepted effects.
+    /// Residual with the accepted effects.
     pub after: f64,
-    /// Base model on data held out.
+    /// Residual of the base model on data held out; `None` if a refit failed.
     pub held_out_before: Option<f64>,
-    /// With the accepted effects on data held out.
+    /// Residual with the accepted effects on data held out; `None` if a refit failed.
     pub held_out_after: Option<f64>,
 }
 
-/// Everything that can be drawn of a search.
+/// Data of a search for figures and tables.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Series {
     /// Phases of the beat.
     pub phases: Phases,
-    /// Pressure.
+    /// Pressure at the bins of the data.
     pub pressure: Compared,
-    /// Volume.
+    /// Volume at the frames of the data.
     pub volume: Compared,
     /// Simulated beats.
     pub curves: Curves,
@@ -79,7 +81,7 @@ pub struct Series {
 }
 
 impl Series {
-    /// Series of the fitted beats and of the predictions for data held out.
+    /// Collects the series of the fitted beats and of the predictions for data held out.
     #[must_use]
     pub fn of(
         data: &Data,
@@ -131,7 +133,7 @@ impl Series {
     }
 }
 
-/// Rows of one signal: each phase that has samples, then the whole beat.
+/// Rows of one signal: one per phase that has samples, then one for the whole beat.
 fn gaps(name: &str, signal: &Compared, phases: &Phases, cycle_ms: f64) -> Vec<GapAt> {
     let row = |phase: &str, inside: &dyn Fn(usize) -> bool| {
         let chosen: Vec<usize> = (0..signal.time_ms.len())

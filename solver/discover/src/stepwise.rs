@@ -1,4 +1,5 @@
-//! The search over structures: effects are added, exchanged and taken out until the data ask for no further change.
+//! Search over structures: effects are added, exchanged and removed until the data support no
+//! further change.
 
 use crate::fit::Fit;
 use crate::held_out::{HeldOut, held_out};
@@ -7,28 +8,31 @@ use crate::moves::{Loss, same_terms};
 use crate::nameless::{Nameless, Wide};
 use crate::search::RISE;
 
-/// How much of the ranking is tried in the place of an accepted effect.
+/// Number of the ranking's first candidates that are tried in place of an accepted effect.
 const N_SWAPS: usize = 4;
-/// How often the search goes on from what is left after effects were taken out.
+/// Number of times that the search continues from the remaining structure after effects were
+/// removed.
 const RETURNS: usize = 2;
-/// Effects with which the gap on data held out is larger than without, by more than this factor, were fitted to chance.
+/// Ratio of the gap on held-out data with effects to the gap without them, above which the effects
+/// count as fitted to chance.
 const HELD_OUT_RISE: f64 = 1.02;
 
-/// What the search ends with.
+/// Result of the search over structures.
 pub(crate) struct Found {
-    /// One for each number of effects, the base first.
+    /// One level per number of effects, the base first.
     pub levels: Vec<Level>,
-    /// The structure.
+    /// The final structure.
     pub current: Wide,
-    /// What is lost with each accepted effect, the largest first.
+    /// Loss without each accepted effect, the largest first.
     pub losses: Vec<Loss>,
-    /// Predictions for data held out, without and with the effects.
+    /// Predictions for held-out data, without and with the effects.
     pub held_out: (Option<HeldOut>, Option<HeldOut>),
-    /// Evaluations of levels that were left.
+    /// Number of evaluations of levels that were abandoned.
     pub n_evaluations_left: usize,
 }
 
-/// Adds, exchanges and removes effects, and goes on from what is left where that is new or better fitted than before.
+/// Adds, exchanges and removes effects. The search continues from the remaining structure if that
+/// is new or fits better than before.
 pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     let mut levels: Vec<Level> = Vec::new();
     let mut start = base.clone();
@@ -68,7 +72,7 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     }
 }
 
-/// Adds effects to a fit, and exchanges them, as long as the data ask for more; one level for each number of effects.
+/// Adds and exchanges effects as long as the data support it, with one level per number of effects.
 fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
     let mut current = Wide {
         fits: vec![(Nameless::Nothing, start)],
@@ -101,15 +105,15 @@ fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
     }
 }
 
-/// A structure of which nothing can be taken out.
+/// A structure from which nothing can be removed.
 struct Pruned {
     left: Wide,
     losses: Vec<Loss>,
     held_out: (Option<HeldOut>, Option<HeldOut>),
 }
 
-/// Takes out what is not missed (a later effect may have taken over what an earlier one was added for) and what data
-/// held out do not confirm, the least first.
+/// Removes effects, the least important first, that the data no longer support or that held-out
+/// data do not confirm. A later effect may have replaced an earlier one.
 fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
     let threshold = search.threshold(&levels[0]);
     let predict = |fit: &Fit| held_out(&search.plain(), fit, &search.settings.fit);
@@ -148,7 +152,7 @@ fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
                 held_out: (without, with),
             };
         }
-        // The last is the smallest loss.
+        // The last entry has the smallest loss.
         current = losses.swap_remove(losses.len() - 1).without;
     }
 }

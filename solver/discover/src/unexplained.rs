@@ -1,4 +1,4 @@
-//! A gap without a name: where it is, and on what it depends.
+//! A gap without a name: its location and the variables that it depends on.
 
 use crate::forward::Prediction;
 use crate::noise::slopes;
@@ -6,10 +6,11 @@ use crate::problem::Data;
 use crate::result::Dependence;
 use nalgebra::{DMatrix, DVector};
 
-/// Coefficients of the polynomial beside the constant.
+/// Number of polynomial coefficients besides the constant.
 const DEGREE: usize = 3;
 
-/// Share of the variance of `y` that a cubic of `x` explains, corrected for its coefficients; none for a constant x or y.
+/// Share of the variance of `y` that a cubic of `x` explains, corrected for its coefficients;
+/// `None` for a constant x or y.
 fn explained(x: &[f64], y: &[f64]) -> Option<f64> {
     let n = y.len();
     if n < 3 * (DEGREE + 1) {
@@ -29,8 +30,11 @@ fn explained(x: &[f64], y: &[f64]) -> Option<f64> {
     Some((1.0 - rest / total * (n - 1) as f64 / (n - DEGREE - 1) as f64).max(0.0))
 }
 
-/// What the discrepancies of pressure and volume depend on, best first within each signal: time, volume, dV/dt, aortic
-/// flow, its square, pressure; model values, as the next catalogue entry would see them.
+/// Variables on which the discrepancies of pressure and volume depend, best first within each
+/// signal.
+///
+/// The variables are time, volume, dV/dt, aortic flow, its square, and pressure, with the values of
+/// the model, as a new entry of the catalogue would use them.
 #[must_use]
 pub fn depends_on(data: &Data, beat: &Prediction) -> Vec<Dependence> {
     let n = beat.true_volume_ml.len();

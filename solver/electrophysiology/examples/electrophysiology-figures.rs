@@ -1,6 +1,7 @@
-//! Figures of `docs/electrophysiology.md`: `cargo run --release -p cardiotwin-electrophysiology --example
-//! electrophysiology-figures [cell] [waves] [ventricle] [large] [FILE.svg]` prints the tables named, and draws potentials of
-//! a ventricle into a file. `traces` and `eikonal` print what `docs/verification.md` draws, as CSV.
+//! Figures of `docs/electrophysiology.md`: `cargo run --release -p cardiotwin-electrophysiology
+//! --example electrophysiology-figures [cell] [waves] [ventricle] [large] [FILE.svg]` prints the
+//! named tables and draws the potentials of a ventricle into a file. `traces` and `eikonal` print
+//! the data of figures in `docs/verification.md` as CSV.
 
 #[path = "../tests/common/action_potential.rs"]
 mod action_potential;
@@ -49,7 +50,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Action potential of a single cell beside Myokit's, by steps of several lengths.
+/// Compares the action potential of a single cell with Myokit's, for several step lengths.
 fn steps() {
     println!(
         "single cell minus reference: step/ms  beats  away/mV  peak/mV  upstroke/ms  APD90/ms  off/ms  rest/mV  calcium"
@@ -75,7 +76,7 @@ fn steps() {
     }
 }
 
-/// Action potentials beside Myokit's, at its times.
+/// Prints action potentials and Myokit's at its sample times.
 fn traces() {
     println!("beat,t_ms,myokit_mv,here_mv");
     for (name, cycle_ms, n_beats) in [
@@ -90,8 +91,9 @@ fn traces() {
     }
 }
 
-/// Largest errors of the eikonal's times in a cube of 20 mm with oblique fibres: a point in its middle, the same with exact
-/// times in a ball of 6 mm around it, and a plane wave along fibres from a face.
+/// Largest errors of the eikonal's times in a cube of 20 mm with oblique fibres, for a point source
+/// in its centre, the same with exact times in a ball of 6 mm around it, and a plane wave along
+/// fibres from a face.
 fn orders() -> Result<(), Failure> {
     println!("side_mm,point_ms,ball_ms,plane_ms");
     let speeds = Speeds {
@@ -160,7 +162,8 @@ fn orders() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Speed along the fibre on coarser and coarser bars, led by the eikonal and by diffusion alone.
+/// Wave speed along the fibre on increasingly coarse bars, with the eikonal and with diffusion
+/// alone.
 fn edges() -> Result<(), Failure> {
     println!(
         "\nplane wave along the fibre, eikonal 0.6 mm/ms: edge/mm  led  diffusion alone (mm/ms)"
@@ -229,7 +232,7 @@ fn heart(n_nodes: usize) -> Result<(TetMesh, Vec<f64>), Failure> {
     Ok((mesh, times))
 }
 
-/// A cell in the rhythm of 75 beats a minute.
+/// State of a cell paced at 75 beats per minute.
 fn start() -> State {
     let parameters = Parameters::default();
     paced(
@@ -287,7 +290,7 @@ fn ventricle(sizes: &[usize]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A cut through the axis, coloured by potential, at several times.
+/// Section through the axis, coloured by potential, at several times.
 fn draw() -> Result<String, Failure> {
     let (mesh, times) = heart(8000)?;
     let tissue = Tissue::matching(&Speeds::default());

@@ -1,21 +1,23 @@
-//! When each point depolarises and repolarises.
+//! Times of depolarisation and repolarisation at each point.
 
-/// Times at which the potential crosses levels, by linear interpolation between steps, of the last beat so far.
+/// Times at which the potential crosses two levels in the latest beat, interpolated linearly
+/// between steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Crossings {
-    /// Upstroke through [`Crossings::UP_MV`], ms; not-a-number where there was none.
+    /// Time of the upstroke through [`Crossings::UP_MV`] \[ms\]; not-a-number if there was none.
     pub up_ms: Vec<f64>,
-    /// Fall through [`Crossings::DOWN_MV`], ms; not-a-number where there was none since the upstroke.
+    /// Time of the fall through [`Crossings::DOWN_MV`] \[ms\]; not-a-number if there was none since
+    /// the upstroke.
     pub down_ms: Vec<f64>,
 }
 
 impl Crossings {
-    /// Level of the upstroke, mV.
+    /// Level of the upstroke \[mV\].
     pub const UP_MV: f64 = -40.0;
-    /// Level of the fall, mV: about 90 % repolarisation.
+    /// Level of the fall \[mV\], approximately 90 % repolarisation.
     pub const DOWN_MV: f64 = -70.0;
 
-    /// None yet.
+    /// State before any crossing, for `n` points.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self {
@@ -24,7 +26,7 @@ impl Crossings {
         }
     }
 
-    /// Notes what was crossed in the step that ended at `t_ms`.
+    /// Records the crossings in the step that ended at `t_ms`.
     pub(crate) fn note(&mut self, before_mv: &[f64], after_mv: &[f64], t_ms: f64, step_ms: f64) {
         for (i, (before, after)) in before_mv.iter().zip(after_mv).enumerate() {
             let at = |level: f64| t_ms - step_ms * (after - level) / (after - before);

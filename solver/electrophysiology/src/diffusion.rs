@@ -6,33 +6,33 @@ use cardiotwin_linalg::{Csr, Pattern};
 use cardiotwin_mesh::tet_mesh::{Frame, shape_gradients};
 use rayon::prelude::*;
 
-/// Rows that one thread takes at a time. Sums are formed chunk by chunk and added in their order, so that results do not
-/// depend on how many threads there are.
+/// Number of rows that a thread takes at once. Sums are computed chunk by chunk and added in order,
+/// so that results do not depend on the number of threads.
 const CHUNK: usize = 2048;
 
-/// Iterations before a solve counts as stalled; a sound mesh takes fewer than ten.
+/// Number of iterations after which a solve counts as stalled; a sound mesh takes fewer than ten.
 const MOST_ITERATIONS: usize = 500;
 
-/// Conjugate gradients did not converge.
+/// The conjugate gradients did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stalled {
-    /// Where the error's estimate stands.
+    /// Estimate of the remaining error \[mV\].
     pub error: f64,
-    /// After so many iterations.
+    /// Number of iterations.
     pub iterations: usize,
 }
 
-/// ∂V/∂t = ∇·(D ∇V) without flux at the boundary: Galerkin's method with linear elements and a lumped mass matrix, the
-/// Crank-Nicolson method in time. Second order in both.
+/// Solver for ∂V/∂t = ∇·(D ∇V) without flux at the boundary: Galerkin's method with linear elements
+/// and a lumped mass matrix, and the Crank-Nicolson method in time. Both are of second order.
 #[derive(Debug, Clone)]
 pub struct Diffusion {
-    /// Volumes of nodes, mm³.
+    /// Volumes of the nodes \[mm³\].
     mass: Vec<f64>,
-    /// ∫ ∇φᵢ · D ∇φⱼ, mm³/ms.
+    /// ∫ ∇φᵢ · D ∇φⱼ \[mm³/ms\].
     stiffness: Csr,
     /// mass + Δt/2 stiffness.
     matrix: Csr,
-    /// One over the matrix's diagonal.
+    /// Inverse of the matrix's diagonal.
     inverse: Vec<f64>,
     /// Sum of the matrix's diagonal.
     weight: f64,
@@ -41,13 +41,13 @@ pub struct Diffusion {
     directions: Directions,
 }
 
-/// Root mean square of the preconditioned residual at which a step's solve ends, mV.
+/// Root mean square of the preconditioned residual at which the solve of a step ends \[mV\].
 const TOLERANCE_MV: f64 = 1e-7;
 
 impl Diffusion {
-    /// On elements `tets` between nodes at `nodes_mm`, each with its tissue's directions, for diffusivities along fibre,
-    /// sheet and normal in mm²/ms and steps of `step_ms`. Every node belongs to an element, every element has a positive
-    /// volume.
+    /// Solver on the elements `tets` between nodes at `nodes_mm`, with tissue directions `frames`,
+    /// diffusivities along fibre, sheet and normal \[mm²/ms\], and steps of `step_ms`. Every node
+    /// must belong to an element, and every element must have a positive volume.
     #[must_use]
     pub fn new(
         nodes_mm: &[Vec3],
@@ -91,12 +91,12 @@ impl Diffusion {
         }
     }
 
-    /// One step. Returns the iterations of the solver.
+    /// Advances the potential by one step. Returns the number of solver iterations.
     ///
     /// # Errors
-    /// [`Stalled`], and the potential is as before.
+    /// [`Stalled`] if the solver does not converge; the potential is then unchanged.
     pub fn step(&mut self, v_mv: &mut [f64]) -> Result<usize, Stalled> {
-        // for the change W over the step, from zero: (M + Δt/2 K) W = −Δt K V
+        // Solves (M + Δt/2 K) W = −Δt K V for the change W over the step, starting from zero.
         multiply(&self.stiffness, v_mv, &mut self.directions.r);
         for value in &mut self.directions.r {
             *value *= -self.step_ms;
@@ -124,7 +124,7 @@ impl Diffusion {
         Ok(ended.iterations)
     }
 
-    /// ∫ V, mV mm³: what diffusion keeps.
+    /// ∫ V \[mV mm³\], which diffusion conserves.
     #[must_use]
     pub fn integral(&self, v_mv: &[f64]) -> f64 {
         self.mass.iter().zip(v_mv).map(|(m, v)| m * v).sum()
@@ -142,7 +142,8 @@ fn multiply(a: &Csr, x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// A matrix with Jacobi's preconditioner. Residuals are judged by their preconditioned size, weighted with the diagonal.
+/// A matrix with a Jacobi preconditioner. The norm of residuals is that of the preconditioned ones,
+/// weighted with the diagonal.
 struct Jacobi<'a> {
     matrix: &'a Csr,
     inverse: &'a [f64],

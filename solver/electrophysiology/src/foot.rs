@@ -1,20 +1,21 @@
-//! The foot current, by which the eikonal solution starts action potentials.
+//! Foot current, by which the eikonal solution triggers action potentials.
 
-/// A current that rises like the foot of an action potential, I = C_m (A/τ) exp((t − t_a)/τ), from the activation time on,
-/// until the membrane takes over.
+/// A current with the shape of an action potential's foot, I = C_m (A/τ) exp((t − t_a)/τ). It flows
+/// from the activation time on, until the membrane takes over.
 ///
-/// Source: Neic et al. 2017, J. Comput. Phys. 346, 191: the foot of a travelling action potential is an exponential. Its
-/// time constant is that of electrotonic current ahead of a wave of speed v, τ = D/v²: V(t − x/v) in ∂V/∂t = D ∂²V/∂x².
-/// Amplitude, length and end are ours.
+/// Source: Neic et al. 2017, J. Comput. Phys. 346, 191: the foot of a travelling action potential
+/// is an exponential. Its time constant is that of the electrotonic current ahead of a wave of
+/// speed v, τ = D/v²; it follows from V(t − x/v) in ∂V/∂t = D ∂²V/∂x². Amplitude, length and end
+/// are our choices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FootCurrent {
-    /// A, mV: the depolarisation that the exponential starts from.
+    /// Depolarisation A from which the exponential starts \[mV\].
     pub amplitude_mv: f64,
-    /// τ, ms.
+    /// Time constant τ \[ms\].
     pub tau_ms: f64,
-    /// The current ends after this time at the latest, ms.
+    /// Longest duration of the current \[ms\].
     pub length_ms: f64,
-    /// It ends once the potential is above this, mV: the current is a subthreshold one.
+    /// Potential above which the current ends \[mV\], because the current is subthreshold.
     pub end_mv: f64,
 }
 
@@ -32,7 +33,8 @@ impl Default for FootCurrent {
 }
 
 impl FootCurrent {
-    /// Depolarisation of a cell that is activated at zero by the current between two times, mV: exact for any step.
+    /// Depolarisation by the current between two times, of a cell that is activated at time zero
+    /// \[mV\]. The value is exact for any step.
     #[must_use]
     pub fn depolarisation_mv(&self, from_ms: f64, to_ms: f64) -> f64 {
         let [from, to] = [from_ms, to_ms].map(|t| t.clamp(0.0, self.length_ms));
@@ -40,11 +42,11 @@ impl FootCurrent {
     }
 }
 
-/// Which nodes the current flows into, in the order of their activation.
+/// Nodes into which the current flows, in the order of their activation.
 #[derive(Debug, Clone)]
 pub(crate) struct Feet {
     current: FootCurrent,
-    /// Activation times, ascending, and their nodes.
+    /// Activation times in ascending order, and their nodes.
     times_ms: Vec<f64>,
     nodes: Vec<u32>,
     cycle_ms: Option<f64>,
@@ -66,12 +68,12 @@ impl Feet {
         }
     }
 
-    /// Adds what flows between two times.
+    /// Adds the current between two times.
     pub(crate) fn add(&self, from_ms: f64, to_ms: f64, v_mv: &mut [f64]) {
         let Some(cycle_ms) = self.cycle_ms else {
             return self.add_beat(from_ms, to_ms, v_mv);
         };
-        // the current may reach over the cycle's end
+        // The current may extend beyond the end of the cycle.
         let first = ((from_ms - self.current.length_ms) / cycle_ms)
             .floor()
             .max(0.0) as usize;
@@ -137,7 +139,7 @@ mod tests {
             feet.add(at, at + 0.03125, &mut v);
             at += 0.03125;
         }
-        // the third node's current reaches over the end of the cycle
+        // The third node's current extends beyond the end of the cycle.
         for (found, beats) in v.iter().zip([3.0, 3.0, 2.0, 3.0]) {
             assert!((found - beats * whole).abs() < 1e-9, "{v:?}");
         }

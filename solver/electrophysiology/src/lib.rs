@@ -1,8 +1,10 @@
-//! Electrophysiology of the left ventricle: the membrane model of Luo and Rudy 1991, and transmembrane potentials by the
-//! reaction-eikonal model, where an eikonal solution says when each point is activated.
+//! Electrophysiology of the left ventricle: the membrane model of Luo and Rudy 1991, and
+//! transmembrane potentials by the reaction-eikonal model, in which an eikonal solution determines
+//! the activation time of each point.
 //!
-//! Units: mm, ms, mV; currents per membrane area in µA/cm², capacitance in µF/cm², so that their quotient is mV/ms;
-//! conductivities in mS/mm (= S/m); concentrations in mM. `docs/electrophysiology.md` is the guide.
+//! Units: mm, ms, mV; currents per membrane area in µA/cm² and capacitance in µF/cm², whose
+//! quotient is mV/ms; conductivities in mS/mm (= S/m); concentrations in mM.
+//! `docs/electrophysiology.md` is the guide.
 
 pub mod crossings;
 pub mod diffusion;

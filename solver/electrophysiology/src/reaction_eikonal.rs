@@ -1,8 +1,10 @@
-//! The reaction-eikonal model: an eikonal solution starts action potentials, the monodomain equation shapes them.
+//! The reaction-eikonal model: an eikonal solution triggers action potentials, and the monodomain
+//! equation determines their shape.
 //!
-//! Source: Neic, Campos, Prassl, Niederer, Bishop, Vigmond, Plank 2017, "Efficient computation of electrograms and ECGs in
-//! human whole heart simulations using a reaction-eikonal model", J. Comput. Phys. 346, 191. With diffusion it is their
-//! R-E+, without their R-E−. Godunov's splitting: foot current and membrane, then diffusion.
+//! Source: Neic, Campos, Prassl, Niederer, Bishop, Vigmond, Plank 2017, "Efficient computation of
+//! electrograms and ECGs in human whole heart simulations using a reaction-eikonal model", J.
+//! Comput. Phys. 346, 191. With diffusion it is their R-E+, without diffusion their R-E−. The time
+//! steps use Godunov's splitting: foot current and membrane, then diffusion.
 
 use crate::crossings::Crossings;
 use crate::diffusion::Diffusion;
@@ -13,23 +15,24 @@ use crate::tissue::Tissue;
 use cardiotwin_linalg::vec3::norm;
 use cardiotwin_mesh::TetMesh;
 
-/// How the model is run.
+/// Settings of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Time step, ms.
+    /// Time step \[ms\].
     pub step_ms: f64,
-    /// Whether potential diffuses: R-E+ with, R-E− without.
+    /// Whether the potential diffuses: R-E+ with diffusion, R-E− without.
     pub diffusion: bool,
-    /// The current that starts action potentials.
+    /// Current that triggers action potentials.
     pub foot: FootCurrent,
-    /// Length of a cycle, ms, after which every node is activated again; none for a single activation.
+    /// Cycle length after which every node is activated again \[ms\]; `None` for a single
+    /// activation.
     pub cycle_ms: Option<f64>,
-    /// Constants of the membrane.
+    /// Constants of the membrane model.
     pub membrane: Parameters,
 }
 
 impl Default for Settings {
-    /// R-E+ at 0.025 ms, one activation.
+    /// R-E+ with steps of 0.025 ms and one activation.
     fn default() -> Self {
         Self {
             step_ms: 0.025,
@@ -41,61 +44,61 @@ impl Default for Settings {
     }
 }
 
-/// Why the model cannot be set up or cannot go on.
+/// Reasons why the model cannot be set up or cannot continue.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ElectrophysiologyError {
-    /// A number that must be positive is not.
+    /// A value that must be positive is not.
     #[error("electrophysiology: {what} is {found}, expected a positive number")]
     NotPositive {
-        /// Which.
+        /// Name of the value.
         what: &'static str,
-        /// Its value.
+        /// The value.
         found: f64,
     },
-    /// No element conducts.
+    /// No element has a conducting tag.
     #[error("electrophysiology: no element has one of the conducting tags {tags:?}")]
     NoTissue {
-        /// The tags.
+        /// The conducting tags.
         tags: Vec<i32>,
     },
-    /// An element that cannot be used.
+    /// An element is not usable.
     #[error("electrophysiology: element {element} {problem}")]
     Element {
-        /// Which.
+        /// Index of the element.
         element: usize,
-        /// What is wrong, and what to do.
+        /// Problem and remedy.
         problem: &'static str,
     },
-    /// Activation times of another mesh.
+    /// The number of activation times differs from that of the mesh's nodes.
     #[error(
         "electrophysiology: {found} activation times for a mesh of {expected} nodes: is the file of another mesh?"
     )]
     HowManyTimes {
-        /// So many were given.
+        /// Number of activation times.
         found: usize,
-        /// So many were expected.
+        /// Number of nodes.
         expected: usize,
     },
-    /// An activation time out of range.
+    /// An activation time is out of range.
     #[error("electrophysiology: node {node} is activated at {found} ms, expected {expected}")]
     ActivationTime {
-        /// Which node of the mesh.
+        /// Node of the mesh.
         node: usize,
-        /// Its time.
+        /// Its activation time \[ms\].
         found: f64,
-        /// What would do.
+        /// Description of valid times.
         expected: String,
     },
-    /// A potential that is not finite.
+    /// A potential is not finite.
     #[error(
         "electrophysiology: the potential of node {node} is {found} mV at {t_ms} ms: try a shorter step"
     )]
     Diverged {
-        /// Which node of the mesh.
+        /// Node of the mesh.
         node: usize,
-        /// Its potential.
+        /// Its potential \[mV\].
         found: f64,
-        /// When.
+        /// Time \[ms\].
         t_ms: f64,
     },
     /// The linear solver did not converge.
@@ -103,30 +106,30 @@ pub enum ElectrophysiologyError {
         "electrophysiology: diffusion at {t_ms} ms stands at a residual of {error_mv:.1e} mV: look for degenerate elements"
     )]
     Stalled {
-        /// When.
+        /// Time \[ms\].
         t_ms: f64,
-        /// Where it stands.
+        /// Residual that was reached \[mV\].
         error_mv: f64,
     },
-    /// A snapshot of another model.
+    /// The snapshot belongs to another model.
     #[error("electrophysiology: the snapshot has {found} conducting nodes, expected {expected}")]
     Snapshot {
-        /// So many it has.
+        /// Number of conducting nodes in the snapshot.
         found: usize,
-        /// So many were expected.
+        /// Number of conducting nodes in the model.
         expected: usize,
     },
 }
 
-/// Everything that changes in time: what a checkpoint has to hold. A run from a snapshot equals the run without, bit for
-/// bit, for the same mesh, activation and settings.
+/// The complete time-dependent state, for checkpoints. For the same mesh, activation and settings,
+/// a run from a snapshot equals the uninterrupted run bit for bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// Steps made.
+    /// Number of completed steps.
     pub n_steps: u64,
     /// States of the conducting nodes.
     pub cells: Cells,
-    /// Their crossings.
+    /// Crossings of the conducting nodes.
     pub crossings: Crossings,
 }
 
@@ -144,15 +147,16 @@ pub struct ReactionEikonal {
 }
 
 impl ReactionEikonal {
-    /// On the elements of `mesh` with one of `tags`.
+    /// The model on the elements of `mesh` with one of `tags`.
     ///
-    /// - `activation_ms`: one for each node of the mesh, from [`cardiotwin_mesh::eikonal::activation_ms`] or a file; what
-    ///   stands at nodes that do not conduct is not read. Infinite for a conducting node that diffusion alone activates.
-    /// - `start`: the state of all cells at time zero: [`crate::luo_rudy1991::paced::rest`] or
+    /// - `activation_ms`: activation time of each node of the mesh, from
+    ///   [`cardiotwin_mesh::eikonal::activation_ms`] or a file. Times of nodes that do not conduct
+    ///   are ignored. A conducting node that only diffusion activates has an infinite time.
+    /// - `start`: state of all cells at time zero, from [`crate::luo_rudy1991::paced::rest`] or
     ///   [`crate::luo_rudy1991::paced::paced`].
     ///
     /// # Errors
-    /// [`ElectrophysiologyError`] where a number, an element or a time is out of range.
+    /// [`ElectrophysiologyError`] if a value, an element or a time is out of range.
     pub fn new(
         mesh: &TetMesh,
         tags: &[i32],
@@ -233,16 +237,17 @@ impl ReactionEikonal {
         })
     }
 
-    /// Time, ms.
+    /// Current time \[ms\].
     #[must_use]
     pub fn t_ms(&self) -> f64 {
         self.now.n_steps as f64 * self.membrane.step_ms()
     }
 
-    /// Goes on to the first step at or after `t_ms`.
+    /// Advances to the first step at or after `t_ms`.
     ///
     /// # Errors
-    /// [`ElectrophysiologyError::Diverged`] or [`ElectrophysiologyError::Stalled`]; the state is then of no use.
+    /// [`ElectrophysiologyError::Diverged`] or [`ElectrophysiologyError::Stalled`]; the state is
+    /// then invalid.
     pub fn advance_to(&mut self, t_ms: f64) -> Result<(), ElectrophysiologyError> {
         while self.t_ms() < t_ms - 1e-6 * self.membrane.step_ms() {
             self.step()?;
@@ -293,22 +298,24 @@ impl ReactionEikonal {
         }
     }
 
-    /// The conducting nodes of the mesh, ascending: the order of everything in a [`Snapshot`].
+    /// Conducting nodes of the mesh in ascending order, which is the order of all arrays in a
+    /// [`Snapshot`].
     #[must_use]
     pub fn nodes(&self) -> &[u32] {
         &self.nodes
     }
 
-    /// Transmembrane potential of each node of the mesh, mV; not-a-number where nothing conducts.
+    /// Transmembrane potential of each node of the mesh \[mV\]; not-a-number at nodes that do not
+    /// conduct.
     #[must_use]
     pub fn potential_mv(&self) -> Vec<f64> {
         self.on_mesh(&self.now.cells.v_mv)
     }
 
-    /// A value for each conducting node, spread to the mesh's; not-a-number elsewhere.
+    /// Maps values of the conducting nodes to all nodes of the mesh; not-a-number at other nodes.
     ///
     /// # Panics
-    /// Where there are fewer values than conducting nodes.
+    /// If there are fewer values than conducting nodes.
     #[must_use]
     pub fn on_mesh(&self, values: &[f64]) -> Vec<f64> {
         let mut all = vec![f64::NAN; self.n_mesh_nodes];
@@ -318,13 +325,13 @@ impl ReactionEikonal {
         all
     }
 
-    /// When conducting nodes depolarised and repolarised, in the order of [`ReactionEikonal::nodes`].
+    /// Times of depolarisation and repolarisation, in the order of [`ReactionEikonal::nodes`].
     #[must_use]
     pub fn crossings(&self) -> &Crossings {
         &self.now.crossings
     }
 
-    /// Mean iterations of the linear solver in a step, since the model was made.
+    /// Mean number of solver iterations per step since the model was made.
     #[must_use]
     pub fn mean_iterations(&self) -> f64 {
         self.n_iterations as f64 / self.now.n_steps.max(1) as f64
@@ -336,10 +343,10 @@ impl ReactionEikonal {
         &self.now
     }
 
-    /// Goes on from a snapshot of the same mesh, activation and settings.
+    /// Continues from a snapshot of the same mesh, activation and settings.
     ///
     /// # Errors
-    /// [`ElectrophysiologyError::Snapshot`] where its size is another.
+    /// [`ElectrophysiologyError::Snapshot`] if its size differs.
     pub fn restore(&mut self, snapshot: Snapshot) -> Result<(), ElectrophysiologyError> {
         let expected = self.nodes.len();
         let Snapshot {

@@ -1,4 +1,4 @@
-//! Diffusion against closed forms.
+//! Diffusion compared with closed-form solutions.
 
 mod common;
 
@@ -10,7 +10,7 @@ const LENGTH_MM: f64 = 4.0;
 const DIFFUSIVITIES: [f64; 3] = [0.4, 0.1, 0.2];
 const END_MS: f64 = 4.0;
 
-/// A cosine along each axis of the tensor, each decaying at its own rate.
+/// Sum of a cosine along each axis of the tensor, each with its own decay rate.
 fn modes(x: &[f64; 3], t_ms: f64, axes: [usize; 3]) -> f64 {
     let k = PI / LENGTH_MM;
     (0..3)
@@ -18,10 +18,10 @@ fn modes(x: &[f64; 3], t_ms: f64, axes: [usize; 3]) -> f64 {
         .sum()
 }
 
-/// The potential at the end, and the exact one.
+/// Computed and exact potential at the end.
 fn solved(n: usize, step_ms: f64) -> (Vec<f64>, Vec<f64>) {
     let mesh = block([n; 3], [LENGTH_MM; 3], [1.0, 0.0, 0.0]);
-    // which axis of space each direction of the tissue is
+    // Axis of space for each direction of the tissue.
     let frame = mesh.frames[0];
     let axis = |v: [f64; 3]| (0..3).find(|k| v[*k].abs() > 0.99).unwrap();
     let axes = [axis(frame.fibre), axis(frame.sheet), axis(frame.normal)];
@@ -68,7 +68,7 @@ fn diffusion_is_of_second_order_in_space() {
 
 #[test]
 fn diffusion_is_of_second_order_in_time() {
-    // against short steps on the same mesh, whose own error is in all of them
+    // Compared with short steps on the same mesh, so that the spatial error cancels.
     let (fine, _) = solved(6, 0.03125);
     let errors = [2.0, 1.0, 0.5].map(|step_ms| distance(&solved(6, step_ms).0, &fine));
     for pair in errors.windows(2) {

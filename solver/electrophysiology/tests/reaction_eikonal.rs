@@ -1,4 +1,5 @@
-//! The reaction-eikonal wave against the eikonal solution, on meshes of the coarseness of organ simulations.
+//! The reaction-eikonal wave compared with the eikonal solution, on meshes as coarse as in organ
+//! simulations.
 
 mod common;
 
@@ -15,7 +16,8 @@ const SPEEDS: Speeds = Speeds {
     sheet: 0.3,
     normal: 0.3,
 };
-/// A cube cut in six tetrahedra has edges of 1.26 times its side in the mean: 0.69 mm.
+/// Side of a cell. The edges of a cube divided into six tetrahedra have a mean length of 1.26
+/// sides, here 0.69 mm.
 const SIDE_MM: f64 = 0.69 / 1.2612;
 
 fn eikonal(mesh: &TetMesh, sites: Vec<Site>) -> Vec<f64> {
@@ -52,7 +54,7 @@ fn model(mesh: &TetMesh, times: &[f64], settings: &Settings) -> ReactionEikonal 
     .unwrap()
 }
 
-/// Slope of the regression of y on x, and the standard deviation about it.
+/// Slope of the regression of y on x, and the standard deviation of the residuals.
 fn regression(points: &[(f64, f64)]) -> (f64, f64) {
     let n = points.len() as f64;
     let (mx, my) = (
@@ -69,7 +71,8 @@ fn regression(points: &[(f64, f64)]) -> (f64, f64) {
     (slope, (rest / n).sqrt())
 }
 
-/// A bar in the mesh of organs, and the speed of its upstroke where ends do not matter, mm/ms; none where the wave dies.
+/// Upstroke speed in a bar with the mesh size of organs, away from its ends \[mm/ms\]; `None` if
+/// the wave dies out.
 fn plane_wave_speed(fibre: Vec3, length_mm: f64, led: bool) -> Option<f64> {
     let n = (length_mm / SIDE_MM).round() as usize;
     let mesh = block(
@@ -84,7 +87,7 @@ fn plane_wave_speed(fibre: Vec3, length_mm: f64, led: bool) -> Option<f64> {
     );
     let mut times = eikonal(&mesh, face(&mesh));
     if !led {
-        // the face alone is activated, diffusion has to do the rest
+        // Only the face is activated; diffusion has to propagate the wave.
         for (time, x) in times.iter_mut().zip(&mesh.nodes_mm) {
             *time = if x[0] > 1.5 * SIDE_MM {
                 f64::INFINITY
@@ -118,7 +121,8 @@ fn a_plane_wave_keeps_the_speed_of_the_eikonal_to_two_per_cent_on_a_coarse_mesh(
             led.is_some_and(|led| (led / speed - 1.0).abs() < 0.02),
             "{led:?} instead of {speed} mm/ms"
         );
-        // the eikonal is what keeps it: on this mesh diffusion alone is too slow, or the wave dies
+        // The eikonal maintains the wave: on this mesh, diffusion alone is too slow, or the wave
+        // dies out.
         let alone = plane_wave_speed(fibre, length_mm, false);
         assert!(
             alone.is_none_or(|alone| alone < 0.95 * speed),
@@ -127,7 +131,8 @@ fn a_plane_wave_keeps_the_speed_of_the_eikonal_to_two_per_cent_on_a_coarse_mesh(
     }
 }
 
-/// The lag of the upstroke behind the eikonal's time: slope of upstroke over time, and spread about it, ms.
+/// Lag of the upstroke behind the eikonal's time: slope of the upstroke's time over the eikonal's,
+/// and the residual spread \[ms\].
 fn point_source(mesh: &TetMesh, settings: &Settings, centre: Vec3) -> (f64, f64) {
     let times = eikonal(
         mesh,
@@ -154,7 +159,7 @@ fn a_point_source_keeps_the_times_of_the_eikonal_with_and_without_diffusion() {
     let n = 16;
     let length = n as f64 * SIDE_MM;
     let mut mesh = block([n; 3], [length; 3], [1.0, 2.0, 0.5]);
-    // an irregular mesh: inner nodes moved by up to a fifth of the side
+    // An irregular mesh, with inner nodes moved by up to a fifth of the side.
     let mut seed = 1_u64;
     let mut random = || {
         seed = seed
@@ -184,7 +189,8 @@ fn a_point_source_keeps_the_times_of_the_eikonal_with_and_without_diffusion() {
     }
 }
 
-/// What [`Tissue::matching`] rests on: the speed of diffusion alone, on bars fine enough to extrapolate.
+/// Basis of [`Tissue::matching`]: the speed by diffusion alone, on bars fine enough for
+/// extrapolation.
 #[test]
 fn the_wave_without_eikonal_has_the_stated_speed() {
     let tissue = Tissue::matching(&SPEEDS);
@@ -213,7 +219,7 @@ fn the_wave_without_eikonal_has_the_stated_speed() {
         1.0 / regression(&inner.map(|(x, t)| (x[0], *t)).collect::<Vec<_>>()).0
     };
     let [coarse, fine] = [0.1, 0.05].map(speed);
-    // lumped linear elements are of second order
+    // Lumped linear elements are of second order.
     let limit = fine + (fine - coarse) / 3.0;
     assert!(
         (limit / SPEEDS.fibre - 1.0).abs() < 0.02,

@@ -1,9 +1,11 @@
-//! Action potentials against Myokit's implementation of the model, from rest and paced.
+//! Action potentials from rest and under pacing, compared with Myokit's implementation of the
+//! model.
 
 #[path = "common/action_potential.rs"]
 mod action_potential;
 
-/// Tolerances at 0.025 ms, about twice what was found: 0.5 mV beyond 1 ms from the upstroke, 0.2 ms of duration.
+/// Tolerances for steps of 0.025 ms, about twice the observed differences: 0.5 mV beyond 1 ms from
+/// the upstroke, 0.2 ms of duration.
 fn check(name: &str, cycle_ms: f64, n_beats: usize) {
     let found = action_potential::compare(name, cycle_ms, n_beats, 0.025);
     assert!(

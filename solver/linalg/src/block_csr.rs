@@ -2,24 +2,24 @@
 
 use crate::{NO_SLOT, Pattern};
 
-/// A matrix of 3×3 blocks, row-major within a block.
+/// A sparse matrix of 3×3 blocks, each stored row by row.
 #[derive(Debug, Clone)]
 pub struct BlockCsr {
-    /// Where the blocks are.
+    /// Positions of the blocks.
     pub pattern: std::sync::Arc<Pattern>,
-    /// The blocks.
+    /// Values of the blocks, in the order of the pattern.
     pub blocks: Vec<[f64; 9]>,
 }
 
 impl BlockCsr {
-    /// Zeros on `pattern`.
+    /// A zero matrix on `pattern`.
     #[must_use]
     pub fn zeros(pattern: std::sync::Arc<Pattern>) -> Self {
         let blocks = vec![[0.0; 9]; pattern.column.len()];
         Self { pattern, blocks }
     }
 
-    /// `y = A x` over the rows held here.
+    /// `y = A x` over the rows of this rank.
     pub fn multiply(&self, x: &[f64], y: &mut [f64]) {
         let (x, _) = x.as_chunks::<3>();
         let (y, _) = y.as_chunks_mut::<3>();
@@ -35,7 +35,7 @@ impl BlockCsr {
         }
     }
 
-    /// The diagonal block of a row; zeros where the pattern lacks it.
+    /// Diagonal block of a row; zeros if the pattern lacks it.
     #[must_use]
     pub fn diagonal(&self, row: usize) -> [f64; 9] {
         match self.pattern.slot(row as u32, row as u32) {
@@ -45,24 +45,24 @@ impl BlockCsr {
     }
 }
 
-/// A matrix of 3×1 blocks: rows are nodes, columns are pressure nodes.
+/// A sparse matrix of 3×1 blocks. Rows are nodes, and columns are pressure nodes.
 #[derive(Debug, Clone)]
 pub struct Coupling {
-    /// Where the blocks are.
+    /// Positions of the blocks.
     pub pattern: std::sync::Arc<Pattern>,
-    /// The blocks.
+    /// Values of the blocks, in the order of the pattern.
     pub blocks: Vec<[f64; 3]>,
 }
 
 impl Coupling {
-    /// Zeros on `pattern`.
+    /// A zero matrix on `pattern`.
     #[must_use]
     pub fn zeros(pattern: std::sync::Arc<Pattern>) -> Self {
         let blocks = vec![[0.0; 3]; pattern.column.len()];
         Self { pattern, blocks }
     }
 
-    /// `p = Gᵀ x`; `p` is overwritten.
+    /// `p = Gᵀ x`. The old content of `p` is overwritten.
     pub fn multiply_transposed(&self, x: &[f64], p: &mut [f64]) {
         p.fill(0.0);
         let (x, _) = x.as_chunks::<3>();

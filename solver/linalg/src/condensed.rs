@@ -1,19 +1,22 @@
-//! A matrix from which scalar unknowns were condensed: a sparse stiffness, and a product of sparse matrices.
+//! A matrix after condensation of scalar unknowns: a sparse stiffness plus a product of sparse
+//! matrices.
 
 use crate::parallel::VectorLayout;
 use crate::{BlockCsr, Coupling, Operator};
 
-/// `K + G D Gᵀ`: `K` has the pattern of a mesh, `G` couples its nodes to scalar unknowns that were eliminated, `D` is diagonal.
-/// The product is never formed: its rows would reach two rings of neighbours.
+/// `K + G D Gᵀ`. `K` has the pattern of a mesh, `G` couples its nodes to eliminated scalar
+/// unknowns, and `D` is diagonal. The product is never formed, because its rows would reach two
+/// rings of neighbours.
 ///
-/// In elasticity with nodal volume changes `G` is the derivative of the vertices' volumes, and `D` their bulk stiffness.
+/// In elasticity with nodal volume changes, `G` is the derivative of the vertices' volumes, and `D`
+/// their bulk stiffness.
 #[derive(Debug, Clone)]
 pub struct CondensedMatrix {
     /// `K`.
     pub stiffness: BlockCsr,
-    /// `G`, where scalar unknowns were eliminated.
+    /// `G`; `None` if no scalar unknowns were eliminated.
     pub coupling: Option<Coupling>,
-    /// Diagonal of `D`, one a scalar unknown.
+    /// Diagonal of `D`, with one value for each scalar unknown.
     pub bulk: Vec<f64>,
 }
 
@@ -23,7 +26,8 @@ impl Operator for CondensedMatrix {
     }
 
     /// # Panics
-    /// With a coupling on several ranks: a rank holds `G` by rows, and lacks the ghosts' share of `Gᵀ x`.
+    /// If there is a coupling on several ranks: a rank holds `G` by rows and lacks the ghosts'
+    /// contributions to `Gᵀ x`.
     fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]) {
         assert!(
             self.coupling.is_none() || space.layout.neighbours.is_empty(),
@@ -61,7 +65,7 @@ impl Operator for CondensedMatrix {
 }
 
 impl CondensedMatrix {
-    /// A block of `K`, row-major, in single precision.
+    /// A block of `K` in single precision, as an array of rows.
     #[must_use]
     pub fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3] {
         let b = &self.stiffness.blocks[slot];

@@ -1,20 +1,23 @@
-//! The method of conjugate gradients, whatever its vectors are spread over and whatever ends it.
+//! The method of conjugate gradients, independent of the distribution of its vectors and of the
+//! criterion that ends it.
 
-/// What conjugate gradients ask of a system `A x = b` with a symmetric positive definite `A`.
+/// Operations that the conjugate gradients need of a system `A x = b` with a symmetric positive
+/// definite `A`.
 pub trait SymmetricSystem {
     /// `z ≈ A⁻¹ r`.
     fn precondition(&self, r: &[f64], z: &mut [f64]);
 
-    /// `q = A p`; brings ghosts of `p` up to date first.
+    /// `q = A p`. Updates the ghosts of `p` first.
     fn multiply(&self, p: &mut [f64], q: &mut [f64]);
 
     /// `p · q`.
     fn dot(&self, p: &[f64], q: &[f64]) -> f64;
 
-    /// `r · z`, and what the residual is judged by.
+    /// `r · z`, and the size by which the residual is judged.
     fn measure(&self, r: &[f64], z: &[f64]) -> Measure;
 
-    /// Whether a direction of this curvature `p · A p` is taken, where `r · z` is `rz`; the method ends where it is not.
+    /// Whether to use a direction with curvature `p · A p`, where `rz` is `r · z`. The method ends
+    /// if not.
     fn accepts(&self, _curvature: f64, _rz: f64) -> bool {
         true
     }
@@ -25,11 +28,12 @@ pub trait SymmetricSystem {
 pub struct Measure {
     /// `r · z`.
     pub rz: f64,
-    /// The square of the residual's size.
+    /// Square of the residual's size.
     pub squared_size: f64,
 }
 
-/// The vectors of conjugate gradients, of equal lengths; they serve any number of solves.
+/// Vectors of the conjugate gradients, all of the same length. They can be reused in any number of
+/// solves.
 #[derive(Debug, Clone)]
 pub struct Directions {
     /// The residual `b − A x`.
@@ -40,7 +44,7 @@ pub struct Directions {
 }
 
 impl Directions {
-    /// Of length `n`.
+    /// Vectors of length `n`.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self {
@@ -52,19 +56,20 @@ impl Directions {
     }
 }
 
-/// How conjugate gradients ended.
+/// Result of the conjugate gradients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
-    /// Iterations.
+    /// Number of iterations.
     pub iterations: usize,
-    /// The square of the residual's size.
+    /// Square of the residual's size.
     pub squared_size: f64,
-    /// Whether a direction was not accepted.
+    /// Whether the method ended because a direction was not accepted.
     pub is_indefinite: bool,
 }
 
-/// Improves `x`, whose residual is in `directions.r`, until `ends` says so of the square of the residual's size, or for
-/// `max_iterations`. Collective where the system's operations are.
+/// Improves `x`, whose residual is in `directions.r`, until `ends` accepts the square of the
+/// residual's size, or for `max_iterations` iterations. Collective if the operations of the system
+/// are.
 ///
 /// Source: Hestenes and Stiefel 1952, J. Res. Natl. Bur. Stand. 49:409, with a preconditioner.
 #[inline]

@@ -1,25 +1,25 @@
-//! Sparse matrices of numbers.
+//! Sparse matrices of scalars.
 
 use crate::{NO_SLOT, Pattern};
 
-/// A matrix of numbers, by rows.
+/// A sparse matrix of scalars, stored by rows.
 #[derive(Debug, Clone)]
 pub struct Csr {
-    /// Where the entries are.
+    /// Positions of the entries.
     pub pattern: Pattern,
-    /// The entries.
+    /// Values of the entries, in the order of the pattern.
     pub values: Vec<f64>,
 }
 
 impl Csr {
-    /// Zeros on `pattern`.
+    /// A zero matrix on `pattern`.
     #[must_use]
     pub fn zeros(pattern: Pattern) -> Self {
         let values = vec![0.0; pattern.column.len()];
         Self { pattern, values }
     }
 
-    /// Adds to an entry of the pattern; entries outside of it stay zero.
+    /// Adds to an entry of the pattern. Values for entries outside the pattern are dropped.
     #[inline]
     pub fn add(&mut self, row: u32, column: u32, value: f64) {
         let slot = self.pattern.slot(row, column);
@@ -28,7 +28,7 @@ impl Csr {
         }
     }
 
-    /// The diagonal; zero where the pattern lacks it.
+    /// The diagonal; zero for entries that the pattern lacks.
     #[must_use]
     pub fn diagonal(&self) -> Vec<f64> {
         let entry = |row: u32| match self.pattern.slot(row, row) {
@@ -51,8 +51,9 @@ impl Csr {
         other
     }
 
-    /// Products with rows add their entries in ascending order of `key` of the column from now on. Entries are not found by
-    /// their column any more: [`Self::add`] and [`Self::diagonal`] come before.
+    /// Makes products add the entries of a row in ascending order of their columns' `key`. Entries
+    /// can no longer be found by column afterwards, so that [`Self::add`] and [`Self::diagonal`]
+    /// have to be called before.
     pub fn order_rows_by<K: Ord>(&mut self, key: impl Fn(u32) -> K) {
         let mut row_entries: Vec<(u32, f64)> = vec![];
         for row in 0..self.pattern.n_rows() {
@@ -72,7 +73,7 @@ impl Csr {
         }
     }
 
-    /// The rows of `A x` from `first` on, as many as `y` holds.
+    /// Computes as many rows of `A x` as `y` holds, beginning with row `first`.
     #[inline]
     pub fn multiply_rows(&self, first: usize, x: &[f64], y: &mut [f64]) {
         for (row, out) in (first..).zip(y) {

@@ -1,5 +1,5 @@
-//! A direct factorisation for problems of moderate size, on one process, in single precision: Krylov methods, whose
-//! preconditioner it is, make up for what it lacks.
+//! Direct factorisation in single precision on one process, for problems of moderate size. It
+//! serves as preconditioner of Krylov methods, which compensate for its limited precision.
 
 use std::sync::Arc;
 
@@ -17,33 +17,34 @@ use crate::dissection::nested_dissection;
 use crate::parallel::VectorLayout;
 use crate::{CondensedMatrix, Pattern, Preconditioner};
 
-/// Why a factorisation failed.
+/// Reasons why a factorisation failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DirectError {
-    /// The symbolic part.
+    /// The symbolic factorisation failed.
     #[error("cannot analyse a matrix of {n} rows: {reason}")]
     Symbolic {
-        /// Rows.
+        /// Number of rows.
         n: usize,
-        /// Why.
+        /// The library's error.
         reason: String,
     },
-    /// A pivot vanished.
+    /// The numeric factorisation failed, because a pivot vanished.
     #[error("cannot factorise a matrix of {n} rows: {reason}; the body may be free to move")]
     Numeric {
-        /// Rows.
+        /// Number of rows.
         n: usize,
-        /// Why.
+        /// The library's error.
         reason: String,
     },
 }
 
-/// `L D Lᵀ` of the symmetric half of `[K G; Gᵀ −D⁻¹]`: nodal volume changes stay unknowns, so that the matrix keeps the
-/// stencil of the mesh. Fills in by nested dissection. The symbolic part is made once.
+/// Factorisation `L D Lᵀ` of the symmetric part of `[K G; Gᵀ −D⁻¹]`. Nodal volume changes remain
+/// unknowns, so that the matrix keeps the stencil of the mesh. Nested dissection limits the
+/// fill-in. The symbolic part is computed once.
 pub struct Direct {
     pattern: Arc<Pattern>,
     coupling: Option<Arc<Pattern>>,
-    /// Lower triangle by columns.
+    /// Lower triangle, stored by columns.
     column_start: Vec<usize>,
     row: Vec<usize>,
     value: Vec<f32>,
@@ -63,17 +64,17 @@ impl std::fmt::Debug for Direct {
 }
 
 impl Direct {
-    /// Analyses the patterns of `tangent`; nodes at `points`, three numbers each.
+    /// Analyses the patterns of `tangent`, with nodes at `points` (three numbers per node).
     ///
     /// # Errors
-    /// [`DirectError::Symbolic`] when memory or index range does not suffice.
+    /// [`DirectError::Symbolic`] if memory or the index range does not suffice.
     pub fn new(tangent: &CondensedMatrix, points: &[f64]) -> Result<Self, DirectError> {
         let pattern = tangent.stiffness.pattern.clone();
         let coupling = tangent.coupling.as_ref().map(|c| c.pattern.clone());
         let n_rows = pattern.n_rows();
         let n_pressures = tangent.bulk.len();
         let n = 3 * n_rows + n_pressures;
-        // Columns of the upper triangle hold what rows of the lower one hold; here lower triangle by columns.
+        // Lower triangle by columns; a column of it corresponds to a row of the upper triangle.
         let (mut column_start, mut row) = (vec![0], vec![]);
         for node in 0..n_rows {
             for i in 0..3 {
@@ -128,16 +129,16 @@ impl Direct {
         })
     }
 
-    /// Numbers in the factor.
+    /// Number of values in the factor.
     #[must_use]
     pub fn fill(&self) -> usize {
         self.factor.len()
     }
 
-    /// Factorises the symmetric half of `tangent`, which has the analysed patterns.
+    /// Factorises the symmetric part of `tangent`, which must have the analysed patterns.
     ///
     /// # Errors
-    /// [`DirectError::Numeric`] when a pivot vanishes.
+    /// [`DirectError::Numeric`] if a pivot vanishes.
     pub fn factorise(&mut self, tangent: &CondensedMatrix) -> Result<(), DirectError> {
         debug_assert_eq!(self.pattern, tangent.stiffness.pattern);
         let blocks = &tangent.stiffness.blocks;
@@ -197,7 +198,7 @@ impl Direct {
 impl Preconditioner for Direct {
     fn apply(&self, _space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let mut full = vec![0.0_f32; self.n];
-        // Scaled to one, so that nothing is too small for single precision.
+        // Scaled to a maximum of one, so that no value is too small for single precision.
         let largest = r[..3 * self.n_rows]
             .iter()
             .fold(0.0_f64, |m, r| m.max(r.abs()));

@@ -1,13 +1,13 @@
-//! A fill-reducing order from coordinates: nested dissection by halving boxes.
+//! Fill-reducing order from coordinates, by nested dissection of boxes.
 
 use crate::Pattern;
 
-/// Parts smaller than this are not cut again.
+/// Number of rows below which a part is not divided further.
 const SMALLEST_PART: usize = 24;
 
-/// Order of elimination of the rows of a symmetric `pattern` whose rows lie at `points` (three numbers each): each part is
-/// cut in half across its longest side, the halves come first and the nodes between them last. Returns `order`, row
-/// `order[k]` being the `k`-th to go.
+/// Elimination order of the rows of a symmetric `pattern`, whose rows lie at `points` (three
+/// numbers each). Each part is divided in half across its longest side; the two halves come first,
+/// and the separator between them last. Row `order[k]` is the `k`-th to be eliminated.
 #[must_use]
 pub fn nested_dissection(pattern: &Pattern, points: &[f64]) -> Vec<u32> {
     let mut order = Vec::with_capacity(pattern.n_rows());
@@ -52,7 +52,7 @@ fn dissect(
     for n in &upper {
         side[*n as usize] = 2;
     }
-    // The separator is the boundary of the upper half towards the lower one.
+    // The separator is the boundary of the upper half with the lower one.
     let touches = |n: u32| {
         pattern.row(n as usize).any(|k| {
             side.get(pattern.column[k] as usize)

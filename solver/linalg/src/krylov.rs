@@ -4,14 +4,14 @@ use crate::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
 use crate::parallel::VectorLayout;
 use crate::{Operator, Preconditioner};
 
-/// When a Krylov solver stops.
+/// Stopping criteria of a Krylov solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KrylovSettings {
-    /// Residual over the right-hand side's norm.
+    /// Tolerance of the residual, relative to the norm of the right-hand side.
     pub relative_tolerance: f64,
-    /// Most iterations.
+    /// Largest number of iterations.
     pub max_iterations: usize,
-    /// Vectors that GMRES keeps before it starts anew.
+    /// Number of vectors that GMRES keeps before it restarts.
     pub restart: usize,
 }
 
@@ -25,25 +25,26 @@ impl Default for KrylovSettings {
     }
 }
 
-/// How a solve ended.
+/// Result of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KrylovReport {
-    /// Iterations.
+    /// Number of iterations.
     pub iterations: usize,
-    /// Norm of the true residual over that of the right-hand side.
+    /// Norm of the residual, relative to that of the right-hand side.
     pub relative_residual: f64,
-    /// How.
+    /// Reason why the solver stopped.
     pub ending: KrylovEnding,
 }
 
-/// How a Krylov solver stopped.
+/// Reasons why a Krylov solver stops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KrylovEnding {
     /// The tolerance was met.
     Converged,
-    /// A direction of negative or zero curvature: the matrix (or its preconditioner) is not positive definite.
+    /// A direction has negative or zero curvature: the matrix or its preconditioner is not positive
+    /// definite.
     Indefinite,
-    /// Out of iterations, or no progress was possible any more.
+    /// The limit of iterations was reached, or no further progress was possible.
     Exhausted,
 }
 
@@ -74,7 +75,7 @@ fn report(
     settings: &KrylovSettings,
     otherwise: KrylovEnding,
 ) -> KrylovReport {
-    // The recurrences drift from the true residual by a little: what counts is the true one.
+    // The recurrences drift slightly from the true residual, which is the one that counts.
     let relative_residual = r / b;
     let met = relative_residual <= 1.5 * settings.relative_tolerance;
     KrylovReport {
@@ -88,7 +89,7 @@ fn report(
     }
 }
 
-/// `A x = b` with a preconditioner, over the nodes of all ranks.
+/// `A x = b` with a preconditioner, distributed over the nodes of all ranks.
 struct OnRanks<'a> {
     space: VectorLayout<'a>,
     a: &'a dyn Operator,
@@ -109,7 +110,8 @@ impl SymmetricSystem for OnRanks<'_> {
     }
 
     fn measure(&self, r: &[f64], z: &[f64]) -> Measure {
-        // One reduction for both: a preconditioner applied once too often costs less than another wait for all ranks.
+        // One reduction for both products, because one superfluous application of the
+        // preconditioner costs less than a second synchronisation of all ranks.
         let [squared_size, rz] = self.space.dots([(r, r), (r, z)]);
         Measure { rz, squared_size }
     }
@@ -119,7 +121,7 @@ impl SymmetricSystem for OnRanks<'_> {
     }
 }
 
-/// Conjugate gradients for a symmetric positive definite `a`, from `x`. Collective.
+/// Conjugate gradients for a symmetric positive definite `a`, starting from `x`. Collective.
 pub fn conjugate_gradients(
     space: VectorLayout<'_>,
     a: &dyn Operator,
@@ -139,7 +141,8 @@ pub fn conjugate_gradients(
         settings.max_iterations,
         |squared| !(squared.sqrt() > goal),
     );
-    // The recurrence drifts from the true residual by rounding alone, which counts where the tolerance is tight.
+    // The recurrence drifts from the true residual only by rounding, which matters only for a tight
+    // tolerance.
     let r_norm = if settings.relative_tolerance < 1e-6 {
         residual(space, a, x, b, &mut directions.r)
     } else {
@@ -153,7 +156,8 @@ pub fn conjugate_gradients(
     report(ended.iterations, r_norm, b_norm, settings, otherwise)
 }
 
-/// MINRES for a symmetric, possibly indefinite `a` with a positive definite preconditioner, from `x`. Collective.
+/// MINRES for a symmetric, possibly indefinite `a` with a positive definite preconditioner,
+/// starting from `x`. Collective.
 ///
 /// Source: Paige and Saunders 1975; recurrence of Elman, Silvester and Wathen 2005, algorithm 6.1.
 pub fn minres(
@@ -180,7 +184,8 @@ pub fn minres(
     let mut eta = gamma;
     let (mut s_old, mut s, mut c_old, mut c) = (0.0, 0.0, 1.0, 1.0);
     let mut iterations = 0;
-    // η is the residual in the preconditioner's norm: the true one is looked at where η says that it is worth it.
+    // η is the residual in the norm of the preconditioner. The true residual is computed only when
+    // η suggests convergence.
     let mut goal = settings.relative_tolerance * eta * b_norm / start_norm.max(f64::MIN_POSITIVE);
     let mut r = vec![0.0; n];
     let mut ending = KrylovEnding::Exhausted;
@@ -228,8 +233,8 @@ pub fn minres(
     report(iterations, r_norm, b_norm, settings, ending)
 }
 
-/// Restarted flexible GMRES with modified Gram–Schmidt, preconditioned on the right, so that it stops on the true
-/// residual; for any regular `a`, from `x`. Collective.
+/// Restarted flexible GMRES with modified Gram–Schmidt, starting from `x`, for any regular `a`. It
+/// is preconditioned on the right, so that it stops by the true residual. Collective.
 pub fn gmres(
     space: VectorLayout<'_>,
     a: &dyn Operator,

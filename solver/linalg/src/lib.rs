@@ -1,13 +1,15 @@
-//! Linear algebra that meshes, potentials and mechanics share.
+//! Linear algebra shared by meshes, potentials and mechanics.
 //!
 //! - [`vec3`]: vectors of three numbers
 //! - [`Pattern`], [`Csr`], [`BlockCsr`], [`Coupling`]: sparse matrices by rows
-//! - [`mod@conjugate_gradients`]: the one loop of conjugate gradients, for any kind of vectors
-//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their [`Preconditioner`]s
-//! - [`parallel`]: every global operation behind one interface; cuts of a mesh into parts
+//! - [`mod@conjugate_gradients`]: the common loop of conjugate gradients, for any kind of vectors
+//! - [`conjugate_gradients()`], [`minres`], [`gmres`]: Krylov methods on ranks, and their
+//!   [`Preconditioner`]s
+//! - [`parallel`]: an interface for all global operations, and partitions of meshes
 //!
-//! Features: `direct` has [`Direct`] factorisations and [`Multigrid`] (crate `faer`), `metis` cuts meshes with METIS. Both are
-//! left out where only meshes are read, so that the coordinator builds without them.
+//! Features: `direct` provides [`Direct`] factorisations and [`Multigrid`] (crate `faer`); `metis`
+//! partitions meshes with METIS. Crates that only read meshes leave both out, so that the
+//! coordinator builds without these libraries.
 
 #![deny(missing_docs)]
 #![allow(clippy::needless_range_loop, reason = "components are read as indices")]

@@ -1,15 +1,15 @@
-//! A matrix as iterative solvers see it, whatever its storage.
+//! Interface between matrices and iterative solvers, independent of the storage.
 
 use crate::parallel::VectorLayout;
 
-/// A matrix that multiplies vectors over nodes.
+/// A matrix that multiplies nodal vectors.
 pub trait Operator {
-    /// Number of rows held here, one a node.
+    /// Number of rows on this rank, one for each owned node.
     fn n_rows(&self) -> usize;
 
-    /// `y = A x` over owned rows; brings ghosts of `x` up to date first. Collective.
+    /// `y = A x` over owned rows. Updates the ghosts of `x` first. Collective.
     fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]);
 
-    /// The 3×3 diagonal block of a row, of the whole matrix.
+    /// 3×3 diagonal block of a row of the whole matrix.
     fn diagonal(&self, row: usize) -> [f64; 9];
 }

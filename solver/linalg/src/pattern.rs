@@ -1,21 +1,22 @@
-//! Where the entries of a sparse matrix are.
+//! Sparsity patterns of matrices.
 
-/// Slot of a block that this rank does not hold.
+/// Marks a block that this rank does not hold.
 pub const NO_SLOT: u32 = u32::MAX;
 
-/// Rows of blocks in compressed storage: columns ascending within a row. Rows are nodes.
+/// Pattern in compressed row storage, with ascending columns in each row. Rows are nodes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
-    /// First entry of each row, and the end of the last.
+    /// First entry of each row, followed by the number of all entries.
     pub row_start: Vec<u32>,
     /// Column of each entry.
     pub column: Vec<u32>,
 }
 
 impl Pattern {
-    /// Pattern of `n_rows` nodes with an entry wherever an element holds both the row's node and the column's.
+    /// Pattern for `n_rows` nodes, with an entry for each pair of a row node and a column node of
+    /// the same element.
     ///
-    /// - `elements`: for each element its nodes as rows and its nodes as columns
+    /// - `elements`: row nodes and column nodes of each element
     pub fn of_elements<'a>(
         n_rows: usize,
         elements: impl Iterator<Item = (&'a [u32], &'a [u32])> + Clone,
@@ -77,7 +78,7 @@ impl Pattern {
         &self.column[self.row(row)]
     }
 
-    /// Position of the entry `(row, column)`; [`NO_SLOT`] where there is none.
+    /// Position of the entry `(row, column)`; [`NO_SLOT`] if the pattern lacks it.
     #[inline]
     #[must_use]
     pub fn slot(&self, row: u32, column: u32) -> u32 {

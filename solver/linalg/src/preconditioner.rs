@@ -1,15 +1,16 @@
-//! Cheap approximations of the inverse: per node, or one symmetric sweep over the nodes of a rank.
+//! Cheap preconditioners: block Jacobi, and a symmetric sweep over the nodes of a rank.
 
 use crate::parallel::VectorLayout;
 use crate::{CondensedMatrix, Operator};
 
-/// An approximation of the inverse of a matrix. Linear, and symmetric where it serves CG or MINRES.
+/// An approximate inverse of a matrix. It is linear, and it must be symmetric for CG and MINRES.
 pub trait Preconditioner {
     /// `z ≈ A⁻¹ r` over owned nodes.
     fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]);
 }
 
-/// Inverse of a 3×3 block; the identity over its trace where it is singular.
+/// Inverse of a 3×3 block. For a singular block it is the identity divided by the mean of the
+/// block's diagonal, or the identity itself if this mean is zero.
 fn inverse(b: &[f64; 9]) -> [f64; 9] {
     let cof = |r: usize, c: usize| {
         let (r1, r2, c1, c2) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
@@ -29,14 +30,14 @@ fn times(b: &[f64; 9], v: &[f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| b[3 * i] * v[0] + b[3 * i + 1] * v[1] + b[3 * i + 2] * v[2])
 }
 
-/// The inverse of each node's diagonal block.
+/// Inverses of the nodes' diagonal blocks.
 #[derive(Debug, Clone)]
 pub struct BlockJacobi {
     inverses: Vec<[f64; 9]>,
 }
 
 impl BlockJacobi {
-    /// Inverts the diagonal blocks of the whole matrix.
+    /// Inverts the diagonal blocks of `matrix`.
     #[must_use]
     pub fn new(matrix: &dyn Operator) -> Self {
         Self {
@@ -57,8 +58,9 @@ impl Preconditioner for BlockJacobi {
     }
 }
 
-/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of `K`
-/// with the whole matrix's diagonal blocks.
+/// Symmetric block Gauss–Seidel over the nodes of a rank, with one forward and one backward sweep,
+/// `(D+L) D⁻¹ (D+U)`. It uses the off-diagonal blocks of `K` and the diagonal blocks of the whole
+/// matrix.
 #[derive(Debug)]
 pub struct SymmetricSweep<'a> {
     tangent: &'a CondensedMatrix,

@@ -1,17 +1,21 @@
-//! Asking for memory before it is needed.
+//! Prefetching of memory into the cache.
 //!
-//! A product with a matrix that no cache holds reads it once from end to end, some hundred bytes a row. Processors fetch ahead by
-//! themselves, but not across pages of 4 kB and not far enough: on a server where memory is a tenth of a microsecond away, the
-//! product took twice the time of a copy of the same bytes. Numbers are not touched: results are the same to the bit.
+//! A product with a matrix larger than any cache reads the matrix once from beginning to end, a few
+//! hundred bytes per row. Processors prefetch by themselves, but not across pages of 4 kB and not
+//! far enough ahead. On a server with a memory latency of a tenth of a microsecond, the product
+//! took twice as long as a copy of the same number of bytes. Prefetching changes no values, so that
+//! results stay the same bit for bit.
 
 use std::ops::Range;
 
-/// How far ahead \[bytes\]. From 2 to 16 kB made little difference.
+/// Distance ahead of the current position \[bytes\]. Values between 2 and 16 kB made little
+/// difference.
 const AHEAD: usize = 4096;
-/// Of a cache line \[bytes\].
+/// Size of a cache line \[bytes\].
 const LINE: usize = 64;
 
-/// Asks for the part of `list` that lies [`AHEAD`] of `range`; nothing where the processor has no such instruction.
+/// Prefetches the part of `list` that lies [`AHEAD`] bytes after `range`; no effect on processors
+/// without such an instruction.
 #[inline(always)]
 pub fn prefetch<T>(list: &[T], range: &Range<usize>) {
     #[cfg(target_arch = "x86_64")]

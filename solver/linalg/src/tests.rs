@@ -1,4 +1,4 @@
-//! Every solver against the direct factorisation, on a lattice with 3×3 blocks.
+//! Tests of all solvers against the direct factorisation, on a lattice with 3×3 blocks.
 
 use std::sync::Arc;
 
@@ -14,8 +14,8 @@ type Solver = fn(
     &KrylovSettings,
 ) -> KrylovReport;
 
-/// A graph Laplacian of 3×3 blocks on an `n`³ lattice, with a coupling; `shift` on the diagonal, `skew` makes it
-/// unsymmetric.
+/// A graph Laplacian of 3×3 blocks on an `n`³ lattice, with a coupling. `shift` is added to the
+/// diagonal, and `skew` makes the matrix unsymmetric.
 fn lattice(n: usize, shift: f64, skew: f64) -> (CondensedMatrix, Vec<f64>) {
     let at = |i: usize, j: usize, k: usize| ((i * n + j) * n + k) as u32;
     let (mut pairs, mut points) = (vec![], vec![]);
@@ -38,7 +38,7 @@ fn lattice(n: usize, shift: f64, skew: f64) -> (CondensedMatrix, Vec<f64>) {
     let mut stiffness = BlockCsr::zeros(pattern.clone());
     let mut coupling = Coupling::zeros(pattern.clone());
     for (e, [a, b]) in pairs.iter().enumerate() {
-        // A symmetric positive block for each edge, another one from edge to edge.
+        // A symmetric positive definite block for each edge, which differs between edges.
         let d = |k: usize| 1.0 + 0.4 * ((e * 3 + k) as f64).sin();
         let block = [d(0), 0.3, 0.1, 0.3, d(1), -0.2, 0.1, -0.2, d(2)];
         for (r, c, sign) in [(*a, *a, 1.0), (*b, *b, 1.0), (*a, *b, -1.0), (*b, *a, -1.0)] {
@@ -85,7 +85,8 @@ fn every_solver_finds_the_same_solution() {
     let mut direct = Direct::new(&a, &points).expect("a pattern");
     direct.factorise(&a).expect("a positive definite matrix");
     let mut want = vec![0.0; 648];
-    // A factor in single precision, refined with residuals in double precision.
+    // Iterative refinement of the single-precision factorisation, with residuals in double
+    // precision.
     for _ in 0..4 {
         let (mut r, mut z) = (vec![0.0; 648], vec![0.0; 648]);
         a.multiply(space, &mut want, &mut r);
@@ -122,7 +123,8 @@ fn every_solver_finds_the_same_solution() {
             counts.push(report.iterations);
         }
     }
-    // A sweep halves the iterations of block Jacobi at least; the factorisation in single precision needs three.
+    // A sweep at least halves the iterations of block Jacobi; the single-precision factorisation
+    // needs three.
     for of in counts.chunks(3) {
         assert!(2 * of[1] <= of[0] + 6 && of[2] <= 3, "{counts:?}");
     }

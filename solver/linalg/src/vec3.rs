@@ -1,4 +1,4 @@
-//! Vectors of three numbers, as plain arrays.
+//! Vectors of three numbers as plain arrays.
 
 /// A point in mm, or a direction.
 pub type Vec3 = [f64; 3];
@@ -63,7 +63,7 @@ pub fn distance(a: Vec3, b: Vec3) -> f64 {
     norm(sub(a, b))
 }
 
-/// a / |a|, or nothing where |a| is zero or not finite.
+/// a / |a|; `None` if |a| is zero or not finite.
 #[inline]
 #[must_use]
 pub fn unit(a: Vec3) -> Option<Vec3> {
@@ -71,14 +71,14 @@ pub fn unit(a: Vec3) -> Option<Vec3> {
     (length > 0.0 && length.is_finite()).then(|| scale(a, 1.0 / length))
 }
 
-/// The part of `a` that is perpendicular to the unit vector `n`.
+/// Component of `a` perpendicular to the unit vector `n`.
 #[inline]
 #[must_use]
 pub fn reject(a: Vec3, n: Vec3) -> Vec3 {
     axpy(a, -dot(a, n), n)
 }
 
-/// Some unit vector perpendicular to the unit vector `n`, always the same for the same `n`.
+/// A unit vector perpendicular to the unit vector `n`, always the same one for the same `n`.
 #[inline]
 #[must_use]
 pub fn any_perpendicular(n: Vec3) -> Vec3 {

@@ -1,11 +1,11 @@
-//! Which elements and which nodes lie around a node, in compressed rows.
+//! Elements and nodes around each node, in compressed rows.
 
 /// A list of positions for each row: `items[starts[i]..starts[i + 1]]`, ascending.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Adjacency {
-    /// Length rows + 1.
+    /// Starts of the rows in `items`; the length is the number of rows plus 1.
     pub starts: Vec<usize>,
-    /// All rows, one behind the other.
+    /// Items of all rows, one row after the other.
     pub items: Vec<u32>,
 }
 
@@ -31,7 +31,8 @@ impl Adjacency {
         Self { starts, items }
     }
 
-    /// The nodes that share an element with each node, itself included: the pattern of a finite-element matrix.
+    /// The nodes that share an element with each node, itself included: the pattern of a
+    /// finite-element matrix.
     #[must_use]
     pub fn node_to_nodes(n_nodes: usize, tets: &[[u32; 4]]) -> Self {
         let around = Self::node_to_tets(n_nodes, tets);
@@ -53,13 +54,13 @@ impl Adjacency {
         Self { starts, items }
     }
 
-    /// How many rows.
+    /// Number of rows.
     #[must_use]
     pub fn n_rows(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// One row.
+    /// Items of row `i`.
     #[must_use]
     pub fn row(&self, i: usize) -> &[u32] {
         &self.items[self.starts[i]..self.starts[i + 1]]

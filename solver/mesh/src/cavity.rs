@@ -1,28 +1,28 @@
-//! The cavity: the volume between an endocardium and the flat caps of its openings.
+//! Cavity volume between an endocardium and the flat caps of its openings.
 
 use crate::surface::{SurfaceDefect, openings};
 use crate::vec3::{Vec3, add, cross, dot, scale, sub};
 use cardiotwin_units::Ml;
 
-/// A closed surface around a cavity: an endocardium and its openings, each closed by a fan of triangles around the mean
-/// of its nodes.
+/// A closed surface around a cavity: an endocardium and its openings, each closed by a fan of
+/// triangles around the mean of its nodes.
 ///
-/// With x̄ the mean of the first opening's nodes, the volume is −1/6 Σ (x₀ − x̄)·((x₁ − x̄) × (x₂ − x̄)) over the
-/// endocardium, whose normals point into the cavity, and the further openings' fans; the first opening's own fan
-/// contributes nothing, because each of its triangles holds x̄.
+/// With x̄ the mean of the first opening's nodes, the volume is −1/6 Σ (x₀ − x̄)·((x₁ − x̄) × (x₂ −
+/// x̄)) over the endocardium, whose normals point into the cavity, and the further openings' fans;
+/// the first opening's own fan contributes nothing, because each of its triangles holds x̄.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cavity {
-    /// Endocardial triangles, normals out of the tissue, that is into the cavity.
+    /// Endocardial triangles. Their normals point out of the tissue, that is, into the cavity.
     pub triangles: Vec<[u32; 3]>,
     /// Closed loops of nodes around the openings, in the direction of the triangles' edges.
     pub openings: Vec<Vec<u32>>,
 }
 
 impl Cavity {
-    /// The cavity behind an endocardium.
+    /// The cavity that an endocardium encloses.
     ///
     /// # Errors
-    /// [`SurfaceDefect`] where the triangles are no oriented surface.
+    /// [`SurfaceDefect`] if the triangles do not form an oriented surface.
     pub fn behind(triangles: &[[u32; 3]]) -> Result<Self, SurfaceDefect> {
         Ok(Self {
             triangles: triangles.to_vec(),
@@ -30,7 +30,7 @@ impl Cavity {
         })
     }
 
-    /// Mean position of an opening's nodes, mm.
+    /// Mean position of an opening's nodes \[mm\].
     #[must_use]
     pub fn opening_centre_mm(&self, opening: usize, nodes_mm: &[Vec3]) -> Vec3 {
         let nodes = &self.openings[opening];
@@ -40,8 +40,8 @@ impl Cavity {
         scale(sum, 1.0 / nodes.len() as f64)
     }
 
-    /// Enclosed volume for the given positions of the mesh's nodes (mm), mm³; positive where the endocardium's normals
-    /// point into the cavity.
+    /// Enclosed volume \[mm³\] for given positions of the mesh's nodes \[mm\]. It is positive if
+    /// the endocardium's normals point into the cavity.
     #[must_use]
     pub fn volume_mm3(&self, nodes_mm: &[Vec3]) -> f64 {
         let origin = if self.openings.is_empty() {
@@ -62,7 +62,8 @@ impl Cavity {
             let centre = self.opening_centre_mm(k, nodes_mm);
             for (i, node) in nodes.iter().enumerate() {
                 let next = nodes[(i + 1) % nodes.len()];
-                // against the rim's direction, so that cap and endocardium are oriented alike
+                // Against the rim's direction, so that cap and endocardium have the same
+                // orientation.
                 total += six(nodes_mm[next as usize], nodes_mm[*node as usize], centre);
             }
         }
@@ -80,7 +81,7 @@ impl Cavity {
 mod tests {
     use super::*;
 
-    /// The unit cube's surface seen from a cavity's tissue: normals inward.
+    /// Surface of the unit cube as seen from the tissue around a cavity: its normals point inwards.
     fn cube() -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let nodes = (0..8)
             .map(|i| {

@@ -1,4 +1,5 @@
-//! Whether a mesh can be computed with: every defect at once, each with its places, what was expected and what to do.
+//! Checks whether a mesh is fit for computation. All defects are found at once, each with its
+//! places, the expected state and the remedy.
 
 mod defect;
 mod further;
@@ -19,44 +20,47 @@ use crate::vec3::{Vec3, add, norm, scale, sub};
 use cardiotwin_units::Ml;
 use std::collections::{BTreeMap, HashMap};
 
-/// Mean ratio below which an element is flat.
+/// Mean ratio below which an element counts as flat.
 pub const DEGENERATE: f64 = 0.02;
-/// Mean ratio below which an element is badly shaped: it can be computed with, at the price of short steps.
+/// Mean ratio below which an element counts as badly shaped. Computations are possible, but with
+/// short steps.
 pub const POOR_WARNING: f64 = 0.1;
-/// Largest extent of a left ventricle, mm: from a mouse's to a dilated human one with its aortic root.
+/// Accepted extent of a left ventricle \[mm\], from a mouse's to a dilated human one with its
+/// aortic root.
 pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 3.0..=400.0;
-/// How far a fibre's length may be from one.
+/// Largest accepted deviation of a fibre's length from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// Nodes nearer to each other than this share of the mean edge are doubled.
+/// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
 
-/// What a mesh is to be checked against.
+/// Requirements on a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Expected<'a> {
-    /// Tags of contracting tissue; each has to occur.
+    /// Tags of contracting tissue; each of them must occur.
     pub muscle_tags: &'a [i32],
-    /// Whether contracting elements need directions.
+    /// Whether contracting elements need fibre directions.
     pub fibres: bool,
-    /// Surfaces that have to be there.
+    /// Names of surfaces that the mesh must have.
     pub surfaces: &'a [&'a str],
-    /// The right ventricle's endocardium, where it has a pressure.
+    /// Name of the right ventricle's endocardium, if a pressure acts on it.
     pub right_ventricle: Option<&'a str>,
-    /// Surfaces with springs of their own.
+    /// Names of surfaces with springs of their own.
     pub sprung: &'a [&'a str],
-    /// Why surfaces that are missing could not be found on the mesh, where that was tried.
+    /// Reason why missing surfaces could not be found on the mesh; `None` if this was not tried.
     pub surfaces_not_found: Option<String>,
-    /// Measured volume of the cavity and the relative difference that is accepted.
+    /// Measured volume of the cavity, with the accepted relative difference.
     pub cavity: Option<(Ml, f64)>,
-    /// Stated volume of the contracting wall and the relative difference that is passed over.
+    /// Stated volume of the contracting wall, with the accepted relative difference.
     pub wall: Option<(Ml, f64)>,
 }
 
-/// All defects. `unit` is what the coordinates were read as: it enters the advice where the heart is too large or too small.
+/// Finds all defects. `unit` is the unit in which the coordinates were read; the advice for a heart
+/// of the wrong size mentions it.
 #[must_use]
 pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defect> {
     let mut found = readable(mesh);
     if !found.is_empty() {
-        return found; // nothing else can be asked
+        return found; // no further check is possible
     }
     shape(mesh, &mut found);
     let sound = found
@@ -71,7 +75,7 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
     found
 }
 
-/// Middle of some nodes.
+/// Mean position of nodes.
 fn middle(mesh: &TetMesh, nodes: &[u32]) -> Vec3 {
     let sum = nodes.iter().fold([0.0; 3], |sum, node| {
         add(sum, mesh.nodes_mm[*node as usize])
@@ -204,7 +208,7 @@ fn topology(mesh: &TetMesh, found: &mut Vec<Defect>) {
         .filter(|same| same.len() > 2)
         .map(|same| at_triangle(mesh, same[0]));
     let overlaps: Vec<Place> = overlaps.collect();
-    // where elements overlap, the boundary is none
+    // Overlapping elements make the boundary meaningless.
     let plain = overlaps.is_empty();
     push(overlaps, |places| Defect::Overlap { places });
     if plain {
@@ -231,7 +235,7 @@ fn topology(mesh: &TetMesh, found: &mut Vec<Defect>) {
     }
 }
 
-/// Which nodes some element has.
+/// Whether each node belongs to an element.
 pub(crate) fn used(mesh: &TetMesh) -> Vec<bool> {
     let mut used = vec![false; mesh.n_nodes()];
     for node in mesh.tets.iter().flatten() {
@@ -240,7 +244,7 @@ pub(crate) fn used(mesh: &TetMesh) -> Vec<bool> {
     used
 }
 
-/// Elements of each piece of the mesh that hangs together by nodes, the largest piece first.
+/// Elements of each piece of the mesh that is connected by nodes, the largest piece first.
 pub(crate) fn pieces(mesh: &TetMesh) -> Vec<Vec<usize>> {
     let mut groups = Groups::new(mesh.n_nodes());
     for tet in &mesh.tets {
@@ -260,7 +264,8 @@ pub(crate) fn pieces(mesh: &TetMesh) -> Vec<Vec<usize>> {
     pieces
 }
 
-/// Nodes of elements at the place of another such node, and that one.
+/// Nodes that coincide with another node, paired with that node; nodes without an element are
+/// ignored.
 pub(crate) fn doubled(mesh: &TetMesh) -> Vec<(u32, u32)> {
     let cell_mm = (DOUBLED * mesh.mean_edge_mm()).max(f64::MIN_POSITIVE);
     let cell = |x: Vec3| x.map(|c| (c / cell_mm).floor() as i64);
@@ -340,7 +345,7 @@ fn size(mesh: &TetMesh, unit: LengthUnit, found: &mut Vec<Defect>) {
     }
     let extent_mm = norm(sub(high, low));
     if !EXTENT_MM.contains(&extent_mm) {
-        // in human hearts' size, so that µm is not taken for the cm of a mouse
+        // Only human sizes count, so that µm is not taken for the cm of a mouse.
         let in_file = extent_mm * unit.per_mm();
         let likely = LengthUnit::ALL
             .into_iter()
@@ -377,7 +382,7 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
     }
 }
 
-/// Defects of where activation begins: sites that no contracting tissue is near, or times that cannot be.
+/// Defects of the activation: sites without contracting tissue near them, or invalid times.
 #[must_use]
 pub fn activation(
     mesh: &TetMesh,

@@ -1,7 +1,7 @@
-//! A body cut open by a plane: the closed surface of the half behind it.
+//! Closed surface of the half of a body that lies behind a cutting plane.
 //!
-//! Every corner lies on an edge of the mesh, so that the same cut through the tissue can be shown in any deformed state: on
-//! linear elements that is exact.
+//! Every corner lies on an edge of the mesh, so that the same cut through the tissue can be shown
+//! in any deformed state. On linear elements this is exact.
 
 use std::collections::HashMap;
 
@@ -12,32 +12,33 @@ use crate::vec3::{Vec3, cross, dot, sub};
 /// A plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
-    /// A point of it, mm.
+    /// A point in the plane \[mm\].
     pub point: Vec3,
-    /// Its normal; the half on the other side is kept.
+    /// Normal of the plane. The half on the opposite side is kept.
     pub normal: Vec3,
 }
 
-/// A point on an edge of the mesh: `(1 − share) x(from) + share x(to)`. A node of the mesh is its own edge.
+/// A point on an edge of the mesh: `(1 − share) x(from) + share x(to)`. For a node of the mesh,
+/// both ends are this node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
     /// Node at share 0.
     pub from: u32,
     /// Node at share 1.
     pub to: u32,
-    /// Where between them.
+    /// Position between the two nodes, from 0 to 1.
     pub share: f64,
 }
 
 impl Corner {
-    /// Value here of what is given at nodes.
+    /// Value at this point, interpolated from nodal values.
     #[must_use]
     pub fn of(&self, values: &[f64]) -> f64 {
         let (from, to) = (values[self.from as usize], values[self.to as usize]);
         from + self.share * (to - from)
     }
 
-    /// Position where nodes lie at `positions`.
+    /// Position of this point for given nodal positions.
     #[must_use]
     pub fn at(&self, positions: &[Vec3]) -> Vec3 {
         let (from, to) = (positions[self.from as usize], positions[self.to as usize]);
@@ -45,29 +46,29 @@ impl Corner {
     }
 }
 
-/// What a triangle of the half's surface is part of.
+/// Origin of a triangle on the half's surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Side {
-    /// The mesh's surface of this number.
+    /// The surface of the mesh with this index.
     Surface(usize),
-    /// A face of the boundary that no surface names.
+    /// A boundary face that belongs to no surface.
     Unnamed,
-    /// The cut.
+    /// The cutting plane.
     Cut,
 }
 
-/// Surface of a half.
+/// Surface of one half.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Half {
-    /// Its corners.
+    /// Corners of the triangles.
     pub corners: Vec<Corner>,
-    /// Its triangles, normals out of the tissue.
+    /// Triangles, with normals out of the tissue.
     pub triangles: Vec<[u32; 3]>,
-    /// Part of each triangle, and tag of its element.
+    /// Origin of each triangle, and tag of its element.
     pub parts: Vec<(Side, i32)>,
 }
 
-/// The surface of the half of a mesh that lies behind a plane; empty where nothing does.
+/// Surface of the half of a mesh that lies behind a plane; empty if no part of the mesh does.
 #[must_use]
 pub fn cut(mesh: &TetMesh, plane: &Plane) -> Half {
     let heights: Vec<f64> = mesh
@@ -76,7 +77,7 @@ pub fn cut(mesh: &TetMesh, plane: &Plane) -> Half {
         .map(|x| dot(sub(*x, plane.point), plane.normal))
         .collect();
     let largest = heights.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
-    // A node in the plane is behind it: then no edge is cut at its end.
+    // A node in the plane counts as behind it, so that no edge is cut at its end.
     let heights: Vec<f64> = heights
         .into_iter()
         .map(|h| {
@@ -90,7 +91,7 @@ pub fn cut(mesh: &TetMesh, plane: &Plane) -> Half {
     let mut surface_of: HashMap<[u32; 3], usize> = HashMap::new();
     for (k, surface) in mesh.surfaces.iter().enumerate() {
         for triangle in &surface.triangles {
-            // Of two surfaces that share a triangle the first is drawn.
+            // If two surfaces share a triangle, it belongs to the first one.
             surface_of.entry(ordered(*triangle)).or_insert(k);
         }
     }
@@ -141,7 +142,7 @@ impl Maker<'_> {
         })
     }
 
-    /// Where the plane cuts an edge.
+    /// The point at which the plane cuts an edge.
     fn between(&mut self, a: u32, b: u32) -> u32 {
         let (from, to) = (a.min(b), a.max(b));
         let (h0, h1) = (self.heights[from as usize], self.heights[to as usize]);
@@ -153,7 +154,7 @@ impl Maker<'_> {
         self.half.parts.push(part);
     }
 
-    /// The part of a face of the boundary that lies behind.
+    /// Adds the part of a boundary face that lies behind the plane.
     fn clipped(&mut self, triangle: [u32; 3], part: (Side, i32)) {
         let mut polygon = Vec::with_capacity(4);
         for k in 0..3 {
@@ -174,7 +175,8 @@ impl Maker<'_> {
         }
     }
 
-    /// A convex polygon of three or four corners in any order, its normal towards `normal`.
+    /// Adds a convex polygon of three or four corners in any order, with its normal in the
+    /// direction of `normal`.
     fn polygon(&mut self, mesh: &TetMesh, corners: &[u32], normal: Vec3, part: (Side, i32)) {
         if corners.len() < 3 {
             return;
@@ -260,7 +262,7 @@ mod tests {
         }
         let sides: std::collections::BTreeSet<Side> = half.parts.iter().map(|p| p.0).collect();
         assert_eq!(sides.len(), mesh.surfaces.len() + 1, "{sides:?}");
-        // In a stretched state corners move with their nodes.
+        // In a stretched state, corners move with their nodes.
         let stretched: Vec<Vec3> = mesh
             .nodes_mm
             .iter()

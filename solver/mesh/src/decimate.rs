@@ -1,20 +1,22 @@
-//! Fewer triangles for the same closed surface, its corners a part of the old ones.
+//! Decimation of a closed surface. The corners that remain are corners of the original surface.
 //!
-//! Edges are collapsed onto one of their ends, the cheapest first, by the quadric error (Garland and Heckbert 1997, Proc
-//! SIGGRAPH, 209) and, where that says nothing (flat parts), by their length. Lines between labels stay, and so do corners
-//! where lines meet; the surface stays closed and does not fold.
+//! Edges are collapsed onto one of their ends, the cheapest first. The cost is the quadric error
+//! (Garland and Heckbert 1997, Proc SIGGRAPH, 209) plus a small term of the edge's length, which
+//! decides on flat parts. Lines between labels remain, and so do corners at which lines meet. The
+//! surface stays closed and does not fold.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use crate::vec3::{Vec3, cross, distance, dot, norm, sub};
 
-/// Weight of an edge's length to the fourth against the quadric error, both in mm⁴.
+/// Weight of the fourth power of an edge's length relative to the quadric error; both are in mm⁴.
 const LENGTH: f64 = 1e-3;
-/// A triangle may turn by at most 60 degrees.
+/// Cosine of the largest angle by which a triangle may turn, 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
 
-/// Squared distances to planes, each times the area of its triangle: the upper half of a symmetric 4×4 matrix.
+/// Sum of squared distances to planes, weighted with the areas of the triangles: the upper half of
+/// a symmetric 4×4 matrix.
 #[derive(Clone, Copy, Default)]
 struct Quadric([f64; 10]);
 
@@ -53,12 +55,12 @@ impl Quadric {
     }
 }
 
-/// A collapse of `from` onto `to`, the cheapest on top of the heap.
+/// A collapse of `from` onto `to`. The cheapest one is on top of the heap.
 struct Collapse {
     cost: f64,
     from: u32,
     to: u32,
-    /// Changes of either end when the cost was found.
+    /// Numbers of changes of both ends at the time when the cost was computed.
     seen: (u32, u32),
 }
 
@@ -78,7 +80,7 @@ impl PartialOrd for Collapse {
 
 impl Ord for Collapse {
     fn cmp(&self, other: &Self) -> Ordering {
-        // Ends break ties, so that the result does not hang on the heap.
+        // The ends break ties, so that the result does not depend on the heap's order.
         other
             .cost
             .total_cmp(&self.cost)
@@ -96,11 +98,12 @@ struct Surface<'a> {
     changes: Vec<u32>,
 }
 
-/// Numbers of the triangles that are left, and their corners now.
+/// Decimates a surface. Returns the numbers of the remaining triangles, with their new corners.
 ///
-/// - `points`: position of each corner, mm
-/// - `labels`: one a triangle; lines between labels are kept
-/// - `target`: about so many triangles, or more where no further edge can be collapsed
+/// - `points`: position of each corner \[mm\]
+/// - `labels`: label of each triangle; lines between labels remain
+/// - `target`: approximate number of triangles to keep; more remain if no further edge can be
+///   collapsed
 #[must_use]
 pub fn decimate(
     points: &[Vec3],
@@ -166,7 +169,7 @@ impl Surface<'_> {
         self.points[corner as usize]
     }
 
-    /// Twice the area, along the normal.
+    /// Normal with the length of twice the area.
     fn area(&self, [a, b, c]: [u32; 3]) -> Vec3 {
         let a = self.point(a);
         cross(sub(self.point(b), a), sub(self.point(c), a))
@@ -214,7 +217,7 @@ impl Surface<'_> {
         }
     }
 
-    /// Whether the surface stays a surface, lines stay lines, and nothing folds.
+    /// Whether a collapse keeps the surface a surface and lines lines, and folds no triangle.
     fn may(&self, from: u32, to: u32) -> bool {
         let shared = self.shared(from, to);
         let &[left, right] = shared.as_slice() else {
@@ -223,7 +226,7 @@ impl Surface<'_> {
         let differ = self.labels[left as usize] != self.labels[right as usize];
         match self.n_labels(from) {
             1 => {}
-            // Along its line alone.
+            // A corner on a line may only move along it.
             2 if differ => {}
             _ => return false,
         }
@@ -248,7 +251,7 @@ impl Surface<'_> {
             })
     }
 
-    /// Collapses, and says how many triangles went.
+    /// Carries out a collapse and returns the number of removed triangles.
     fn apply(&mut self, from: u32, to: u32) -> usize {
         let shared = self.shared(from, to);
         for k in &shared {
@@ -332,7 +335,7 @@ mod tests {
             }
         }
         assert!(edges.values().all(|sides| sides.len() == 2), "closed");
-        // Every label is left, with about its area.
+        // Every label remains, with approximately its original area.
         let all: Vec<(usize, [u32; 3])> = half.triangles.iter().copied().enumerate().collect();
         for label in 0..names.len() as u32 {
             let area = |list: &[(usize, [u32; 3])]| -> f64 {

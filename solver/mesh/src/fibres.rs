@@ -1,8 +1,9 @@
-//! Fibre directions of the left ventricle by a rule on fields from Laplace problems.
+//! Rule-based fibre directions of the left ventricle, from the solutions of Laplace problems.
 //!
-//! Source: Bayer, Blake, Plank, Trayanova 2012, "A novel rule-based algorithm for assigning myocardial fiber orientation to
-//! computational heart models", Ann. Biomed. Eng. 40, 2243, for a left ventricle alone: without the right ventricle's field
-//! both angles are linear in the transmural one.
+//! Source: Bayer, Blake, Plank, Trayanova 2012, "A novel rule-based algorithm for assigning
+//! myocardial fiber orientation to computational heart models", Ann. Biomed. Eng. 40, 2243,
+//! restricted to a left ventricle. Without the field of the right ventricle, both angles are linear
+//! in the transmural field.
 
 use crate::joint::{Alone, Joint, any, sums};
 use crate::laplace::{self, LaplaceError};
@@ -10,10 +11,11 @@ use crate::node_fibres::{NodeFibres, WallPoint};
 use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names, tags};
 use crate::vec3::{Vec3, add, axpy, norm, reject, scale, unit};
 
-/// Angles of the rule, degrees.
+/// Angles of the rule \[degrees\].
 ///
-/// α turns the fibre from the circumferential direction (counter-clockwise seen from the base) towards the base; β then
-/// turns the sheet around the fibre, from the transmural direction.
+/// α turns the fibre from the circumferential direction (counter-clockwise as seen from the base)
+/// towards the base. β then turns the sheet around the fibre, starting from the transmural
+/// direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Angles {
     /// α at the endocardium.
@@ -38,32 +40,35 @@ impl Default for Angles {
     }
 }
 
-/// How the direction from apex to base is found.
+/// Definition of the direction from apex to base.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Longitudinal {
-    /// The gradient of ψ with Δψ = const, ψ given at the base alone: it points to the base everywhere and vanishes only
-    /// where the apex has to be. Needs no apical point, and does not depend on the mesh as the other does: a point
-    /// carries no flux in three dimensions.
+    /// The gradient of ψ with Δψ = const and ψ prescribed at the base only. It points to the base
+    /// everywhere and vanishes only at the apex. This definition needs no apical node, and it does
+    /// not depend on the mesh as the other one does, because a point carries no flux in three
+    /// dimensions.
     #[default]
     FromBase,
-    /// As in Bayer 2012: Δψ = 0 between this node (0) and the base (1).
+    /// As in Bayer 2012: Δψ = 0 between this node (ψ = 0) and the base (ψ = 1).
     FromApexNode(u32),
 }
 
-/// The fields behind the rule.
+/// Fields from which the rule computes directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fields {
-    /// 0 at the endocardium, 1 at the epicardium (and septum, or its right side); a value for each node, not-a-number outside of the muscle.
+    /// 0 at the endocardium, 1 at the epicardium and on the right side of the septum; one value per
+    /// node, not-a-number outside the muscle.
     pub depth: Vec<f64>,
-    /// Grows from apex to base; arbitrary scale, not-a-number outside of the muscle.
+    /// Increases from apex to base, with an arbitrary scale; not-a-number outside the muscle.
     pub longitudinal: Vec<f64>,
 }
 
-/// Solves for depth and longitudinal field on the elements with the tags of muscle. The base is where muscle meets the rim or other
-/// tissue, the right ventricle's wall ([`tags::BESIDE`]) apart.
+/// Computes depth and longitudinal field on the elements of muscle. The base is the border of the
+/// muscle with the rim or with other tissue, except for the right ventricle's wall
+/// ([`tags::BESIDE`]).
 ///
 /// # Errors
-/// [`LaplaceError`] where a surface is missing or the solver fails.
+/// [`LaplaceError`] if a surface is missing or the solver fails.
 pub fn fields(
     mesh: &TetMesh,
     muscle_tags: &[i32],
@@ -72,10 +77,11 @@ pub fn fields(
     fields_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, rule)
 }
 
-/// [`fields`] of the nodes of a part, the same to the bit for any cut; the apex is a node of the whole mesh. Collective.
+/// [`fields`] at the nodes of a part, the same bit for bit for any partition. The apex is a node of
+/// the whole mesh. Collective.
 ///
 /// # Errors
-/// As for [`fields`], on all parts.
+/// Same as for [`fields`], on all parts.
 pub fn fields_of_part(
     mesh: &TetMesh,
     joint: &dyn Joint,
@@ -132,15 +138,16 @@ pub fn fields_of_part(
     })
 }
 
-/// Whether an element is of the right ventricle's wall.
+/// Whether an element belongs to the right ventricle's wall.
 fn is_beside(mesh: &TetMesh, e: usize) -> bool {
     mesh.tags[e] >= tags::BESIDE && mesh.surface(surface_names::RIGHT_VENTRICLE).is_some()
 }
 
-/// The transmural field alone: 0 at the endocardium, 1 at epicardium, septum and where the right ventricle's wall begins.
+/// The transmural field alone: 0 at the endocardium, 1 at epicardium and septum and at the border
+/// with the right ventricle's wall.
 ///
 /// # Errors
-/// [`LaplaceError`] where one of the surfaces is missing or the solver fails.
+/// [`LaplaceError`] if one of the surfaces is missing or the solver fails.
 pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
     depth_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags)
 }
@@ -192,10 +199,11 @@ fn depth_of_part(
     )
 }
 
-/// Fibres by the rule, on a mesh with surfaces: directions at nodes, and one frame for each element of muscle.
+/// Makes fibres by the rule on a mesh with surfaces: directions at nodes, and one frame for each
+/// element of muscle.
 ///
 /// # Errors
-/// As for [`fields`].
+/// Same as for [`fields`].
 pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<(), LaplaceError> {
     let fields = fields(mesh, muscle_tags, Longitudinal::FromBase)?;
     mesh.fibres = rule(mesh, muscle_tags, &fields, angles);
@@ -203,7 +211,8 @@ pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<
     Ok(())
 }
 
-/// Frames of the elements of muscle at their centroids, from the mesh's directions at nodes; zeros in other elements.
+/// Frames of the elements of muscle at their centroids, from the mesh's nodal directions; zeros in
+/// other elements.
 #[must_use]
 pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
     let none = Frame {
@@ -218,7 +227,7 @@ pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
     mesh.tets.iter().zip(&mesh.tags).map(frame).collect()
 }
 
-/// Frames of the elements by the rule, at their centroids; zeros in elements that are no muscle.
+/// Frames of the elements by the rule, at their centroids; zeros in elements other than muscle.
 #[must_use]
 pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
     let fibres = rule(mesh, muscle_tags, fields, angles);
@@ -231,16 +240,17 @@ pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Ang
     )
 }
 
-/// Directions at nodes by the rule.
+/// Nodal directions by the rule.
 #[must_use]
 pub fn rule(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> NodeFibres {
     rule_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, fields, angles)
 }
 
-/// [`rule`] at the nodes of a part, the same to the bit for any cut. Collective.
+/// [`rule`] at the nodes of a part, the same bit for bit for any partition. Collective.
 ///
-/// Gradients of linear elements are constant in each; a node takes the mean over the elements of muscle around it, weighted by
-/// their volumes. Where a gradient vanishes (the longitudinal one at the apex, by symmetry) it comes from the neighbours.
+/// Gradients are constant in linear elements. A node takes the mean over the elements of muscle
+/// around it, weighted by their volumes. If a gradient vanishes (the longitudinal one does at the
+/// apex, by symmetry), it is taken from the neighbours.
 #[must_use]
 pub fn rule_of_part(
     mesh: &TetMesh,
@@ -252,7 +262,7 @@ pub fn rule_of_part(
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
     let transmural = directions(mesh, joint, &fields.depth, &muscle);
     let longitudinal = directions(mesh, joint, &fields.longitudinal, &muscle);
-    // Around each node, whose owner holds all of its elements.
+    // Only owned nodes, because the owner of a node holds all its elements.
     let around = crate::adjacency::Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let mut values: [Vec<f64>; 6] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
     for node in 0..joint.n_owned() {
@@ -297,9 +307,11 @@ pub fn rule_of_part(
     }
 }
 
-/// The frame for circumferential, longitudinal and transmural directions and the two angles in radians.
+/// Frame for given circumferential, longitudinal and transmural directions and the two angles
+/// \[radians\].
 ///
-/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and sheet.
+/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and
+/// sheet.
 #[must_use]
 pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame {
     let fibre = axpy(scale(around, alpha.cos()), alpha.sin(), up);
@@ -313,7 +325,8 @@ pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame
     }
 }
 
-/// Gradient of a nodal field in each element; where it nearly vanishes, the mean of the neighbours' that do not.
+/// Gradient of a nodal field in each element. If it nearly vanishes, it is replaced by the mean
+/// over neighbours where it does not.
 fn directions(
     mesh: &TetMesh,
     joint: &dyn Joint,
@@ -347,7 +360,7 @@ fn directions(
     if !any(joint, !vanishing.is_empty()) {
         return found;
     }
-    // Around each node, whose owner holds all of its elements.
+    // Only owned nodes, because the owner of a node holds all its elements.
     let around = crate::adjacency::Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let mut at_nodes: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
     for node in 0..joint.n_owned() {

@@ -1,8 +1,9 @@
-//! Endocardium, epicardium and rim of a mesh that comes without surfaces.
+//! Search for endocardium, epicardium and rim on a mesh without surfaces.
 //!
-//! Where valves are closed by tagged tissue, the boundary has two parts, and the inner one is the endocardium. Where the
-//! ventricle is open, the boundary is one part, which is cut at sharp edges: between the two walls lies the cut of the
-//! base, and a wall is inner or outer by the side of its normals.
+//! If tagged tissue closes the valves, the boundary has two parts, and the inner one is the
+//! endocardium. If the ventricle is open, the boundary is one part, which is cut at sharp edges:
+//! the cut of the base lies between the two walls, and the direction of a wall's normals shows
+//! whether it is the inner or the outer one.
 
 use crate::cavity::Cavity;
 use crate::surface::{Surface, area_vector, boundary, edges};
@@ -10,23 +11,25 @@ use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::{dot, norm};
 use std::collections::BTreeMap;
 
-/// Angle between the normals of two neighbours above which their edge counts as sharp, degrees.
+/// Angle between the normals of neighbouring triangles above which their edge counts as sharp
+/// \[degrees\].
 pub const SHARP_DEG: f64 = 50.0;
-/// Patches smaller than this share of the boundary join a neighbour: a crumpled spot is no surface of its own.
+/// Share of the boundary below which a patch is joined to a neighbour, because a crumpled spot is
+/// not a separate surface.
 const SMALL: f64 = 0.01;
 
-/// Why surfaces could not be told apart.
+/// Reasons why surfaces could not be found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FindError {
-    /// No patch encloses a cavity.
+    /// No patch encloses a cavity, or several do.
     #[error(
         "no endocardium found: of {n_patches} patches of the boundary, {n_inner} have their normals towards an enclosed \
          volume, expected exactly 1; give the surfaces as files"
     )]
     NoEndocardium {
-        /// Patches between sharp edges.
+        /// Number of patches between sharp edges.
         n_patches: usize,
-        /// Those that enclose a cavity.
+        /// Number of patches that enclose a cavity.
         n_inner: usize,
     },
     /// No patch is the outer wall.
@@ -34,19 +37,20 @@ pub enum FindError {
         "no epicardium found: the boundary has {n_patches} patch(es); give the surfaces as files"
     )]
     NoEpicardium {
-        /// Patches between sharp edges.
+        /// Number of patches between sharp edges.
         n_patches: usize,
     },
-    /// The boundary is no surface.
+    /// The boundary does not form a surface.
     #[error("the boundary cannot be cut into surfaces: {0}")]
     Boundary(#[from] crate::surface::SurfaceDefect),
 }
 
-/// Finds endocardium, epicardium and, for an open ventricle, the rim. Normals point out of the tissue.
+/// Finds endocardium, epicardium and, for an open ventricle, the rim. Normals point out of the
+/// tissue.
 ///
 /// # Errors
-/// [`FindError`] where the boundary does not fall into one inner, one outer and rim patches: for two ventricles, or
-/// bases without sharp edges, surfaces have to be given.
+/// [`FindError`] if the boundary does not consist of one inner patch, one outer patch and rim
+/// patches. For two ventricles, and for bases without sharp edges, surfaces have to be given.
 pub fn find_surfaces(mesh: &TetMesh) -> Result<Vec<Surface>, FindError> {
     let triangles: Vec<[u32; 3]> = boundary(mesh).iter().map(|face| face.triangle).collect();
     let patches = patches(mesh, &triangles);
@@ -58,7 +62,7 @@ pub fn find_surfaces(mesh: &TetMesh) -> Result<Vec<Surface>, FindError> {
             .iter()
             .map(|t| norm(area_vector(*t, &mesh.nodes_mm)))
             .sum();
-        // a flat ring encloses nothing: 36 π V² = A³ for a sphere
+        // A flat ring encloses no volume; for a sphere, 36 π V² = A³.
         let round = cavity.volume_mm3(&mesh.nodes_mm).signum()
             * (113.1 * cavity.volume_mm3(&mesh.nodes_mm).powi(2) / area.powi(3));
         if round > 0.05 && cavity.openings.len() < 4 {
@@ -151,7 +155,7 @@ fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
         let Some((small, _)) = smallest.filter(|(_, area)| **area < SMALL * total) else {
             break;
         };
-        // the neighbour with which it shares most edges
+        // The neighbour with which the patch shares most edges.
         let mut shared: BTreeMap<usize, usize> = BTreeMap::new();
         for (i, j) in &pairs {
             let (i, j) = (groups.of(*i), groups.of(*j));
@@ -171,7 +175,7 @@ fn patches(mesh: &TetMesh, triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
     found.into_values().collect()
 }
 
-/// Sets that can be joined; each is known by its smallest member.
+/// Disjoint sets with union; the smallest member of a set represents it.
 pub(crate) struct Groups {
     parent: Vec<usize>,
 }
@@ -233,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_closed_ventricle_has_an_inner_and_an_outer_wall_and_no_rim() {
-        // a hollow cube: 3 × 3 × 3 cells without the middle one
+        // A hollow cube: 3 × 3 × 3 cells without the middle one.
         let mut mesh = crate::test_meshes::cube(3, 30.0);
         let inside = |x: [f64; 3]| x.iter().all(|c| (10.0..20.0).contains(c));
         let kept: Vec<_> = (0..mesh.n_tets())

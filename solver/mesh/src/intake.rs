@@ -1,4 +1,5 @@
-//! A patient's own mesh, from its file to a ventricle: one way in for whoever checks it and for whoever computes with it.
+//! Intake of a patient's own mesh, from its file to a ventricle. The checks and the computation use
+//! the same function.
 
 use std::path::Path;
 
@@ -11,77 +12,80 @@ use crate::node_fibres::NodeFibres;
 use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::Vec3;
 
-/// How far the mesh's cavity may be from the measured volume, a share of it.
+/// Largest accepted relative difference between the volumes of the mesh's cavity and of the
+/// measurement.
 pub const CAVITY_TOLERANCE: f64 = 0.1;
-/// How far the contracting tissue may be from the stated wall volume before a word is said, a share of it.
+/// Largest relative difference between the contracting tissue and the stated wall volume that gives
+/// no warning.
 pub const WALL_TOLERANCE: f64 = 0.25;
-/// Radius of a site of activation \[mm\].
+/// Radius of an activation site \[mm\].
 pub const SITE_RADIUS_MM: f64 = 3.0;
-/// Surfaces without which there is no ventricle.
+/// Surfaces that every ventricle must have.
 pub const NEEDED: [&str; 3] = [
     surface_names::ENDOCARDIUM,
     surface_names::EPICARDIUM,
     surface_names::RIM,
 ];
 
-/// Where fibres are to come from.
+/// Source of the fibres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fibres {
-    /// The mesh's own where it has some.
+    /// The mesh's own fibres if it has any, otherwise the rule.
     Auto,
-    /// The mesh's own.
+    /// The mesh's own fibres.
     Mesh,
-    /// A rule, whatever the mesh has.
+    /// The rule, even if the mesh has fibres.
     Rule,
 }
 
-/// Where activation is to come from.
+/// Source of the activation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Activation<'a> {
-    /// Times of the nodes, from a file.
+    /// A file with the nodes' activation times.
     Times(&'a Path),
-    /// Places where it begins, mm.
+    /// Activation sites \[mm\].
     Sites(&'a [Vec3]),
-    /// Not looked at: the mesh alone is asked about.
+    /// No check of the activation, only of the mesh.
     Unasked,
 }
 
-/// What is known about a mesh beside its file.
+/// Information about a mesh besides its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Asked<'a> {
-    /// Unit of its coordinates.
+    /// Unit of the coordinates.
     pub unit: LengthUnit,
-    /// Tags of contracting tissue; none given: tags are not looked at.
+    /// Tags of contracting tissue; if empty, tags are not checked.
     pub left_ventricle: &'a [i32],
-    /// Fibres.
+    /// Source of the fibres.
     pub fibres: Fibres,
-    /// Volume that the cavity should have.
+    /// Expected volume of the cavity.
     pub cavity: Option<Ml>,
-    /// Volume that the contracting wall should have.
+    /// Expected volume of the contracting wall.
     pub wall: Option<Ml>,
-    /// Activation.
+    /// Source of the activation.
     pub activation: Activation<'a>,
-    /// Surface of the right ventricle's endocardium, where it has a pressure.
+    /// Name of the right ventricle's endocardium, if a pressure acts on it.
     pub right_ventricle: Option<&'a str>,
-    /// Surfaces with springs of their own.
+    /// Names of surfaces with springs of their own.
     pub sprung: &'a [&'a str],
 }
 
-/// A mesh as it was read, with surfaces, and what is wrong with it.
+/// A mesh as read, completed with surfaces, and its defects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intake {
-    /// The mesh: surfaces that were missing are found where they can be; without frames where a rule is to make them.
+    /// The mesh. Missing surfaces have been found if possible; fibre frames are missing if a rule
+    /// has to make them.
     pub mesh: TetMesh,
-    /// Activation times of its nodes \[ms\], where there is a file of them.
+    /// Activation times of its nodes \[ms\], if a file gives them.
     pub times_ms: Option<Vec<f64>>,
-    /// Whether the surfaces were found on the mesh, for lack of some in the file.
+    /// Whether surfaces were missing in the file and found on the mesh.
     pub surfaces_found: bool,
-    /// Everything that is wrong, errors before warnings.
+    /// All defects, errors before warnings.
     pub defects: Vec<Defect>,
 }
 
 impl Intake {
-    /// Whether it can be computed with.
+    /// Whether computations with the mesh are possible.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         self.defects
@@ -90,7 +94,8 @@ impl Intake {
     }
 }
 
-/// The path that [`files::read`] takes for a file of a mesh: the stem of CARP files, whichever of them is named.
+/// Path under which [`files::read`] finds a mesh: the stem for any of its CARP files, otherwise the
+/// file itself.
 #[must_use]
 pub fn readable_path(file: &Path) -> std::path::PathBuf {
     match file.extension().and_then(|e| e.to_str()) {
@@ -99,18 +104,19 @@ pub fn readable_path(file: &Path) -> std::path::PathBuf {
     }
 }
 
-/// Reads a mesh and looks for everything that is wrong with it.
+/// Reads a mesh and finds all its defects.
 ///
 /// # Errors
-/// [`MeshFileError`] where the mesh's file is none.
+/// [`MeshFileError`] if the mesh's file cannot be read or parsed.
 pub fn read(file: &Path, asked: &Asked) -> Result<Intake, MeshFileError> {
     Ok(look(files::read(&readable_path(file), asked.unit)?, asked))
 }
 
-/// What openCARP has for nodes that are never activated.
+/// openCARP's activation time of nodes that are never activated.
 const NEVER_MS: f64 = -1.0;
 
-/// Times of the contracting tissue's nodes; infinite for all others, whatever their file says.
+/// Activation times of the contracting tissue's nodes; infinite at all other nodes, whatever the
+/// file contains.
 fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<f64>, Defect> {
     let mut contracts = vec![muscle.is_empty(); times.len()];
     for (tet, _) in mesh
@@ -125,7 +131,7 @@ fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<
             }
         }
     }
-    // Elsewhere a file may count its times from any moment; −1 among them is a time like another.
+    // Other files may count times from any instant; −1 is then a valid time.
     let counts_from_zero = times
         .iter()
         .zip(&contracts)
@@ -159,7 +165,7 @@ fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<
     Ok(times)
 }
 
-/// Looks for everything that is wrong with a mesh, whose missing surfaces are found first.
+/// Finds all defects of a mesh. Missing surfaces are searched first.
 #[must_use]
 pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     let mut not_found = None;
@@ -253,7 +259,7 @@ mod tests {
             fibres: NodeFibres::PerElement,
             surfaces: vec![],
         };
-        // As `export --opencarp` writes them.
+        // Times as `export --opencarp` writes them.
         let times = of_muscle(&mesh, &[1], vec![5.0, 6.0, 7.0, 8.0, -1.0]).unwrap();
         assert_eq!(times, [5.0, 6.0, 7.0, 8.0, f64::INFINITY]);
         let never = of_muscle(&mesh, &[1], vec![-1.0, 6.0, 7.0, 8.0, -1.0]).unwrap_err();
@@ -263,7 +269,7 @@ mod tests {
                 .contains("1 node of contracting tissue with the time -1"),
             "{never}"
         );
-        // Times from another moment than zero: −1 is one of them.
+        // Times that do not begin at zero, so that −1 is a valid one.
         assert_eq!(
             of_muscle(&mesh, &[1], vec![-1.0, -3.0, 7.0, 8.0, 0.0]).unwrap()[..2],
             [-1.0, -3.0]

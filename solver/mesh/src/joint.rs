@@ -1,10 +1,11 @@
-//! What joins a part of a mesh to the others, so that fibres and activation run unchanged on a whole mesh and on its parts.
+//! Communication between the parts of a mesh, so that the code for fibres and activation is the
+//! same for a whole mesh and for its parts.
 
-/// A part of a mesh among the others. Its first nodes are its own, the rest (ghosts) another part's; it holds all elements
-/// around its own nodes, and every triangle of a surface that touches one. What says so is collective: all parts call it in
-/// the same order.
+/// A part of a partitioned mesh. The first nodes are owned by the part; the rest (ghosts) belong to
+/// other parts. It holds all elements around its own nodes, and every triangle of a surface that
+/// touches one of them. Collective methods must be called by all parts in the same order.
 pub trait Joint {
-    /// How many nodes the part owns.
+    /// Number of nodes that the part owns.
     fn n_owned(&self) -> usize;
 
     /// Number of a node in the whole mesh.
@@ -13,20 +14,21 @@ pub trait Joint {
     /// Number of an element in the whole mesh.
     fn element(&self, e: usize) -> u32;
 
-    /// Whether this part, of all that hold an element, counts it.
+    /// Whether this part counts an element. Exactly one of the parts that hold the element does.
     fn speaks_for(&self, e: usize) -> bool;
 
-    /// Brings ghosts up to date with their owners, a value for each node; collective.
+    /// Updates ghosts with their owners' values, one for each node. Collective.
     fn update(&self, values: &mut [f64]);
 
-    /// Replaces each value by its sum over parts; collective.
+    /// Replaces each value by its sum over all parts. Collective.
     fn sum(&self, values: &mut [f64]);
 
-    /// Replaces each value by its largest over parts, not-a-number where one is; collective.
+    /// Replaces each value by its maximum over all parts; not-a-number if it is so on any part.
+    /// Collective.
     fn max(&self, values: &mut [f64]);
 }
 
-/// The whole mesh, of so many nodes, as its only part.
+/// The whole mesh as the only part, with its number of nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Alone(pub usize);
 
@@ -54,21 +56,22 @@ impl Joint for Alone {
     fn max(&self, _: &mut [f64]) {}
 }
 
-/// Whether any part says so; collective.
+/// Whether `here` is true on any part. Collective.
 pub(crate) fn any(joint: &dyn Joint, here: bool) -> bool {
     let mut flag = [f64::from(u8::from(here))];
     joint.max(&mut flag);
     flag[0] > 0.0
 }
 
-/// The least number that any part names; collective.
+/// Smallest number over all parts. Collective.
 pub(crate) fn first(joint: &dyn Joint, here: Option<u32>) -> Option<u32> {
     let mut least = [here.map_or(f64::NEG_INFINITY, |number| -f64::from(number))];
     joint.max(&mut least);
     least[0].is_finite().then_some(-least[0] as u32)
 }
 
-/// The nearest of candidates, as distance and number, of all parts; of equals the one with the lowest number. Collective.
+/// Distance and number of the nearest candidate over all parts; among equally near ones, the lowest
+/// number. Collective.
 pub(crate) fn nearest(
     joint: &dyn Joint,
     candidates: impl Iterator<Item = (f64, u32)>,
@@ -82,23 +85,24 @@ pub(crate) fn nearest(
     (-least[0], first(joint, number))
 }
 
-/// Flags of owned nodes for all nodes that are held; collective.
+/// Flags of all held nodes, from those of the owned nodes. Collective.
 pub(crate) fn flags(joint: &dyn Joint, own: &[bool]) -> Vec<bool> {
     let mut values: Vec<f64> = own.iter().map(|flag| f64::from(u8::from(*flag))).collect();
     joint.update(&mut values);
     values.into_iter().map(|value| value > 0.0).collect()
 }
 
-/// Bits that one fold of a sum keeps, and the logarithm of how many values may be summed.
+/// Bits that one fold of a sum keeps, and the binary logarithm of the largest number of summands.
 const FOLD_BITS: i32 = 26;
-/// Sums of values that are all smaller are zero.
+/// A sum is zero if all its values are smaller than this.
 const TINY: f64 = 1e-250;
 
-/// Sums over all parts that are the same to the bit in any order, and so for any cut; of 2²⁶ values at most. Collective.
+/// Sums over all parts that do not depend on the order of summation, bit for bit, and therefore not
+/// on the partition. They accept at most 2²⁶ values. Collective.
 ///
-/// Each value is split into multiples of three units, 26 bits apart and the same on all parts, whose sums are exact; what is
-/// below 2⁻⁷⁸ of the largest is dropped. Source: Demmel and Nguyen 2013, "Fast reproducible floating-point summation",
-/// IEEE Symp. Computer Arithmetic 21, 163.
+/// Each value is split into multiples of three units, 26 bits apart and equal on all parts, whose
+/// sums are exact. Bits below 2⁻⁷⁸ of the largest value are dropped. Source: Demmel and Nguyen
+/// 2013, "Fast reproducible floating-point summation", IEEE Symp. Computer Arithmetic 21, 163.
 pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(
     joint: &dyn Joint,
     values: [I; N],
@@ -117,10 +121,11 @@ pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(
         if largest < TINY {
             continue;
         }
-        // A power of two above the largest; one of no number is not a number.
+        // A power of two above the largest value. It is not-a-number if the largest value is not
+        // finite.
         let top = 2.0 * f64::from_bits(largest.to_bits() & (0x7ff << 52));
         let top = if largest.is_finite() { top } else { f64::NAN };
-        // What is added and taken away again rounds to a unit.
+        // Adding and subtracting the rounder rounds a number to a multiple of the unit.
         let rounder: [f64; 3] =
             std::array::from_fn(|k| 1.5 * top * 2.0_f64.powi(52 - FOLD_BITS * (k as i32 + 1)));
         for value in values {
@@ -136,7 +141,7 @@ pub(crate) fn sums<I: Iterator<Item = f64> + Clone, const N: usize>(
     folds.map(|[high, middle, low]| high + (middle + low))
 }
 
-/// Scalar products over owned nodes, as [`sums`].
+/// Scalar products over owned nodes, reproducible like [`sums`].
 pub(crate) fn dots<const N: usize>(joint: &dyn Joint, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
     let n = joint.n_owned();
     sums(
@@ -159,7 +164,7 @@ mod tests {
             let as_numbers = |v: &[(f64, i32)]| v.iter().map(|(m, e)| m * 2.0_f64.powi(*e)).collect::<Vec<f64>>();
             let sum = |v: &[f64]| sums(&Alone(v.len()), [v.iter().copied()])[0];
             let numbers = as_numbers(&values);
-            // Against Neumaier's compensated sum.
+            // Compared with Neumaier's compensated sum.
             let (mut total, mut lost) = (0.0_f64, 0.0_f64);
             for x in &numbers {
                 let next = total + x;

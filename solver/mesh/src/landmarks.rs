@@ -5,23 +5,24 @@ use crate::surface::area_vector;
 use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::{Vec3, add, dot, norm, scale, sub, unit};
 
-/// Where a ventricle's ends are.
+/// Landmarks of a ventricle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Landmarks {
-    /// Middle of the largest opening, mm.
+    /// Centre of the largest opening \[mm\].
     pub base_mm: Vec3,
-    /// The outer wall's point farthest below the base, mm.
+    /// Point of the outer wall farthest below the base \[mm\].
     pub apex_mm: Vec3,
-    /// The inner wall's point farthest below the base, mm.
+    /// Point of the inner wall farthest below the base \[mm\].
     pub endocardial_apex_mm: Vec3,
-    /// Unit vector from apex to base: the opening's normal.
+    /// Unit vector from apex to base, which is the normal of the opening.
     pub axis: Vec3,
-    /// How far the apex lies below the base, mm.
+    /// Distance of the apex below the base \[mm\].
     pub apex_height_mm: f64,
 }
 
 impl Landmarks {
-    /// Ends of a mesh with endocardium and epicardium; none where the endocardium is closed or no surface.
+    /// Landmarks of a mesh with endocardium and epicardium; `None` if the endocardium is closed or
+    /// does not form a surface.
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Option<Self> {
         let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?;
@@ -29,7 +30,8 @@ impl Landmarks {
         let cavity = Cavity::behind(&endocardium.triangles).ok()?;
         let largest = (0..cavity.openings.len()).max_by_key(|k| cavity.openings[*k].len())?;
         let base_mm = cavity.opening_centre_mm(largest, &mesh.nodes_mm);
-        // The areas of a closed surface sum to zero: the endocardium's sum is the opening's, towards the apex.
+        // Area vectors of a closed surface sum to zero. The sum over the endocardium is therefore
+        // the area vector of the opening.
         let sum = endocardium
             .triangles
             .iter()
@@ -51,7 +53,7 @@ impl Landmarks {
         (marks.apex_height_mm > 0.0).then_some(marks)
     }
 
-    /// Mean distance of the opening's border from its middle, mm.
+    /// Mean distance of the opening's border from its centre \[mm\].
     #[must_use]
     pub fn base_radius_mm(&self, mesh: &TetMesh) -> Option<f64> {
         let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?;
@@ -64,8 +66,8 @@ impl Landmarks {
         Some(sum / border.len() as f64)
     }
 
-    /// Unit vector from the axis, at right angles, towards the middle of a surface; none where the mesh has no such surface, or its
-    /// middle lies on the axis.
+    /// Unit vector perpendicular to the axis, towards the centre of a surface; `None` if the mesh
+    /// has no such surface, or if its centre lies on the axis.
     #[must_use]
     pub fn towards(&self, mesh: &TetMesh, surface: &str) -> Option<Vec3> {
         let nodes = mesh.surface(surface)?.nodes();
@@ -76,8 +78,9 @@ impl Landmarks {
         unit(crate::vec3::reject(sub(middle, self.base_mm), self.axis))
     }
 
-    /// Two places of activation where the fascicles of the left bundle end: at the endocardium, two thirds of the way from base to
-    /// apex, on opposite sides. An assumption for meshes that come without any: half of them in the septum where one is told apart.
+    /// Two activation sites at the ends of the left bundle's fascicles: on the endocardium, two
+    /// thirds of the way from base to apex, on opposite sides. They are an assumption for meshes
+    /// without given sites. If the septum is marked, one of the sites lies in it.
     #[must_use]
     pub fn usual_sites_mm(&self, mesh: &TetMesh) -> Vec<Vec3> {
         let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM) else {
@@ -117,7 +120,7 @@ mod tests {
             .unwrap()
             .mesh;
         let marks = Landmarks::of(&mesh).unwrap();
-        // its long axis is z, base up
+        // The long axis is z, with the base at the top.
         let across = |x: Vec3| x[0].hypot(x[1]);
         assert!(marks.axis[2].abs() > 0.999, "{marks:?}");
         assert!(

@@ -1,4 +1,5 @@
-//! Laplace and Poisson problems on linear tetrahedra, for fields that fibre rules and depths are made of.
+//! Laplace and Poisson problems on linear tetrahedra, for the fields of fibre rules and transmural
+//! depths.
 
 use cardiotwin_linalg::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
 use cardiotwin_linalg::{Csr, Pattern};
@@ -7,45 +8,47 @@ use crate::joint::{Joint, any, dots, flags};
 use crate::tet_mesh::{TetMesh, shape_gradients};
 use crate::vec3::dot;
 
-/// Relative residual at which conjugate gradients stop.
+/// Relative residual at which the conjugate gradients stop.
 pub const TOLERANCE: f64 = 1e-10;
-/// Iterations for each unknown's square root; far more than a sound mesh needs.
+/// Largest number of iterations, far more than a sound mesh needs.
 const MOST_ITERATIONS: usize = 20_000;
 
-/// Why a field could not be solved for.
+/// Reasons why a field could not be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LaplaceError {
-    /// Nothing holds the field.
+    /// No node of the field has a prescribed value.
     #[error(
         "{field}: no node has a given value; the surfaces that should hold it ({expected}) have no nodes in this part of the mesh"
     )]
     Floating {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Where values were expected.
+        /// Surfaces that should prescribe values.
         expected: &'static str,
     },
-    /// Conjugate gradients did not converge.
+    /// The conjugate gradients did not converge.
     #[error(
         "{field}: conjugate gradients stand at a relative residual of {residual:.1e} after {iterations} iterations, expected {TOLERANCE:.0e}: look for degenerate elements"
     )]
     NotConverged {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Where it stands.
+        /// Relative residual that was reached.
         residual: f64,
-        /// After so many.
+        /// Number of iterations.
         iterations: usize,
     },
 }
 
-/// Solves −Δu = `source` (per mm²) on the elements that `within` accepts, with u = `fixed` at the nodes where that is
-/// given and no flux elsewhere. Returns a value for each node; not-a-number at nodes of no accepted element.
+/// Solves −Δu = `source` (per mm²) on the elements that `within` accepts, with u = `fixed` at the
+/// nodes that have a prescribed value, and no flux elsewhere. Returns one value per node;
+/// not-a-number at nodes without an accepted element.
 ///
-/// On a part of a mesh, `fixed` counts for its own nodes, and values are the same to the bit for any cut. Collective.
+/// On a part of a mesh, `fixed` applies to owned nodes, and values are the same bit for bit for any
+/// partition. Collective.
 ///
 /// # Errors
-/// [`LaplaceError`], which names `field`, on all parts.
+/// [`LaplaceError`] with the name `field`, on all parts.
 pub fn solve(
     field: &'static str,
     mesh: &TetMesh,
@@ -113,7 +116,7 @@ pub fn solve(
     Ok(u)
 }
 
-/// Rows of owned nodes, with the inverses of their diagonals.
+/// Matrix rows of the owned nodes, with the inverse diagonal.
 struct Jacobi<'a> {
     matrix: &'a Csr,
     inverse: &'a [f64],
@@ -143,8 +146,9 @@ impl SymmetricSystem for Jacobi<'_> {
     }
 }
 
-/// Jacobi-preconditioned; rows without entries stay zero. Products add a row in the order of the whole mesh: a part's row
-/// is added up as the whole mesh's.
+/// Jacobi-preconditioned conjugate gradients; rows without entries stay zero. Products add the
+/// entries of a row in the whole mesh's order, so that a part's row gives the same sum as in the
+/// whole mesh.
 fn conjugate_gradients(
     field: &'static str,
     mut matrix: Csr,
@@ -214,7 +218,7 @@ mod tests {
 
     #[test]
     fn a_parabola_is_approached_with_second_order() {
-        // −u″ = 2 between u = 0 at both ends of [0, 1]: u = x (1 − x)
+        // −u″ = 2 with u = 0 at both ends of [0, 1]: u = x (1 − x).
         let errors = [4, 8, 16].map(|n| {
             let mesh = cube(n, 1.0);
             let ends = |x: &[f64; 3]| (x[2] == 0.0 || x[2] == 1.0).then_some(0.0);
@@ -222,7 +226,8 @@ mod tests {
             let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &fixed, 2.0).unwrap();
             let squares: f64 = (0..mesh.n_tets())
                 .map(|e| {
-                    // at centroids: nodal values of a one-dimensional problem are exact
+                    // Compared at centroids, because nodal values of a one-dimensional problem are
+                    // exact.
                     let mean = mesh.tets[e]
                         .iter()
                         .map(|node| u[*node as usize])

@@ -1,7 +1,8 @@
-//! Tetrahedral meshes of the left ventricle: what a finite-element organ stands on.
+//! Tetrahedral meshes of the left ventricle for finite-element simulations.
 //!
-//! Lengths are in mm, times in ms, speeds in mm/ms (= m/s), volumes in mm³ unless a type says otherwise; files carry
-//! their own units (`.pts` in µm) and are converted where they are read and written. `docs/mesh.md` is the guide.
+//! Lengths are in mm, times in ms, speeds in mm/ms (= m/s), and volumes in mm³, unless a type
+//! states another unit. Files have their own units (`.pts` is in µm), which are converted when they
+//! are read and written. `docs/mesh.md` is the guide.
 
 pub mod adjacency;
 pub mod cavity;

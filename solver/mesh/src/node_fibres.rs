@@ -1,7 +1,7 @@
-//! Fibre directions that are given at nodes, evaluated at any point of an element.
+//! Fibre directions given at nodes, evaluated at any point of an element.
 //!
-//! A fibre turns by 120° across the wall. An element with one direction sees a staircase; directions at nodes give each
-//! integration point its own.
+//! Fibres turn by 120° across the wall. With one direction per element, the field is a staircase;
+//! with nodal directions, each integration point has its own direction.
 
 use crate::fibres::{Angles, turned};
 use crate::tet_mesh::Frame;
@@ -12,24 +12,25 @@ use crate::vec3::{Vec3, any_perpendicular, axpy, cross, dot, reject, scale, unit
 pub struct WallPoint {
     /// Transmural direction, from the endocardium outwards.
     pub out: Vec3,
-    /// Longitudinal direction, from apex to base. Its length is below one where the directions around the node disagree, and
-    /// zero at the apex, so that an interpolated direction is its neighbours' there.
+    /// Longitudinal direction, from apex to base. Its length is less than one if the directions
+    /// around the node disagree, and zero at the apex, so that an interpolated direction there
+    /// comes from the neighbouring nodes.
     pub up: Vec3,
-    /// Transmural depth, 0 at the endocardium and 1 at the epicardium; 0 outside of the muscle.
+    /// Transmural depth, 0 at the endocardium and 1 at the epicardium; 0 outside the muscle.
     pub depth: f64,
 }
 
 /// A field of fibre directions with values at nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum NodeFibres {
-    /// Directions are given per element alone.
+    /// No directions at nodes; the mesh has directions per element only.
     #[default]
     PerElement,
     /// Fibre, sheet and normal at each node.
     Frames(Vec<Frame>),
-    /// Directions of the wall at each node and the angles that the rule turns them by.
+    /// Directions of the wall at each node, and the angles by which the rule turns them.
     Rule {
-        /// One a node.
+        /// Directions and depth at each node.
         walls: Vec<WallPoint>,
         /// Angles of the rule.
         angles: Angles,
@@ -43,7 +44,7 @@ impl NodeFibres {
         !matches!(self, Self::PerElement)
     }
 
-    /// Number of nodes with directions; `None` where directions are per element.
+    /// Number of nodes with directions; `None` if directions are per element.
     #[must_use]
     pub fn n_nodes(&self) -> Option<usize> {
         match self {
@@ -53,12 +54,13 @@ impl NodeFibres {
         }
     }
 
-    /// Frame at the point with barycentric coordinates `l` of the element with corners `tet`; `None` where directions are per
-    /// element, or where no node of the element has one.
+    /// Frame at the point with barycentric coordinates `l` of the element with corners `tet`;
+    /// `None` if directions are per element, or if no node of the element has one.
     ///
-    /// Frames are interpolated on the rotation group to first order: axes of all corners are signed like the nearest corner's
-    /// (a fibre has no sign), summed, and made orthonormal. The rule interpolates the directions of the wall and the depth,
-    /// and turns them at the point: correct in a wall of one element, too.
+    /// Frames are interpolated on the rotation group to first order. The axes of all corners get
+    /// the sign of the nearest corner's, because a fibre has no sign; then they are summed and
+    /// orthonormalised. The rule interpolates the directions of the wall and the depth and turns
+    /// them at the point, which is correct even in a wall of one element.
     #[must_use]
     pub fn frame(&self, tet: &[u32; 4], l: &[f64; 4]) -> Option<Frame> {
         match self {
@@ -84,7 +86,7 @@ impl NodeFibres {
         }
     }
 
-    /// The field at other nodes: `nodes` are the old numbers in the new order.
+    /// The field on renumbered nodes; `nodes` gives the old numbers in the new order.
     #[must_use]
     pub fn at(&self, nodes: impl Iterator<Item = usize>) -> Self {
         match self {
@@ -97,7 +99,7 @@ impl NodeFibres {
         }
     }
 
-    /// The field with further nodes at the middles of edges.
+    /// The field with additional nodes at the midpoints of edges.
     #[must_use]
     pub fn with_middles(&self, edges: impl Iterator<Item = [u32; 2]>) -> Self {
         let half = [0.5, 0.5, 0.0, 0.0];
@@ -129,7 +131,7 @@ impl NodeFibres {
     }
 }
 
-/// Fibre, sheet and normal for directions of the wall that need not be unit vectors.
+/// Fibre, sheet and normal for directions of the wall, which may have any length.
 fn turned_wall(out: Vec3, up: Vec3, depth: f64, angles: &Angles) -> Frame {
     let out = unit(out).unwrap_or([0.0, 0.0, 1.0]);
     let up = unit(reject(up, out)).unwrap_or_else(|| any_perpendicular(out));
@@ -225,7 +227,7 @@ mod tests {
             let frame = field
                 .frame(&TET, &[rest, rest, rest, share])
                 .expect("a frame");
-            // Around is up × out.
+            // The circumferential direction is up × out.
             let found = frame.fibre[1].atan2(frame.fibre[0]).to_degrees();
             assert!((found - angle_deg).abs() < 1e-9, "{found} for {angle_deg}");
         }

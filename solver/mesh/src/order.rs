@@ -1,22 +1,22 @@
-//! Renumbering: neighbours in space become neighbours in memory.
+//! Renumbering of a mesh, so that neighbours in space are neighbours in memory.
 
 use crate::adjacency::Adjacency;
 use crate::surface::Surface;
 use crate::tet_mesh::TetMesh;
 use std::collections::VecDeque;
 
-/// A new order of nodes and elements: place → number in the old mesh.
+/// A new order of nodes and elements, as a map from new to old numbers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Renumbering {
-    /// Old number of each new node.
+    /// Old number of each node in the new order.
     pub nodes: Vec<u32>,
-    /// Old number of each new element.
+    /// Old number of each element in the new order.
     pub tets: Vec<u32>,
 }
 
 impl Renumbering {
-    /// Reverse Cuthill-McKee: small bandwidth. Starts each part of the mesh at a node far out, and takes neighbours by
-    /// degree, then number.
+    /// Reverse Cuthill-McKee order, which has a small bandwidth. It starts each connected part of
+    /// the mesh at a peripheral node and takes neighbours by degree, then by number.
     ///
     /// Source: Cuthill, McKee 1969, reversed after George 1971.
     #[must_use]
@@ -53,8 +53,8 @@ impl Renumbering {
         Self::of_nodes(mesh, order)
     }
 
-    /// Along Hilbert's curve through the mesh's bounding cube: compact pieces, cheap, good for caches and for cutting into
-    /// ranges.
+    /// Order along Hilbert's curve through the mesh's bounding cube. It is cheap and gives compact
+    /// pieces, which suits caches and partitions into ranges.
     #[must_use]
     pub fn hilbert(mesh: &TetMesh) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -79,7 +79,7 @@ impl Renumbering {
         Self::of_nodes(mesh, order)
     }
 
-    /// Nodes in the given order, elements by their smallest new node.
+    /// Nodes in a given order, and elements by their smallest new node.
     #[must_use]
     pub fn of_nodes(mesh: &TetMesh, nodes: Vec<u32>) -> Self {
         let new = inverse(&nodes);
@@ -92,7 +92,7 @@ impl Renumbering {
         Self { nodes, tets }
     }
 
-    /// Every order of nodes and elements is as good as another: for tests of what must not depend on it.
+    /// A random order, for tests of results that must not depend on it.
     #[must_use]
     pub fn shuffled(mesh: &TetMesh, seed: u64) -> Self {
         let shuffle = |n: usize, seed: u64| {
@@ -156,7 +156,7 @@ impl Renumbering {
     }
 }
 
-/// New number of each old one.
+/// New number of each old item.
 #[must_use]
 pub fn inverse(new_to_old: &[u32]) -> Vec<u32> {
     let mut new = vec![0; new_to_old.len()];
@@ -166,7 +166,7 @@ pub fn inverse(new_to_old: &[u32]) -> Vec<u32> {
     new
 }
 
-/// Largest difference of two neighbours' numbers.
+/// Largest difference between the numbers of two neighbouring nodes.
 #[must_use]
 pub fn bandwidth(mesh: &TetMesh) -> usize {
     let spread = |tet: &[u32; 4]| {
@@ -178,7 +178,8 @@ pub fn bandwidth(mesh: &TetMesh) -> usize {
     mesh.tets.iter().map(spread).max().unwrap_or(0)
 }
 
-/// A node of about the largest distance from another: the last of two searches by breadth, of least degree.
+/// A node with approximately the largest distance from another one: from the last level of two
+/// breadth-first searches, the node of least degree.
 fn far_node(graph: &Adjacency, seed: u32) -> u32 {
     let mut far = seed;
     for _ in 0..2 {
@@ -206,7 +207,7 @@ fn far_node(graph: &Adjacency, seed: u32) -> u32 {
 
 const HILBERT_BITS: u32 = 20;
 
-/// Place on Hilbert's curve.
+/// Position on Hilbert's curve.
 ///
 /// Source: Skilling 2004, "Programming the Hilbert curve", AIP Conf. Proc. 707, 381.
 fn hilbert_key(mut x: [u32; 3]) -> u64 {
@@ -301,7 +302,8 @@ mod tests {
                 mesh.nodes_mm[pair[1] as usize],
             )
         };
-        // 16 nodes a side fall one to a cell of the curve: each step is one cell
+        // With 16 nodes per side, each cell of the curve contains one node, so that each step is
+        // one cell.
         assert!(
             order
                 .nodes

@@ -1,15 +1,16 @@
-//! Cutting a mesh into parts of about equal work for threads or processes.
+//! Partition of a mesh into parts of approximately equal work, for threads or processes.
 
 use crate::tet_mesh::TetMesh;
 
-/// A way to cut a mesh. Recursive coordinate bisection is here; a graph partitioner (METIS) is another implementation.
+/// A partitioning method. This module implements recursive coordinate bisection; a graph
+/// partitioner (METIS) is another implementation.
 pub trait Partitioner {
-    /// The part, 0 to `n_parts` − 1, of each element. `work` is what each element costs, one for each, positive.
+    /// Part of each element, from 0 to `n_parts` − 1. `work` is the positive cost of each element.
     fn parts(&self, mesh: &TetMesh, work: &[f64], n_parts: usize) -> Vec<u32>;
 }
 
-/// Halves (or, for odd numbers, the nearest share) along the longest side, again and again. Deterministic; needs nothing
-/// but positions.
+/// Recursive bisection along the longest side, into halves or, for odd numbers of parts, into the
+/// nearest shares. It is deterministic and uses only positions.
 ///
 /// Source: Berger, Bokhari 1987, IEEE Trans. Comput. C-36, 570.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -65,16 +66,16 @@ fn bisect(
     bisect(centres, work, high, first + n_low, n_parts - n_low, parts);
 }
 
-/// What a partition costs.
+/// Quality of a partition.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartitionFigures {
-    /// Largest part's work over the mean.
+    /// Work of the largest part divided by the mean.
     pub imbalance: f64,
-    /// Nodes that belong to elements of more than one part, over all nodes.
+    /// Number of nodes in more than one part, divided by the number of all nodes.
     pub shared_share: f64,
 }
 
-/// Measures a partition.
+/// Computes the quality of a partition.
 #[must_use]
 pub fn figures(mesh: &TetMesh, work: &[f64], parts: &[u32], n_parts: usize) -> PartitionFigures {
     let mut load = vec![0.0; n_parts];
@@ -97,7 +98,8 @@ pub fn figures(mesh: &TetMesh, work: &[f64], parts: &[u32], n_parts: usize) -> P
     }
 }
 
-/// The owner of each node: the lowest part among its elements' (`u32::MAX` for a node of no element).
+/// Owner of each node: the lowest part among those of its elements (`u32::MAX` for a node without
+/// elements).
 #[must_use]
 pub fn node_owners(mesh: &TetMesh, parts: &[u32]) -> Vec<u32> {
     let mut owner = vec![u32::MAX; mesh.n_nodes()];
@@ -136,7 +138,7 @@ mod tests {
     #[test]
     fn a_partition_follows_its_elements_through_a_renumbering() {
         let mut mesh = block([5, 4, 6], [5.0, 4.0, 6.0]);
-        // no two centres on one plane, so that ties do not decide
+        // No two centroids lie in one plane, so that the result does not depend on ties.
         for (i, x) in mesh.nodes_mm.iter_mut().enumerate() {
             *x = std::array::from_fn(|k| x[k] + 0.05 * ((i * (k + 3)) as f64).sin());
         }

@@ -1,9 +1,10 @@
-//! How well shaped the elements are.
+//! Shape quality of elements.
 
 use crate::tet_mesh::{EDGES, TetMesh, volume_mm3};
 use crate::vec3::{Vec3, cross, dot, norm, sub};
 
-/// Mean ratio of a tetrahedron, 12 (3 V)^(2/3) / Σ l²: 1 for a regular one, 0 for a flat one, negative for an inverted one.
+/// Mean ratio of a tetrahedron, 12 (3 V)^(2/3) / Σ l²: 1 for a regular tetrahedron, 0 for a flat
+/// one, negative for an inverted one.
 ///
 /// Source: Liu, Joe 1994, "Relationship between tetrahedron shape measures", BIT 34, 268.
 #[must_use]
@@ -19,7 +20,7 @@ pub fn mean_ratio(x: [Vec3; 4]) -> f64 {
     volume.signum() * 12.0 * (3.0 * volume.abs()).powf(2.0 / 3.0) / squares
 }
 
-/// The six angles between faces, degrees.
+/// The six dihedral angles \[degrees\].
 #[must_use]
 pub fn dihedral_angles_deg(x: [Vec3; 4]) -> [f64; 6] {
     EDGES.map(|[i, j]| {
@@ -34,7 +35,7 @@ pub fn dihedral_angles_deg(x: [Vec3; 4]) -> [f64; 6] {
     })
 }
 
-/// Figures of a mesh's shape.
+/// Shape quality of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
     /// Smallest [`mean_ratio`].
@@ -43,23 +44,23 @@ pub struct Quality {
     pub mean: f64,
     /// Share of elements whose mean ratio is below 0.3.
     pub poor_share: f64,
-    /// Smallest angle between faces, degrees.
+    /// Smallest dihedral angle \[degrees\].
     pub min_dihedral_deg: f64,
-    /// Largest angle between faces, degrees: near 180 in a sliver.
+    /// Largest dihedral angle \[degrees\], near 180 in a sliver.
     pub max_dihedral_deg: f64,
-    /// Shortest edge, mm.
+    /// Length of the shortest edge \[mm\].
     pub min_edge_mm: f64,
-    /// Mean edge, mm.
+    /// Mean length of the edges \[mm\].
     pub mean_edge_mm: f64,
-    /// Longest edge, mm.
+    /// Length of the longest edge \[mm\].
     pub max_edge_mm: f64,
 }
 
-/// Below this mean ratio an element counts as poor.
+/// Mean ratio below which an element counts as poor.
 pub const POOR: f64 = 0.3;
 
 impl Quality {
-    /// Measures all elements; not-a-number throughout for a mesh without elements.
+    /// Quality over all elements; not-a-number throughout for a mesh without elements.
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Self {
         let n = mesh.n_tets() as f64;

@@ -1,4 +1,5 @@
-//! Uniform refinement: every edge halved, eight tetrahedra of one, the body unchanged.
+//! Uniform refinement: all edges are halved and each tetrahedron becomes eight, without change of
+//! the body.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +7,11 @@ use crate::surface::Surface;
 use crate::tet_mesh::TetMesh;
 use crate::vec3::{add, distance, scale};
 
-/// Each tetrahedron cut at the middles of its edges: four at its corners, and the octahedron between them in four around
-/// its shortest diagonal (Bey 1995). Triangles of surfaces are cut in four; tags and frames go to the parts. Nodes keep
-/// their numbers, those on edges follow in ascending order of the edges. Facets stay where they are: volumes and surfaces
-/// are those of the coarse mesh.
+/// Divides each tetrahedron at the midpoints of its edges: four tetrahedra at the corners, and the
+/// octahedron between them into four around its shortest diagonal (Bey 1995). Triangles of surfaces
+/// are divided into four; tags and frames pass to the parts. Nodes keep their numbers, and nodes on
+/// edges follow in ascending order of the edges. Facets stay flat, so that volumes and surfaces are
+/// those of the coarse mesh.
 #[must_use]
 pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
     let key = |a: u32, b: u32| (a.min(b), a.max(b));
@@ -38,7 +40,7 @@ pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
             [m02, m12, t[2], m23],
             [m03, m13, m23, t[3]],
         ]);
-        // The diagonal's two ends, and the four other corners in a circle around it.
+        // The two ends of the diagonal, and the four other corners in a circle around it.
         let diagonals = [
             (m02, m13, [m01, m12, m23, m03]),
             (m01, m23, [m02, m03, m13, m12]),
@@ -63,7 +65,8 @@ pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
     let surfaces = (mesh.surfaces.iter())
         .map(|s| Surface {
             name: s.name.clone(),
-            // A triangle that is no face of the mesh stays as it is, for whoever checks surfaces to find.
+            // A triangle that is not a face of the mesh stays unchanged, so that the checks of
+            // surfaces find it.
             triangles: s
                 .triangles
                 .iter()
@@ -124,7 +127,7 @@ mod tests {
         assert_eq!(found, given);
     }
 
-    /// Faces of one element alone, normals outward.
+    /// Faces that belong to one element only, with outward normals.
     fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
         let mut faces = BTreeMap::new();
         for [a, b, c, d] in &mesh.tets {

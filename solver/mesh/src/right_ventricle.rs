@@ -1,4 +1,5 @@
-//! A mesh of both ventricles: which part of the base is the left one's, and the left ventricle's own surfaces.
+//! Meshes of both ventricles: division of the base between them, and the surfaces of the left
+//! ventricle alone.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -7,19 +8,20 @@ use crate::surface::{Surface, SurfaceDefect, boundary, openings, sorted};
 use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::{Vec3, add, distance, scale};
 
-/// The rim of both ventricles, by the opening that a triangle is nearest to.
+/// The rim of both ventricles, divided by the nearest opening.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rims {
-    /// Around the openings of the endocardium.
+    /// Triangles around the openings of the endocardium.
     pub left: Vec<[u32; 3]>,
-    /// Around those of the right ventricle; none where its surface is closed.
+    /// Triangles around the openings of the right ventricle; empty if its surface is closed.
     pub right: Vec<[u32; 3]>,
 }
 
-/// Parts the rim of a mesh with [`surface_names::RIGHT_VENTRICLE`]; `None` for a mesh of the left ventricle alone.
+/// Divides the rim of a mesh with [`surface_names::RIGHT_VENTRICLE`]; `None` for a mesh of the left
+/// ventricle alone.
 ///
 /// # Errors
-/// [`SurfaceDefect`] where one of the two inner walls is no surface.
+/// [`SurfaceDefect`] if one of the two inner walls does not form a surface.
 pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
     let triangles = |name: &str| {
         mesh.surface(name)
@@ -59,8 +61,9 @@ pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
     Ok(Some(rims))
 }
 
-/// The mesh with the surfaces of the left ventricle alone: its part of the rim, and as epicardium the outer side of muscle, the
-/// septum's right side included. A mesh without a right ventricle, or one that cannot be parted, is as it was.
+/// The mesh with the surfaces of the left ventricle alone: its part of the rim, and the outer side
+/// of its muscle as epicardium, including the septum's right side. A mesh without a right
+/// ventricle, or one that cannot be divided, is returned unchanged.
 ///
 /// - `muscle`: tags of the left ventricle's wall
 #[must_use]
@@ -106,7 +109,7 @@ mod tests {
     use super::*;
     use crate::files::{LengthUnit, carp};
 
-    /// Ambit's bi-ventricle with our name of the right endocardium.
+    /// Ambit's bi-ventricle, with our name of the right endocardium.
     fn both_ventricles() -> TetMesh {
         let stem = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../examples/meshes/ambit_biv/ambit_biv");
@@ -126,7 +129,7 @@ mod tests {
             mesh.surface(surface_names::RIM).unwrap().triangles.len()
         );
         let nodes = |name: &str| mesh.surface(name).unwrap().nodes();
-        // Each has all triangles at its own opening.
+        // Each part has all triangles at its own opening.
         for (own, inner) in [
             (&left, surface_names::ENDOCARDIUM),
             (&right, surface_names::RIGHT_VENTRICLE),

@@ -7,9 +7,10 @@ use std::collections::BTreeMap;
 /// A named part of the boundary.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Surface {
-    /// One of [`crate::tet_mesh::surface_names`], or the file's own.
+    /// One of [`crate::tet_mesh::surface_names`], or a name from the file.
     pub name: String,
-    /// Corners, ordered so that the normal points out of the tissue (for an endocardium: into the cavity).
+    /// Corners, ordered so that the normal points out of the tissue (for an endocardium: into the
+    /// cavity).
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -23,7 +24,7 @@ impl Surface {
         nodes
     }
 
-    /// Area, mm².
+    /// Area of the surface \[mm²\].
     #[must_use]
     pub fn area_mm2(&self, nodes_mm: &[Vec3]) -> f64 {
         self.triangles
@@ -33,30 +34,30 @@ impl Surface {
     }
 }
 
-/// Half the cross product of two edges: area in mm² times the unit normal.
+/// Half the cross product of two edges, which is the area \[mm²\] times the unit normal.
 #[must_use]
 pub fn area_vector(triangle: [u32; 3], nodes_mm: &[Vec3]) -> Vec3 {
     let [a, b, c] = triangle.map(|node| nodes_mm[node as usize]);
     scale(cross(sub(b, a), sub(c, a)), 0.5)
 }
 
-/// A face of the boundary and the element that it belongs to.
+/// A boundary face and its element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BoundaryFace {
-    /// Corners, outward normal.
+    /// Corners, ordered so that the normal points outwards.
     pub triangle: [u32; 3],
-    /// The one element that has this face.
+    /// Index of the only element with this face.
     pub tet: u32,
 }
 
-/// Faces that belong to one element only, in the order of elements. Elements need a positive volume for the normals to
-/// point outward.
+/// Faces that belong to one element only, in the order of elements. Normals point outwards if
+/// elements have a positive volume.
 #[must_use]
 pub fn boundary(mesh: &TetMesh) -> Vec<BoundaryFace> {
     boundary_of(mesh, |_| true)
 }
 
-/// Boundary of the part of a mesh whose elements `within` accepts.
+/// Boundary of the elements that `within` accepts.
 pub fn boundary_of(mesh: &TetMesh, within: impl Fn(usize) -> bool) -> Vec<BoundaryFace> {
     let mut faces: Vec<([u32; 3], BoundaryFace)> = Vec::with_capacity(4 * mesh.n_tets());
     for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| within(*e)) {
@@ -81,7 +82,7 @@ pub fn boundary_of(mesh: &TetMesh, within: impl Fn(usize) -> bool) -> Vec<Bounda
     single
 }
 
-/// A triangle's corners, ascending: its name whatever its orientation.
+/// Corners of a triangle in ascending order, which identify it whatever its orientation.
 #[must_use]
 pub fn sorted(mut triangle: [u32; 3]) -> [u32; 3] {
     triangle.sort_unstable();
@@ -94,44 +95,45 @@ pub fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
     [(a, b), (b, c), (c, a)]
 }
 
-/// What is wrong with a patch of triangles as a surface.
+/// Reasons why a patch of triangles does not form a surface.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SurfaceDefect {
-    /// An edge that three or more triangles share.
+    /// Three or more triangles share an edge.
     #[error(
         "the edge between nodes {a} and {b} belongs to {n_triangles} triangles, but at most 2 can meet in a surface"
     )]
     Branched {
-        /// One end.
+        /// First node of the edge.
         a: u32,
-        /// Other end.
+        /// Second node of the edge.
         b: u32,
-        /// Triangles there.
+        /// Number of triangles at the edge.
         n_triangles: usize,
     },
-    /// Two neighbours whose normals point to different sides.
+    /// The normals of two neighbours point to different sides.
     #[error(
         "the two triangles at the edge between nodes {a} and {b} are oriented against each other"
     )]
     Inconsistent {
-        /// One end.
+        /// First node of the edge.
         a: u32,
-        /// Other end.
+        /// Second node of the edge.
         b: u32,
     },
-    /// The rim of an opening that touches itself.
+    /// The rim of an opening touches itself.
     #[error("the rim of the surface's opening passes node {node} more than once")]
     Pinched {
-        /// Where.
+        /// Node that the rim passes more than once.
         node: u32,
     },
 }
 
-/// Openings of a patch of triangles: closed loops of nodes, each in the direction of the triangles' own edges, each
-/// beginning with its smallest node, ordered by that node. None for a closed surface.
+/// Openings of a patch of triangles, as closed loops of nodes in the direction of the triangles'
+/// own edges. Each loop begins with its smallest node, and the loops are in the order of these
+/// nodes. A closed surface has none.
 ///
 /// # Errors
-/// [`SurfaceDefect`] where the patch is no oriented surface.
+/// [`SurfaceDefect`] if the patch does not form an oriented surface.
 pub fn openings(triangles: &[[u32; 3]]) -> Result<Vec<Vec<u32>>, SurfaceDefect> {
     let mut uses: BTreeMap<(u32, u32), (usize, usize)> = BTreeMap::new();
     for (a, b) in triangles.iter().flat_map(|t| edges(*t)) {

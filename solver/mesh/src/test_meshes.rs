@@ -2,12 +2,13 @@
 
 use crate::tet_mesh::TetMesh;
 
-/// A cube of side `length` with a corner in the origin, `n` cells a side, each of six tetrahedra around its diagonal.
+/// A cube of side `length` with a corner at the origin and `n` cells per side, each divided into
+/// six tetrahedra around its diagonal.
 pub fn cube(n: usize, length: f64) -> TetMesh {
     block([n; 3], [length; 3])
 }
 
-/// A block with a corner in the origin.
+/// A block with a corner at the origin.
 pub fn block(n: [usize; 3], lengths: [f64; 3]) -> TetMesh {
     let id = |i: [usize; 3]| (i[0] + (n[0] + 1) * (i[1] + (n[1] + 1) * i[2])) as u32;
     let mut mesh = TetMesh::default();

@@ -1,103 +1,109 @@
-//! The mesh itself: nodes, linear tetrahedra, tags, fibre frames, surfaces.
+//! The mesh: nodes, linear tetrahedra, tags, fibre frames and surfaces.
 
 use crate::node_fibres::NodeFibres;
 use crate::surface::Surface;
 use crate::vec3::{Vec3, cross, dot, scale, sub};
 use cardiotwin_units::Ml;
 
-/// Tags that this crate's generator gives; a mesh from a file brings its own.
+/// Tags of generated meshes. Meshes from files have tags of their own.
 pub mod tags {
     /// Contracting wall of the left ventricle.
     pub const LEFT_VENTRICLE: i32 = 1;
-    /// Passive tissue at the base: aortic root and its like.
+    /// Passive tissue at the base, such as the aortic root.
     pub const AORTIC_ROOT: i32 = 2;
-    /// From here on: passive tissue beside the left ventricle that is no part of its base, as the right ventricle's wall. Looked at
-    /// in meshes with [`super::surface_names::RIGHT_VENTRICLE`] alone.
+    /// First tag of passive tissue that does not belong to the left ventricle's base, such as the
+    /// right ventricle's wall. It has this meaning only in meshes with
+    /// [`super::surface_names::RIGHT_VENTRICLE`].
     pub const BESIDE: i32 = 100_000;
 }
 
-/// Names of surfaces that the rest of the program knows; a mesh may carry others beside them.
+/// Names of surfaces that the program uses; a mesh may have other surfaces as well.
 pub mod surface_names {
-    /// Inner wall of the cavity, from apex to rim, passive ring included: closed by the opening's cap alone.
+    /// Inner wall of the cavity from apex to rim, including the passive ring. Together with the
+    /// opening's cap it is closed.
     pub const ENDOCARDIUM: &str = "endocardium";
-    /// Outer wall, without the part that [`SEPTUM`] holds.
+    /// Outer wall, except for the part in [`SEPTUM`].
     pub const EPICARDIUM: &str = "epicardium";
-    /// The ring-shaped cut at the base, or of the aortic root: where the heart hangs.
+    /// Ring-shaped cut at the base or through the aortic root, where the heart is suspended.
     pub const RIM: &str = "rim";
-    /// The part of the outer wall that faces the right ventricle, where it is told apart.
+    /// Part of the outer wall that faces the right ventricle, if it is marked.
     pub const SEPTUM: &str = "septum";
-    /// Inner wall of the right ventricle's cavity, the septum's right side included, in a mesh of both ventricles.
+    /// Inner wall of the right ventricle's cavity, including the right side of the septum, in a
+    /// mesh of both ventricles.
     pub const RIGHT_VENTRICLE: &str = "right-ventricle";
-    /// All of them.
+    /// All these names.
     pub const KNOWN: [&str; 5] = [ENDOCARDIUM, EPICARDIUM, RIM, SEPTUM, RIGHT_VENTRICLE];
 }
 
-/// Directions of an element's tissue: orthonormal, `normal` = fibre × sheet up to sign.
+/// Orthonormal directions of an element's tissue, with `normal` = fibre × sheet up to sign.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// f₀, along the fibre.
+    /// Fibre direction f₀.
     pub fibre: Vec3,
-    /// s₀, in the sheet, across the fibre: transmural where the sheet angle is zero.
+    /// Sheet direction s₀, in the sheet and across the fibre; transmural if the sheet angle is
+    /// zero.
     pub sheet: Vec3,
-    /// n₀, perpendicular to the sheet.
+    /// Sheet-normal direction n₀.
     pub normal: Vec3,
 }
 
 /// A mesh of linear tetrahedra.
 ///
-/// Nodes are numbered from zero in the order of `nodes_mm`. Where a mesh is sound ([`crate::checks`]) each element has a
-/// positive volume, det(x₁ − x₀, x₂ − x₀, x₃ − x₀) > 0, and each surface's triangles are faces of elements, ordered so
-/// that (x₁ − x₀) × (x₂ − x₀) points out of the tissue.
+/// Nodes are numbered from zero in the order of `nodes_mm`. In a sound mesh ([`crate::checks`]),
+/// each element has a positive volume, det(x₁ − x₀, x₂ − x₀, x₃ − x₀) > 0, and the triangles of
+/// each surface are faces of elements, ordered so that (x₁ − x₀) × (x₂ − x₀) points out of the
+/// tissue.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TetMesh {
-    /// Positions, mm.
+    /// Positions of the nodes \[mm\].
     pub nodes_mm: Vec<Vec3>,
     /// Corners of each element.
     pub tets: Vec<[u32; 4]>,
-    /// What each element is of; one per element.
+    /// Tag of each element, which identifies its tissue.
     pub tags: Vec<i32>,
-    /// Tissue directions, one per element, or empty where there are none yet. Where there are directions at nodes, those of
-    /// the elements' centroids.
+    /// Tissue directions of each element, or empty if there are none yet. If there are nodal
+    /// directions, these are the directions at the elements' centroids.
     pub frames: Vec<Frame>,
-    /// Tissue directions at nodes, which the mechanics takes at integration points where there are some.
+    /// Tissue directions at nodes. If they exist, the mechanics evaluates them at integration
+    /// points.
     pub fibres: NodeFibres,
     /// Named parts of the boundary.
     pub surfaces: Vec<Surface>,
 }
 
 impl TetMesh {
-    /// How many nodes.
+    /// Number of nodes.
     #[must_use]
     pub fn n_nodes(&self) -> usize {
         self.nodes_mm.len()
     }
 
-    /// How many elements.
+    /// Number of elements.
     #[must_use]
     pub fn n_tets(&self) -> usize {
         self.tets.len()
     }
 
-    /// The corners of element `e`, mm.
+    /// Corners of element `e` \[mm\].
     #[must_use]
     pub fn corners(&self, e: usize) -> [Vec3; 4] {
         self.tets[e].map(|node| self.nodes_mm[node as usize])
     }
 
-    /// Signed volume of element `e`, mm³.
+    /// Signed volume of element `e` \[mm³\].
     #[must_use]
     pub fn volume_mm3(&self, e: usize) -> f64 {
         volume_mm3(self.corners(e))
     }
 
-    /// Centre of gravity of element `e`, mm.
+    /// Centroid of element `e` \[mm\].
     #[must_use]
     pub fn centroid_mm(&self, e: usize) -> Vec3 {
         let [a, b, c, d] = self.corners(e);
         std::array::from_fn(|i| 0.25 * (a[i] + b[i] + c[i] + d[i]))
     }
 
-    /// Volume of the elements whose tag is among `tags`; of all where `tags` is empty.
+    /// Volume of the elements with one of `tags`, or of all elements if `tags` is empty.
     #[must_use]
     pub fn tissue_volume(&self, tags: &[i32]) -> Ml {
         let volume: f64 = (0..self.n_tets())
@@ -107,14 +113,15 @@ impl TetMesh {
         Ml(volume * 1e-3)
     }
 
-    /// The surface of that name.
+    /// The surface with a name.
     #[must_use]
     pub fn surface(&self, name: &str) -> Option<&Surface> {
         self.surfaces.iter().find(|surface| surface.name == name)
     }
 
-    /// Turns all elements over where every single one has a negative volume: a file of the other convention. Anything
-    /// else stays as it is, for [`crate::checks`] to tell. Returns whether it did.
+    /// Turns all elements if every one of them has a negative volume, as in files with the opposite
+    /// convention. Otherwise the mesh is left unchanged for [`crate::checks`] to report. Returns
+    /// whether elements were turned.
     pub fn orient_if_all_negative(&mut self) -> bool {
         let all = !self.tets.is_empty() && (0..self.n_tets()).all(|e| self.volume_mm3(e) < 0.0);
         if all {
@@ -125,7 +132,7 @@ impl TetMesh {
         all
     }
 
-    /// Mean length of the elements' edges, each edge as often as elements share it, mm.
+    /// Mean length of the elements' edges \[mm\]; an edge counts once for each element that has it.
     #[must_use]
     pub fn mean_edge_mm(&self) -> f64 {
         let mut total = 0.0;
@@ -142,16 +149,18 @@ impl TetMesh {
 /// The six edges of a tetrahedron.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// The four faces of a positive tetrahedron, face `i` opposite of corner `i`, ordered so that normals point outward.
+/// The four faces of a positive tetrahedron. Face `i` is opposite corner `i`, and the order of its
+/// corners gives an outward normal.
 pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
-/// Signed volume of a tetrahedron, mm³.
+/// Signed volume of a tetrahedron \[mm³\].
 #[must_use]
 pub fn volume_mm3(x: [Vec3; 4]) -> f64 {
     dot(sub(x[1], x[0]), cross(sub(x[2], x[0]), sub(x[3], x[0]))) / 6.0
 }
 
-/// Gradients of the four linear shape functions, 1/mm, and the volume, mm³. Not finite where the volume is zero.
+/// Gradients of the four linear shape functions \[1/mm\], and the volume \[mm³\]. Gradients are not
+/// finite if the volume is zero.
 #[must_use]
 pub fn shape_gradients(x: [Vec3; 4]) -> ([Vec3; 4], f64) {
     let [a, b, c] = [sub(x[1], x[0]), sub(x[2], x[0]), sub(x[3], x[0])];

@@ -1,11 +1,12 @@
-//! From one mesh of a body to another of the same body: tissue directions, by the nearest element.
+//! Transfer of tissue directions between two meshes of the same body, by the nearest element.
 
 use std::collections::HashMap;
 
 use crate::tet_mesh::{Frame, TetMesh};
 use crate::vec3::{Vec3, distance};
 
-/// Directions for each element of `to`: those of the element of `from` whose middle is nearest. Empty where `from` has none.
+/// Directions for each element of `to`, from the element of `from` with the nearest centroid; empty
+/// if `from` has none.
 #[must_use]
 pub fn frames(from: &TetMesh, to: &TetMesh) -> Vec<Frame> {
     if from.frames.is_empty() {
@@ -37,7 +38,7 @@ pub fn frames(from: &TetMesh, to: &TetMesh) -> Vec<Frame> {
                     }
                 }
             }
-            // whatever lies in the next ring is farther away than a whole ring
+            // Everything in the next ring of cells is farther away than a whole ring.
             if best.is_some_and(|(least, _)| least <= ring as f64 * cell_mm) {
                 break;
             }

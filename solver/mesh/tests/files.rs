@@ -1,4 +1,4 @@
-//! Files written and read again, files of others, and what is said about broken ones.
+//! Mesh files: round trips, files of other programs, and error messages for invalid files.
 
 use cardiotwin_mesh::cavity::Cavity;
 use cardiotwin_mesh::checks::{Expected, check};
@@ -40,7 +40,7 @@ fn small() -> TetMesh {
     mesh
 }
 
-/// Equal but for the last digits of directions and, where `ulp` > 0, positions.
+/// Asserts equality except for the last digits of directions and, if `ulp` > 0, of positions.
 fn assert_same(a: &TetMesh, b: &TetMesh, ulp: f64) {
     assert_eq!((&a.tets, &a.tags), (&b.tets, &b.tags));
     let by_name = |mesh: &TetMesh| {
@@ -361,14 +361,14 @@ fn broken_carp_files_are_told_with_their_line() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
-    /// Any points, corners, tags and directions, sound as a mesh or not.
+    /// Any points, corners, tags and directions, whether or not they form a sound mesh.
     #[test]
     fn carp_and_vtu_give_back_what_was_written(
         nodes in prop::collection::vec(prop::array::uniform3(-1e3..1e3f64), 4..40),
         picks in prop::collection::vec((prop::array::uniform4(any::<prop::sample::Index>()), -5..9i32, 0.0..6.3f64), 1..40),
         triangles in prop::collection::vec(prop::array::uniform3(any::<prop::sample::Index>()), 1..20),
     ) {
-        // Whose fibres a file holds is told by their number.
+        // The number of rows determines whether a file's fibres belong to nodes or elements.
         prop_assume!(nodes.len() != picks.len());
         let n = nodes.len();
         let mut mesh = TetMesh { nodes_mm: nodes, ..TetMesh::default() };
@@ -401,7 +401,7 @@ fn carp_fibres_are_of_nodes_or_of_elements_by_their_number() {
         (of_elements.fibres.n_nodes(), of_elements.frames.len()),
         (None, mesh.n_tets())
     );
-    // A fibre that turns with the height.
+    // Fibres that turn with the height.
     let rows = mesh
         .nodes_mm
         .iter()
@@ -439,7 +439,8 @@ fn fibres_of_a_mesh_with_as_many_nodes_as_elements_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let stem = folder.path().join("odd");
     let (sin, cos) = (0.75_f64.sqrt(), 0.5);
-    // Five nodes and five elements, some of them twice: nothing to compute with, but enough to ask whose fibres there are.
+    // Five nodes and five elements, some of them repeated: not a mesh for computation, but enough
+    // for this ambiguity.
     let nodes_mm = vec![
         [0.0, 0.0, 0.0],
         [0.0, 0.0, 9.0],

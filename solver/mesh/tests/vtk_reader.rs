@@ -1,5 +1,6 @@
-//! A VTK reader that is not ours opens what we write: `meshio` from PyPI, in an environment kept under the target folder.
-//! Skipped, with a word, where there is no Python or PyPI cannot be reached.
+//! An independent VTK reader opens our files: `meshio` from PyPI, in an environment below the
+//! target folder. The test is skipped with a message if there is no Python or PyPI cannot be
+//! reached.
 
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::files::{pvd, vtu};
@@ -8,7 +9,7 @@ use cardiotwin_units::{Ml, Ms};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Reads the file and prints figures that only a whole reading gives.
+/// Reads the file and prints figures that require all of its content.
 const SCRIPT: &str = r#"
 import sys, meshio, numpy
 mesh = meshio.read(sys.argv[1])
@@ -22,7 +23,7 @@ print(len(mesh.points), len(tets), triangles, marked, repr(float(volume)), repr(
       repr(float(fibre[:, 1].sum())), int((mesh.cell_data_dict["tag"]["tetra"] == 2).sum()))
 "#;
 
-/// A Python that has meshio, or why there is none.
+/// A Python with meshio, or the reason why there is none.
 fn python() -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vtk-reader");
     let python = folder.join("bin/python");

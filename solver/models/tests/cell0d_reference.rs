@@ -1,5 +1,6 @@
-//! The 0D cell against independently computed reference beats (`tests/data/cell0d_reference.json`, whose header says how
-//! they were obtained and why these tolerances), and Tanh against its reference traces.
+//! The 0D cell against independently computed reference beats, and Tanh against its reference
+//! traces. The header of `tests/data/cell0d_reference.json` describes the origin of the beats and
+//! the reason for the tolerances.
 
 use cardiotwin_models::calcium::Rice2008Parameters;
 use cardiotwin_models::cell0d::{
@@ -49,7 +50,8 @@ fn parameters(set: &Value) -> CellParameters {
             beta1_um: p("beta1"),
             smax_ref_kpa: p("Smax"),
             cap_unblocking: false,
-            // One random set is among the 4 % with a negative k_WU, which the sensitivity analysis keeps.
+            // One random set is among the 4 % with a negative k_WU, which the sensitivity analysis
+            // keeps.
             allow_negative_k_wu: true,
         },
         passive: LandPassiveParameters {
@@ -127,7 +129,8 @@ fn every_reference_biomarker() {
             );
         };
         let relative = |name: &str, part: f64| part * want(name).unwrap().abs();
-        // One random set makes no stress (1e-13 kPa): relative tolerances mean nothing there.
+        // One random set develops no stress (1e-13 kPa), so that relative tolerances are
+        // meaningless there.
         if b.sa_max_kpa > 1e-3 {
             check("Sa_max_kPa", b.sa_max_kpa, relative("Sa_max_kPa", 1e-3));
             check(
@@ -172,7 +175,8 @@ fn every_reference_cost_and_penalty() {
         let biomarkers = beat.biomarkers().unwrap();
         let cost = CellCost::new(&target, &biomarkers, &CellWeights::default()).total();
         if let Some(want) = set["cost"].as_f64() {
-            // Without stress (1e-13 kPa in the reference) the durations are those of noise, and bounded by the beat.
+            // Without stress (1e-13 kPa in the reference) the durations reflect noise and are only
+            // bounded by the beat.
             let tolerance = if biomarkers.sa_max_kpa > 1e-3 {
                 2e-3 * (want + 0.5)
             } else {

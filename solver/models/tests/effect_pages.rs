@@ -1,4 +1,5 @@
-//! `docs/effects` is what the catalogue declares: `cargo run --release -p cardiotwin-models --example effect_pages`.
+//! `docs/effects` agrees with the declarations of the catalogue. To update it, run
+//! `cargo run --release -p cardiotwin-models --example effect_pages`.
 
 #[path = "../examples/effect_pages/pages.rs"]
 mod pages;
@@ -6,10 +7,11 @@ mod pages;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Largest difference of two numbers in a picture: other mathematics libraries round curves differently.
+/// Largest difference between two numbers in a picture, since other mathematics libraries round
+/// curves differently.
 const PIXELS: f64 = 0.5;
 
-/// Text between numbers, and the numbers.
+/// Splits a text into the text between numbers and the numbers.
 fn split(text: &str) -> (String, Vec<f64>) {
     let (mut between, mut numbers, mut number) = (String::new(), Vec::new(), String::new());
     for letter in text.chars().chain(['\n']) {

@@ -1,5 +1,5 @@
-//! The organ's step of Land 2017 against SciPy under a prescribed stretch that changes (`tests/data/land2017_changing_stretch.json`,
-//! made by the script beside it).
+//! The organ's step of Land 2017 against SciPy, under a prescribed stretch that changes. The script
+//! next to `tests/data/land2017_changing_stretch.json` generated these data.
 
 use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters};
 use cardiotwin_models::contraction::{
@@ -54,8 +54,8 @@ impl Case {
         number(&self.law["mean"]) + waves.iter().map(wave).sum::<f64>()
     }
 
-    /// Largest difference of stress \[kPa\] over the samples with `n` steps between two of them. The step of many nodes is
-    /// taken at the side of the step of one node and must give its bits.
+    /// Largest difference of stress \[kPa\] over the samples, with `n` steps between two of them.
+    /// The step of many nodes runs alongside the step of one node and must agree bit for bit.
     fn error_kpa(&self, n: usize) -> f64 {
         let mut state: [f64; 6] = std::array::from_fn(|i| number(&self.samples[0]["states"][i]));
         let mut largest: f64 = 0.0;
@@ -111,7 +111,7 @@ fn organ_step_converges_to_the_outside_reference() {
             "{:20} steps of 10, 1 and 0.05 ms: {ten:.1e}, {one:.1e}, {fine:.1e} kPa",
             case.name
         );
-        // Second order; one millisecond is the step of an organ beat.
+        // The method is of second order; one millisecond is the step of an organ beat.
         assert!(errors[1] < 0.5, "{} {errors:?}", case.name);
         assert!(errors[2] < 2e-3, "{} {errors:?}", case.name);
         assert!(errors[2] < 0.01 * errors[1], "{} {errors:?}", case.name);

@@ -1,4 +1,5 @@
-//! Nothing in the admissible boxes may panic, hang or give a number that is not finite; what fails does so as an error.
+//! Models must not panic, hang or return a number that is not finite within the admissible boxes. A
+//! failure must be an error.
 
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::calcium::Rice2008Parameters;
@@ -16,7 +17,8 @@ use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// A point of Table A5's box (Jung 2022) from numbers between 0 and 1, a_p between 1 and 100 kPa.
+/// A point of Table A5's box (Jung 2022) from numbers between 0 and 1, with a_p between 1 and 100
+/// kPa.
 fn cell(u: &[f64], lambda0: f64, cycle_length_ms: f64) -> CellParameters {
     let at = |i: usize, low: f64, high: f64| low + u[i] * (high - low);
     CellParameters {
@@ -56,8 +58,8 @@ fn cell(u: &[f64], lambda0: f64, cycle_length_ms: f64) -> CellParameters {
     }
 }
 
-/// The sensitivity analysis's setting (a_p 42 kPa, λ0 1.1, 1000 ms) on 2000 quasi-random points of the box: at most two
-/// have no periodic state, and the others need few beats.
+/// With the setting of the sensitivity analysis (a_p 42 kPa, λ0 1.1, 1000 ms), at most two of 2000
+/// quasi-random points of the box have no periodic state, and the others need few beats.
 #[test]
 fn cells_of_the_sensitivity_analysis_are_periodic() {
     let (mut n_failed, mut n_beats) = (0, 0);
@@ -88,8 +90,8 @@ fn cells_of_the_sensitivity_analysis_are_periodic() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) })]
 
-    /// A soft or slow cell can oscillate by itself, out of step with the beat (about 1 draw in 10,000): then there is no
-    /// periodic state, and that is what the error says. Nothing else may fail.
+    /// A soft or slow cell can oscillate by itself, out of step with the beat (about 1 draw in
+    /// 10,000). It then has no periodic state, and the error says so. No other failure is allowed.
     #[test]
     fn every_cell_in_the_box_is_solved(
         u in vec(0.0..=1.0f64, 22), long in any::<bool>(), cycle_length_ms in 400.0..1300.0f64
@@ -112,7 +114,8 @@ proptest! {
         prop_assert!(beat.biomarkers().is_some());
     }
 
-    /// A beat of the reduced ventricle ends or diverges, whatever step 1 tries within generous bounds.
+    /// A beat of the reduced ventricle ends or diverges for any parameters of step 1 within
+    /// generous bounds.
     #[test]
     fn every_beat_ends(
         smax in 20.0..600.0f64, tau_sr in 0.3..150.0f64, tau_sd in 3.0..300.0f64, t_cr in 80.0..700.0f64,

@@ -1,7 +1,9 @@
-//! The reduced ventricle under the plain fixed point of step 1 on the bundled cohort: cost 0.1 within four simulations for
-//! at least six of seven patients, mean errors at the best iteration no larger than the paper's (5.4, 1.4, 13.6, 7.7,
-//! 10.0 % for P_max, PTD90, dPdt_max, dPdt_min, SV). An independent prototype of the same equations needed 4, 2, 2, 4, 4,
-//! 4, 2 simulations. Run with `--nocapture` for the table.
+//! The reduced ventricle under the plain fixed point of step 1 on the bundled cohort.
+//!
+//! The cost must fall to 0.1 within four simulations for at least six of seven patients. Mean
+//! errors at the best iteration must not exceed the paper's (5.4, 1.4, 13.6, 7.7, 10.0 % for P_max,
+//! PTD90, dPdt_max, dPdt_min, SV). An independent prototype of the same equations needed 4, 2, 2,
+//! 4, 4, 4, 2 simulations. Run with `--nocapture` for the table.
 
 use cardiotwin_models::beat::{BeatOutcome, BeatResult, BeatSettings, run_beats};
 use cardiotwin_models::circulation::windkessel::WindkesselParameters;
@@ -41,7 +43,7 @@ impl Patient {
         );
         let file = |name: &str| std::fs::read_to_string(format!("{folder}/{name}")).unwrap();
         let text = file("patient.toml");
-        // The numbers in the file, by section and key; the test needs no more of TOML.
+        // Numbers in the file by section and key; the test needs no other TOML features.
         let key = |section: &str, key: &str| -> f64 {
             let mut inside = section.is_empty();
             for line in text.lines() {
@@ -168,7 +170,7 @@ fn values(b: &BiomarkerSet) -> [f64; 7] {
     ]
 }
 
-/// One patient's loop: cost of each simulation, relative differences of the best of eight.
+/// Loop of one patient: cost of each simulation, and relative differences of the best of eight.
 fn personalise(patient: &Patient) -> (Vec<f64>, [f64; 7], String) {
     let mut tanh = TanhParameters::default();
     let mut heart = patient.heart;

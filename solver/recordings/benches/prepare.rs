@@ -1,4 +1,5 @@
-//! Half an hour at 1 kHz: pressure of ventricle and aorta with an electrocardiogram, as text and as numbers.
+//! Preparation of half an hour at 1 kHz (pressures of ventricle and aorta with an
+//! electrocardiogram), from text and from numbers.
 
 #[path = "../tests/made/mod.rs"]
 #[allow(dead_code)]

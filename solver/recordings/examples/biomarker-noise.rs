@@ -1,9 +1,10 @@
-//! How far measurement noise moves each biomarker of step 1: `cargo run --release -p cardiotwin-recordings --example biomarker-noise
-//! -- [hearts=200] [first=900000]`.
+//! Effect of measurement noise on each biomarker of step 1: `cargo run --release -p
+//! cardiotwin-recordings --example biomarker-noise -- [hearts=200] [first=900000]`.
 //!
-//! Hearts are drawn by `solver/validation` without any hidden effect. Each is measured with the generator's usual noise: 1 to
-//! 1.5 mmHg on the pressure, 2 to 3 mL on each frame of the volume. The table has the root mean square and the mean of
-//! (noisy − clean) / clean over the hearts, in percent, with both traces read over the same windows.
+//! `solver/validation` draws the hearts, without hidden effects. Each is measured with the
+//! generator's usual noise: 1 to 1.5 mmHg on the pressure, 2 to 3 mL on each frame of the volume.
+//! The table shows the root mean square and the mean of (noisy − clean) / clean over the hearts in
+//! percent, with both traces read over the same windows.
 
 use cardiotwin_signals::resample::STEP;
 use cardiotwin_signals::{BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, resample};
@@ -77,7 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let rms = (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
         let mean = errors.iter().sum::<f64>() / n;
         errors.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
-        // The median of |z| of a normal deviate is 0.6745.
+        // For a normal deviate z, the median of |z| is 0.6745.
         let robust = errors
             .get(errors.len() / 2)
             .map_or(f64::NAN, |e| e.abs() / 0.6745);

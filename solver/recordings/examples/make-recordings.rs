@@ -1,5 +1,6 @@
-//! Writes a folder of made recordings, with what is true of them: `make-recordings FOLDER [MINUTES [SEED [HZ]]]`.
-//! `examples/recordings` was made by `make-recordings examples/recordings/P001-raw 0.7 5 250`.
+//! Writes a folder of synthetic recordings with their ground truth: `make-recordings FOLDER
+//! [MINUTES [SEED [HZ]]]`. `examples/recordings` was made by `make-recordings
+//! examples/recordings/P001-raw 0.7 5 250`.
 
 #[path = "../tests/made/mod.rs"]
 #[allow(dead_code)]

@@ -1,5 +1,5 @@
-//! The mean of the beats that are kept: rises laid on rises, falls on falls, and diastole stretched to one length, so that
-//! the mean is no flatter than its beats.
+//! Mean of the accepted beats. Rises are aligned with rises and falls with falls, and diastole is
+//! stretched to a common length, so that the mean is as steep as its beats.
 
 use crate::beats::Beat;
 use crate::drift::Drift;
@@ -7,27 +7,28 @@ use crate::filter::{median, periodic_slope, periodic_smooth};
 use crate::landmarks::{HALF_WIDTH_MS, Mean};
 use crate::recording::{Recording, at};
 
-/// Relaxation after the fall is as long in a short beat as in a long one, ms.
+/// Duration of relaxation after the fall \[ms\]. It is the same in short and long beats.
 const RELAXATION_MS: f64 = 150.0;
-/// Or at most this share of diastole.
+/// Largest duration of relaxation, as a share of diastole.
 const RELAXATION_SHARE: f64 = 0.4;
-/// Step of the mean, ms, unless the recording's own is coarser.
+/// Step of the mean \[ms\], unless the recording has a longer one.
 const STEP_MS: f64 = 1.0;
-/// Rounds of laying beats on the mean.
+/// Number of passes in which beats are aligned with the mean.
 const ROUNDS: usize = 2;
-/// Half width of the smoothing before slopes of the mean, ms.
+/// Half width of the smoothing before slopes of the mean are computed \[ms\].
 const SMOOTH_MS: f64 = 3.0;
 
-/// How to average.
+/// Settings of the averaging.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AverageSettings {
-    /// Whether beats are averaged; if not, one of them is taken.
+    /// Whether to average beats; if not, a single beat is taken.
     pub enabled: bool,
-    /// Whether rises and falls are laid on each other; if not, beats are laid on each other's beginning alone.
+    /// Whether to align rises and falls; if not, beats are aligned at their beginnings only.
     pub align: bool,
-    /// The mean's cycle length, ms; none takes the median.
+    /// Cycle length of the mean \[ms\]; `None` for the median of the beats.
     pub cycle_length_ms: Option<f64>,
-    /// Number of the beat that is taken where none are averaged, from 1; none takes the one nearest to the mean.
+    /// Number of the beat to take without averaging, from 1; `None` for the beat nearest to the
+    /// mean.
     pub beat: Option<usize>,
 }
 
@@ -42,55 +43,56 @@ impl Default for AverageSettings {
     }
 }
 
-/// A mean, sample by sample.
+/// A mean trace, sample by sample.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MeanTrace {
-    /// Mean.
+    /// Mean of each sample.
     pub mean: Vec<f64>,
-    /// Standard deviation between beats.
+    /// Standard deviation of each sample between beats.
     pub sd: Vec<f64>,
 }
 
 /// The averaged beat.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Average {
-    /// Cycle length, ms.
+    /// Cycle length \[ms\].
     pub cycle_length_ms: f64,
-    /// Distance of samples, ms; the first is at the beat's beginning, the last before its end.
+    /// Distance between samples \[ms\]. The first sample is at the beginning of the beat, and the
+    /// last one lies before its end.
     pub step_ms: f64,
-    /// Beats in the mean: 1 where none were averaged.
+    /// Number of averaged beats; 1 for a single beat.
     pub n_averaged: usize,
-    /// Shortest and longest of the beats, ms.
+    /// Shortest and longest of the beats \[ms\].
     pub lengths_ms: [f64; 2],
-    /// Time of the leading pressure's steepest rise and fall, ms.
+    /// Time of the leading pressure's steepest rise \[ms\].
     pub rise_ms: f64,
-    /// See [`Average::rise_ms`].
+    /// Time of the leading pressure's steepest fall \[ms\].
     pub fall_ms: f64,
-    /// Standard deviation of rise and fall between beats, ms.
+    /// Standard deviations of rise and fall times between beats \[ms\].
     pub landmark_sd_ms: [f64; 2],
-    /// Pressure of the left ventricle, mmHg.
+    /// Pressure of the left ventricle \[mmHg\].
     pub lv_pressure: Option<MeanTrace>,
-    /// Pressure in the aorta, mmHg.
+    /// Pressure in the aorta \[mmHg\].
     pub aortic_pressure: Option<MeanTrace>,
-    /// Flow in the aorta, mL/s.
+    /// Flow in the aorta \[mL/s\].
     pub flow: Option<MeanTrace>,
-    /// What each beat's leading pressure differs from the mean by, mmHg.
+    /// Differences of each beat's leading pressure from the mean \[mmHg\].
     pub residuals_mmhg: Vec<Vec<f64>>,
 }
 
-/// Drifts to take out before.
+/// Drifts that are removed before the averaging.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Drifts {
-    /// Of the ventricle's pressure.
+    /// Drift of the ventricle's pressure.
     pub lv_pressure: Option<Drift>,
-    /// Of the aorta's.
+    /// Drift of the aorta's pressure.
     pub aortic_pressure: Option<Drift>,
 }
 
-/// Averages beats; `numbers` are theirs, from 1.
+/// Averages beats with the given `numbers`, from 1.
 ///
 /// # Panics
-/// Without beats.
+/// If `beats` is empty.
 #[must_use]
 pub fn average(
     recording: &Recording,
@@ -207,7 +209,7 @@ pub fn average(
 }
 
 impl Average {
-    /// The leading pressure's mean, mmHg.
+    /// Mean of the leading pressure \[mmHg\].
     #[must_use]
     pub fn leading_pressure(&self) -> &[f64] {
         self.lv_pressure
@@ -217,7 +219,8 @@ impl Average {
     }
 }
 
-/// From times of the mean to times of a beat: a line through corners, both in ms from the beginning.
+/// Piecewise linear map from times of the mean to times of a beat, given by its corners. Both times
+/// are in ms from the beginning.
 type Warp = Vec<(f64, f64)>;
 
 struct Frame<'a> {
@@ -230,7 +233,8 @@ struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Beginnings on beginnings, nothing stretched; a beat that is shorter is held at its end.
+    /// Alignment at the beginning without stretching. A shorter beat is held constant after its
+    /// end.
     fn plain(&self, beat: &Beat) -> Warp {
         let common = beat.length_ms.min(self.cycle_length_ms);
         vec![
@@ -240,7 +244,8 @@ impl Frame<'_> {
         ]
     }
 
-    /// Rise on rise, fall on fall, relaxation as long as it is, the rest of diastole stretched.
+    /// Alignment of rise and fall. Relaxation keeps its duration, and the rest of diastole is
+    /// stretched.
     fn warp(&self, beat: &Beat, rise: f64, fall: f64) -> Warp {
         let (cycle, length) = (self.cycle_length_ms, beat.length_ms);
         let rest = (cycle - self.fall_ms).min(length - fall);
@@ -290,7 +295,8 @@ impl Frame<'_> {
     ) -> MeanTrace {
         let (mut sum, mut squares, mut count) =
             (vec![0.0; self.n], vec![0.0; self.n], vec![0.0; self.n]);
-        // Squares around the first beat's values: pressures near 100 would cost digits.
+        // Squares of differences from the first beat's values, because squares of pressures near
+        // 100 would lose digits.
         let mut base: Vec<f64> = Vec::new();
         for (beat, warp) in beats.iter().zip(warps) {
             let here: Vec<f64> = self.beat(values, drift, beat, warp).collect();
@@ -322,11 +328,11 @@ impl Frame<'_> {
         MeanTrace { mean, sd }
     }
 
-    /// Times of steepest rise, and of steepest fall after the peak.
+    /// Times of the steepest rise, and of the steepest fall after the peak.
     fn landmarks(&self, mean: &[f64]) -> (f64, f64) {
         let half = (SMOOTH_MS / self.step_ms) as usize;
         let slope = periodic_slope(&periodic_smooth(mean, half), self.step_ms);
-        // The last samples of beats that are shorter are held: they have no part in this.
+        // Shorter beats are held constant in the last samples, which are therefore excluded.
         let last = (0.85 * self.n as f64) as usize;
         let peak = (0..last)
             .max_by(|a, b| mean[*a].total_cmp(&mean[*b]))
@@ -357,7 +363,8 @@ mod tests {
         8.0 + 100.0 / (1.0 + (-(t - rise) / 9.0).exp()) / (1.0 + ((t - fall) / 16.0).exp())
     }
 
-    /// Beats whose rise and fall wander by some ms: the mean of aligned beats is as steep as each of them.
+    /// The rises and falls of beats are shifted by a few ms; the mean of the aligned beats is as
+    /// steep as each of them.
     #[test]
     fn an_aligned_mean_is_as_steep_as_its_beats() {
         let beats: Vec<Beat> = (0..40)

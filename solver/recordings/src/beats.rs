@@ -1,74 +1,78 @@
-//! Where each beat begins: at the R wave, or without an electrocardiogram where the pressure begins to rise.
+//! Detection of beats. A beat begins at the R wave or, without an electrocardiogram, when the
+//! pressure begins to rise.
 
 use crate::landmarks::{refine, usual_course};
 use crate::recording::Recording;
 use crate::{r_waves, upstrokes};
 
-/// Cycle lengths outside of which two beginnings make no beat, ms: the next recording, or a stretch without a signal.
+/// Accepted distances between the beginnings of a beat and of the next one \[ms\]. Others are due
+/// to the next recording or to a stretch without a signal.
 const LENGTHS_MS: std::ops::RangeInclusive<f64> = 120.0..=5000.0;
-/// A rise of pressure belongs to a beat that begins at most so long after it, ms: the next one's comes 30 ms after the R wave
-/// at the earliest, and a fluid-filled line delays it further.
+/// Largest time by which a pressure rise may precede the beginning of its beat \[ms\]. A rise
+/// follows the R wave by at least 30 ms, and a fluid-filled line delays it further.
 const EARLY_MS: f64 = 20.0;
 
-/// Half of the stretch around the steepest rise that beats are compared over, ms: from before the foot to ejection.
+/// Half of the interval around the steepest rise over which beats are compared \[ms\]: from before
+/// the foot to ejection.
 const RISE_MS: f64 = 70.0;
 
-/// What the beginnings were taken from.
+/// Signal from which the beginnings are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// R waves.
     RWave,
-    /// The rise of the ventricle's pressure, or of the aorta's where that alone was recorded.
+    /// The rise of the ventricle's pressure, or of the aorta's if only that was recorded.
     PressureRise,
-    /// Given in the settings.
+    /// Beginnings given in the settings.
     Given,
 }
 
-/// How to find them.
+/// Settings of the detection.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BeatSettings {
-    /// From what; none takes the R wave where there is an electrocardiogram.
+    /// Signal to use; `None` for R waves if there is an electrocardiogram, otherwise the pressure
+    /// rise.
     pub source: Option<Source>,
-    /// The beginnings themselves, ms on the recording's clock, for [`Source::Given`].
+    /// Beginnings on the recording's clock \[ms\], for [`Source::Given`].
     pub onsets_ms: Vec<f64>,
 }
 
-/// A beat, from its beginning to the next one's.
+/// A beat, from its beginning to that of the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Beat {
-    /// Beginning since the recording's first sample, ms.
+    /// Beginning after the recording's first sample \[ms\].
     pub onset_ms: f64,
-    /// Cycle length, ms.
+    /// Cycle length \[ms\].
     pub length_ms: f64,
 }
 
 /// Beats of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundBeats {
-    /// From what.
+    /// Signal that was used.
     pub source: Source,
-    /// In order of time, from the first whole one to the last whole one.
+    /// Beats in temporal order, from the first complete one to the last complete one.
     pub beats: Vec<Beat>,
-    /// Times of the steepest rises of the leading pressure since the first sample, ms.
+    /// Times of the steepest rises of the leading pressure after the first sample \[ms\].
     pub rises_ms: Vec<f64>,
-    /// Time before the first and after the last beat, and in stretches without one, ms.
+    /// Time before the first beat, after the last one, and in stretches without a beat \[ms\].
     pub left_over_ms: f64,
 }
 
-/// Why there are no beats.
+/// Reasons why no beats are found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BeatError {
-    /// R waves were asked for.
+    /// R waves were requested, but there is no electrocardiogram.
     #[error("no electrocardiogram to take R waves from")]
     NoEcg,
-    /// Fewer than two beginnings.
+    /// There are fewer than two beginnings.
     #[error(
         "{n_found} beginnings of beats in {length_ms:.0} ms, but a beat lasts from one to the next"
     )]
     NoBeats {
-        /// How many were found.
+        /// Number of beginnings.
         n_found: usize,
-        /// Length of the recording, ms.
+        /// Length of the recording \[ms\].
         length_ms: f64,
     },
 }
@@ -76,7 +80,7 @@ pub enum BeatError {
 /// Finds the beats.
 ///
 /// # Errors
-/// [`BeatError`] where there are none. Verified by `beats_begin_where_they_were_made`.
+/// [`BeatError`] if no beat is found. Verified by `beats_begin_where_they_were_made`.
 pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
     let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
@@ -124,8 +128,9 @@ pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats
     })
 }
 
-/// Time from the foot of the rise to its steepest place, ms: where the tangent of the usual rise meets the usual pressure
-/// before it. One number for all beats, so that noise of the foot of each does not enter.
+/// Time from the foot of the rise to its steepest point \[ms\]. The foot is the intersection of the
+/// typical rise's tangent with the typical pressure before it. All beats share one value, so that
+/// noise in the individual feet does not matter.
 fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
     let step = recording.step_ms;
     let (usual, middle_ms) = usual_course(recording, recording.leading_pressure(), rises_ms, 160.0);
@@ -135,7 +140,8 @@ fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
     let Some(steepest) = near.max_by(|a, b| slope(*a).total_cmp(&slope(*b))) else {
         return 0.0;
     };
-    // The lowest pressure before the rise lies early in diastole: the foot is where the rise leaves the level just before it.
+    // The lowest pressure lies early in diastole. The foot is therefore where the rise leaves the
+    // level immediately before it.
     let level = (1..steepest)
         .rev()
         .find(|k| slope(*k) < 0.1 * slope(steepest))
@@ -148,7 +154,7 @@ fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
     }
 }
 
-/// Number of the rises of pressure that belong to a beat.
+/// Number of pressure rises in a beat.
 #[must_use]
 pub fn rises_of(beat: &Beat, rises_ms: &[f64]) -> usize {
     let (first, last) = (

@@ -1,61 +1,63 @@
-//! Volumes of a cine series: one cycle in frames.
+//! Volumes of a cine series, as frames over one cycle.
 
 use crate::filter::median;
 
-/// Fewest frames in a cycle.
+/// Smallest number of frames in a cycle.
 const FEWEST: usize = 8;
-/// A frame so near to the cycle's end, in usual steps, is the first one again.
+/// Distance from the end of the cycle, in typical steps, within which a frame counts as a
+/// repetition of the first one.
 const CLOSING: f64 = 0.25;
-/// Share of the harmonics below which the volume's own course lies.
+/// Share of the harmonics below which the volume itself lies; above it, there is only noise.
 const NOISE_BAND: f64 = 0.66;
-/// Frames to either side that a local line goes through.
+/// Number of frames on either side through which a local line is fitted.
 const LINE_FRAMES: f64 = 1.6;
 
-/// Frames in order of time, within one cycle.
+/// Frames of one cycle in temporal order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cine {
-    /// Times, ms from the trigger.
+    /// Times after the trigger \[ms\].
     pub time_ms: Vec<f64>,
-    /// Cavity volume, mL.
+    /// Cavity volumes \[mL\].
     pub volume_ml: Vec<f64>,
-    /// Cycle length, ms.
+    /// Cycle length \[ms\].
     pub cycle_length_ms: f64,
 }
 
-/// Why frames make no cycle.
+/// Reasons why frames do not form a cycle.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CineError {
-    /// Too few.
+    /// There are too few frames.
     #[error("{n_frames} frames, but a cycle needs at least {FEWEST}")]
     TooFew {
-        /// How many.
+        /// Number of frames.
         n_frames: usize,
     },
-    /// Frames beyond the cycle.
+    /// Frames lie beyond the end of the cycle.
     #[error("frames from {first_ms} to {last_ms} ms, but the cycle lasts {cycle_length_ms} ms")]
     Beyond {
-        /// First frame, ms.
+        /// Time of the first frame \[ms\].
         first_ms: f64,
-        /// Last frame, ms.
+        /// Time of the last frame \[ms\].
         last_ms: f64,
-        /// Cycle length, ms.
+        /// Cycle length \[ms\].
         cycle_length_ms: f64,
     },
-    /// A volume that is missing, zero or negative.
+    /// A volume is missing, zero or negative.
     #[error("a volume of {volume_ml} mL at {time_ms} ms")]
     Volume {
-        /// Time of the frame, ms.
+        /// Time of the frame \[ms\].
         time_ms: f64,
-        /// Its volume, mL.
+        /// Volume of the frame \[mL\].
         volume_ml: f64,
     },
 }
 
 impl Cine {
-    /// Frames at increasing times; without a cycle length, one usual step after the last frame ends the cycle.
+    /// A series from frames at increasing times. Without a cycle length, the cycle ends one typical
+    /// step after the last frame.
     ///
     /// # Errors
-    /// [`CineError`] for too few frames, frames beyond the cycle, or volumes that are none.
+    /// [`CineError`] for too few frames, frames beyond the cycle, or invalid volumes.
     pub fn new(
         time_ms: Vec<f64>,
         volume_ml: Vec<f64>,
@@ -96,13 +98,14 @@ impl Cine {
         })
     }
 
-    /// Usual distance of frames, ms.
+    /// Typical distance between frames \[ms\].
     #[must_use]
     pub fn step_ms(&self) -> f64 {
         median(self.time_ms.windows(2).map(|w| w[1] - w[0]))
     }
 
-    /// Volume at a time by a line through the frames around it: a single frame's noise would go into all others.
+    /// Volume at a time, from a line through the frames around it, because the noise of a single
+    /// frame would affect all others.
     #[must_use]
     pub fn near(&self, time_ms: f64) -> f64 {
         let half = LINE_FRAMES * self.step_ms();
@@ -136,7 +139,7 @@ impl Cine {
         }
     }
 
-    /// Volume at a time, linear between frames.
+    /// Volume at a time, linearly interpolated between frames.
     #[must_use]
     pub fn at(&self, time_ms: f64) -> f64 {
         let n = self.time_ms.len();
@@ -152,7 +155,8 @@ impl Cine {
         self.volume_ml[i] + share * (self.volume_ml[(i + 1) % n] - self.volume_ml[i])
     }
 
-    /// Noise of a frame, mL: what the frames hold in the upper part of their harmonics, where a volume has hardly anything left.
+    /// Noise of a frame \[mL\], estimated from the upper harmonics, which contain almost nothing of
+    /// the volume itself.
     #[must_use]
     pub fn noise_rms_ml(&self) -> f64 {
         let v = &self.volume_ml;
@@ -173,7 +177,7 @@ impl Cine {
         (harmonics.map(power).sum::<f64>() / count).sqrt()
     }
 
-    /// Largest less smallest volume, mL.
+    /// Difference between the largest and smallest volume \[mL\].
     #[must_use]
     pub fn stroke_volume_ml(&self) -> f64 {
         let (low, high) = self
@@ -185,7 +189,7 @@ impl Cine {
         high - low
     }
 
-    /// Each frame at another time, in order, within another cycle.
+    /// The frames at other times, sorted, within another cycle.
     #[must_use]
     pub fn moved(&self, cycle_length_ms: f64, time: impl Fn(f64) -> f64) -> Self {
         let mut frames: Vec<(f64, f64)> = self
@@ -194,7 +198,7 @@ impl Cine {
             .zip(&self.volume_ml)
             .map(|(t, v)| {
                 let t = time(*t).rem_euclid(cycle_length_ms);
-                // Rounding may leave the cycle's end itself.
+                // Rounding may give the end of the cycle itself.
                 (if t >= cycle_length_ms - 1e-9 { 0.0 } else { t }, *v)
             })
             .collect();

@@ -1,14 +1,16 @@
-//! The cine's cycle brought to the catheter's: systole and diastole apart, because a faster heart shortens diastole most.
+//! Adaptation of the cine's cycle to the catheter's. Systole and diastole are scaled separately,
+//! because a faster heart rate shortens mainly diastole.
 
-/// Factors on systole that hearts of two examinations may differ by.
+/// Accepted factors between the systoles of two examinations.
 const SYSTOLE: std::ops::RangeInclusive<f64> = 0.75..=1.33;
 
-/// How cycles are reconciled.
+/// Settings of the adaptation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleSettings {
-    /// Whether systole and diastole are scaled apart; if not, the whole cycle is scaled alike.
+    /// Whether to scale systole and diastole separately; if not, the whole cycle is scaled by one
+    /// factor.
     pub enabled: bool,
-    /// The factor on systole; none takes the ratio of the ejections.
+    /// Factor of systole; `None` for the ratio of the ejection times.
     pub systole_factor: Option<f64>,
 }
 
@@ -24,20 +26,21 @@ impl Default for CycleSettings {
 /// A map from the cine's times to the catheter's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reconciled {
-    /// Cycle lengths, ms: the cine's, the catheter's.
+    /// Cycle lengths of the cine and of the catheter \[ms\].
     pub cycle_lengths_ms: [f64; 2],
-    /// End of systole on the cine's clock, ms.
+    /// End of systole on the cine's clock \[ms\].
     pub systole_end_ms: f64,
-    /// Factor on systole.
+    /// Factor of systole.
     pub systole_factor: f64,
-    /// Factor on diastole.
+    /// Factor of diastole.
     pub diastole_factor: f64,
-    /// The ratio of the ejections was not believed, and the cycles' ratio was taken.
+    /// Ratio of the ejection times if it was implausible, so that the ratio of the cycles was used
+    /// instead.
     pub implausible: Option<f64>,
 }
 
-/// Systole and diastole of the cine scaled to those of the catheter.
-/// - `ejections_ms`: begin and end of ejection on the cine's clock, and on the catheter's
+/// Scales systole and diastole of the cine to those of the catheter.
+/// - `ejections_ms`: start and end of ejection, on the cine's clock and on the catheter's
 #[must_use]
 pub fn reconcile(
     cycle_lengths_ms: [f64; 2],
@@ -74,7 +77,8 @@ pub fn reconcile(
 }
 
 impl Reconciled {
-    /// Time on the catheter's clock of a time on the cine's, before any lag, ms.
+    /// Converts a time on the cine's clock to the catheter's clock, before any lag is removed
+    /// \[ms\].
     #[must_use]
     pub fn map(&self, time_ms: f64) -> f64 {
         let [from, to] = self.cycle_lengths_ms;

@@ -1,44 +1,44 @@
-//! A catheter's zero that wanders: a line through the diastolic pressures of the beats that are kept.
+//! Drift of a catheter's zero, as a line through the diastolic pressures of the accepted beats.
 
 use crate::beats::Beat;
 use crate::filter::{centre_and_spread, median};
 use crate::recording::Recording;
 
-/// A drift over the whole recording smaller than this stays, mmHg.
+/// Smallest drift over the whole recording that is removed \[mmHg\].
 const LEAST_MMHG: f64 = 0.5;
-/// And one smaller than so many of its standard errors.
+/// Smallest drift that is removed, in standard errors of the drift.
 const LEAST_ERRORS: f64 = 3.5;
-/// Beats that slopes are taken between, at most.
+/// Largest number of beats between which slopes are computed.
 const MOST_BEATS: usize = 400;
-/// Fewest beats that show a drift.
+/// Smallest number of beats from which a drift is estimated.
 const FEWEST_BEATS: usize = 12;
-/// Breaths that are looked for, ms.
+/// Range of breathing periods \[ms\].
 const BREATH_MS: (f64, f64) = (2000.0, 9000.0);
-/// Breaths are taken out of recordings up to this length, ms: in longer ones they cancel.
+/// Longest recording from which breathing is removed \[ms\]. In longer ones, breaths cancel.
 const BREATHS_MS: f64 = 180_000.0;
-/// A breath takes away at least this share of the squares, or there is none.
+/// Smallest share of the sum of squares that a wave must explain to count as breathing.
 const BREATH_SHARE: f64 = 0.3;
 /// Share of a beat's samples that lie below its diastolic pressure.
 const DIASTOLE: f64 = 0.2;
 
-/// Where the zero is right.
+/// Time at which the zero is correct.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reference {
-    /// At the recording's begin: the transducer was zeroed before it.
+    /// At the beginning of the recording: the transducer was zeroed before it.
     #[default]
     Begin,
-    /// In its middle.
+    /// In the middle of the recording.
     Middle,
-    /// At its end: the transducer was checked after it.
+    /// At the end of the recording: the transducer was checked after it.
     End,
 }
 
-/// What to do about drift.
+/// Settings of the drift's removal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriftSettings {
-    /// Whether it is taken out.
+    /// Whether to remove the drift.
     pub enabled: bool,
-    /// Where the zero is right.
+    /// Time at which the zero is correct.
     pub reference: Reference,
 }
 
@@ -51,21 +51,21 @@ impl Default for DriftSettings {
     }
 }
 
-/// The drift of one pressure.
+/// Drift of one pressure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
-    /// Slope, mmHg/min.
+    /// Slope \[mmHg/min\].
     pub mmhg_per_min: f64,
-    /// Its standard error, mmHg/min.
+    /// Standard error of the slope \[mmHg/min\].
     pub standard_error_mmhg_per_min: f64,
-    /// Whether it was taken out.
+    /// Whether the drift was removed.
     pub removed: bool,
-    /// Time since the recording's begin at which nothing is changed, ms.
+    /// Time after the recording's beginning at which the pressure stays unchanged \[ms\].
     pub reference_ms: f64,
 }
 
-/// The drift that the diastolic pressures of some beats show: the median slope between all pairs of beats (Theil 1950, Sen
-/// 1968), which beats that are a little off do not bend. None with too few beats.
+/// Drift of the diastolic pressures of some beats: the median slope between all pairs of beats
+/// (Theil 1950, Sen 1968), which is robust against outliers. `None` with too few beats.
 #[must_use]
 pub fn of(
     recording: &Recording,
@@ -102,7 +102,8 @@ pub fn of(
         .map(|p| (p.0 - mean).powi(2))
         .sum::<f64>()
         .sqrt();
-    // Neighbouring beats breathe alike: as if one in two counted.
+    // Neighbouring beats share a phase of breathing, so that only every second one counts as
+    // independent.
     let error = sd / width * 2.0_f64.sqrt();
     let over_all = (slope * recording.length_ms()).abs();
     let seen = over_all >= LEAST_MMHG && slope.abs() > LEAST_ERRORS * error;
@@ -119,13 +120,14 @@ pub fn of(
     })
 }
 
-/// The same without the one wave of breathing that takes most away, where it takes enough: a minute's breaths bend a line.
+/// Removes the breathing wave that explains most of the sum of squares, if it explains enough. In a
+/// recording of a minute, breathing would change the slope of the line.
 fn without_breath(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let n = points.len() as f64;
     let (begin, end) = (points[0].0, points[points.len() - 1].0);
     let middle = 0.5 * (begin + end);
     let width = (end - begin).max(1.0);
-    // Steps of the frequency that miss no wave that fits into the recording.
+    // Frequency step that misses no wave within the recording.
     let step = 0.25 / width;
     let n_steps = ((1.0 / BREATH_MS.0 - 1.0 / BREATH_MS.1) / step) as usize + 1;
     let squares_of = |coefficients: &[f64; 4], w: f64| -> f64 {
@@ -169,7 +171,7 @@ fn value([level, slope, c, s]: &[f64; 4], w: f64, x: f64, t: f64) -> f64 {
         }
 }
 
-/// Least squares of level, slope, and a wave's cosine and sine.
+/// Least-squares fit of level, slope, and a wave's cosine and sine.
 fn fit(points: &[(f64, f64)], wave: Option<f64>, middle: f64, width: f64) -> Option<[f64; 4]> {
     let n = if wave.is_some() { 4 } else { 2 };
     let mut a = vec![vec![0.0; n + 1]; n];
@@ -190,7 +192,8 @@ fn fit(points: &[(f64, f64)], wave: Option<f64>, middle: f64, width: f64) -> Opt
 }
 
 impl Drift {
-    /// What it adds to a pressure at a time since the recording's begin, mmHg; zero where it was not taken out.
+    /// Change of the pressure by the drift at a time after the recording's beginning \[mmHg\]; zero
+    /// if the drift was not removed.
     #[must_use]
     pub fn at(&self, since_begin_ms: f64) -> f64 {
         if self.removed {

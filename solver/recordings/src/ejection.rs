@@ -1,54 +1,62 @@
-//! When ejection begins and ends on the cine's clock, from all frames of systole at once: one frame says little.
+//! Start and end of ejection on the cine's clock, estimated from all frames of systole together,
+//! because a single frame is too noisy.
 //!
-//! The pressure's clock says when the valves move. On the cine's clock the same happens at `s t + lag`: the volume is level
-//! until the aortic valve opens, falls by a flow `(1 − w) x^p (1 − x)^q / B + w` until it closes, is level, and rises from the
-//! mitral valve's opening on. For each s, lag and q the volume before, the stroke volume and the rate of filling are linear least squares.
-//! What hearts usually do keeps s and q where few frames leave them open.
+//! The times of valve motion are known on the pressure's clock; on the cine's clock, the same
+//! events happen at `s t + lag`. The volume is constant until the aortic valve opens, falls by a
+//! flow `(1 − w) x^p (1 − x)^q / B + w` until it closes, is constant again, and rises from the
+//! mitral valve's opening on. For each s, lag and q, the volume before ejection, the stroke volume
+//! and the rate of filling follow from linear least squares. Priors of s and q apply if the frames
+//! do not determine them.
 
 use crate::cine::Cine;
 use crate::events::ValveEvents;
 use crate::filter::solve;
 
-/// Exponent p of the flow: it rises steeply.
+/// Exponent p of the flow; the flow rises steeply.
 const RISE: f64 = 0.9;
-/// Share w that leaves evenly: flow begins and ends more abruptly than a power does.
+/// Share w of the volume that leaves at a constant rate, because flow starts and ends more abruptly
+/// than a power law.
 const EVEN: f64 = 0.15;
-/// Exponents q that are tried: from late peaks to early ones.
+/// Exponents q that are tried, from late peaks of the flow to early ones.
 const FALLS: [f64; 10] = [0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6];
-/// What it usually is, and its standard deviation: 62 % are out after half of the time. Chosen so that made hearts of another
-/// formulation are met in the mean (`tests/known_truth.rs`).
+/// Prior mean and standard deviation of q: after half of the ejection time, 62 % are ejected. The
+/// values are chosen so that the mean error vanishes for synthetic hearts of another formulation
+/// (`tests/known_truth.rs`).
 const USUAL_FALL: (f64, f64) = (1.7, 0.25);
-/// Duration of ejection falls with the heart's rate: 413 ms − 1.7 ms for each beat a minute (Weissler, Harris and Schoenfeld
-/// 1968, Circulation 37:149, men).
+/// Duration of ejection as a function of heart rate: 413 ms − 1.7 ms for each beat per minute
+/// (Weissler, Harris and Schoenfeld 1968, Circulation 37:149, men).
 const DURATION: (f64, f64) = (413.0, 1.7);
-/// Standard deviation of the factor around what that says.
+/// Prior standard deviation of the factor s around the value from this duration.
 const FACTOR_SD: f64 = 0.05;
-/// Frames up to so much of the stroke volume filled again take part.
+/// Share of the stroke volume filled again up to which frames are used.
 const FILLED: f64 = 0.35;
-/// Frames before the valve opens that take part: the plateau, not what the atrium does before it, ms.
+/// Time before the valve's opening from which on frames are used \[ms\]. It covers the plateau, but
+/// not the atrial contraction before it.
 const PLATEAU_MS: f64 = 60.0;
-/// Share of ejection's time at which half of it is out, usually.
+/// Typical share of the ejection time after which half of the stroke volume is ejected.
 const HALF_OUT: f64 = 0.44;
-/// Least noise of a frame, over the stroke volume.
+/// Smallest assumed noise of a frame, as a share of the stroke volume.
 const LEAST_NOISE: f64 = 0.01;
-/// Fewest frames.
+/// Smallest number of frames.
 const FEWEST: usize = 6;
-/// Steps of the table of a shape.
+/// Number of steps in the table of a flow's shape.
 const TABLE: usize = 200;
 
-/// What a cine series says of ejection.
+/// Ejection in a cine series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ejection {
-    /// It begins, ms on the frames' clock.
+    /// Start of ejection on the frames' clock \[ms\].
     pub begin_ms: f64,
-    /// It ends.
+    /// End of ejection on the frames' clock \[ms\].
     pub end_ms: f64,
-    /// Standard error of the middle between begin and end, ms, shape and duration as uncertain as they usually are.
+    /// Standard error of the midpoint between start and end \[ms\], including the usual uncertainty
+    /// of shape and duration.
     pub middle_error_ms: f64,
 }
 
-/// Finds begin and end of ejection among the frames. None where the volume does not fall, or too few frames show it.
-/// - `cycle_length_ms`: the pressure's
+/// Finds start and end of ejection in the frames. `None` if the volume does not fall, or too few
+/// frames show it.
+/// - `cycle_length_ms`: cycle length of the pressure
 #[must_use]
 pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<Ejection> {
     let n = cine.volume_ml.len();
@@ -85,7 +93,8 @@ pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<E
         noise_ml,
         tables,
     };
-    // Coarse: by the time at which half of it is out, which the frames show at once.
+    // Coarse search around the time at which half of the volume is ejected, which the frames show
+    // directly.
     let mut coarse = Best::default();
     for k in -3..=3 {
         let factor = usual * (1.0 + 0.04 * f64::from(k));
@@ -98,7 +107,7 @@ pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<E
         });
     }
     let (factor, lag) = coarse.place?;
-    // Fine, with the frames that belong to this place.
+    // Fine search, with the frames for the coarse result.
     search.frames = frames(factor * open + lag);
     let mut fine = Best::default();
     for k in -4..=4 {
@@ -114,12 +123,12 @@ pub fn find(cine: &Cine, valves: &ValveEvents, cycle_length_ms: f64) -> Option<E
     })
 }
 
-/// Duration of ejection at a cycle length, ms.
+/// Duration of ejection for a cycle length \[ms\].
 fn duration(cycle_ms: f64) -> f64 {
     (DURATION.0 - DURATION.1 * 60_000.0 / cycle_ms).max(120.0)
 }
 
-/// Time before the least volume at which the volume falls through a level, ms.
+/// Time before the smallest volume at which the volume falls through a level \[ms\].
 fn half_out(cine: &Cine, lowest: usize, level_ml: f64) -> Option<f64> {
     let n = cine.volume_ml.len();
     let place = |back: usize| (lowest + n - back) % n;
@@ -136,7 +145,7 @@ fn half_out(cine: &Cine, lowest: usize, level_ml: f64) -> Option<f64> {
     Some(before + step * (high - level_ml) / (high - low))
 }
 
-/// Share ejected over the share of ejection's time.
+/// Ejected share as a function of the share of the ejection time.
 fn table(q: f64) -> Vec<f64> {
     let mut ejected = vec![0.0];
     let mut sum = 0.0;
@@ -180,8 +189,8 @@ impl Search<'_> {
         }
     }
 
-    /// Twice the negative logarithm of the probability, up to a constant, with the best shape; none where the volume would
-    /// not fall and fill.
+    /// Negative log-likelihood times two, up to a constant, for the best shape; `None` if the
+    /// volume would not fall and fill.
     fn cost(&self, factor: f64, lag: f64) -> Option<f64> {
         if self.frames.len() < FEWEST {
             return None;
@@ -228,7 +237,7 @@ impl Search<'_> {
             }
             whole += v * v;
         }
-        // Frames without filling say nothing of its rate.
+        // Regularises the rate of filling, which frames without filling do not determine.
         (0..3).for_each(|i| a[i][i] += 1e-6);
         let right = [a[0][3], a[1][3], a[2][3]];
         let x = solve(a)?;
@@ -238,7 +247,7 @@ impl Search<'_> {
         Some((whole - x.iter().zip(right).map(|(a, b)| a * b).sum::<f64>()).max(0.0))
     }
 
-    /// From the curvature of the cost, the factor moved along so that it costs least.
+    /// Error from the curvature of the cost, minimised over the factor.
     fn error_of_middle(&self, factor: f64, lag: f64, middle: f64) -> f64 {
         let beside = |d: f64| {
             let moved = (-6..=6).filter_map(|k| {

@@ -1,38 +1,42 @@
-//! When the valves move, seen from the pressure of the mean beat.
+//! Times of valve motion, from the pressure of the mean beat.
 //!
-//! With the aortic valve's opening the pressure stops to rise freely, with its closure it begins to fall freely: the slope has
-//! a corner there, and that is where its own slope is most negative, after the steepest rise and before the steepest fall.
+//! When the aortic valve opens, the pressure stops rising freely; when it closes, the pressure
+//! begins to fall freely. The slope has a corner at both times. They are the points with the most
+//! negative second derivative after the steepest rise and before the steepest fall.
 
 use crate::filter::{periodic_slope, periodic_smooth};
 
-/// Half width of the smoothing before slopes, ms.
+/// Half width of the smoothing before slopes are computed \[ms\].
 const SMOOTH_MS: f64 = 3.0;
-/// The aortic valve opens at most so long after the steepest rise, ms.
+/// Largest time from the steepest rise to the opening of the aortic valve \[ms\].
 const OPENING_MS: f64 = 60.0;
-/// And closes at most so long before the steepest fall, ms.
+/// Largest time from the closure of the aortic valve to the steepest fall \[ms\].
 const CLOSURE_MS: f64 = 70.0;
-/// Isovolumic relaxation lasts at most so long, ms.
+/// Largest duration of isovolumic relaxation \[ms\].
 const RELAXATION_MS: f64 = 220.0;
 
-/// Times in the mean beat, ms from its beginning.
+/// Times in the mean beat, from its beginning \[ms\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ValveEvents {
-    /// The aortic valve opens.
+    /// Opening of the aortic valve.
     pub aortic_opening_ms: f64,
-    /// The aortic valve closes.
+    /// Closure of the aortic valve.
     pub aortic_closure_ms: f64,
-    /// The mitral valve opens: pressure is down at that with which the beat began.
+    /// Opening of the mitral valve: the pressure has fallen to its value at the beginning of the
+    /// beat.
     pub mitral_opening_ms: f64,
-    /// Steepest rise.
+    /// Steepest rise of the pressure.
     pub rise_ms: f64,
-    /// Steepest fall.
+    /// Steepest fall of the pressure.
     pub fall_ms: f64,
 }
 
 /// Events of a beat that begins in diastole.
-/// - `pressure_mmhg`: the ventricle's, one cycle, samples `step_ms` apart, periodic
+/// - `pressure_mmhg`: pressure of the ventricle over one periodic cycle, with samples every
+///   `step_ms`
 ///
-/// None where the pressure neither rises nor falls. Verified by `valves_move_when_the_pressure_says_so`.
+/// `None` if the pressure does not rise and fall. Verified by
+/// `valves_move_when_the_pressure_says_so`.
 #[must_use]
 pub fn of_ventricle(pressure_mmhg: &[f64], step_ms: f64) -> Option<ValveEvents> {
     let n = pressure_mmhg.len();

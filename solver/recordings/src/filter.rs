@@ -1,6 +1,8 @@
-//! Smoothing and differences of uniformly sampled traces; a missing sample (NaN) leaves a gap, it never spreads.
+//! Smoothing and differences of uniformly sampled traces. A missing sample (NaN) leaves a gap but
+//! never spreads.
 
-/// Mean over `2 half + 1` samples around each one, over those that are there; NaN where none is.
+/// Mean over the available ones of `2 half + 1` samples around each sample; NaN if none is
+/// available.
 pub(crate) fn moving_average(values: &[f64], half: usize) -> Vec<f64> {
     let n = values.len();
     let (mut sum, mut count) = (0.0, 0_usize);
@@ -30,7 +32,7 @@ pub(crate) fn moving_average(values: &[f64], half: usize) -> Vec<f64> {
     out
 }
 
-/// Two passes of the moving average: a triangle, whose side lobes are small.
+/// Two passes of the moving average, equivalent to a triangular kernel with small side lobes.
 pub(crate) fn smooth(values: &[f64], half: usize) -> Vec<f64> {
     if half == 0 {
         return values.to_vec();
@@ -38,7 +40,7 @@ pub(crate) fn smooth(values: &[f64], half: usize) -> Vec<f64> {
     moving_average(&moving_average(values, half), half)
 }
 
-/// Central differences per ms; zero where a neighbour is missing.
+/// Central differences per ms; zero if a neighbour is missing.
 pub(crate) fn slope(values: &[f64], step_ms: f64) -> Vec<f64> {
     let n = values.len();
     let mut out = vec![0.0; n];
@@ -53,7 +55,7 @@ pub(crate) fn slope(values: &[f64], step_ms: f64) -> Vec<f64> {
     out
 }
 
-/// The same of a periodic trace.
+/// Two passes of the moving average over a periodic trace.
 pub(crate) fn periodic_smooth(values: &[f64], half: usize) -> Vec<f64> {
     let n = values.len();
     if half == 0 || n <= 2 * half {
@@ -81,8 +83,9 @@ pub(crate) fn periodic_slope(values: &[f64], step_ms: f64) -> Vec<f64> {
         .collect()
 }
 
-/// The usual height of peaks along a trace: the largest value of each window of `window` samples, and of these the running
-/// median over 21 windows, so that neither an artefact nor a quiet stretch sets a threshold.
+/// Typical height of peaks along a trace: the maximum in each window of `window` samples, followed
+/// by a running median over 21 windows, so that neither artefacts nor quiet stretches determine a
+/// threshold.
 pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
     let largest: Vec<f64> = values
         .chunks(window.max(1))
@@ -105,7 +108,8 @@ pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Offset of the extremum of a parabola through three neighbours, in samples, −0.5 to 0.5.
+/// Offset of the extremum of a parabola through three neighbouring samples, in samples, from −0.5
+/// to 0.5.
 pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
     let curvature = before - 2.0 * here + after;
     let offset = 0.5 * (before - after) / curvature;
@@ -116,7 +120,7 @@ pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
     }
 }
 
-/// The middle value of those that are finite; NaN without any.
+/// Median of the finite values; NaN if there are none.
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.filter(|v| v.is_finite()).collect();
     if sorted.is_empty() {
@@ -134,7 +138,8 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     0.5 * (lower + upper)
 }
 
-/// Median, and the standard deviation of a normal distribution with the same median distance from it.
+/// Median, and the standard deviation of a normal distribution with the same median absolute
+/// deviation.
 pub(crate) fn centre_and_spread(values: &[f64]) -> (f64, f64) {
     let centre = median(values.iter().copied());
     (
@@ -143,7 +148,8 @@ pub(crate) fn centre_and_spread(values: &[f64]) -> (f64, f64) {
     )
 }
 
-/// Solution of a small system, its right side in the last column, by elimination; none where it is singular.
+/// Solves a small system by elimination, with the right-hand side in the last column; `None` if it
+/// is singular.
 pub(crate) fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     let n = rows.len();
     for k in 0..n {

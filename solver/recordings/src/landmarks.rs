@@ -1,17 +1,19 @@
-//! Where the rise and the fall of pressure lie in each beat: the shift with which the mean's own rise and fall fit best.
+//! Times of pressure rise and fall in each beat: the shifts for which the rise and fall of the mean
+//! fit best.
 
 use crate::filter::{median, vertex};
 use crate::recording::{Recording, at};
 
-/// Half width of the stretch that is compared, ms.
+/// Half width of the interval that is compared \[ms\].
 pub(crate) const HALF_WIDTH_MS: f64 = 40.0;
-/// Shifts are sought so far, ms.
+/// Largest shift in the search \[ms\].
 const REACH_MS: f64 = 40.0;
 
-/// Beats that the usual course around a landmark is made of, at most.
+/// Largest number of beats from which the typical course around a landmark is computed.
 const MOST_BEATS: usize = 301;
 
-/// The same times moved to where the usual course around them fits best; those where none does stay.
+/// Moves times to the best fit of the typical course around them. Times without a best fit stay
+/// unchanged.
 pub(crate) fn refine(
     recording: &Recording,
     values: &[f64],
@@ -29,7 +31,7 @@ pub(crate) fn refine(
         .iter()
         .map(|t| place(*t).map_or(*t, |at| t - before_ms + at))
         .collect();
-    // Two that move to the same place, or past each other, are not both right.
+    // If two times move to the same place or past each other, at least one of them is wrong.
     if moved.windows(2).all(|w| w[1] - w[0] > HALF_WIDTH_MS) {
         moved
     } else {
@@ -37,7 +39,8 @@ pub(crate) fn refine(
     }
 }
 
-/// Median course around some times, so far to both sides, and the time of the middle from its first sample, ms.
+/// Median course within `reach_ms` of some times, and the time of its centre after its first sample
+/// \[ms\].
 pub(crate) fn usual_course(
     recording: &Recording,
     values: &[f64],
@@ -61,17 +64,18 @@ pub(crate) fn usual_course(
     (usual, reach as f64 * step)
 }
 
-/// A mean course that beats are laid on.
+/// A mean course with which beats are aligned.
 pub(crate) struct Mean<'a> {
-    /// One cycle, or what there is around a landmark.
+    /// Values over one cycle, or around a landmark.
     pub(crate) values: &'a [f64],
     pub(crate) step_ms: f64,
-    /// Half width of the stretch that is compared, ms.
+    /// Half width of the interval that is compared \[ms\].
     pub(crate) half_width_ms: f64,
 }
 
 impl Mean<'_> {
-    /// Time in a beat of the mean's landmark, ms from the beat's beginning; none where no shift within reach fits best.
+    /// Time of the mean's landmark in a beat, from the beginning of the beat \[ms\]; `None` if no
+    /// shift within reach is a best fit.
     pub(crate) fn locate(
         &self,
         recording: &Recording,
@@ -97,7 +101,7 @@ impl Mean<'_> {
                 )
             })
             .collect();
-        // The level is free: only where the rise lies counts, not how high it begins.
+        // The level is free, because only the position of the rise matters, not its height.
         let misfit: Vec<f64> = beat
             .windows(width)
             .map(|here| {

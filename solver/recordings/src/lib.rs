@@ -1,9 +1,12 @@
-//! From continuous recordings of many beats to one beat of pressure and volume (docs/prepare.md).
+//! Preparation of continuous recordings: from many beats to one beat of pressure and volume
+//! (docs/prepare.md).
 //!
-//! One file a step, each a pure function that says what it changed: beats are found ([`beats`]), judged ([`reject`]), freed of
-//! drift ([`drift`]), averaged ([`average`]) with what they differ by ([`noise`]); cine volumes are adjusted to the whole-heart
-//! image ([`volume`]), their cycle is brought to the catheter's ([`cycle`]), and both are synchronised by the valves'
-//! events ([`events`], [`ejection`], [`synchronise`]). [`prepare()`] does them in this order.
+//! Each step has a module with a pure function that reports its changes. Beats are found
+//! ([`beats`]), selected ([`reject`]), corrected for drift ([`drift`]) and averaged ([`average`]),
+//! with an estimate of the noise ([`noise`]). Cine volumes are adjusted to the whole-heart image
+//! ([`volume`]), their cycle is adapted to the catheter's ([`cycle`]), and both are synchronised by
+//! the events of the valves ([`events`], [`ejection`], [`synchronise`]). [`prepare()`] carries out
+//! these steps in this order.
 #![deny(missing_docs)]
 
 pub mod average;

@@ -1,29 +1,35 @@
-//! What the mean beat is uncertain by: from the beats' differences, those of level and strength, and the rest.
+//! Uncertainty of the mean beat, from the differences between beats in level, in strength, and in
+//! the remaining noise.
 
-/// Longest lag of the correlation, ms.
+/// Longest lag of the correlation \[ms\].
 const LONGEST_MS: f64 = 200.0;
-/// Share of a beat up to which lags are taken.
+/// Longest lag of the correlation, as a share of a beat.
 const LONGEST_SHARE: f64 = 0.3;
 
 /// Noise of a mean beat.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Noise {
-    /// Root mean square of what single beats differ from the mean by, level and strength taken out, mmHg.
+    /// Root mean square of single beats' differences from the mean, without their level and
+    /// strength \[mmHg\].
     pub beat_rms_mmhg: f64,
-    /// Standard deviation of the beats' levels: breathing, mostly, mmHg.
+    /// Standard deviation of the beats' levels, which is mainly due to breathing \[mmHg\].
     pub level_sd_mmhg: f64,
-    /// Standard deviation of the beats' strengths: the factor on what the mean deviates from its own level, dimensionless.
+    /// Standard deviation of the beats' strengths, dimensionless. The strength is the factor of the
+    /// mean's deviation from its own level.
     pub strength_sd: f64,
-    /// Time after which the rest has lost all but 1/e of its correlation, ms.
+    /// Time after which the correlation of the remaining noise has fallen to 1/e \[ms\].
     pub correlation_ms: f64,
-    /// Of the mean: all parts over the root of the beats that they are worth, mmHg.
+    /// Standard error of the mean: all parts divided by the square root of their effective number
+    /// of beats \[mmHg\].
     pub mean_rms_mmhg: f64,
-    /// Beats that the levels are worth: neighbours breathe alike.
+    /// Effective number of independent levels, which is smaller than that of beats because
+    /// neighbours share a phase of breathing.
     pub n_effective: f64,
 }
 
-/// Noise from what `n_averaged` beats differ from their mean by; none with fewer than three beats to compare.
-/// - `residuals_mmhg`: equally long, in order of time, samples `step_ms` apart, as many as of `mean_mmhg`
+/// Noise from the residuals of `n_averaged` beats; `None` with fewer than three beats to compare.
+/// - `residuals_mmhg`: residuals of equal length in temporal order, with samples every `step_ms`,
+///   as many as in `mean_mmhg`
 #[must_use]
 pub fn of(
     residuals_mmhg: &[Vec<f64>],
@@ -51,13 +57,13 @@ pub fn of(
                 / swing.max(1e-9)
         })
         .collect();
-    // The mean took one beat's freedom.
+    // The mean uses one degree of freedom.
     let freedom = n as f64 / (n as f64 - 1.0);
     let n_lags =
         ((LONGEST_MS.min(LONGEST_SHARE * length as f64 * step_ms) / step_ms) as usize).max(2);
     let mut products = vec![0.0; n_lags];
     let mut counts = vec![0.0; n_lags];
-    // Half an hour has millions of products for each lag: some hundred beats tell as much.
+    // Half an hour has millions of products for each lag; a few hundred beats suffice.
     let every = n.div_ceil(256);
     let mut squares = 0.0;
     let mut n_squares = 0.0;
@@ -122,7 +128,8 @@ fn finite_mean(values: &[f64]) -> f64 {
     sum / f64::max(n, 1.0)
 }
 
-/// Position at which a falling sequence meets a value, between its samples; its length where it never does.
+/// Interpolated position at which a decreasing sequence reaches a level; its length if it never
+/// does.
 fn fall_to(values: &[f64], level: f64) -> f64 {
     (1..values.len())
         .find(|i| values[*i] <= level)
@@ -131,7 +138,8 @@ fn fall_to(values: &[f64], level: f64) -> f64 {
         })
 }
 
-/// Independent values that a sequence is worth for its mean: lags up to the first that is not correlated.
+/// Effective number of independent values for the mean of a sequence, from lags up to the first
+/// without correlation.
 fn effective(levels: &[f64]) -> f64 {
     let n = levels.len();
     let variance: f64 = levels.iter().map(|l| l * l).sum();
@@ -184,7 +192,7 @@ mod tests {
                 (noise.correlation_ms / tau - 1.0).abs() < 0.2,
                 "{rms} {tau}: {noise:?}"
             );
-            // Levels of the fast noise itself add to those of the beats.
+            // The means of the fast noise add to the levels of the beats.
             let own = rms * (2.0 * tau / 800.0).sqrt();
             assert!(
                 (noise.level_sd_mmhg / f64::hypot(level, own) - 1.0).abs() < 0.3,

@@ -1,4 +1,5 @@
-//! All steps in their order: recordings in, one beat of pressure and volume out, with what each step changed.
+//! The whole preparation: from recordings to one beat of pressure and volume, with the changes of
+//! each step.
 
 use crate::average::{Average, AverageSettings, Drifts, average};
 use crate::beats::{Beat, BeatError, BeatSettings, FoundBeats, find};
@@ -13,107 +14,109 @@ use crate::reject::{Reason, RejectSettings, judge};
 use crate::synchronise::{Lag, SynchroniseSettings, lag};
 use crate::volume::{Adjust, Adjusted, WholeHeart, adjust};
 
-/// What was recorded.
+/// Recorded data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raw {
-    /// The catheter's.
+    /// Recording of the catheter.
     pub recording: Recording,
-    /// The cine series.
+    /// Cine series.
     pub cine: Option<Cine>,
-    /// The whole-heart image.
+    /// Whole-heart image.
     pub whole_heart: Option<WholeHeart>,
 }
 
-/// How each step is done.
+/// Settings of all steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Settings {
-    /// Finding beats.
+    /// Detection of beats.
     pub beats: BeatSettings,
-    /// Leaving some out.
+    /// Selection of beats.
     pub reject: RejectSettings,
-    /// The catheter's zero.
+    /// Removal of the drift.
     pub drift: DriftSettings,
-    /// The mean.
+    /// Averaging.
     pub average: AverageSettings,
-    /// The volumes' size.
+    /// Adjustment of the volumes to the whole-heart image.
     pub volume: Adjust,
-    /// The cycle lengths.
+    /// Adaptation of the cycle lengths.
     pub cycle: CycleSettings,
-    /// The lag.
+    /// Synchronisation.
     pub synchronise: SynchroniseSettings,
 }
 
-/// One beat, and how it came about.
+/// The prepared beat, with the results of all steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
-    /// Beats as they were found.
+    /// Detected beats.
     pub found: FoundBeats,
-    /// Reasons against each; empty where it is in the mean.
+    /// Reasons against each beat; empty for a beat in the mean.
     pub reasons: Vec<Vec<Reason>>,
-    /// Wandering zeros.
+    /// Drifts of the pressures.
     pub drifts: Drifts,
     /// The mean beat.
     pub average: Average,
-    /// Its noise; none with fewer than three beats.
+    /// Noise of the mean beat; `None` with fewer than three beats.
     pub noise: Option<Noise>,
-    /// When the valves move; none without the ventricle's pressure.
+    /// Times of valve motion; `None` without the ventricle's pressure.
     pub valves: Option<ValveEvents>,
-    /// The volume; none without a cine series.
+    /// The volume; `None` without a cine series.
     pub volume: Option<PreparedVolume>,
 }
 
-/// The volume after each step.
+/// The volume, with the results of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedVolume {
-    /// As it was measured.
+    /// Frames as measured.
     pub original: Cine,
-    /// After it was brought to the whole-heart image.
+    /// Frames after the adjustment to the whole-heart image.
     pub adjusted: Adjusted,
-    /// Noise of a frame after that, mL.
+    /// Noise of an adjusted frame \[mL\].
     pub noise_rms_ml: f64,
-    /// Ejection on the cine's clock; none where the volume does not fall.
+    /// Ejection on the cine's clock; `None` if the volume does not fall.
     pub ejection: Option<Ejection>,
-    /// How the cycle was scaled.
+    /// Adaptation of the cycle.
     pub reconciled: Reconciled,
-    /// Frames laid on the catheter's cycle as they are, all of it scaled alike: neither reconciled nor synchronised.
+    /// Frames on the catheter's cycle with one factor for the whole cycle: neither adapted nor
+    /// synchronised.
     pub sheared: Cine,
-    /// The lag.
+    /// Lag between pressure and volume.
     pub lag: Lag,
-    /// Frames with the catheter's cycle, synchronised.
+    /// Frames on the catheter's cycle, synchronised.
     pub synchronised: Cine,
-    /// Time of the whole-heart image on the catheter's clock, ms from the beat's beginning.
+    /// Time of the whole-heart image on the catheter's clock, from the beginning of the beat
+    /// \[ms\].
     pub image_time_ms: Option<f64>,
 }
 
-/// Why there is no beat.
+/// Reasons why no beat can be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PrepareError {
-    /// None was found.
+    /// No beat was found.
     #[error(transparent)]
     Beats(#[from] BeatError),
-    /// All were left out.
+    /// All beats were rejected.
     #[error("none of {n_found} beats is kept: {why}")]
     NoneKept {
-        /// How many were found.
+        /// Number of beats that were found.
         n_found: usize,
-        /// How many for which reason.
+        /// Reasons in words, with the number of beats for each.
         why: String,
     },
-    /// A number that no beat has.
+    /// The settings name a beat that does not exist.
     #[error("there is no beat {number}: the recording has 1 to {n_found}")]
     NoSuchBeat {
-        /// The number.
+        /// Number in the settings.
         number: usize,
-        /// How many there are.
+        /// Number of beats in the recording.
         n_found: usize,
     },
 }
 
-/// Does all steps.
+/// Carries out all steps.
 ///
 /// # Errors
-/// [`PrepareError`] where no beat is found or kept, or the settings name one that does not exist. Verified by
-/// `tests/known_truth.rs`.
+/// [`PrepareError`] if no beat is found or accepted, or if the settings name one that does not
+/// exist. Verified by `tests/known_truth.rs`.
 pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError> {
     let recording = &raw.recording;
     let found = find(recording, &settings.beats)?;
@@ -177,7 +180,7 @@ pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError>
     })
 }
 
-/// How many beats are left out for which kind of reason, in words.
+/// Describes how many beats were rejected for which kind of reason.
 #[must_use]
 pub fn counts(reasons: &[Vec<Reason>]) -> String {
     let mut kinds: std::collections::BTreeMap<&str, usize> = std::collections::BTreeMap::new();

@@ -1,24 +1,25 @@
-//! R waves of an electrocardiogram: energy of its slope against the usual one, then the peak itself.
+//! Detection of R waves in an electrocardiogram: first from the slope's energy relative to the
+//! typical one, then from the peak itself.
 
 use crate::filter::{median, moving_average, usual_peaks, vertex};
 use crate::landmarks::{HALF_WIDTH_MS, refine};
 use crate::recording::Recording;
 
-/// Half widths of the means that leave the QRS complex, ms.
+/// Half widths of the two moving averages whose difference passes the QRS complex \[ms\].
 const BAND_MS: (f64, f64) = (4.0, 60.0);
-/// Half width over which the slope's energy is gathered, ms: about a QRS complex.
+/// Half width over which the slope's energy is summed, approximately a QRS complex \[ms\].
 const GATHER_MS: f64 = 40.0;
-/// Energy over the usual one that makes a QRS complex, dimensionless. A T wave has a hundredth of it, a wide ectopic complex a
-/// quarter.
+/// Energy relative to the typical one above which there is a QRS complex, dimensionless. A T wave
+/// reaches a hundredth, a wide ectopic complex a quarter.
 const THRESHOLD: f64 = 0.08;
-/// No two complexes within this time, ms.
+/// Smallest time between two complexes \[ms\].
 const REFRACTORY_MS: f64 = 180.0;
-/// The peak is sought so far around the energy's, ms.
+/// Distance from the energy's maximum within which the peak is searched \[ms\].
 const REACH_MS: f64 = 70.0;
-/// Stretch over which the usual energy is taken, ms: at least one beat.
+/// Interval over which the typical energy is computed, at least one beat \[ms\].
 const WINDOW_MS: f64 = 2000.0;
 
-/// Times of R waves since the recording's begin, ms.
+/// Times of R waves after the recording's beginning \[ms\].
 pub(crate) fn find(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
     let samples = |ms| recording.samples(ms);
     let (fine, coarse) = (
@@ -49,7 +50,7 @@ pub(crate) fn find(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
         |i| THRESHOLD * usual[(i / window).min(usual.len() - 1)],
         samples(REFRACTORY_MS),
     );
-    // The same deflection in each beat: upwards, or downwards where the lead stands so.
+    // The deflection has the same sign in each beat: positive, or negative for some leads.
     let reach = samples(REACH_MS);
     let around = |peak: usize| peak.saturating_sub(reach)..(peak + reach + 1).min(band.len());
     let largest = |sign: f64, peak: usize| {
@@ -79,11 +80,12 @@ pub(crate) fn find(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
             Some((i as f64 + offset) * recording.step_ms)
         })
         .collect();
-    // Noise moves the top of a peak, the whole complex hardly.
+    // Noise shifts the top of a peak, but hardly affects the fit of the whole complex.
     refine(recording, &band, &peaks, HALF_WIDTH_MS)
 }
 
-/// Places of the largest value of each stretch above the threshold; of two within `apart` samples the larger one.
+/// Positions of the maximum of each stretch above the threshold; of two within `apart` samples, the
+/// larger one.
 pub(crate) fn regions(
     values: &[f64],
     threshold: impl Fn(usize) -> f64,

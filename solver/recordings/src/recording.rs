@@ -1,73 +1,75 @@
-//! What was recorded continuously, on one clock with one step.
+//! Continuous recordings, with all channels on one clock and one step.
 
 use crate::filter::median;
 
-/// A gap between samples above so many usual steps is one; below it a lost sample is bridged.
+/// Distance between samples, in typical steps, above which there is a gap. Below it, a lost sample
+/// is interpolated.
 const GAP_STEPS: f64 = 3.5;
-/// Fraction of the step by which times may miss the grid before values are interpolated.
+/// Deviation of times from the grid, as a share of the step, above which values are interpolated.
 const ON_GRID: f64 = 0.02;
-/// Fewest samples.
+/// Smallest number of samples.
 const FEWEST: usize = 100;
-/// Steps that recordings of a heart have, ms.
+/// Accepted steps of a heart's recording \[ms\].
 const STEPS_MS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
-/// Samples that a grid may have: gaps are filled with missing ones, and a time that is wrong by hours must not fill the memory.
+/// Largest number of samples on a grid. Gaps are filled with missing samples, and a time that is
+/// wrong by hours must not exhaust the memory.
 const MOST: usize = 200_000_000;
 
-/// Why samples do not make a recording.
+/// Reasons why samples do not form a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RecordingError {
-    /// Too few.
+    /// There are too few samples.
     #[error("{n_samples} samples, but a recording has at least {FEWEST}")]
     TooFew {
-        /// How many.
+        /// Number of samples.
         n_samples: usize,
     },
-    /// The usual distance between samples is not that of a recording.
+    /// The typical distance between samples is outside the accepted range.
     #[error("a sample every {step_ms} ms, but 0.05 to 20 ms are expected")]
     Step {
-        /// The usual distance, ms.
+        /// Typical distance \[ms\].
         step_ms: f64,
     },
-    /// The times span far more than the samples fill.
+    /// The samples fill only a small part of the time span.
     #[error(
         "times from {first_ms} to {last_ms} ms, where {n_samples} samples every {step_ms} ms are far too few"
     )]
     Span {
-        /// First time, ms.
+        /// First time \[ms\].
         first_ms: f64,
-        /// Last time, ms.
+        /// Last time \[ms\].
         last_ms: f64,
-        /// How many samples.
+        /// Number of samples.
         n_samples: usize,
-        /// The usual distance, ms.
+        /// Typical distance \[ms\].
         step_ms: f64,
     },
-    /// No pressure.
+    /// There is no channel with a pressure.
     #[error("no pressure, neither of the ventricle nor of the aorta")]
     NoPressure,
 }
 
-/// Channels on one grid; a sample that is missing is NaN.
+/// Channels on a common grid; a missing sample is NaN.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
-    /// Time of the first sample, ms.
+    /// Time of the first sample \[ms\].
     pub begin_ms: f64,
-    /// Distance of samples, ms.
+    /// Distance between samples \[ms\].
     pub step_ms: f64,
-    /// Pressure of the left ventricle, mmHg.
+    /// Pressure of the left ventricle \[mmHg\].
     pub lv_pressure_mmhg: Option<Vec<f64>>,
-    /// Pressure in the aorta, mmHg.
+    /// Pressure in the aorta \[mmHg\].
     pub aortic_pressure_mmhg: Option<Vec<f64>>,
-    /// Flow in the ascending aorta, mL/s, positive out of the heart.
+    /// Flow in the ascending aorta \[mL/s\], positive out of the heart.
     pub flow_ml_per_s: Option<Vec<f64>>,
-    /// Electrocardiogram, mV.
+    /// Electrocardiogram \[mV\].
     pub ecg_mv: Option<Vec<f64>>,
 }
 
-/// Channels as they were sampled: the same order as in [`Recording`].
+/// Channels as they were sampled, in the same order as in [`Recording`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
-    /// Times, ms, increasing.
+    /// Increasing times \[ms\].
     pub time_ms: Vec<f64>,
     /// See [`Recording::lv_pressure_mmhg`].
     pub lv_pressure_mmhg: Option<Vec<f64>>,
@@ -80,11 +82,12 @@ pub struct Channels {
 }
 
 impl Recording {
-    /// Brings channels to a grid of their usual step. Samples that lie on it stay as they are, others are interpolated
-    /// linearly; where more than three are lost, they are missing.
+    /// Resamples channels to a grid with their typical step. Samples on the grid stay unchanged,
+    /// and others are interpolated linearly. If more than three in a row are lost, they are
+    /// missing.
     ///
     /// # Errors
-    /// [`RecordingError`] where there are too few samples, a strange step, or no pressure.
+    /// [`RecordingError`] for too few samples, a step out of range, or no pressure.
     pub fn new(channels: Channels) -> Result<Self, RecordingError> {
         let Channels {
             time_ms,
@@ -105,7 +108,8 @@ impl Recording {
         if !STEPS_MS.contains(&usual) {
             return Err(RecordingError::Step { step_ms: usual });
         }
-        // Without gaps the whole length gives the step to more digits than one difference of rounded times.
+        // Without gaps, the whole length determines the step more accurately than a single
+        // difference of rounded times.
         let mean = (last_ms - first_ms) / (n - 1) as f64;
         let without_gaps = time_ms.windows(2).all(|w| w[1] - w[0] < 1.8 * usual);
         let step_ms = if without_gaps || (mean / usual - 1.0).abs() < 1e-3 {
@@ -142,7 +146,8 @@ impl Recording {
         })
     }
 
-    /// The pressure that beats are judged and aligned by: the ventricle's, or without one the aorta's.
+    /// Pressure by which beats are selected and aligned: the ventricle's or, without it, the
+    /// aorta's.
     #[must_use]
     pub fn leading_pressure(&self) -> &[f64] {
         self.lv_pressure_mmhg
@@ -157,13 +162,13 @@ impl Recording {
         self.leading_pressure().len()
     }
 
-    /// Length, ms.
+    /// Length of the recording \[ms\].
     #[must_use]
     pub fn length_ms(&self) -> f64 {
         self.n_samples().saturating_sub(1) as f64 * self.step_ms
     }
 
-    /// Samples in so many ms, at least one.
+    /// Number of samples in a time \[ms\], at least one.
     pub(crate) fn samples(&self, ms: f64) -> usize {
         ((ms / self.step_ms).round() as usize).max(1)
     }
@@ -206,7 +211,8 @@ impl Grid<'_> {
     }
 }
 
-/// Value of a channel at a position in samples: cubic (Catmull and Rom) between samples, NaN beside a missing one.
+/// Value of a channel at a position in samples, with cubic interpolation (Catmull and Rom); NaN
+/// next to a missing sample.
 pub fn at(values: &[f64], position: f64) -> f64 {
     let n = values.len();
     if n < 2 || position < 0.0 || position > (n - 1) as f64 {

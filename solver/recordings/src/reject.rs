@@ -1,64 +1,69 @@
-//! Which beats are left out of the average, and why: what is damaged, what came early and what follows from that, what looks
-//! like no other beat.
+//! Rejection of beats from the average: damaged beats, premature beats and those affected by them,
+//! and beats of an unusual shape.
 
 use crate::beats::{Beat, FoundBeats, rises_of};
 use crate::filter::{centre_and_spread, median};
 use crate::recording::{Recording, at};
 
-/// Neighbours on either side whose median is a beat's usual length.
+/// Number of neighbours on either side whose median is a beat's usual length.
 const NEIGHBOURS: usize = 6;
-/// Shares of the usual length by which a beat must at least be shorter or longer to count as short or long.
+/// Smallest relative difference from the usual length for which a beat counts as short.
 const SHORT: f64 = 0.15;
-/// See [`SHORT`].
+/// Smallest relative difference from the usual length for which a beat counts as long.
 const LONG: f64 = 0.2;
-/// The same in standard deviations of what is usual, where lengths vary more.
+/// The same limits in standard deviations of the relative lengths; they apply if lengths vary more.
 const LENGTH_SD: (f64, f64) = (4.5, 5.0);
-/// Least standard deviation of lengths over the usual one.
+/// Lower bound of the standard deviation of relative lengths.
 const LEAST_LENGTH_SD: f64 = 0.015;
-/// Longest run of equal samples, ms, and over that of the usual beat, above which the line was stuck.
+/// Duration of equal samples above which the line was stuck, in ms and as a multiple of the usual
+/// beat's; both must be exceeded.
 const FLAT: (f64, f64) = (40.0, 2.5);
-/// Steepest change between two samples over that of the usual beat, and in mmHg/ms, above which it is an artefact.
+/// Change between two samples above which it is an artefact, as a multiple of the usual beat's and
+/// in mmHg/ms; both must be exceeded.
 const JUMP: (f64, f64) = (2.5, 6.0);
-/// Pressures that no circulation has, mmHg.
+/// Range of pressures that a circulation can have \[mmHg\].
 const POSSIBLE_MMHG: std::ops::RangeInclusive<f64> = -60.0..=400.0;
-/// Distance from the usual beat in standard deviations of what is usual, and at least over the pulse pressure.
+/// Distance from the usual beat above which a shape is unusual, in standard deviations of the
+/// distances and as a share of the pulse pressure; both must be exceeded.
 const SHAPE: (f64, f64) = (6.0, 0.04);
-/// Share of the usual cycle from its beginning that the shape is taken from: systole and relaxation.
+/// Share of the usual cycle, from its beginning, over which shapes are compared: systole and
+/// relaxation.
 const SHAPE_SHARE: f64 = 0.62;
-/// Distance of the samples that a shape is made of, ms.
+/// Distance between the samples of a shape \[ms\].
 const SHAPE_STEP_MS: f64 = 4.0;
-/// Beats that the usual shape is made of, at most.
+/// Largest number of beats from which the usual shape is computed.
 const SHAPE_BEATS: usize = 301;
 
-/// Why a beat is left out.
+/// Reasons why a beat is rejected.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reason {
-    /// Samples are missing, ms.
+    /// Samples are missing, for this time \[ms\].
     Missing(f64),
-    /// The same value for so long, ms.
+    /// The value stays the same for this time \[ms\].
     Flat(f64),
-    /// A change between two samples that no heart makes, mmHg/ms.
+    /// Pressure changes between two samples faster than any heart's \[mmHg/ms\].
     Jump(f64),
-    /// A pressure that no circulation has, mmHg.
+    /// The pressure is outside the range of any circulation \[mmHg\].
     Impossible(f64),
-    /// It came early: the beat before was of this share of the usual length.
+    /// The beat came early: its predecessor had this share of the usual length.
     Premature(f64),
-    /// The next one came early: this share of the usual length.
+    /// The next beat came early, so that this one has this share of the usual length.
     CutShort(f64),
-    /// The beat before it was premature: filling and force are not the usual ones.
+    /// The beat before it was premature, so that filling and force differ from the usual ones.
     AfterPremature,
-    /// It lasted so much longer than usual: this share of the usual length.
+    /// The beat lasted longer than usual; the value is its length relative to the usual one.
     Pause(f64),
-    /// Pressure rose so many times, not once.
+    /// The pressure rose this number of times instead of once.
     Rises(usize),
-    /// It differs from the usual beat by so much, mmHg (root mean square), where so much is the limit.
+    /// The shape is unusual: root-mean-square difference from the usual beat, and its limit
+    /// \[mmHg\].
     Shape(f64, f64),
-    /// The settings say so.
+    /// The settings reject the beat.
     ByHand,
 }
 
 impl Reason {
-    /// A word for tables: what kind of beat it is.
+    /// Kind of the reason in one word, for tables.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -106,16 +111,17 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// What to leave out.
+/// Settings of the rejection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectSettings {
-    /// Whether beats are judged at all; what is missing or left out by hand is left out always.
+    /// Whether to judge beats. Beats with missing samples, and those that the settings reject, are
+    /// left out in any case.
     pub enabled: bool,
-    /// Numbers of beats, from 1, that are kept whatever they look like.
+    /// Numbers of beats, from 1, that are accepted without judging their signal.
     pub keep: Vec<usize>,
-    /// Numbers of beats, from 1, that are left out.
+    /// Numbers of beats, from 1, that are rejected.
     pub leave_out: Vec<usize>,
-    /// Stretches on the recording's clock, ms, whose beats are left out.
+    /// Intervals on the recording's clock \[ms\] whose beats are rejected.
     pub leave_out_ms: Vec<[f64; 2]>,
 }
 
@@ -130,7 +136,7 @@ impl Default for RejectSettings {
     }
 }
 
-/// Reasons against each beat, the gravest first; empty where it is kept.
+/// Reasons against each beat, the most serious first; empty for an accepted beat.
 #[must_use]
 pub fn judge(
     recording: &Recording,
@@ -157,7 +163,7 @@ pub fn judge(
         if inside || settings.leave_out.contains(&(idx + 1)) {
             reasons.insert(0, Reason::ByHand);
         } else if settings.keep.contains(&(idx + 1)) {
-            // A beat without samples cannot be averaged, whoever wants it.
+            // A beat with missing samples cannot be averaged, even if the settings keep it.
             reasons.retain(|reason| matches!(reason, Reason::Missing(_)));
         }
     }
@@ -248,12 +254,14 @@ fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
     for i in 0..beats.len() {
         let n_rises = rises_of(&beats[i], &found.rises_ms);
         if shares[i] < short {
-            // Where a damaged beat begins is not sure, and so neither is what it says of the next one.
+            // The beginning of a damaged beat is uncertain, so that it does not show whether the
+            // next beat is premature.
             let sure = !reasons[i].iter().any(|reason| reason.kind() == "damaged");
             reasons[i].push(Reason::CutShort(shares[i]));
             if sure && follows(i) {
                 reasons[i + 1].insert(0, Reason::Premature(shares[i]));
-                // A false beginning has no rise of its own, and disturbs nothing after it.
+                // A false beginning has no pressure rise of its own and does not affect the
+                // following beat.
                 if rises_of(&beats[i + 1], &found.rises_ms) > 0
                     && follows(i + 1)
                     && shares[i + 1] >= short
@@ -327,7 +335,7 @@ mod tests {
     use super::*;
     use crate::beats::{BeatSettings, Source, find};
 
-    /// Beats of these lengths, a bell of pressure 250 ms after each beginning.
+    /// Beats of given lengths, with a bell-shaped pressure 250 ms after each beginning.
     fn recording(lengths: &[f64]) -> (Recording, FoundBeats) {
         let onsets: Vec<f64> = std::iter::once(0.0)
             .chain(lengths.iter().scan(0.0, |t, l| {

@@ -1,11 +1,12 @@
-//! The lag between pressure and volume: ejection begins when the aortic valve opens and ends when it closes.
+//! Lag between pressure and volume: ejection starts when the aortic valve opens and ends when it
+//! closes.
 
-/// How both are synchronised.
+/// Settings of the synchronisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SynchroniseSettings {
-    /// Whether a lag is taken out.
+    /// Whether to remove the lag.
     pub enabled: bool,
-    /// The lag, ms; none takes it from the events.
+    /// The lag \[ms\]; `None` to compute it from the events.
     pub lag_ms: Option<f64>,
 }
 
@@ -18,20 +19,22 @@ impl Default for SynchroniseSettings {
     }
 }
 
-/// A lag.
+/// Lag between pressure and volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lag {
-    /// By so much the volume came after the pressure, ms; it was moved forward by this.
+    /// Delay of the volume after the pressure \[ms\]. If the lag is removed, the volume is moved
+    /// forward by this time.
     pub ms: f64,
-    /// Lag by the opening and by the closure of the aortic valve, ms; none where one of both has no events.
+    /// Lags of the aortic valve's opening and closure \[ms\]; `None` if one of the signals has no
+    /// events.
     pub by_events_ms: Option<[f64; 2]>,
-    /// Whether it was taken out.
+    /// Whether the lag was removed.
     pub removed: bool,
 }
 
-/// The lag of ejection, on the catheter's clock, after the valve's events.
-/// - `ejection_ms`: begin and end from the volume, its cycle reconciled already
-/// - `valve_ms`: opening and closure from the pressure
+/// Lag of ejection after the valve's events, on the catheter's clock.
+/// - `ejection_ms`: start and end of ejection from the volume, whose cycle must already be adapted
+/// - `valve_ms`: opening and closure of the valve from the pressure
 #[must_use]
 pub fn lag(
     ejection_ms: Option<(f64, f64)>,
@@ -55,7 +58,7 @@ pub fn lag(
 }
 
 impl Lag {
-    /// What is taken off the volume's times, ms.
+    /// Time that is subtracted from the volume's times \[ms\].
     #[must_use]
     pub fn taken_ms(&self) -> f64 {
         if self.removed { self.ms } else { 0.0 }

@@ -1,42 +1,44 @@
-//! Columns of a CSV file of many samples: half an hour at 1 kHz are two million lines, and reading them must not take longer
-//! than everything that follows.
+//! Fast parser for columns of a CSV file. Half an hour at 1 kHz has two million lines, and reading
+//! them must not take longer than all following steps.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use cardiotwin_signals::Problem;
 
-/// Lines of one kind of problem that are told one by one; the rest is counted.
+/// Number of lines that are reported individually for each kind of problem; further ones are
+/// counted.
 const MAX_TOLD: usize = 5;
-/// Decimal digits that fit the mantissa of a float exactly.
+/// Number of decimal digits that the mantissa of a float represents exactly.
 const EXACT_DIGITS: u32 = 15;
 
-/// A quantity that is looked for.
+/// A quantity to read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
-    /// Its name, as messages use it: `lv_pressure`.
+    /// Name of the quantity in messages, for example `lv_pressure`.
     pub quantity: &'static str,
-    /// Names of columns that hold it, and the factor to our unit: `lv_pressure_mmHg`, 1.
+    /// Accepted column names with their factors to our unit, for example `lv_pressure_mmHg` with 1.
     pub names: Vec<(String, f64)>,
-    /// Whether the file is of no use without it.
+    /// Whether the file must have it.
     pub required: bool,
     /// Whether samples may be missing: an empty cell, `nan` or `NA`.
     pub may_lack: bool,
 }
 
-/// What was read.
+/// Columns that were read.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Table {
-    /// Values of the quantities that were found, in our units; NaN where a sample is missing.
+    /// Values of the quantities in our units; NaN for a missing sample.
     pub columns: BTreeMap<&'static str, Vec<f64>>,
-    /// The column that held each of them.
+    /// Name of the column for each quantity.
     pub names: BTreeMap<&'static str, String>,
-    /// Line of each row, from 1, as the first of a run of rows and the line of that: lines of comments move it.
+    /// Line numbers, from 1, as pairs of the first row in a run of consecutive lines and the line
+    /// of that row. Comments end a run.
     lines: Vec<(usize, usize)>,
 }
 
 impl Table {
-    /// Line of a row, from 1.
+    /// Line number of a row, from 1.
     #[must_use]
     pub fn line(&self, row: usize) -> usize {
         let run = self.lines.partition_point(|(first, _)| *first <= row);
@@ -45,17 +47,17 @@ impl Table {
     }
 }
 
-/// A table, where it could be read, and what is wrong with it.
+/// The table if it could be read, and all problems.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TableReading {
-    /// The table; none where there is an error among the problems.
+    /// The table; `None` if the problems include an error.
     pub table: Option<Table>,
-    /// In order of their lines.
+    /// Problems in the order of their lines.
     pub problems: Vec<Problem>,
 }
 
-/// Reads the columns that are wanted from the contents of `file`: a header, numbers separated by commas, lines that begin
-/// with `#` left out. The first quantity is time and must increase.
+/// Parses the columns for `wanted` from the content of `file`: a header, then numbers separated by
+/// commas. Lines that begin with `#` are comments. The first quantity is time and must increase.
 #[must_use]
 pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> TableReading {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
@@ -82,7 +84,7 @@ struct Parser<'a> {
     told: BTreeMap<&'static str, (usize, Option<Problem>)>,
 }
 
-/// A column that is read: its place in a line, in `wanted`, and its factor.
+/// A column to read: its position in a line, its index in `wanted`, and its factor.
 struct Column {
     place: usize,
     wanted: usize,
@@ -177,7 +179,7 @@ impl Parser<'_> {
         Some(table)
     }
 
-    /// Which columns hold what is wanted.
+    /// Finds the columns for the wanted quantities.
     fn columns(&mut self, line: usize, names: &[&str]) -> Option<Vec<Column>> {
         let n_before = self.problems.len();
         if names.iter().all(|name| number(name.as_bytes()).is_some()) {
@@ -258,7 +260,8 @@ impl Parser<'_> {
         (!self.problems[n_before..].iter().any(Problem::is_error)).then_some(columns)
     }
 
-    /// Whether a column looks as if it were meant, but carries no unit or another one: it is not left out in silence.
+    /// Whether a column has the name of a quantity but no unit or an unknown one. It must not be
+    /// ignored silently.
     fn without_unit(&self, wanted: &Wanted, names: &[&str]) -> bool {
         let known = |name: &str| {
             self.wanted
@@ -349,8 +352,9 @@ fn shown(text: &[u8]) -> String {
     }
 }
 
-/// A finite decimal number. Up to 15 digits and powers of ten to 22 are exact in floats, so that one division rounds right
-/// (Clinger 1990, PLDI, section 3); whatever else there is takes the long way.
+/// Parses a finite decimal number. With up to 15 digits and powers of ten up to 22, mantissa and
+/// power are exact, so that one division rounds correctly (Clinger 1990, PLDI, section 3). All
+/// other numbers use the general parser.
 fn number(text: &[u8]) -> Option<f64> {
     let (negative, digits) = match text.first()? {
         b'-' => (true, &text[1..]),

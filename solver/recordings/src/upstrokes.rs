@@ -1,21 +1,21 @@
-//! Rises of a pressure: one for each beat that ejects, or tries to.
+//! Detection of pressure rises, one for each beat that ejects or tries to eject.
 
 use crate::filter::{slope, smooth, usual_peaks, vertex};
 use crate::r_waves::regions;
 use crate::recording::Recording;
 
-/// Half width of the smoothing before the slope, ms.
+/// Half width of the smoothing before slopes are computed \[ms\].
 const SMOOTH_MS: f64 = 4.0;
-/// Slope over the usual steepest one that makes a rise, dimensionless.
+/// Slope relative to the typical steepest one above which there is a rise, dimensionless.
 const THRESHOLD: f64 = 0.4;
-/// No two rises within this time, ms.
+/// Smallest time between two rises \[ms\].
 const REFRACTORY_MS: f64 = 200.0;
-/// Stretch over which the usual slope is taken, ms: at least one beat.
+/// Interval over which the typical slope is computed, at least one beat \[ms\].
 const WINDOW_MS: f64 = 2000.0;
 
-/// The pressure's slope, mmHg/ms.
+/// Slope of the pressure \[mmHg/ms\].
 pub(crate) fn slopes(recording: &Recording, pressure_mmhg: &[f64]) -> Vec<f64> {
-    // Below one step of smoothing there is nothing to smooth with.
+    // If the step is longer than the smoothing, nothing is smoothed.
     let half = if recording.step_ms > SMOOTH_MS {
         0
     } else {
@@ -24,20 +24,21 @@ pub(crate) fn slopes(recording: &Recording, pressure_mmhg: &[f64]) -> Vec<f64> {
     slope(&smooth(pressure_mmhg, half), recording.step_ms)
 }
 
-/// Slope over the usual steepest one that no heart makes, dimensionless: a flush, a whip, a plug.
+/// Slope relative to the typical steepest one above which it is an artefact (flush, whip, plug),
+/// dimensionless.
 const ARTEFACT: f64 = 2.2;
-/// What lies so near to one is none either, ms.
+/// Time around an artefact within which slopes are ignored \[ms\].
 const AROUND_MS: f64 = 15.0;
 
-/// A rise is followed over so much time to both sides, ms.
+/// Time on either side of a rise within which its height is measured \[ms\].
 const HEIGHT_MS: f64 = 130.0;
-/// Height of a rise over the usual one that makes a beat, dimensionless: the aorta rises again after its notch, as steeply but
-/// not as high.
+/// Height relative to the typical one above which a rise belongs to a beat, dimensionless. After
+/// its notch the aortic pressure rises again, as steeply but not as high.
 const HEIGHT: f64 = 0.4;
-/// Share of the rises that may be lower than the usual one: half of them may follow a notch.
+/// Quantile of the heights that is the typical height: up to half of the rises may follow a notch.
 const USUAL: f64 = 0.75;
 
-/// Times of the steepest rises since the recording's begin, ms.
+/// Times of the steepest rises after the recording's beginning \[ms\].
 pub(crate) fn find(recording: &Recording, pressure_mmhg: &[f64], slopes: &[f64]) -> Vec<f64> {
     let window = recording.samples(WINDOW_MS);
     let usual = usual_peaks(slopes, window);

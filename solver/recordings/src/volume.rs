@@ -1,46 +1,50 @@
-//! The cine volumes brought to the volume of the whole-heart image, which shows the cavity once, but finely.
+//! Adjustment of the cine volumes to the volume in the whole-heart image, which shows the cavity
+//! only once but with high resolution.
 
 use crate::cine::Cine;
 
-/// The whole-heart image's volume.
+/// Volume in the whole-heart image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WholeHeart {
-    /// Time at which it was taken, ms on the cine's clock: from the trigger, in the cine's cycle.
+    /// Time of the image on the cine's clock, from the trigger \[ms\].
     pub time_ms: f64,
-    /// Cavity volume, mL.
+    /// Cavity volume \[mL\].
     pub volume_ml: f64,
-    /// Its standard deviation, mL.
+    /// Standard deviation of the volume \[mL\].
     pub sd_ml: Option<f64>,
 }
 
-/// How volumes are brought to it.
+/// Methods of adjustment.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Adjust {
-    /// By a factor: what a wrong thickness or gap of slices does. The ejection fraction stays.
+    /// By a factor, which corrects a wrong thickness or gap of the slices and preserves the
+    /// ejection fraction.
     #[default]
     Scale,
-    /// By a shift: what a basal slice too many or too few does. The stroke volume stays.
+    /// By a shift, which corrects a missing or surplus basal slice and preserves the stroke volume.
     Shift,
-    /// By a factor that is given.
+    /// By a given factor.
     By(f64),
-    /// Not at all.
+    /// No adjustment.
     Off,
 }
 
-/// What was done.
+/// Result of the adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjusted {
-    /// The frames after it.
+    /// The adjusted frames.
     pub cine: Cine,
-    /// The frames' volume at the image's time before it, mL; none without an image.
+    /// Volume of the frames at the image's time before the adjustment \[mL\]; `None` without an
+    /// image.
     pub before_ml: Option<f64>,
-    /// Factor on all volumes.
+    /// Factor of all volumes.
     pub factor: f64,
-    /// Shift of all volumes, mL.
+    /// Shift of all volumes \[mL\].
     pub shift_ml: f64,
 }
 
-/// Brings the frames to the image's volume; without an image they stay, unless a factor is given.
+/// Adjusts the frames to the image's volume. Without an image they stay unchanged, unless a factor
+/// is given.
 #[must_use]
 pub fn adjust(cine: &Cine, image: Option<&WholeHeart>, how: Adjust) -> Adjusted {
     let before_ml = image.map(|image| cine.near(image.time_ms));

@@ -1,4 +1,5 @@
-//! Recordings that were made with known truth: what was planted is found, to the figures of docs/prepare.md.
+//! Synthetic recordings with known truth: their features are recovered with the accuracy given in
+//! docs/prepare.md.
 
 mod made;
 
@@ -12,7 +13,7 @@ fn run(wish: &Wish) -> (Raw, Truth, Prepared) {
     (raw, truth, prepared)
 }
 
-/// Number of the beat of truth that begins where a beat was found.
+/// Index of the true beat that begins at the time of a detected beat.
 fn truth_of(truth: &Truth, onset_ms: f64) -> Option<usize> {
     let near = |i: &usize| (truth.onsets_ms[*i] - onset_ms).abs();
     (0..truth.onsets_ms.len())
@@ -55,7 +56,7 @@ fn without_an_electrocardiogram_they_begin_with_the_rise() {
             .beats
             .iter()
             .filter_map(|beat| {
-                // The beat before the first one made may be there in part.
+                // The recording may contain a part of the beat before the first true one.
                 let i = truth
                     .onsets_ms
                     .partition_point(|o| *o < beat.onset_ms + 5.0)
@@ -126,7 +127,7 @@ fn what_was_planted_is_left_out_and_hardly_anything_else() {
             .any(|m| m.3 == Kind::Ectopic || m.3 == Kind::Damaged),
         "{missed:?}"
     );
-    // Where the pressure alone says when an ectopic beat began, its neighbours may pass for usual ones.
+    // If only the pressure shows the beginning of an ectopic beat, its neighbours may look normal.
     assert!(50 * missed.len() <= planted && planted > 300, "{missed:?}");
     assert!(100 * lost <= good && good > 900, "{lost} of {good}");
 }
@@ -152,7 +153,7 @@ fn the_mean_is_the_beat_that_was_made() {
                 )
             })
             .collect();
-        // Two cycles, so that the line is in its periodic state.
+        // Two cycles, so that the line reaches its periodic state.
         let expected = match truth.line {
             Some(line) => through_line(
                 &[&expected[..], &expected[..]].concat(),
@@ -178,14 +179,14 @@ fn the_mean_is_the_beat_that_was_made() {
     assert!(worst < 0.5, "{worst} mmHg");
 }
 
-/// By how much the middle of ejection is off after all steps, ms, and what was stated of it.
+/// Error of the middle of ejection after all steps, and its stated standard error \[ms\].
 fn lag_error(wish: &Wish) -> (f64, f64) {
     let (_, truth, prepared) = run(wish);
     let volume = prepared.volume.as_ref().unwrap();
     let middle = 0.5 * (truth.ejection_ms.0 + truth.ejection_ms.1);
     let (systole, _, lag) = truth.cine;
     let found = volume.reconciled.map(systole * middle + lag) - volume.lag.taken_ms();
-    // A line delays the pressure, and the volume follows it.
+    // A line delays the pressure, and the volume is synchronised with it.
     println!(
         "factor {:.3} of {:.3}",
         volume.reconciled.systole_factor,
@@ -197,7 +198,7 @@ fn lag_error(wish: &Wish) -> (f64, f64) {
     )
 }
 
-/// Frames say no more than their noise lets them: the errors are as large as stated.
+/// The noise of the frames limits the accuracy; errors are as large as stated.
 #[test]
 fn pressure_and_volume_are_in_step() {
     for (noise, n, within, worst) in [(1.0, 30, 0.9, 14.0), (2.0, 30, 0.75, 25.0)] {

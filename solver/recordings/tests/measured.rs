@@ -1,4 +1,4 @@
-//! Measured records of aortas: what is found in them stands in docs/prepare.md.
+//! Measured aortic records; docs/prepare.md lists the results.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ fn column(file: &str, name: &str) -> (Vec<f64>, Vec<f64>) {
     )
 }
 
-/// Flow brought to the pressure's times: they are up to 2 ms apart.
+/// Interpolates the flow to the pressure's times, which differ by up to 2 ms.
 fn record(pressure: &str, flow: &str) -> Result<Prepared, PrepareError> {
     let (time_ms, p) = column(pressure, "pressure_mmHg");
     let (flow_time, q) = column(flow, "flow_mL_per_s");
@@ -107,7 +107,7 @@ fn porcine_aortas_have_their_beats_and_their_mean() {
                     .map(ToString::to_string)
                     .collect::<Vec<_>>(),
             );
-            // Five beats were recorded, of which four or five begin and end in the record.
+            // Five beats were recorded, three to five of which are complete in the record.
             assert!(
                 (3..=5).contains(&found.beats.len()),
                 "{}",

@@ -1,7 +1,8 @@
-//! A newtype for each quantity that crosses a crate, and the only unit conversions of the project.
+//! Newtypes for quantities that cross crate boundaries, and the project's only unit conversions.
 //!
-//! Inside the solver the coherent set mm, ms, mg, kPa, mN, µM holds; at the borders (files, command line,
-//! circulation) pressure is in mmHg, volume in mL, flow in mL/s. A conversion is written here once and nowhere else.
+//! The solver uses the coherent units mm, ms, mg, kPa, mN and µM internally. At its interfaces
+//! (files, command line, circulation), pressure is in mmHg, volume in mL and flow in mL/s. All
+//! conversions are defined in this crate.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,23 +1,26 @@
-//! Activation of a chamber: a Hill function of the time since its onset that rises, a cosine that lets go.
+//! Activation of a chamber: the rise is a Hill function of the time since onset, the fall a cosine.
 //!
-//! Rise g/(1 + g), g = (t/τ)^m, as in Stergiopulos, Meister and Westerhof 1996 (Am J Physiol 270:H2050), whose second Hill
-//! function has a tail as slow muscle has; the fall ½ (1 + cos(π (t − t_f)/T_f))^q, a cosine as in Regazzoni et al.
-//! 2022 (J Comput Phys 457:111083), ends, so that a heart that lacks nothing relaxes without one.
+//! The rise is g/(1 + g), g = (t/τ)^m, as in Stergiopulos, Meister and Westerhof 1996 (Am J Physiol
+//! 270:H2050). Their second Hill function has a tail like slow muscle. The fall here is ½ (1 +
+//! cos(π (t − t_f)/T_f))^q, a cosine as in Regazzoni et al. 2022 (J Comput Phys 457:111083). It
+//! ends, so that a heart without missing effects relaxes without a tail.
 
 use std::f64::consts::PI;
 
-/// A twitch, its peak scaled to one.
+/// A twitch, scaled to a peak of one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Twitch {
     /// Time constant \[ms\] and exponent of the rise.
     rise: (f64, f64),
-    /// Begin \[ms\], duration \[ms\] and exponent of the fall.
+    /// Start \[ms\], duration \[ms\] and exponent of the fall.
     fall: (f64, f64, f64),
     scale: f64,
 }
 
 impl Twitch {
-    /// From time constant \[ms\] and exponent of the rise; begin \[ms\], duration \[ms\] and exponent of the fall.
+    /// Creates a twitch from time constant \[ms\] and exponent of the rise, and start \[ms\],
+    /// duration
+    /// [ms\] and exponent of the fall.
     #[must_use]
     pub fn new(rise: (f64, f64), fall: (f64, f64, f64)) -> Self {
         let mut twitch = Self {
@@ -44,29 +47,30 @@ impl Twitch {
         self.scale * g / (1.0 + g) * (0.5 * (1.0 + (PI * x).cos())).powf(exponent)
     }
 
-    /// When the fall is half done \[ms\].
+    /// Time at which the fall is half done \[ms\].
     #[must_use]
     pub fn half_fall_ms(&self) -> f64 {
         self.fall.0 + 0.5 * self.fall.1
     }
 }
 
-/// Activation of the left ventricle over one cycle, each step, with what changes its course.
+/// Modifications of the activation of the left ventricle over one cycle.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Course {
-    /// Time constant below which it does not fall \[ms\]; 0 leaves the fall as it is.
+    /// Smallest time constant of the fall \[ms\]; 0 leaves the fall unchanged.
     pub relaxation_ms: f64,
-    /// Part of the wall that is late, and the mean of its delay \[ms\].
+    /// Share of the wall that is late, and the mean of its delay \[ms\].
     pub late: Option<(f64, f64)>,
     /// A second, small contraction: height, time since onset \[ms\], width \[ms\].
     pub after_contraction: Option<(f64, f64, f64)>,
 }
 
-/// Groups of the late part of the wall, and how far they are spread around its mean delay.
+/// Delays of the groups in the late part of the wall, relative to its mean delay.
 const LATE_GROUPS: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.3];
 
 impl Course {
-    /// Values at the begin of each of `n` steps over a cycle, periodic; `onset_ms` after time zero.
+    /// Periodic values at the start of each of `n` steps over a cycle; the onset is `onset_ms`
+    /// after time zero.
     #[must_use]
     pub fn table(&self, twitch: &Twitch, onset_ms: f64, cycle_ms: f64, n: usize) -> Vec<f64> {
         let step = cycle_ms / n as f64;
@@ -84,7 +88,7 @@ impl Course {
             }
             e
         };
-        // The tail of the beat before is still there.
+        // The tail of the previous beat is still present.
         let at = |i: usize| {
             let since = i as f64 * step - onset_ms;
             whole(since) + whole(since + cycle_ms)
@@ -93,7 +97,7 @@ impl Course {
         if self.relaxation_ms <= 0.0 {
             return forced;
         }
-        // The muscle lets go towards what its twitch asks for no faster than its time constant.
+        // The activation falls towards the twitch no faster than its time constant allows.
         let mut own = forced.clone();
         let mut e = forced[n - 1];
         for i in (0..3).flat_map(|_| 0..n) {
@@ -134,7 +138,7 @@ mod tests {
         }
         .table(&twitch(), 20.0, 850.0, 4250);
         assert_eq!(plain[500..1000], slow[500..1000]);
-        // 60 ms apart, far down the tail.
+        // Two times 60 ms apart, late in the tail.
         assert!(
             (slow[3000] / slow[2700] - (-60.0f64 / 50.0).exp()).abs() < 0.01,
             "{}",

@@ -1,31 +1,34 @@
-//! The closed loop: left ventricle, aorta and arteries, veins, right ventricle, lungs, left atrium.
+//! Closed loop of the circulation: left ventricle, aorta and arteries, veins, right ventricle,
+//! lungs and left atrium.
 
 use crate::activation::{Course, Twitch};
 use crate::valve::{Valve, ValveState};
 
 /// Flow through an orifice of 1 cm² under 1 mmHg \[mL/s\]: √(2/ρ).
 const ORIFICE: f64 = 50.154;
-/// Steps of a recorded sample of 1 ms.
+/// Number of time steps per recorded sample of 1 ms.
 const STEPS_PER_MS: usize = 5;
-/// Beats after which a heart that is not steady is given up.
+/// Number of beats after which an unsteady heart is given up.
 const BEATS: usize = 400;
-/// Beats during which loads are moved towards their targets.
+/// Number of beats during which loads are adjusted towards their targets.
 const CONTROLLED: usize = 300;
 
-/// Left ventricle.
+/// Parameters of the left ventricle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftVentricle {
-    /// Volume that other volumes are shares of: near end-diastole \[mL\].
+    /// Volume near end-diastole to which the shares refer \[mL\].
     pub reference_ml: f64,
     /// Isovolumic peak pressure at the reference volume \[mmHg\].
     pub peak_mmhg: f64,
     /// Volume without active pressure, as a share of the reference.
     pub dead_share: f64,
-    /// Volume above the dead one at which the curved end-systolic relation would peak, as a share of the reference.
+    /// Volume above the dead volume at which the curved end-systolic relation would peak, as a
+    /// share of the reference.
     pub curve_share: f64,
-    /// Loss of active pressure with outflow \[s/mL\] (Shroff, Janicki and Weber 1985, Am J Physiol 249:H358).
+    /// Loss of active pressure with outflow \[s/mL\] (Shroff, Janicki and Weber 1985, Am J Physiol
+    /// 249:H358).
     pub rate_loss: f64,
-    /// Loss of active pressure by shortening that lasts: per volume \[1/mL\] and time constant \[s\].
+    /// Lasting loss of active pressure by shortening: per volume \[1/mL\] and time constant \[s\].
     pub deactivation: Option<(f64, f64)>,
     /// Passive pressure at the reference volume \[mmHg\].
     pub passive_mmhg: f64,
@@ -33,13 +36,13 @@ pub struct LeftVentricle {
     pub unloaded_share: f64,
     /// Exponent of the passive law per reference volume.
     pub passive_exponent: f64,
-    /// Maxwell element beside the wall: stiffness \[mmHg/mL\] and time constant \[s\].
+    /// Maxwell element parallel to the wall: stiffness \[mmHg/mL\] and time constant \[s\].
     pub maxwell: Option<(f64, f64)>,
-    /// Share of the right ventricle's pressure that the septum hands on.
+    /// Share of the right ventricle's pressure that the septum transmits.
     pub septal_share: f64,
-    /// Twitch.
+    /// Twitch of the wall.
     pub twitch: Twitch,
-    /// Course of the activation.
+    /// Modifications of the activation.
     pub course: Course,
 }
 
@@ -63,41 +66,42 @@ impl LeftVentricle {
 /// A contraction of the left atrium.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AtrialContraction {
-    /// Added elastance at its peak \[mmHg/mL\].
+    /// Elastance added at the peak of the contraction \[mmHg/mL\].
     pub elastance: f64,
-    /// Middle, before the onset of the ventricle \[ms\].
+    /// Time from the middle of the contraction to the onset of the ventricle \[ms\].
     pub lead_ms: f64,
-    /// Half width \[ms\].
+    /// Half-width of the contraction \[ms\].
     pub width_ms: f64,
 }
 
-/// Pericardium around all chambers: p exp((V − V₀)/s).
+/// Pericardium around all chambers, with pressure p exp((V − V₀)/s).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pericardium {
-    /// p \[mmHg\].
+    /// Scale p of the pressure \[mmHg\].
     pub pressure_mmhg: f64,
-    /// V₀ \[mL\].
+    /// Volume V₀ of all chambers \[mL\].
     pub volume_ml: f64,
-    /// s \[mL\].
+    /// Scale s of the volume \[mL\].
     pub scale_ml: f64,
 }
 
-/// All parameters of one heart and circulation. Pressures in mmHg, volumes in mL, resistances in mmHg s/mL.
+/// All parameters of one heart and circulation. Pressures are in mmHg, volumes in mL and
+/// resistances in mmHg s/mL.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Heart {
-    /// Cycle length \[ms\], whole.
+    /// Cycle length \[ms\], an integer.
     pub cycle_ms: usize,
-    /// Begin of the ventricles' activation \[ms\].
+    /// Onset of the ventricles' activation \[ms\].
     pub onset_ms: f64,
-    /// Left ventricle.
+    /// Parameters of the left ventricle.
     pub left: LeftVentricle,
-    /// Right ventricle: largest and least elastance \[mmHg/mL\].
+    /// Right ventricle: largest and smallest elastance \[mmHg/mL\].
     pub right: (f64, f64),
     /// Compliance of the left atrium \[mL/mmHg\].
     pub atrial_compliance: f64,
-    /// Its contraction; none in a heart that lacks nothing.
+    /// Contraction of the left atrium; `None` in a heart without missing effects.
     pub atrial_contraction: Option<AtrialContraction>,
-    /// Pericardium; none in a heart that lacks nothing.
+    /// Pericardium; `None` in a heart without missing effects.
     pub pericardium: Option<Pericardium>,
     /// Mitral valve.
     pub mitral: Valve,
@@ -113,26 +117,27 @@ pub struct Heart {
     pub root_resistance: f64,
     /// Compliance of the root and of the arteries \[mL/mmHg\].
     pub arterial_compliance: (f64, f64),
-    /// Resistance and inertance \[mmHg s²/mL\] between both.
+    /// Resistance and inertance \[mmHg s²/mL\] between root and arteries.
     pub arterial_link: (f64, f64),
-    /// Resistance of the periphery; moved until the mean arterial pressure is as wanted.
+    /// Resistance of the periphery, which is adjusted until the mean arterial pressure meets its
+    /// target.
     pub peripheral_resistance: f64,
     /// Compliance of the systemic veins \[mL/mmHg\].
     pub venous_compliance: f64,
     /// Compliance of the pulmonary arteries and veins \[mL/mmHg\].
     pub lung_compliance: (f64, f64),
-    /// Resistance of the lungs, and from their veins into the atrium.
+    /// Resistance of the lungs, and resistance from their veins into the atrium.
     pub lung_resistance: (f64, f64),
-    /// Wanted mean pressure of the left atrium and of the arteries \[mmHg\].
+    /// Target mean pressures of the left atrium and of the arteries \[mmHg\].
     pub wanted: (f64, f64),
 }
 
-/// One steady beat in samples of 1 ms.
+/// One steady beat, sampled every 1 ms.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beat {
     /// Pressure of the left ventricle \[mmHg\].
     pub pressure: Vec<f64>,
-    /// Its volume \[mL\].
+    /// Volume of the left ventricle \[mL\].
     pub volume: Vec<f64>,
     /// Pressure of the aortic root \[mmHg\].
     pub aortic_pressure: Vec<f64>,
@@ -144,7 +149,8 @@ pub struct Beat {
     pub mitral_flow: Vec<f64>,
     /// Net volume into the aorta \[mL\].
     pub forward_ml: f64,
-    /// Largest change of a state over the beat (mL, or mL/s over 100): how far from steady it still is.
+    /// Largest change of a state over the beat (mL, or mL/s over 100), which measures the distance
+    /// from a steady beat.
     pub drift: f64,
 }
 
@@ -164,7 +170,7 @@ struct State {
     valves: [ValveState; 4],
 }
 
-/// Pressures of a state.
+/// Pressures of the compartments in a state \[mmHg\].
 struct Pressures {
     left: f64,
     right: f64,
@@ -229,7 +235,7 @@ impl Heart {
         }
     }
 
-    /// One step: flows by the pressures at its begin, volumes by the flows at its end.
+    /// One time step: flows from the pressures at its start, volumes from the flows at its end.
     fn step(&self, s: &State, p: &Pressures, dt: f64, resistance: f64) -> State {
         let valves = [
             self.mitral.step(s.valves[0], p.atrium - p.left, dt),
@@ -272,8 +278,10 @@ impl Heart {
         }
     }
 
-    /// The steady beat; none when the loop does not settle. Blood is added to or taken from the veins, and the periphery
-    /// widened or narrowed, until the mean pressures are as wanted.
+    /// The steady beat; `None` if the loop does not settle.
+    ///
+    /// The volume of the pulmonary veins and the peripheral resistance are adjusted until the mean
+    /// pressures meet their targets.
     #[must_use]
     pub fn beat(&self) -> Option<Beat> {
         let n = self.cycle_ms * STEPS_PER_MS;

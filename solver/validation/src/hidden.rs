@@ -1,4 +1,5 @@
-//! What is hidden in a case: the effects of the catalogue in terms of this heart, and gaps that the catalogue lacks.
+//! Hidden effects of a case: effects of the catalogue in terms of this heart, and gaps outside the
+//! catalogue.
 
 use crate::activation::Course;
 use crate::circulation::{AtrialContraction, Heart, Pericardium};
@@ -7,8 +8,8 @@ use crate::valve::Valve;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Names of the catalogue, in the order of its pages, with the smallest meaningful size of each, and the four levels at which
-/// cases are made. Two-sided effects get a random sign.
+/// Effects of the catalogue in the order of its pages: name, smallest meaningful strength, and the
+/// four levels at which cases are made. Two-sided effects get a random sign.
 pub const NAMES: [(&str, f64, [f64; 4]); 16] = [
     ("atrial_kick", 2.0, [3.0, 6.0, 10.0, 15.0]),
     ("mitral_regurgitation", 0.04, [0.06, 0.12, 0.2, 0.32]),
@@ -28,14 +29,14 @@ pub const NAMES: [(&str, f64, [f64; 4]); 16] = [
     ("volume_scaling", 0.04, [0.06, 0.1, 0.17, 0.26]),
 ];
 
-/// Effects that pressure and volume of one ventricle hardly show, or not at all.
+/// Effects that pressure and volume of one ventricle show hardly or not at all.
 pub const HARD: [&str; 3] = [
     "cross_fibre_stress",
     "wave_reflection",
     "pericardial_constraint",
 ];
 
-/// Gaps that the catalogue does not have.
+/// Gaps outside the catalogue.
 pub const OFF_CATALOGUE: [&str; 3] = [
     "shortening_deactivation",
     "septal_interaction",
@@ -47,13 +48,13 @@ pub const OFF_CATALOGUE: [&str; 3] = [
 pub struct Hidden {
     /// Name in the catalogue, or of a gap outside it.
     pub effect: &'static str,
-    /// Size of its strength in multiples of the smallest meaningful one; 0 outside the catalogue.
+    /// Strength in multiples of the smallest meaningful one; 0 outside the catalogue.
     pub strength: f64,
-    /// Values in terms of this heart.
+    /// Values of the effect's parameters in terms of this heart.
     pub physical: BTreeMap<&'static str, f64>,
 }
 
-/// What stands between heart and data.
+/// Instruments between the heart and the data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instruments {
     /// Catheter: natural period \[ms\], damping, lag \[ms\].
@@ -77,10 +78,11 @@ impl Default for Instruments {
     }
 }
 
-/// Values of an effect at a level of [`NAMES`] (0 to 3), spread by 15 %, other values random.
+/// Draws an effect at a level of [`NAMES`] (0 to 3), with its strength spread by 15 % and its other
+/// values random.
 ///
 /// # Panics
-/// At a name that is neither in the catalogue nor in [`OFF_CATALOGUE`].
+/// If the name is neither in the catalogue nor in [`OFF_CATALOGUE`].
 #[must_use]
 pub fn draw(name: &str, level: usize, random: &mut Random) -> Hidden {
     if let Some(effect) = OFF_CATALOGUE.into_iter().find(|n| *n == name) {
@@ -167,12 +169,13 @@ impl Hidden {
         self.physical[key]
     }
 
-    /// Builds it into a heart and its instruments.
+    /// Adds the effect to a heart and its instruments.
     pub fn add(&self, heart: &mut Heart, instruments: &mut Instruments) {
         let reference_ml = heart.left.reference_ml;
         match self.effect {
             "atrial_kick" => {
-                // The amplitude at the mean volume of the atrium; less comes of it, as the atrium gives blood both ways.
+                // Amplitude at the mean volume of the atrium. The actual amplitude is smaller,
+                // because the atrium ejects blood in both directions.
                 let duration = self.value("duration_ms");
                 heart.atrial_contraction = Some(AtrialContraction {
                     elastance: self.value("amplitude_mmHg")
@@ -191,7 +194,8 @@ impl Hidden {
                 let total = heart.arterial_compliance.0 + heart.arterial_compliance.1;
                 let share = self.value("proximal_share");
                 heart.arterial_compliance = (share * total, (1.0 - share) * total);
-                // What was between both compartments is now before them: the characteristic resistance stays.
+                // The resistance between the two compartments moves in front of them, so that the
+                // characteristic resistance does not change.
                 heart.root_resistance += heart.arterial_link.0;
                 heart.aortic.resistance += heart.arterial_link.0;
                 heart.arterial_link = (
@@ -216,7 +220,8 @@ impl Hidden {
                 let tau_s = 1e-3 * self.value("relaxation_time_ms");
                 heart.left.maxwell = Some((self.value("viscosity_mmHg_s_per_mL") / tau_s, tau_s));
             }
-            // An elastance has no directions: stress across the fibre is more pressure at the same activation.
+            // An elastance has no directions: stress across the fibre acts as more pressure at the
+            // same activation.
             "cross_fibre_stress" => heart.left.peak_mmhg *= 1.0 + self.value("cross_fibre_share"),
             "catheter_response" => {
                 let [period, damping, lag] =

@@ -1,9 +1,10 @@
-//! Test patients with known hidden effects, from another formulation than the model that is fitted to them.
+//! Test patients with known hidden effects, from a formulation that differs from the fitted model.
 //!
-//! A closed loop of four chambers: ventricles by time-varying elastance with a Hill-and-cosine activation and a curved
-//! end-systolic relation, an atrium of its own, valves with inertia, an aorta of two compartments, veins and lungs. Nothing
-//! of the fitted model is imported, and each effect is written anew in terms of this one: where both agree, it is not
-//! because they share code. Pure: seeds in, arrays and labels out.
+//! The heart is a closed loop of four chambers. Ventricles have a time-varying elastance with a
+//! Hill-and-cosine activation and a curved end-systolic relation; the loop also has an atrium,
+//! valves with inertia, an aorta of two compartments, veins and lungs. Nothing of the fitted model
+//! is imported, and each effect is formulated anew for this heart, so that agreement cannot come
+//! from shared code. The functions are pure: they map seeds to arrays and labels.
 #![deny(missing_docs)]
 
 pub mod activation;

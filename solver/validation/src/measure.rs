@@ -1,39 +1,39 @@
-//! What a clinic would measure of a beat: noisy traces and scalars, with what it believes of its noise.
+//! Clinical measurement of a beat: noisy traces and scalars, with stated noise levels.
 
 use crate::circulation::Beat;
 use crate::hidden::{Hidden, Instruments};
 use crate::patient::{draw, implausible};
 use crate::random::Random;
 
-/// What the patient file says of its noise: each 10 % off.
+/// Noise levels stated in the patient file; each has an error of about 10 %.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stated {
     /// Rms of the pressure noise \[mmHg\].
     pub pressure_rms_mmhg: f64,
-    /// Its correlation time \[ms\].
+    /// Correlation time of the pressure noise \[ms\].
     pub pressure_correlation_ms: f64,
-    /// Rms of a volume frame \[mL\].
+    /// Rms of the noise of a volume frame \[mL\].
     pub volume_rms_ml: f64,
 }
 
-/// Scalars beside the traces, each a value and its standard deviation.
+/// Scalars measured besides the traces, each as value and standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Side {
     /// Systolic and diastolic cuff pressure \[mmHg\].
     pub cuff: (f64, f64),
-    /// Of both.
+    /// Standard deviation of both cuff pressures \[mmHg\].
     pub cuff_sd: f64,
     /// Net forward volume of the aorta \[mL\].
     pub forward: (f64, f64),
     /// Volume of a whole-heart image \[mL\].
     pub whole_heart: (f64, f64),
-    /// Its time \[ms\].
+    /// Time of the whole-heart image \[ms\].
     pub whole_heart_ms: f64,
     /// Volume of the wall \[mL\], 5 % uncertain.
     pub wall_ml: f64,
 }
 
-/// One case.
+/// One test patient with its measured data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Cycle length \[ms\].
@@ -42,34 +42,35 @@ pub struct Case {
     pub pressure_mmhg: Vec<f64>,
     /// Times of the frames \[ms\].
     pub frame_ms: Vec<f64>,
-    /// Measured volume of each \[mL\].
+    /// Measured volume of each frame \[mL\].
     pub frame_ml: Vec<f64>,
-    /// The same without noise, for judging what can be seen at all.
+    /// Pressure without noise each millisecond \[mmHg\], for judging the visibility of an effect.
     pub clean_pressure_mmhg: Vec<f64>,
-    /// Volume of each frame without noise.
+    /// Volume of each frame without noise \[mL\].
     pub clean_frame_ml: Vec<f64>,
-    /// Noise as stated.
+    /// Noise levels stated in the patient file.
     pub stated: Stated,
-    /// Scalars.
+    /// Measured scalars.
     pub side: Side,
-    /// Scalars without noise.
+    /// The scalars without noise.
     pub clean_side: Side,
-    /// What is hidden.
+    /// Hidden effects of the case.
     pub hidden: Vec<Hidden>,
-    /// Hearts that were drawn before this one and were no patients.
+    /// Number of implausible hearts that were drawn before this one.
     pub n_refused: usize,
 }
 
-/// Hearts that are drawn before an effect is given up.
+/// Number of hearts drawn before an effect is given up.
 const TRIES: u64 = 60;
 
-/// Trace and frames behind the instruments: pressure by a catheter of second order and an offset, volume delayed and scaled.
+/// Pressure and volume traces after the instruments: a second-order catheter and an offset for the
+/// pressure, delay and scaling for the volume.
 #[must_use]
 pub fn instruments_on(beat: &Beat, instruments: &Instruments) -> (Vec<f64>, Vec<f64>) {
     let n = beat.pressure.len();
     let mut pressure = beat.pressure.clone();
     if let Some((period, damping, lag)) = instruments.catheter {
-        // Periodic steady state after three beats, by small steps of the lagged trace.
+        // Small steps over the lagged trace reach the periodic steady state after three beats.
         let w = std::f64::consts::TAU / period;
         let (mut y, mut slope) = (beat.pressure[0], 0.0);
         const STEPS: usize = 20;
@@ -93,7 +94,7 @@ pub fn instruments_on(beat: &Beat, instruments: &Instruments) -> (Vec<f64>, Vec<
     (pressure, volume)
 }
 
-/// A periodic trace of 1 ms at any time.
+/// A periodic trace with samples each 1 ms, at any time.
 fn at(trace: &[f64], t_ms: f64) -> f64 {
     let n = trace.len();
     let t = t_ms.rem_euclid(n as f64);
@@ -102,8 +103,8 @@ fn at(trace: &[f64], t_ms: f64) -> f64 {
 }
 
 impl Case {
-    /// The case of a seed: a random patient with these effects (name and level), and noise of a usual level times `noise`.
-    /// None when no plausible patient was drawn with them.
+    /// The case of a seed: a random patient with these effects (name and level), and noise at
+    /// `noise` times the usual level. `None` if no plausible patient with these effects was drawn.
     #[must_use]
     pub fn draw(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
         for attempt in 0..TRIES {
@@ -134,8 +135,8 @@ impl Case {
 }
 
 impl Case {
-    /// What is measured of a beat whose traces stand behind the instruments already: frames, noise and scalars are added.
-    /// Nothing is entered as hidden.
+    /// Measures a beat from its traces after the instruments: frames, noise and scalars are added.
+    /// The case has no hidden effects.
     #[must_use]
     pub fn observe(
         beat: &Beat,
@@ -164,7 +165,8 @@ impl Case {
                 value
             })
             .collect();
-        // Moving average of neighbours: correlation 0.2 (share a/(1 + a²) with a = 0.209).
+        // A moving average of neighbours gives a correlation of 0.2 (share a/(1 + a²) with a =
+        // 0.209).
         let draws: Vec<f64> = (0..n_frames).map(|_| random.normal()).collect();
         let a = 0.209f64;
         let frame_ml = (0..n_frames)
@@ -262,7 +264,7 @@ mod tests {
             volume_factor: 1.1,
         };
         let (p, v) = instruments_on(&beat, &instruments);
-        // A fast catheter only delays: lag and 2 ζ/ω.
+        // A fast catheter only delays the trace, by the lag and 2 ζ/ω.
         let delay = 4.0 + 2.0 * 0.7 * 10.0 / std::f64::consts::TAU;
         assert!((p[300] - 3.0 - at(&beat.pressure, 300.0 - delay)).abs() < 0.1);
         assert!((v[120] - 1.1 * 200.0).abs() < 1e-9);

@@ -5,11 +5,12 @@ use crate::circulation::{Beat, Heart, LeftVentricle};
 use crate::random::Random;
 use crate::valve::Valve;
 
-/// A heart that lacks nothing: no effect of the catalogue reaches its smallest meaningful size.
+/// Draws a heart without missing effects: no effect of the catalogue reaches its smallest
+/// meaningful strength.
 #[must_use]
 pub fn draw(random: &mut Random) -> Heart {
     let cycle_ms = random.between(620.0, 1180.0).round();
-    // Systole shortens less than diastole with the heart rate (Bazett).
+    // With a higher heart rate, systole shortens less than diastole (Bazett).
     let systole = (cycle_ms / 850.0).sqrt();
     let reference_ml = random.between(105.0, 185.0);
     let atrium = random.between(7.0, 14.0);
@@ -80,7 +81,7 @@ pub fn draw(random: &mut Random) -> Heart {
     }
 }
 
-/// Why a beat is not one of a patient; none when it is.
+/// Reason why a beat cannot be that of a patient; `None` if it is plausible.
 #[must_use]
 pub fn implausible(beat: &Beat) -> Option<String> {
     let range = |v: &[f64]| {

@@ -1,36 +1,37 @@
-//! Which cases a set has: balanced over effects, levels and noise, so that detection can be drawn against each.
+//! Cases of a set, balanced over effects, levels and noise, so that detection can be plotted
+//! against each.
 
 use crate::hidden::{HARD, NAMES, OFF_CATALOGUE};
 use crate::measure::Case;
 
-/// Sets by name.
+/// Sets of cases, by content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plan {
-    /// Nothing is missing.
+    /// Cases without missing effects.
     Nulls,
-    /// One effect of the catalogue.
+    /// Cases with one effect of the catalogue.
     Singles,
-    /// Two effects of the catalogue.
+    /// Cases with two effects of the catalogue.
     Doubles,
-    /// A gap that the catalogue lacks.
+    /// Cases with a gap outside the catalogue.
     OffCatalogue,
 }
 
-/// One case to be made.
+/// A case to generate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedCase {
-    /// Its name.
+    /// Name of the case.
     pub id: String,
     /// Effects with their levels.
     pub effects: Vec<(&'static str, usize)>,
     /// Factor of the usual noise.
     pub noise: f64,
-    /// Whether the data can hardly resolve it.
+    /// Whether the data can hardly resolve the effects.
     pub hard: bool,
     seed: u64,
 }
 
-/// Pairs that occur together in patients, or that are told apart with effort.
+/// Pairs that occur together in patients or are difficult to distinguish.
 const PAIRS: [[&str; 2]; 10] = [
     ["atrial_kick", "mitral_regurgitation"],
     ["atrial_kick", "delayed_relaxation"],
@@ -44,12 +45,13 @@ const PAIRS: [[&str; 2]; 10] = [
     ["dyssynchrony", "pv_misalignment"],
 ];
 
-/// Factors of the usual noise, in turn.
+/// Factors of the usual noise, used in turn.
 const NOISE: [f64; 3] = [1.0, 0.5, 2.0];
 
 impl Plan {
-    /// The first `n` cases of the set with this seed. Singles go through all effects at one level before the next level, with
-    /// each noise in turn: any beginning of the list is balanced, and 192 have each combination once.
+    /// The first `n` cases of the set with this seed. Singles go through all effects at one level
+    /// before the next level, with each noise in turn. Any beginning of the list is therefore
+    /// balanced, and 192 cases contain each combination once.
     #[must_use]
     pub fn cases(self, n: usize, seed: u64) -> Vec<PlannedCase> {
         let (prefix, stream) = match self {
@@ -64,7 +66,7 @@ impl Plan {
                     Self::Nulls => (Vec::new(), 1.0),
                     Self::Singles => {
                         let round = i / NAMES.len();
-                        // Middle levels first.
+                        // Middle levels come first.
                         let level = [2, 1, 3, 0][round % 4];
                         (
                             vec![(NAMES[i % NAMES.len()].0, level)],
@@ -98,7 +100,7 @@ impl Plan {
             .collect()
     }
 
-    /// Whether the catalogue lacks what these cases hide.
+    /// Whether the hidden gap lies outside the catalogue.
     #[must_use]
     pub fn is_off_catalogue(self) -> bool {
         self == Self::OffCatalogue
@@ -106,13 +108,13 @@ impl Plan {
 }
 
 impl PlannedCase {
-    /// Makes it; none when no plausible patient has these effects.
+    /// Generates the case; `None` if no plausible patient has these effects.
     #[must_use]
     pub fn make(&self) -> Option<Case> {
         Case::draw(self.seed, &self.effects, self.noise)
     }
 
-    /// Its seed: the only source of chance.
+    /// Seed of the case, its only source of randomness.
     #[must_use]
     pub fn seed(&self) -> u64 {
         self.seed

@@ -1,14 +1,15 @@
-//! A valve whose leaflets take time to move, with the inertia and the kinetic loss of the blood in it.
+//! A valve whose leaflets take time to move, with inertia and kinetic loss of its blood.
 //!
-//! Mynard et al. 2012, Int J Numer Methods Biomed Eng 28:626: dζ/dt = K (1 − ζ) Δp while opening, K ζ Δp while closing;
-//! Δp = R Q + B Q|Q| + L dQ/dt with B = ρ/(2 A²), L = ρ l/A and A the area left open.
+//! Mynard et al. 2012, Int J Numer Methods Biomed Eng 28:626: dζ/dt = K (1 − ζ) Δp while opening
+//! and K ζ Δp while closing; Δp = R Q + B Q|Q| + L dQ/dt with B = ρ/(2 A²), L = ρ l/A and A the
+//! open area.
 
 /// Density of blood in mmHg s²/cm².
 const DENSITY: f64 = 1.06 / 1333.22;
-/// Area that a closed valve keeps, so that the equations stay regular \[cm²\].
+/// Area of a closed valve, which keeps the equations regular \[cm²\].
 const CLOSED_CM2: f64 = 1e-3;
 
-/// One valve.
+/// Parameters of one valve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Valve {
     /// Effective area when open \[cm²\].
@@ -25,12 +26,12 @@ pub struct Valve {
     pub closing: f64,
 }
 
-/// Its state.
+/// State of a valve.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ValveState {
-    /// Flow \[mL/s\].
+    /// Flow through the valve \[mL/s\].
     pub flow: f64,
-    /// Opening, 0 to 1.
+    /// Opening of the leaflets, 0 to 1.
     pub opening: f64,
 }
 
@@ -47,7 +48,7 @@ impl Valve {
         0.5 * DENSITY / (area_cm2 * area_cm2)
     }
 
-    /// The state after a step under a pressure difference \[mmHg\]; implicit in the flow.
+    /// State after a step under a pressure difference \[mmHg\]; implicit in the flow.
     #[must_use]
     pub fn step(&self, state: ValveState, difference: f64, dt_s: f64) -> ValveState {
         let rate = if difference > 0.0 {

@@ -1,40 +1,41 @@
-//! Elementary functions without branches, so that a loop over lanes becomes vector code, and the [`Number`]s that a model's
-//! equations are written over.
+//! Branch-free elementary functions, with which loops over lanes compile to vector code, and the
+//! [`Number`] types over which the equations of models are written.
 //!
-//! `FMA` says whether the target has a fused multiply-add: the results of the two settings differ in the last digits, and
-//! two instruction sets with the same setting agree bit for bit. Relative errors against the platform's correctly rounded
-//! neighbours, tested below: [`exp`] 1e-14 for |x| ≤ 700, [`ln_ratios`] 4e-16 + 1e-15·|result|, and so for a power
-//! exp(n·ln(a/b)) 1e-14 + 2e-15·|n ln(a/b)|.
+//! `FMA` selects fused multiply-add. The results of the two settings differ in the last digits; two
+//! instruction sets with the same setting agree bit for bit. Relative errors against the platform's
+//! correctly rounded results, as tested below: [`exp`] 1e-14 for |x| ≤ 700, [`ln_ratios`] 4e-16 +
+//! 1e-15·|result|, and therefore 1e-14 + 2e-15·|n ln(a/b)| for a power exp(n·ln(a/b)).
 
 mod number;
 
 pub use number::{Dual, Lane, Number};
 
-/// Adding and subtracting it rounds a small number to an integer, which then lies in the low bits.
+/// Adding and then subtracting this number rounds a small number to an integer, which then occupies
+/// the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 · 2^52
 
-/// a·b + c, fused where the target can.
+/// a·b + c, fused if `FMA` is set.
 #[must_use]
 #[inline(always)]
 pub fn fma<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// The larger of two; the second when either is not a number.
+/// The larger of two numbers; the second one if either is not a number.
 #[must_use]
 #[inline(always)]
 pub fn max(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// The smaller of two; the second when either is not a number.
+/// The smaller of two numbers; the second one if either is not a number.
 #[must_use]
 #[inline(always)]
 pub fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// eˣ; the argument is cut to ±700, so that it neither overflows nor vanishes.
+/// eˣ, with the argument clamped to ±700, so that the result neither overflows nor vanishes.
 #[must_use]
 #[inline(always)]
 pub fn exp<const FMA: bool>(x: f64) -> f64 {
@@ -46,7 +47,8 @@ pub fn exp<const FMA: bool>(x: f64) -> f64 {
     let r = fma::<FMA>(k, -LN2_LO, fma::<FMA>(k, -LN2_HI, x));
     let r2 = r * r;
     let r4 = r2 * r2;
-    // Taylor to the 11th power on |r| ≤ ln2/2, by Estrin's scheme: short chains keep both vector ports busy.
+    // Taylor polynomial of degree 11 on |r| ≤ ln2/2 in Estrin's scheme, whose short dependency
+    // chains keep both vector ports busy.
     let a = fma::<FMA>(1.0 / 6.0, r, 0.5);
     let b = fma::<FMA>(1.0 / 120.0, r, 1.0 / 24.0);
     let c = fma::<FMA>(1.0 / 5_040.0, r, 1.0 / 720.0);
@@ -81,10 +83,11 @@ pub fn ln_ratios<const FMA: bool>(a: f64, b: f64, c: f64, d: f64) -> (f64, f64) 
     )
 }
 
-/// The power of two, and b times it, that brings a/b into [0.66, 1.5].
+/// The power of two that brings a/b into [0.66, 1.5], and b multiplied by it.
 #[inline(always)]
 fn matched(a: f64, b: f64) -> (f64, f64) {
-    // The difference of the bit patterns is 2^52·log2(a/b) to within 0.09, so its rounded top part is that power.
+    // The difference of the bit patterns is 2^52·log2(a/b) to within 0.09, so that its rounded
+    // upper part is the exponent of this power.
     let offset = (1u64 << 61) + (1u64 << 51);
     let k = a.to_bits().wrapping_sub(b.to_bits()).wrapping_add(offset) >> 52;
     let scaled_b = f64::from_bits(b.to_bits().wrapping_add(k << 52).wrapping_sub(1u64 << 61));
@@ -94,7 +97,7 @@ fn matched(a: f64, b: f64) -> (f64, f64) {
     )
 }
 
-/// k ln 2 + 2 artanh(s), |s| ≤ 0.205.
+/// k ln 2 + 2 artanh(s) for |s| ≤ 0.205.
 #[inline(always)]
 fn log<const FMA: bool>(k: f64, s: f64) -> f64 {
     const LN2_HI: f64 = 6.931_471_803_691_238e-1;
@@ -140,7 +143,7 @@ mod tests {
         #[test]
         fn ln_ratio_near_one_keeps_its_relative_digits(d in 1e-9..1e-3f64) {
             let exact = d.ln_1p();
-            // 1 + d itself is rounded to 1.1e-16.
+            // 1 + d itself has a rounding error of 1.1e-16.
             prop_assert!((ln_ratio::<true>(1.0 + d, 1.0) - exact).abs() < 1.2e-16 + 4e-16 * exact);
         }
     }

@@ -1,11 +1,12 @@
-//! Numbers that a model's equations are written over once: `f64`, `f32`, a lane of a SIMD vector, and a dual number.
+//! Number types over which the equations of a model are written once: `f64`, `f32`, a lane of a
+//! SIMD vector, and dual numbers.
 
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::{exp, fma, ln_ratio};
 
-/// What a model's equations need of a number.
+/// Operations that the equations of a model need.
 pub trait Number:
     Copy
     + Debug
@@ -15,13 +16,13 @@ pub trait Number:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// A constant.
+    /// The constant `x`, with a zero derivative for dual numbers.
     fn of(x: f64) -> Self;
 
-    /// `self · a + b`, fused in lanes that ask for it.
+    /// `self · a + b`, fused in lanes with `FMA`.
     fn mul_add(self, a: Self, b: Self) -> Self;
 
-    /// Exponential.
+    /// eˣ.
     fn exp(self) -> Self;
 
     /// eˣ − 1.
@@ -33,16 +34,16 @@ pub trait Number:
     /// Absolute value.
     fn abs(self) -> Self;
 
-    /// Whether `self < other`; false when either is not a number.
+    /// Whether `self < other`; `false` if either is not a number.
     fn is_below(self, other: Self) -> bool;
 
-    /// The smaller of two; the second when either is not a number.
+    /// The smaller of two numbers; the second one if either is not a number.
     #[inline(always)]
     fn min(self, other: Self) -> Self {
         if self.is_below(other) { self } else { other }
     }
 
-    /// The larger of two; the second when either is not a number.
+    /// The larger of two numbers; the second one if either is not a number.
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         if other.is_below(self) { self } else { other }
@@ -86,8 +87,8 @@ macro_rules! scalar {
 scalar!(f64);
 scalar!(f32);
 
-/// A number whose functions have no calls and no branches, so that a loop over such numbers becomes vector code.
-/// `FMA` is as in [`exp`].
+/// A number whose functions have no calls and no branches, so that a loop over such numbers
+/// compiles to vector code. `FMA` is as in [`exp`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(transparent)]
 pub struct Lane<const FMA: bool>(pub f64);
@@ -138,7 +139,7 @@ impl<const FMA: bool> Number for Lane<FMA> {
     fn exp(self) -> Self {
         Self(exp::<FMA>(self.0))
     }
-    /// Exact to round-off of one.
+    /// Accurate to the round-off of 1.
     #[inline(always)]
     fn exp_m1(self) -> Self {
         Self(exp::<FMA>(self.0) - 1.0)
@@ -213,7 +214,8 @@ impl<T: Number> Neg for Dual<T> {
     }
 }
 
-/// Comparisons are those of the values; at a kink the derivative is that of the side that the comparison takes.
+/// Comparisons compare the values. At a kink, the derivative is that of the branch that the
+/// comparison selects.
 impl<T: Number> Number for Dual<T> {
     #[inline(always)]
     fn of(x: f64) -> Self {
@@ -264,7 +266,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Every operation of the trait once, without a kink near 0.5 to 3.
+    /// Uses every operation of the trait once, without a kink between 0.5 and 3.
     fn expression<T: Number>(x: T) -> T {
         let two = T::of(2.0);
         let power = (x.ln_ratio(two) * T::of(1.7)).exp();

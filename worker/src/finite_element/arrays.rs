@@ -1,4 +1,5 @@
-//! Numbers in one file: a line that says what it is, a header in JSON, arrays in little endian, and a checksum of it all.
+//! Format for files of numeric arrays: a line that identifies the format, a header in JSON, the
+//! arrays in little endian, and a checksum of all of these.
 //!
 //! ```text
 //! cardiotwin-arrays 1
@@ -17,63 +18,63 @@ const CHECKSUM: usize = 64;
 /// Values of an array.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values {
-    /// Numbers.
+    /// Floating-point numbers.
     F64(Vec<f64>),
     /// Indices.
     U32(Vec<u32>),
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrays {
-    /// What it is of.
+    /// Kind of content, by which readers recognise their files.
     pub kind: String,
-    /// Everything that is no array.
+    /// All content other than arrays.
     pub about: serde_json::Value,
-    /// Arrays by name, in their order.
+    /// Arrays with their names, in the order of the file.
     pub arrays: Vec<(String, Values)>,
 }
 
-/// Why bytes are not such a file.
+/// Reasons why bytes are not a readable file of arrays.
 #[derive(Debug, thiserror::Error)]
 pub enum ArraysError {
-    /// Of another program.
+    /// The file belongs to another program.
     #[error("it is no file of arrays of this program")]
     Foreign,
-    /// Of another format.
+    /// The file has another format version.
     #[error("it has format {found}, but this program reads format 1")]
     Format {
-        /// Its format.
+        /// Format version of the file.
         found: String,
     },
-    /// It ends early, or was changed.
+    /// The file is truncated or was changed.
     #[error("its checksum is not that of its content: it is truncated or damaged")]
     Checksum,
-    /// Its header makes no sense.
+    /// The header is invalid.
     #[error("its header cannot be read")]
     Header(#[source] serde_json::Error),
-    /// Its arrays are longer or shorter than the header says.
+    /// The arrays do not have the length given in the header.
     #[error("it holds {found} bytes of arrays, but its header promises {expected}")]
     Length {
-        /// Bytes there.
+        /// Number of bytes found.
         found: usize,
-        /// Bytes promised.
+        /// Number of bytes according to the header.
         expected: usize,
     },
-    /// It is of something else.
+    /// The file holds another kind of content.
     #[error("it is a file of kind {found}, expected {expected}")]
     Kind {
-        /// Its kind.
+        /// Kind found.
         found: String,
-        /// Kind wanted.
+        /// Kind expected.
         expected: &'static str,
     },
-    /// An array is missing, of another type or of another length.
+    /// An array is missing, or has another type or length.
     #[error("it has no array {name} of {expected}")]
     Missing {
-        /// Which.
+        /// Name of the array.
         name: &'static str,
-        /// Type and length.
+        /// Expected type and length.
         expected: String,
     },
 }
@@ -110,7 +111,7 @@ impl Type {
 }
 
 impl Arrays {
-    /// Nothing yet but a kind and what it is about.
+    /// An empty file of a kind, with its content other than arrays.
     #[must_use]
     pub fn new(kind: &str, about: serde_json::Value) -> Self {
         Self {
@@ -120,7 +121,7 @@ impl Arrays {
         }
     }
 
-    /// With a further array of numbers.
+    /// Adds an array of numbers.
     #[must_use]
     pub fn with(mut self, name: &str, values: impl Into<Vec<f64>>) -> Self {
         self.arrays
@@ -128,7 +129,7 @@ impl Arrays {
         self
     }
 
-    /// With a further array of indices.
+    /// Adds an array of indices.
     #[must_use]
     pub fn with_indices(mut self, name: &str, values: impl Into<Vec<u32>>) -> Self {
         self.arrays
@@ -136,10 +137,10 @@ impl Arrays {
         self
     }
 
-    /// Takes an array of numbers out.
+    /// Removes and returns an array of numbers.
     ///
     /// # Errors
-    /// [`ArraysError::Missing`].
+    /// [`ArraysError::Missing`] when there is no array of numbers with this name.
     pub fn take(&mut self, name: &'static str) -> Result<Vec<f64>, ArraysError> {
         match self.find(name) {
             Some(Values::F64(values)) => Ok(values),
@@ -150,10 +151,10 @@ impl Arrays {
         }
     }
 
-    /// Takes an array of indices out.
+    /// Removes and returns an array of indices.
     ///
     /// # Errors
-    /// [`ArraysError::Missing`].
+    /// [`ArraysError::Missing`] when there is no array of indices with this name.
     pub fn take_indices(&mut self, name: &'static str) -> Result<Vec<u32>, ArraysError> {
         match self.find(name) {
             Some(Values::U32(values)) => Ok(values),
@@ -169,10 +170,10 @@ impl Arrays {
         Some(self.arrays.swap_remove(place).1)
     }
 
-    /// The file's bytes.
+    /// Encodes the file.
     ///
     /// # Panics
-    /// Never: a header of plain fields is JSON.
+    /// Never in practice: a header of plain fields is valid JSON.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let declared = self.arrays.iter().map(|(name, values)| {
@@ -205,10 +206,10 @@ impl Arrays {
         bytes
     }
 
-    /// Reads what [`Self::to_bytes`] wrote.
+    /// Decodes the output of [`Self::to_bytes`].
     ///
     /// # Errors
-    /// [`ArraysError`] for anything else, a truncated or changed file among it.
+    /// [`ArraysError`] for any other content, including a truncated or changed file.
     pub fn from_bytes(bytes: &[u8], kind: &'static str) -> Result<Self, ArraysError> {
         let rest = bytes.strip_prefix(MAGIC).ok_or(ArraysError::Foreign)?;
         let (format, _) = line(rest).ok_or(ArraysError::Checksum)?;
@@ -273,7 +274,7 @@ impl Arrays {
     }
 }
 
-/// The first line without its end, and what follows.
+/// The first line without its line break, and the bytes after it.
 fn line(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let end = bytes.iter().position(|b| *b == b'\n')?;
     Some((&bytes[..end], &bytes[end + 1..]))

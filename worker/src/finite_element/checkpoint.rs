@@ -1,8 +1,9 @@
-//! Checkpoints of a beat: every state of ventricle, circulation, contraction, solver and traces in one file, from which
-//! the beat goes on as if it had not been interrupted.
+//! Checkpoints of a beat. One file holds the states of ventricle, circulation, contraction, solver
+//! and traces; a beat restarted from it continues as if it had not been interrupted.
 //!
-//! The file is `checkpoint/beat.bin` in the attempt's directory, written to a temporary file and renamed. Nodal traces lie beside
-//! it ([`super::rows`]); the checkpoint's traces say how many rows of them count.
+//! The file is `checkpoint/beat.bin` in the attempt's directory. It is written to a temporary file
+//! and renamed. Nodal traces have files of their own ([`super::rows`]); the traces in the
+//! checkpoint determine how many of their rows are valid.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -18,23 +19,24 @@ use super::shapes::Shapes;
 
 /// Kind of the file.
 const KIND: &str = "beat checkpoint 4";
-/// File in the attempt's folder of checkpoints.
+/// Name of the file in the attempt's folder of checkpoints.
 pub const FILE: &str = "beat.bin";
 
-/// A beat between two output intervals.
+/// State of a beat between two output intervals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BeatCheckpoint {
-    /// Where the run stands.
+    /// Progress of the run, with its traces.
     pub progress: RunProgress,
-    /// Circulation.
+    /// State of the circulation.
     pub circulation: CirculationState,
-    /// Ventricle, with what its solver keeps from step to step.
+    /// State of the ventricle, including the data that its solver carries from step to step.
     pub ventricle: VentricleSnapshot,
-    /// Work so far.
+    /// Counts of steps and iterations so far.
     pub work: VentricleWork,
-    /// Shapes of the beat so far.
+    /// Shapes of the ventricle in the beat so far.
     pub shapes: Shapes,
-    /// Motion so far ([`super::motion::Motion::numbers`]); empty where it is not measured.
+    /// Motion in the beat so far ([`super::motion::Motion::numbers`]); empty if motion is not
+    /// measured.
     pub motion: Vec<f64>,
 }
 
@@ -48,27 +50,27 @@ struct About {
     shapes: Shapes,
 }
 
-/// Why a checkpoint is not gone on from.
+/// Reasons why a beat cannot continue from a checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// It is no checkpoint, truncated, damaged or of another format.
+    /// The file is not a checkpoint, is truncated or damaged, or has another format.
     #[error(transparent)]
     File(#[from] ArraysError),
-    /// It belongs to another task.
+    /// The checkpoint belongs to another task.
     #[error("it belongs to task {found}, not to {expected}")]
     Foreign {
-        /// Its task.
+        /// Task of the checkpoint.
         found: String,
-        /// The task in hand.
+        /// The current task.
         expected: String,
     },
 }
 
 impl BeatCheckpoint {
-    /// The file's bytes; `task` is the key of the task in hand.
+    /// Encodes the checkpoint; `task` is the key of the current task.
     ///
     /// # Panics
-    /// Never: what stands beside the arrays is JSON.
+    /// Never in practice: the content other than arrays is valid JSON.
     #[must_use]
     pub fn to_bytes(&self, task: &str) -> Vec<u8> {
         let VentricleWork {
@@ -94,10 +96,10 @@ impl BeatCheckpoint {
             .to_bytes()
     }
 
-    /// Reads what [`Self::to_bytes`] wrote for the same task.
+    /// Decodes the output of [`Self::to_bytes`] for the same task.
     ///
     /// # Errors
-    /// [`CheckpointError`] for anything else.
+    /// [`CheckpointError`] for any other content.
     pub fn from_bytes(bytes: &[u8], task: &str) -> Result<Self, CheckpointError> {
         let mut arrays = Arrays::from_bytes(bytes, KIND)?;
         let about: About =
@@ -130,7 +132,8 @@ impl BeatCheckpoint {
         })
     }
 
-    /// The first of `files` that can be gone on from, and which it is. Those that cannot be are told and left aside.
+    /// The first usable checkpoint among `files`, with its path. Unusable ones are logged and
+    /// skipped.
     #[must_use]
     pub fn first_of(files: &[PathBuf], task: &str) -> Option<(Self, PathBuf)> {
         files
@@ -150,8 +153,8 @@ impl BeatCheckpoint {
     }
 }
 
-/// When a checkpoint is due: after so much simulated time, but not so soon after the last that writing costs more than it
-/// saves.
+/// Decides when a checkpoint is due: after an interval of simulated time, but not before enough
+/// wall time has passed since the last one that a checkpoint saves more time than it costs.
 #[derive(Debug, Clone, Copy)]
 pub struct Due {
     every_ms: f64,
@@ -161,7 +164,8 @@ pub struct Due {
 }
 
 impl Due {
-    /// Every `every_ms` of simulated time from `now_ms` on, `least` of real time apart; never for zero.
+    /// A checkpoint every `every_ms` of simulated time from `now_ms` on, at least `least` of wall
+    /// time apart; no checkpoints if `every_ms` is 0.
     #[must_use]
     pub fn new(every_ms: f64, least: Duration, now_ms: f64) -> Self {
         Self {
@@ -172,7 +176,7 @@ impl Due {
         }
     }
 
-    /// Whether one is due; then it counts as written.
+    /// Whether a checkpoint is due. If so, it counts as written.
     pub fn at(&mut self, now_ms: f64) -> bool {
         let due = self.every_ms > 0.0
             && now_ms - self.last_ms >= self.every_ms - 1e-6

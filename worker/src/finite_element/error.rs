@@ -1,4 +1,4 @@
-//! Why there is no finite-element ventricle.
+//! Errors of the finite-element ventricle.
 
 use std::path::PathBuf;
 
@@ -11,42 +11,42 @@ use cardiotwin_schemas::failure::FailureClass;
 
 use super::arrays::ArraysError;
 
-/// Why a finite-element ventricle could not be made or read.
+/// Reasons why a finite-element ventricle could not be made or read.
 #[derive(Debug, thiserror::Error)]
 pub enum FiniteElementError {
-    /// No mesh.
+    /// No mesh could be generated.
     #[error("mesh")]
     Mesh(#[from] EllipsoidError),
-    /// The patient's own mesh cannot be used.
+    /// The patient's own mesh is not usable.
     #[error("the patient's mesh: {found}")]
     OwnMesh {
-        /// What was found, what was expected, what to do.
+        /// Description of the problem, with the remedy.
         found: String,
     },
-    /// No fibres.
+    /// The fibres could not be computed.
     #[error("fibres")]
     Fibres(#[from] LaplaceError),
-    /// No activation.
+    /// The activation times could not be computed.
     #[error("activation")]
     Activation(#[from] EikonalError),
-    /// No potentials.
+    /// The extracellular potentials could not be computed.
     #[error("potentials")]
     Potentials(#[source] ElectrophysiologyError),
-    /// The mesh is no anatomy.
+    /// The mesh has no usable anatomy.
     #[error("anatomy")]
     Anatomy(#[from] AnatomyError),
-    /// Stiffness or unloaded geometry are not found.
+    /// The stiffness or the unloaded geometry could not be found.
     #[error("passive state of the finite-element ventricle")]
     PassiveState(#[from] PassiveStateError),
-    /// A file of a ventricle cannot be used.
+    /// A file of a ventricle is not usable.
     #[error("{file}")]
     File {
-        /// Which.
+        /// Path of the file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// Problem with its content.
         source: ArraysError,
     },
-    /// A ventricle was made without an effect that it has to have.
+    /// A stored ventricle lacks an effect of the patient.
     #[error(
         "the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}"
     )]
@@ -56,34 +56,34 @@ pub enum FiniteElementError {
         /// Factor of the effects.
         expected: f64,
     },
-    /// A stiffness of Guccione's law is given for a muscle of another.
+    /// A stiffness of Guccione's law is given, but the muscle has another law.
     #[error(
         "passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione"
     )]
     StiffnessOfAnotherLaw {
-        /// Which.
+        /// The muscle's law.
         law: &'static str,
     },
-    /// Springs for a surface that the mesh does not have.
+    /// Springs are given for a surface that the mesh does not have.
     #[error("solver.finite_element.wall.surface.{name}: the mesh has no surface of this name, expected one of {}", found.join(", "))]
     SprungSurface {
-        /// The name.
+        /// Name of the surface.
         name: String,
-        /// Surfaces of the mesh.
+        /// Names of the mesh's surfaces.
         found: Vec<String>,
     },
-    /// A right ventricle that cannot be loaded together with the left one.
+    /// The right ventricle cannot be loaded together with the left one.
     #[error(
         "the right ventricle has {right_mmhg:.2} mmHg at end-diastole, but the left one {left_mmhg:.2}, expected an end-diastolic \
          pressure above zero: step 0 raises both together"
     )]
     RightPressure {
-        /// Of the left ventricle at end-diastole.
+        /// End-diastolic pressure of the left ventricle.
         left_mmhg: f64,
-        /// Of the right one then.
+        /// Pressure of the right ventricle at the same time.
         right_mmhg: f64,
     },
-    /// A passive law for a tag that no passive tissue of the mesh has.
+    /// A passive law is given for a tag that no passive tissue of the mesh has.
     #[error(
         "solver.finite_element.wall.passive.{tag}: the mesh has no passive tissue with this tag, expected one of {}",
         listed(passive)
@@ -91,7 +91,7 @@ pub enum FiniteElementError {
     PassiveTag {
         /// The tag.
         tag: i32,
-        /// Tags of passive tissue.
+        /// Tags of the mesh's passive tissue.
         passive: Vec<i32>,
     },
 }
@@ -107,7 +107,7 @@ fn listed(tags: &[i32]) -> String {
 }
 
 impl FiniteElementError {
-    /// What kind of failure it is.
+    /// Failure class of the error.
     #[must_use]
     pub fn class(&self) -> FailureClass {
         match self {
@@ -118,7 +118,7 @@ impl FiniteElementError {
             | Self::SprungSurface { .. }
             | Self::RightPressure { .. }
             | Self::PassiveState(PassiveStateError::NoExponents { .. }) => FailureClass::Input,
-            // A volume that was not found says nothing of the patient's data.
+            // If a volume could not be computed, the patient's data are not at fault.
             Self::PassiveState(PassiveStateError::NoStiffness {
                 at_low_ml,
                 at_high_ml,
@@ -134,7 +134,7 @@ impl FiniteElementError {
         }
     }
 
-    /// What to do.
+    /// Advice on how to correct the error.
     #[must_use]
     pub fn remedy(&self) -> Option<&'static str> {
         match self {

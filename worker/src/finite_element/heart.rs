@@ -1,4 +1,5 @@
-//! `heart.json`: the wall cut open along its long axis, at the beginning of the last beat and at the end of its ejection.
+//! `heart.json`: surface of the wall, cut open along the long axis, at the beginning of the last
+//! beat and at the end of its ejection.
 
 use cardiotwin_mesh::cutaway::{Half, Plane, Side, cut};
 use cardiotwin_mesh::decimate::decimate;
@@ -12,28 +13,30 @@ use cardiotwin_schemas::heart::{HeartPart, HeartState, HeartSurface};
 
 use super::shapes::{Shape, Shapes};
 
-/// About so many triangles are left: four pictures of together less than 150 kB.
+/// Approximate number of triangles after decimation: four pictures then take less than 150 kB
+/// together.
 const TRIANGLES: usize = 850;
-/// The plane lies so many edges before the axis, where no node of a regular mesh lies in it.
+/// Distance of the plane from the axis, in edge lengths, chosen so that no node of a regular mesh
+/// lies in the plane.
 const BESIDE_THE_AXIS: f64 = 0.3;
 
-/// What the shapes belong to.
+/// Mesh that the shapes belong to.
 #[derive(Debug)]
 pub struct Organ<'a> {
-    /// Mesh of the image.
+    /// The mesh in the configuration of the image.
     pub mesh: &'a TetMesh,
-    /// Positions of its nodes in the unloaded geometry \[mm\], three numbers a node.
+    /// Unloaded positions of its nodes \[mm\], three numbers per node.
     pub unloaded: &'a [f64],
-    /// Nodes of the nodal traces.
+    /// Nodes with nodal traces.
     pub nodes: &'a [u32],
 }
 
-/// Active stress and stretch of the nodes of the nodal traces.
+/// Active stress \[kPa\] and stretch of the nodes with nodal traces.
 pub type Fields = [Vec<f64>; 2];
 
-/// The surface; nothing where the mesh has no cavity to look into.
+/// Cuts the mesh open; `None` if it has no cavity to look into.
 ///
-/// - `fields`: at the two shapes
+/// - `fields`: active stress and stretch at the two shapes
 #[must_use]
 pub fn surface(
     organ: &Organ<'_>,
@@ -58,7 +61,7 @@ pub fn surface(
     let points: Vec<Vec3> = half.corners.iter().map(|c| c.at(&mesh.nodes_mm)).collect();
     let kept = decimate(&points, &half.triangles, &labels, TRIANGLES);
 
-    // Corners that are left, in the order of the triangles.
+    // New numbers of the corners that remain, in the order of the triangles.
     let mut number = vec![u32::MAX; half.corners.len()];
     let mut corners = Vec::new();
     let mut parts: Vec<HeartPart> = names
@@ -95,10 +98,10 @@ pub fn surface(
     })
 }
 
-/// The file's text.
+/// Text of the file.
 ///
 /// # Panics
-/// Never: a surface is JSON.
+/// Never in practice: a surface is valid JSON.
 #[must_use]
 pub fn text(surface: &HeartSurface) -> String {
     serde_json::to_string(surface).expect("a surface is JSON")
@@ -112,14 +115,14 @@ fn name(mesh: &TetMesh, side: Side) -> String {
     }
 }
 
-/// Where the heart is cut, and which way is up.
+/// Cutting plane and upward direction.
 struct View {
     long_axis: Vec3,
     plane: Plane,
 }
 
 impl View {
-    /// The cut holds the long axis and the middle of the septum, which is then on the left.
+    /// The plane contains the long axis and the middle of the septum, which appears on the left.
     fn of(mesh: &TetMesh) -> Option<Self> {
         let middle = |name: &str| -> Option<Vec3> {
             let nodes = mesh.surface(name)?.nodes();
@@ -172,7 +175,7 @@ fn state(
         let at_corner = |corner: &usize| {
             let corner = half.corners[*corner];
             let (from, to) = (all[corner.from as usize], all[corner.to as usize]);
-            // Between muscle and what has no value the muscle's counts.
+            // Between muscle and tissue without a value, the value of the muscle holds.
             let (from, to) = (from.or(to)?, to.or(from)?);
             Some(rounded(from + corner.share * (to - from), scale))
         };
@@ -193,6 +196,6 @@ fn state(
 }
 
 fn rounded(value: f64, scale: f64) -> f64 {
-    // Without the sign of a zero.
+    // Adding zero turns a negative zero into a positive one.
     (value * scale).round() / scale + 0.0
 }

@@ -1,4 +1,5 @@
-//! The finite-element ventricle between files and solver: made from a patient's volumes, kept in one file, read again.
+//! The finite-element ventricle between files and solver: it is made from a patient's data, stored
+//! in one file, and read again.
 
 pub mod arrays;
 pub mod checkpoint;

@@ -1,4 +1,5 @@
-//! How the ventricle moves in the beat in hand: shapes after each sample of its traces, and measures of them.
+//! Motion of the ventricle in the current beat: its shape at each sample of the traces, and the
+//! measures computed from it.
 
 use cardiotwin_mechanics::organ::motion::{Landmarks, Phases, Series, volume_ratios};
 use cardiotwin_mesh::right_ventricle::left_alone;
@@ -9,10 +10,11 @@ use cardiotwin_schemas::motion::MotionMeasures;
 
 use super::shapes::Shapes;
 
-/// Samples between two looks at all elements' volumes, which cost more than the rest.
+/// Number of samples between two computations of all elements' volumes, which cost more than
+/// everything else here.
 const SAMPLES_PER_LOOK: usize = 5;
 
-/// What is followed on a mesh.
+/// Parts of a mesh whose motion is measured.
 #[derive(Debug)]
 pub struct Followed {
     landmarks: Landmarks,
@@ -20,7 +22,7 @@ pub struct Followed {
 }
 
 impl Followed {
-    /// Landmarks of the left ventricle of a mesh; none, with a warning, where it has none.
+    /// Landmarks and elements of a mesh; `None`, with a warning, if it has no left ventricle.
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Option<Self> {
         match Landmarks::of(&left_alone(mesh, &[tags::LEFT_VENTRICLE])) {
@@ -35,7 +37,7 @@ impl Followed {
         }
     }
 
-    /// Positions at a beat's beginning, and a series that begins there.
+    /// Positions of the nodes at the beginning of the beat, and a series that begins there.
     fn at_the_beginning(&self, shapes: &Shapes, unloaded: &[f64]) -> (Vec<[f64; 3]>, Series) {
         let begin = positions(unloaded, &shapes.begin.u);
         let mut series = Series::new(self.landmarks.shape(&begin, &begin));
@@ -48,7 +50,7 @@ impl Followed {
     }
 }
 
-/// Motion of the beat in hand.
+/// Motion in the current beat.
 #[derive(Debug)]
 pub struct Motion {
     followed: Followed,
@@ -64,9 +66,10 @@ fn positions(unloaded: &[f64], u: &[f64]) -> Vec<[f64; 3]> {
 }
 
 impl Motion {
-    /// Of a beat that begins with the first of the shapes.
+    /// Starts with the beat that begins at the first of `shapes`.
     ///
-    /// - `unloaded`: positions of the mesh's nodes in the unloaded geometry \[mm\], three numbers a node; more may follow
+    /// - `unloaded`: unloaded positions of the mesh's nodes \[mm\], three numbers per node; further
+    ///   values are ignored
     #[must_use]
     pub fn begin(followed: Followed, shapes: &Shapes, unloaded: &[f64]) -> Self {
         let (begin, series) = followed.at_the_beginning(shapes, unloaded);
@@ -78,7 +81,8 @@ impl Motion {
         }
     }
 
-    /// Goes on with what a checkpoint holds, whose shapes these are; from the beginning where it holds nothing of use.
+    /// Continues from a checkpoint with these shapes; starts the beat again if its numbers are not
+    /// usable.
     pub fn resume(&mut self, shapes: &Shapes, unloaded: &[f64], numbers: &[f64]) {
         let (begin, fresh) = self.followed.at_the_beginning(shapes, unloaded);
         (self.beat, self.begin, self.series) = (
@@ -88,13 +92,14 @@ impl Motion {
         );
     }
 
-    /// For a checkpoint.
+    /// Numbers of the series, for a checkpoint.
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
         self.series.numbers()
     }
 
-    /// Takes note of the latest of the shapes, which have seen it already. A later beat takes the place of the one before.
+    /// Adds the latest of `shapes`, which must have been updated before. The first sample of a new
+    /// beat discards the previous beat.
     pub fn observe(&mut self, shapes: &Shapes, unloaded: &[f64]) {
         if shapes.beat != self.beat {
             self.resume(shapes, unloaded, &[]);
@@ -114,7 +119,7 @@ impl Motion {
         );
     }
 
-    /// Measures of the beat; none where it did not eject.
+    /// Measures of the beat; `None` if it has no ejection.
     #[must_use]
     pub fn measures(&self, times: &TimePoints, traces: &BeatTraces) -> Option<MotionMeasures> {
         let phases = Phases {

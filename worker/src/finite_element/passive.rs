@@ -1,4 +1,4 @@
-//! Step 0's search on one rank, on threads, or on the ranks of a team.
+//! Step 0's search for the passive state: on one rank, on threads, or on the ranks of a team.
 
 use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{
@@ -12,11 +12,11 @@ use super::right_ventricle::StoredRightPressure;
 use super::wall;
 use crate::team::{Call, Team};
 
-/// A search as rank 0 tells the others of it.
+/// Description of a search that rank 0 sends to the other ranks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PassiveOrder {
     wall: WallSettings,
-    /// Which fit, and its numbers in the order of its fields.
+    /// Kind of the fit, with its numbers in the order of the variant's fields.
     fit: (Fit, Vec<f64>),
     slope: Option<[[f64; 2]; 2]>,
     steepened_by: Option<f64>,
@@ -33,7 +33,7 @@ enum Fit {
 }
 
 impl PassiveOrder {
-    /// Of a job whose wall these settings make, but for its law.
+    /// Describes a job. `settings` must give the job's wall, except for its law.
     fn of(job: &PassiveJob, settings: &WallSettings) -> Self {
         let fit = match job.target {
             PassiveFit::ImageUnloaded {
@@ -102,7 +102,7 @@ impl PassiveOrder {
                 unloaded_volume_mm3: of(1),
             },
         };
-        // The law's exponents are the settings' own.
+        // Exponents are those of the settings' own law.
         let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
         let wall = WallParameters {
             right_pressure,
@@ -117,28 +117,28 @@ impl PassiveOrder {
     }
 }
 
-/// Who does a search.
+/// Ranks that carry out a search.
 #[derive(Debug, Clone, Copy)]
 pub enum Workers<'a> {
-    /// So many threads.
+    /// Number of threads of this process.
     Threads(usize),
-    /// Ranks of other processes.
+    /// Ranks in several processes.
     Team(&'a Team),
 }
 
 impl<'a> Workers<'a> {
-    /// The team where there is one, else threads.
+    /// The team if there is one, otherwise threads.
     pub(crate) fn of(team: Option<&'a Team>, threads: u32) -> Self {
         team.map_or(Self::Threads(threads.max(1) as usize), Self::Team)
     }
 }
 
-/// Does a search on all workers where its solver has ranks, on one otherwise.
+/// Carries out a search on all workers if its solver supports ranks, otherwise on one.
 ///
-/// - `settings`: what the job's wall was made of, but for its law
+/// - `settings`: settings from which the job's wall was made, except for its law
 ///
 /// # Errors
-/// [`PassiveStateError`].
+/// [`PassiveStateError`] of the search.
 pub fn found(
     job: &PassiveJob,
     settings: &WallSettings,
@@ -160,7 +160,8 @@ pub fn found(
     }
 }
 
-/// Does another rank's part of what [`found`] does on rank 0, which says what went wrong.
+/// Takes part in [`found`] on a rank other than 0. Errors are ignored here, because rank 0 reports
+/// them.
 pub(crate) fn serve(order: &PassiveOrder, team: &Team) {
     let piece = Piece::received(team.shared_comm());
     let _ = order

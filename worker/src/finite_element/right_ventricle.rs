@@ -1,4 +1,4 @@
-//! Pressure of a passive right ventricle, from step 0's specification to the beat.
+//! Pressure of a passive right ventricle, from step 0's specification through to the beat.
 
 use cardiotwin_mechanics::organ::{PressureCourse, RightPressure};
 use cardiotwin_schemas::finite_element::RightPressureSpec;
@@ -11,16 +11,16 @@ use super::FiniteElementError;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
-/// A pressure over a cycle as it lies in a ventricle's file, and passes between ranks.
+/// Pressure over a cycle, as it is stored in a ventricle's file and sent between ranks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredRightPressure {
-    /// Times of the samples from the beat's start.
+    /// Times of the samples from the beginning of the beat.
     pub time_ms: Vec<f64>,
-    /// Pressures then.
+    /// Pressures at these times.
     pub pressure_kpa: Vec<f64>,
     /// Length of the cycle.
     pub cycle_ms: f64,
-    /// Share of the left ventricle's pressure in step 0.
+    /// Share of the left ventricle's pressure that acts in step 0.
     pub per_left: f64,
 }
 
@@ -59,11 +59,11 @@ impl From<&StoredRightPressure> for RightPressure {
     }
 }
 
-/// The pressure that a specification asks for, where the left ventricle's at end-diastole is known.
+/// Reads the right ventricle's pressure for a known end-diastolic pressure of the left ventricle.
 ///
 /// # Errors
-/// [`TaskError`] when its trace cannot be read or resampled, [`FiniteElementError::RightPressure`] where step 0 could not load both
-/// ventricles together.
+/// [`TaskError`] when the trace cannot be read or resampled, [`FiniteElementError::RightPressure`]
+/// when step 0 could not load both ventricles together.
 pub fn read(
     spec: &RightPressureSpec,
     cycle_ms: f64,

@@ -1,7 +1,9 @@
-//! Nodal traces of a beat in hand: rows of numbers in a file, since those of a large mesh do not fit memory beside the beat.
+//! Nodal traces of the current beat. Rows are kept in a file, because the traces of a large mesh do
+//! not fit into memory next to the beat.
 //!
-//! A row has active stress, calcium where the contraction model has it, and stretch of each node, 8 bytes a number, little
-//! endian. Each beat has a file of its own; a checkpoint says how many rows of it count.
+//! A row holds the active stress, the calcium (if the contraction model has it) and the stretch of
+//! each node, as little-endian numbers of 8 bytes. Each beat has its own file; the checkpoint
+//! determines how many of its rows are valid.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
@@ -12,19 +14,19 @@ use cardiotwin_models::ventricle::Ventricle as _;
 
 use super::checkpoint;
 
-/// Rows of the beat in hand.
+/// Rows of the current beat.
 #[derive(Debug)]
 pub struct NodalRows {
     folder: PathBuf,
     n_nodes: usize,
     with_calcium: bool,
-    /// First beat whose file may be there.
+    /// First beat whose file may still exist.
     oldest: usize,
     beat: usize,
     file: File,
-    /// Rows of the beat so far.
+    /// Number of rows in the beat so far.
     n_rows: usize,
-    /// The last one: a later beat begins with it.
+    /// The last row, with which the next beat begins.
     last: Vec<u8>,
 }
 
@@ -47,7 +49,7 @@ fn row_bytes(n_nodes: usize, with_calcium: bool) -> usize {
 }
 
 impl NodalRows {
-    /// Of a first beat, with the ventricle's state at its beginning.
+    /// Starts the first beat with the ventricle's state at its beginning.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -73,10 +75,11 @@ impl NodalRows {
         Ok(rows)
     }
 
-    /// Goes on from the first `n_rows` of a beat that another attempt left in its folder, or an earlier one in the same.
+    /// Continues after the first `n_rows` of a beat, which another attempt, or an earlier one in
+    /// the same folder, has left in its folder.
     ///
     /// # Errors
-    /// Any error of the file system; [`io::ErrorKind::UnexpectedEof`] where there are fewer rows.
+    /// Any error of the file system; [`io::ErrorKind::UnexpectedEof`] if the file has fewer rows.
     pub fn resume(
         folder: &Path,
         (earlier, beat, n_rows): (&Path, usize, usize),
@@ -113,7 +116,8 @@ impl NodalRows {
         row_bytes(self.n_nodes, self.with_calcium)
     }
 
-    /// Appends the ventricle's state as row number `n_rows`, and rows between it and the last where there are to be more: linear.
+    /// Appends the ventricle's state as row number `n_rows`. Missing rows in between are
+    /// interpolated linearly.
     fn append(&mut self, n_rows: usize, ventricle: &FiniteElementVentricle) -> io::Result<()> {
         let mut values = vec![0.0; self.n_nodes];
         let before = std::mem::take(&mut self.last);
@@ -145,8 +149,8 @@ impl NodalRows {
         self.file.write_all(&self.last)
     }
 
-    /// Takes note of the state after an output interval, or several that one step took: the beat then has so many rows. A later
-    /// beat takes the place of the one before.
+    /// Adds the state after one output interval, or after several that one step covered, so that
+    /// the beat has `n_rows` rows. The first state of a new beat starts a new file.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -162,7 +166,7 @@ impl NodalRows {
         self.append(n_rows, ventricle)
     }
 
-    /// Brings the rows to disk, before a checkpoint counts on them.
+    /// Syncs the rows to disk before a checkpoint refers to them.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -170,15 +174,15 @@ impl NodalRows {
         self.file.sync_data()
     }
 
-    /// Removes those of earlier beats, on which no checkpoint counts any more.
+    /// Removes the files of earlier beats, to which no checkpoint refers any more.
     pub fn forget_earlier(&mut self) {
-        // A file that stays takes up room and nothing else.
+        // A file that cannot be removed only takes up space.
         (self.oldest..self.beat)
             .for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
         self.oldest = self.beat;
     }
 
-    /// Row `k`: active stress, calcium where there is any, stretch.
+    /// Row `k`: active stress, calcium (if the model has it) and stretch.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -212,11 +216,11 @@ impl Drop for NodalRows {
         if self.folder.join(checkpoint::FILE).exists() {
             return;
         }
-        // No checkpoint counts on them.
+        // No checkpoint refers to these files any more.
         (self.oldest..=self.beat)
             .for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
         if self.folder.ends_with("checkpoint") {
-            // Where nothing else is in it.
+            // The removal succeeds only if the folder is empty.
             let _ = fs::remove_dir(&self.folder);
         }
     }

@@ -1,7 +1,8 @@
-//! A series of VTU files over a beat, with a PVD file that ParaView opens as an animation.
+//! Series of VTU files over a beat, with a PVD file that ParaView opens as an animation.
 //!
-//! Frames lie in `vtu/` of the attempt's directory, the index `vtu/beat.pvd` is written last. Points are where the nodes
-//! are; fields: displacement from end-diastole, stretch, active stress, calcium where the contraction model has it.
+//! Frames are stored in `vtu/` of the attempt's directory; the index `vtu/beat.pvd` is written
+//! last. Points are the current positions of the nodes. The fields are displacement from
+//! end-diastole, stretch, active stress, and calcium if the contraction model has it.
 
 use std::fs;
 use std::io;
@@ -17,30 +18,31 @@ use cardiotwin_units::Ms;
 use crate::error::TaskError;
 use crate::files;
 
-/// Folder in the attempt's directory.
+/// Name of the folder in the attempt's directory.
 pub const FOLDER: &str = "vtu";
-/// The index in it.
+/// Name of the index file in this folder.
 pub const INDEX: &str = "beat.pvd";
 
-/// A series that is being written.
+/// A series in progress.
 #[derive(Debug)]
 pub struct Series {
     folder: PathBuf,
     every_ms: f64,
     with_calcium: bool,
-    /// The mesh with its nodes where they are now.
+    /// The mesh, with its nodes at their current positions.
     mesh: TetMesh,
     begin: Vec<[f64; 3]>,
     beat: usize,
-    /// Time in the beat of each frame.
+    /// Time of each frame in the beat.
     times_ms: Vec<f64>,
 }
 
 impl Series {
-    /// Begins in `directory` with the ventricle's first state, and says how many bytes a frame takes.
+    /// Starts a series in `directory` with the ventricle's first state. Also returns the size of a
+    /// frame in bytes.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when the file system refuses.
+    /// [`TaskError::Write`] for an error of the file system.
     pub fn begin(
         directory: &Path,
         mesh: TetMesh,
@@ -75,11 +77,11 @@ impl Series {
         Ok((series, bytes))
     }
 
-    /// Takes over the frames up to `time_ms` of a beat that an earlier attempt wrote in its directory. A frame that is
-    /// missing there ends it: the series then has a gap.
+    /// Copies the frames up to `time_ms` of a beat that an earlier attempt wrote in the directory
+    /// `earlier`. A missing frame is logged and leaves a gap in the series.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when the file system refuses.
+    /// [`TaskError::Write`] for an error of the file system.
     pub fn resume(&mut self, earlier: &Path, beat: usize, time_ms: f64) -> Result<(), TaskError> {
         self.beat = beat;
         self.times_ms.clear();
@@ -98,10 +100,11 @@ impl Series {
         Ok(())
     }
 
-    /// Writes a frame if one is due at this time of a beat. A later beat takes the place of the one before.
+    /// Writes a frame if one is due at this time of the beat. The first frame of a new beat
+    /// replaces those of the previous one.
     ///
     /// # Errors
-    /// [`TaskError::Write`] when the file system refuses.
+    /// [`TaskError::Write`] for an error of the file system.
     pub fn observe(
         &mut self,
         beat: usize,
@@ -119,7 +122,7 @@ impl Series {
         Ok(())
     }
 
-    /// The index's text, of the frames that are there.
+    /// Text of the index, for the frames written so far.
     #[must_use]
     pub fn index(&self) -> String {
         let frames = self
@@ -134,7 +137,7 @@ impl Series {
         )
     }
 
-    /// How many frames a beat of this length has.
+    /// Number of frames in a beat of length `length_ms`.
     #[must_use]
     pub fn n_frames_of(every_ms: f64, length_ms: f64) -> u64 {
         (length_ms / every_ms + 1e-6).floor() as u64 + 1

@@ -1,35 +1,37 @@
-//! The ventricle's shape at two instants of the beat that is simulated: where it begins, and at the end of ejection.
+//! Shapes of the ventricle at two instants of the simulated beat: its beginning and the end of
+//! ejection.
 
 use cardiotwin_mechanics::organ::FiniteElementVentricle;
 use cardiotwin_models::ventricle::Ventricle as _;
 use serde::{Deserialize, Serialize};
 
-/// The volume has to fall by this share of the stroke so far to count as smaller: what trickles through shut valves after
-/// ejection is none of it.
+/// Share of the stroke so far by which the volume must fall to count as smaller. It excludes the
+/// leakage through closed valves after ejection.
 const SMALLER: f64 = 0.005;
 
-/// A shape.
+/// Shape of the ventricle at an instant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shape {
-    /// Which sample of the beat's traces.
+    /// Index of the sample in the beat's traces.
     pub sample: usize,
     /// Cavity volume.
     pub volume_ml: f64,
-    /// Displacement of the mesh's nodes from the unloaded geometry \[mm\]; kept beside this in files.
+    /// Displacement of the mesh's nodes from the unloaded geometry \[mm\]. Files store it
+    /// separately.
     #[serde(skip)]
     pub u: Vec<f64>,
 }
 
-/// Shapes of the beat in hand.
+/// Shapes in the current beat.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shapes {
     /// Number of the beat, from one.
     pub beat: usize,
-    /// At its beginning.
+    /// Shape at the beginning of the beat.
     pub begin: Shape,
-    /// At the smallest volume so far, to half a percent of the stroke.
+    /// Shape at the smallest volume so far, to within half a percent of the stroke.
     pub smallest: Shape,
-    /// Now: a later beat begins where this one ends.
+    /// Current shape, with which the next beat begins.
     #[serde(skip)]
     latest: Shape,
 }
@@ -45,7 +47,7 @@ fn shape(ventricle: &FiniteElementVentricle, n_nodes: usize, sample: usize) -> S
 }
 
 impl Shapes {
-    /// Of a ventricle at the beginning of its first beat, on a mesh of so many nodes.
+    /// Starts with a ventricle at the beginning of its first beat, on a mesh with `n_nodes` nodes.
     #[must_use]
     pub fn of(ventricle: &FiniteElementVentricle, n_nodes: usize) -> Self {
         let begin = shape(ventricle, n_nodes, 0);
@@ -57,7 +59,7 @@ impl Shapes {
         }
     }
 
-    /// Goes on from those of a checkpoint, whose state the ventricle has.
+    /// Continues from a checkpoint's shapes; the ventricle must have the checkpoint's state.
     #[must_use]
     pub fn resumed(self, ventricle: &FiniteElementVentricle, n_nodes: usize) -> Self {
         Self {
@@ -66,13 +68,13 @@ impl Shapes {
         }
     }
 
-    /// The shape after the last sample that was observed.
+    /// Shape after the last observed sample.
     #[must_use]
     pub fn latest(&self) -> &Shape {
         &self.latest
     }
 
-    /// Takes note of the state after a sample of a beat's traces.
+    /// Adds the state after a sample of a beat's traces.
     pub fn observe(&mut self, beat: usize, sample: usize, ventricle: &FiniteElementVentricle) {
         let n_nodes = self.latest.u.len() / 3;
         if beat != self.beat {

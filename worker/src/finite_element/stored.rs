@@ -1,4 +1,5 @@
-//! A ventricle in one file: what step 0 made, and all simulations of the patient begin from.
+//! Storage of a ventricle in one file, which step 0 writes and from which all simulations of the
+//! patient start.
 
 use std::path::Path;
 
@@ -21,31 +22,31 @@ use crate::inputs::read_verified;
 /// Kind of the file.
 const KIND: &str = "ventricle 2";
 
-/// What a file says beside its arrays.
+/// Content of the file other than arrays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// Elements.
+    /// Kind of finite elements.
     pub element: ElementKind,
-    /// Wall, with the stiffness that was fitted.
+    /// Settings of the wall, with the fitted stiffness.
     pub wall: WallSettings,
-    /// Factor of the law's exponents, lowered where no stiffness fitted.
+    /// Factor of the law's exponents. It is lowered if no stiffness fits.
     pub exponent_factor: f64,
-    /// The part of it that the patient's effects asked for.
+    /// Part of this factor that comes from the patient's effects.
     pub effects_exponent_factor: f64,
     /// Pressure at end-diastole.
     pub end_diastolic_pressure_kpa: f64,
-    /// Names of the surfaces.
+    /// Names of the mesh's surfaces.
     pub surfaces: Vec<String>,
-    /// Whether the mesh is the patient's own, and not generated.
+    /// Whether the mesh is the patient's own and not a generated one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_own_mesh: bool,
-    /// Pressure of the right ventricle, where the mesh has one.
+    /// Pressure of the right ventricle, if the mesh has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub right_pressure: Option<StoredRightPressure>,
 }
 
 impl About {
-    /// The wall, with a further share of the active stress across the fibre.
+    /// Parameters of the wall, with an additional share of the active stress across the fibre.
     #[must_use]
     pub fn wall(&self, cross_fibre: f64) -> WallParameters {
         let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
@@ -56,39 +57,40 @@ impl About {
     }
 }
 
-/// A ventricle as it lies in its file.
+/// A ventricle in the form of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredVentricle {
-    /// What it is.
+    /// Content other than arrays.
     pub about: About,
-    /// The image: nodes, elements, tags, fibres, surfaces.
+    /// Mesh of the image: nodes, elements, tags, fibres, surfaces.
     pub mesh: TetMesh,
-    /// Activation times of the vertices from the first one on \[ms\], infinite in passive tissue.
+    /// Activation times of the vertices from the first activation on \[ms\]; infinite in passive
+    /// tissue.
     pub activation_ms: Vec<f64>,
     /// Unloaded node positions \[mm\].
     pub unloaded: Vec<[f64; 3]>,
-    /// What the rim's springs rest away from the image \[mm\].
+    /// Rest position of the rim's springs relative to the image \[mm\].
     pub anchor: Vec<f64>,
     /// Displacement from the unloaded geometry to end-diastole \[mm\].
     pub u: Vec<f64>,
 }
 
-/// A ventricle taken from its file.
+/// A ventricle in the form that the solver uses.
 #[derive(Debug)]
 pub struct Restored {
-    /// Anatomy.
+    /// Anatomy of the mesh.
     pub anatomy: Anatomy,
-    /// Wall.
+    /// Parameters of the wall.
     pub wall: WallParameters,
-    /// End-diastolic state.
+    /// State at end-diastole.
     pub end_diastole: EndDiastole,
 }
 
 impl StoredVentricle {
-    /// The file's bytes; the same ventricle gives the same.
+    /// Encodes the file. The same ventricle always gives the same bytes.
     ///
     /// # Panics
-    /// Never: what stands beside the arrays is JSON.
+    /// Never in practice: the content other than arrays is valid JSON.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let about = serde_json::to_value(&self.about).expect("plain fields are JSON");
@@ -128,10 +130,10 @@ impl StoredVentricle {
             .to_bytes()
     }
 
-    /// Reads the file of a task, with the content that the task was planned with.
+    /// Reads a task's file and checks that its content is the one that the task was planned with.
     ///
     /// # Errors
-    /// [`TaskError`] when it is missing, changed, truncated or of something else.
+    /// [`TaskError`] when the file is missing, changed, truncated, or not a ventricle.
     pub fn read(input: &InputFile) -> Result<Self, TaskError> {
         let bytes = read_verified(input)?;
         Self::from_bytes(&bytes, &input.path).map_err(TaskError::FiniteElement)
@@ -185,7 +187,7 @@ impl StoredVentricle {
         Ok(stored)
     }
 
-    /// Indices point at something, and arrays that belong together are equally long.
+    /// Checks that indices are in range and that the lengths of related arrays agree.
     fn check(&self) -> Result<(), ArraysError> {
         let (n, m) = (self.mesh.n_nodes(), self.mesh.n_tets());
         let surfaces = self
@@ -226,12 +228,12 @@ impl StoredVentricle {
         Ok(())
     }
 
-    /// The ventricle in end-diastole.
+    /// Restores the ventricle at end-diastole.
     ///
     /// - `cross_fibre`: share of the active stress along the sheet
     ///
     /// # Errors
-    /// [`FiniteElementError`] where mesh or wall are none.
+    /// [`FiniteElementError`] for an invalid mesh or wall.
     pub fn restore(&self, cross_fibre: f64) -> Result<Restored, FiniteElementError> {
         let about = &self.about;
         let anatomy = Anatomy::of(

@@ -1,4 +1,4 @@
-//! Fibres and activation times on one rank, on threads, or on the ranks of a team.
+//! Computation of fibres and activation times on one rank, on threads, or on the ranks of a team.
 
 use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::PassiveStateError;
@@ -9,10 +9,11 @@ use super::FiniteElementError;
 use super::passive::Workers;
 use crate::team::{Call, Team};
 
-/// Does a job on all workers where the mesh is large enough, on one otherwise; `fibres_done` is called once fibres are.
+/// Carries out a job on all workers if the mesh is large enough, otherwise on one. `fibres_done` is
+/// called when the fibres are computed.
 ///
 /// # Errors
-/// [`FiniteElementError`].
+/// [`FiniteElementError`] for fibres or activation times that cannot be computed.
 pub fn found(
     job: &TissueJob,
     mesh: &TetMesh,
@@ -32,7 +33,7 @@ pub fn found(
     Ok(job.on_threads(mesh, threads, ThreadSettings::default(), fibres_done)?)
 }
 
-/// Does another rank's part of what [`found`] does on rank 0, which says what went wrong.
+/// Takes part in [`found`] on a rank other than 0. Rank 0 reports the errors.
 pub(crate) fn serve(team: &Team) {
     tissue::serve(team.shared_comm().as_ref());
 }

@@ -1,5 +1,6 @@
-//! Settings of wall, elements and equations as solver types. What verifies the solver (`crate::benchmark`) takes its laws,
-//! elements and time integration from here, too, so that it verifies what a cohort computes with.
+//! Conversion of the settings of wall, elements and equations to solver types. `crate::benchmark`
+//! also takes its laws, elements and time integration from here, so that it verifies the
+//! computations of a cohort.
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::element::kernel::VolumeChange;
@@ -12,7 +13,8 @@ use cardiotwin_schemas::finite_element::{
 };
 use cardiotwin_schemas::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw};
 
-/// The wall with all exponents times a factor and a further share of the active stress across the fibre.
+/// Parameters of the wall, with all exponents multiplied by a factor and an additional share of the
+/// active stress across the fibre.
 #[must_use]
 pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -> WallParameters {
     WallParameters {
@@ -32,7 +34,7 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
                 kappa_kpa: of.kappa_kpa,
             })
             .collect(),
-        // g/mm³ to mg/mm³.
+        // Converts g/mm³ to mg/mm³.
         density: 1e3 * wall.density_g_per_mm3,
         pericardium: Spring {
             stiffness: wall.epicardial_spring_kpa_per_mm,
@@ -61,7 +63,7 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
     }
 }
 
-/// The muscle's passive law.
+/// Passive law of the muscle.
 #[must_use]
 pub fn muscle(wall: &WallSettings) -> Law {
     let WallSettings {
@@ -107,7 +109,7 @@ pub fn muscle(wall: &WallSettings) -> Law {
     }
 }
 
-/// The settings with the constants of a law: what [`muscle`] makes that law of.
+/// Settings with the constants of a law; [`muscle`] restores the law from them.
 #[must_use]
 pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
     let mut wall = wall.clone();
@@ -153,13 +155,13 @@ pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
     wall
 }
 
-/// The settings with another stiffness of their law, and its exponents as they are.
+/// Settings with another stiffness of their law and unchanged exponents.
 #[must_use]
 pub fn with_stiffness(wall: &WallSettings, kpa: f64) -> WallSettings {
     with_muscle(wall, muscle(wall).with_stiffness(kpa))
 }
 
-/// How active stress acts.
+/// Action of the active stress.
 #[must_use]
 pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
     let convention = match convention {
@@ -174,7 +176,7 @@ pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
     }
 }
 
-/// Elements of the solver.
+/// Kind of finite elements in the solver.
 ///
 /// - `pointwise_share`: [`WallSettings::pointwise_share`]
 #[must_use]
@@ -203,7 +205,7 @@ pub fn linear_solver(kind: LinearSolver) -> newton::LinearSolver {
     }
 }
 
-/// How the equations of a time step are solved.
+/// Settings of the solver for the equations of a time step.
 #[must_use]
 pub fn steps(equations: &EquationSettings, newton_iterations: u32) -> StepSettings {
     let EquationSettings {

@@ -1,4 +1,4 @@
-//! Whether launcher and network do what a beat needs.
+//! Check of the launcher and of the network: correctness and speed of the operations in a beat.
 
 use std::str::FromStr;
 use std::time::{Duration, Instant};
@@ -9,11 +9,11 @@ use serde::Serialize;
 
 use super::failure::Failures;
 
-/// Nodes in each halo of the measurement.
+/// Number of nodes in each halo of the measurement.
 const HALO_NODES: u32 = 500;
 const REPETITIONS: u32 = 200;
 
-/// How a rank is to fail.
+/// A deliberate failure of one rank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fault {
     rank: usize,
@@ -58,7 +58,8 @@ struct Found {
     halo_bytes: u64,
 }
 
-/// A ring: each rank owns two halos, for the one before and the one after it.
+/// Layout of a ring, in which each rank owns one halo for its predecessor and one for its
+/// successor.
 fn ring(rank: usize, n: usize) -> Layout {
     let mut neighbours = vec![];
     let mut others = vec![(rank + 1) % n, (rank + n - 1) % n];
@@ -87,7 +88,7 @@ fn us_each(mut call: impl FnMut()) -> f64 {
     1e6 * begun.elapsed().as_secs_f64() / f64::from(REPETITIONS)
 }
 
-/// Exchanges values, looks whether they are what they must be, and measures. Collective.
+/// Exchanges values, checks them and measures the times. Collective.
 pub fn check(comm: &dyn Communicator, fault: Option<Fault>, json: bool, failures: &Failures) {
     let (rank, n) = (comm.rank(), comm.n_ranks());
     let mut sums = [rank as f64, 1.0];

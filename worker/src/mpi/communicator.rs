@@ -1,7 +1,7 @@
-//! The communicator of MPI ranks.
+//! Communicator over MPI ranks.
 //!
-//! Nothing here blocks inside MPI: a rank that waits looks again and again, leaves its core to others, and ends all ranks
-//! when another one lets it wait for longer than the patience.
+//! No call blocks inside MPI. A waiting rank polls and leaves its core to others between polls. It
+//! ends all ranks when another rank keeps it waiting for longer than the patience.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -21,19 +21,22 @@ const REDUCTION: Tag = 2;
 const GATHER: Tag = 3;
 const SCATTER: Tag = 4;
 const BROADCAST: Tag = 5;
-/// Above all of these.
+/// Larger than any kind of message.
 const KINDS: Tag = 8;
-/// Ranks that may share processes: their pairs and kinds of messages make up the smallest range of tags that MPI allows.
+/// Largest number of ranks when processes hold several. Beyond it, the tags for each pair of ranks
+/// and kind of message would exceed the smallest range that MPI guarantees.
 pub const MOST_SHARING: usize = 63;
 
-/// How long a rank that waits looks again and again, where each has a core of its own; then it naps in between.
+/// Time for which a waiting rank polls without pause if each rank has a core of its own. After it,
+/// the rank sleeps between polls.
 const SPIN: Duration = Duration::from_micros(100);
 const SHORT_NAP: Duration = Duration::from_micros(20);
-/// A rank that waits for an order for so long looks only now and then.
+/// Time after which a rank that waits for an order polls at long intervals only.
 const WAKEFUL: Duration = Duration::from_millis(200);
 const NAP: Duration = Duration::from_millis(2);
 
-/// A rank, of which each process of `MPI_COMM_WORLD` has equally many: one, or several on threads of their own.
+/// A rank. Each process of `MPI_COMM_WORLD` holds the same number of ranks: one, or several on
+/// separate threads.
 #[derive(Debug)]
 pub struct MpiRank {
     rank: usize,
@@ -42,11 +45,11 @@ pub struct MpiRank {
     spin: Duration,
     patience: Duration,
     failures: Arc<Failures>,
-    /// Letters to and from neighbours, kept from halo to halo.
+    /// Buffers of messages to and from the neighbours, reused for every halo.
     letters: Mutex<[Vec<Vec<f64>>; 2]>,
 }
 
-/// What a rank waits for.
+/// Event that a rank waits for.
 #[derive(Clone, Copy)]
 enum Wait<'a> {
     For(&'a str, usize),
@@ -58,7 +61,8 @@ fn world() -> SimpleCommunicator {
 }
 
 impl MpiRank {
-    /// The `k`th of this process's `per_process` ranks; MPI is initialised for so many threads.
+    /// The `k`th of this process's `per_process` ranks. MPI must be initialised for that number of
+    /// threads.
     pub fn new(
         (k, per_process): (usize, usize),
         has_own_core: bool,
@@ -83,7 +87,7 @@ impl MpiRank {
         (rank / self.per_process) as i32
     }
 
-    /// Ranks of one process get each other's messages apart by their tags.
+    /// Tag of a message. Tags distinguish the ranks that share a process.
     fn tag(&self, kind: Tag, from: usize, to: usize) -> Tag {
         if self.per_process == 1 {
             kind
@@ -92,7 +96,7 @@ impl MpiRank {
         }
     }
 
-    /// Looks until there is something.
+    /// Polls until `look` returns a value.
     fn until<T>(&self, wait: Wait<'_>, mut look: impl FnMut() -> Option<T>) -> T {
         let begun = Instant::now();
         loop {
@@ -109,7 +113,7 @@ impl MpiRank {
                     ));
                 }
                 Wait::Order if waited > WAKEFUL => thread::sleep(NAP),
-                // Whom this rank waits for may need this core.
+                // The rank that this one waits for may need the same core.
                 _ => thread::sleep(SHORT_NAP),
             }
         }
@@ -126,13 +130,13 @@ impl MpiRank {
         });
     }
 
-    /// Values of all ranks, one after the other, on all ranks: in ⌈log₂ n⌉ exchanges (Bruck et al. 1997, IEEE Trans Parallel
-    /// Distrib Syst 8:1143).
+    /// Values of all ranks, one after the other, on every rank, in ⌈log₂ n⌉ exchanges (Bruck et al.
+    /// 1997, IEEE Trans Parallel Distrib Syst 8:1143).
     fn of_all(&self, own: &[f64]) -> Vec<f64> {
         let (n, width) = (self.n_ranks, own.len());
         let mut blocks = vec![0.0; n * width];
         blocks[..width].copy_from_slice(own);
-        // Block k is of rank + k, around the ring.
+        // Block k belongs to rank `self.rank + k`, modulo the number of ranks.
         let mut held = 1;
         while held < n {
             let more = held.min(n - held);
@@ -160,7 +164,7 @@ impl MpiRank {
         blocks
     }
 
-    /// In the order of ranks, as threads do it: to the bit what they get.
+    /// Reduces in the order of ranks, as threads do, so that results agree with theirs bit for bit.
     fn reduce(&self, values: &mut [f64], add: impl Fn(f64, f64) -> f64) {
         if self.n_ranks == 1 || values.is_empty() {
             return;
@@ -176,7 +180,7 @@ impl MpiRank {
         }
     }
 
-    /// Down a binomial tree from rank 0.
+    /// Broadcasts from rank 0 along a binomial tree.
     fn take_from_rank_0(&self, wait: Wait<'_>, values: &mut [f64]) {
         if self.n_ranks == 1 || values.is_empty() {
             return;
@@ -211,7 +215,7 @@ impl MpiRank {
         });
     }
 
-    /// A message of unknown length.
+    /// Receives a message of unknown length.
     fn receive(&self, from: usize, tag: Tag) -> Vec<f64> {
         let source = world();
         let source = source.process_at_rank(self.process(from));

@@ -1,4 +1,4 @@
-//! The end of all ranks because of one.
+//! Ends all ranks when one of them fails.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,15 +10,15 @@ use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator as _;
 use serde::Serialize;
 
-/// Exit code of ranks that were ended because one failed.
+/// Exit code of all ranks if one of them failed.
 pub const EXIT_RANK_FAILED: i32 = 6;
-/// File in the task's directory.
+/// Name of the file in the task's directory.
 pub const FILE: &str = "rank-failure.json";
 
-/// Long enough for a launcher to read a line.
+/// Time for a launcher to read a line.
 const TO_BE_READ: Duration = Duration::from_millis(200);
 
-/// What is known of a failure.
+/// Record of a failure.
 #[derive(Serialize)]
 struct Failure<'a> {
     rank: usize,
@@ -27,17 +27,17 @@ struct Failure<'a> {
     reason: &'a str,
 }
 
-/// How a rank ends all.
+/// Ends all ranks on behalf of one.
 #[derive(Debug)]
 pub struct Failures {
     pub rank: usize,
     pub n_ranks: usize,
-    /// Where the failure is written: the directory of the task, if there is one.
+    /// Directory of the task, to which the failure is written; `None` if there is none.
     pub directory: Option<PathBuf>,
 }
 
 impl Failures {
-    /// Says why, once for all ranks, and ends them.
+    /// Reports the reason, once for all ranks, and ends them.
     pub fn end(&self, reason: &str) -> ! {
         let (rank, ranks, at) = (self.rank, self.n_ranks, &clock::now());
         let failure = serde_json::to_string(&Failure {
@@ -51,17 +51,19 @@ impl Failures {
             .directory
             .as_ref()
             .map(|dir| files::create_exclusive(&dir.join(FILE), failure.as_bytes()));
-        // Another rank that failed at the same time has said it.
+        // If another rank failed at the same time, it has already reported the failure.
         let said = matches!(written, Some(Ok(false)));
         if !said {
             eprintln!("error: rank {rank} of {ranks} failed at {at}: {reason}; all ranks end");
-            // MPICH's launcher, told to abort, may leave what it has not read of a rank's words.
+            // When told to abort, MPICH's launcher may drop output of a rank that it has not read
+            // yet.
             thread::sleep(TO_BE_READ);
         }
         SimpleCommunicator::world().abort(EXIT_RANK_FAILED)
     }
 
-    /// Makes every panic end all ranks: an unwinding rank would wait for the others in `MPI_Finalize`, and they for it.
+    /// Makes every panic end all ranks. An unwinding rank would wait for the others in
+    /// `MPI_Finalize`, and they for it.
     pub fn on_panic(self: &Arc<Self>) {
         let failures = Arc::clone(self);
         panic::set_hook(Box::new(move |info| {
@@ -73,7 +75,8 @@ impl Failures {
         }));
     }
 
-    /// The end because of an error that other ranks may have found, too: rank 0 is given time to publish it.
+    /// Ends all ranks after an error that other ranks may have met, too. The delay gives rank 0
+    /// time to publish it.
     pub fn end_after_rank_0(&self, reason: &str) -> ! {
         thread::sleep(Duration::from_secs(3));
         self.end(reason)

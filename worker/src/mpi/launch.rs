@@ -1,4 +1,5 @@
-//! The start of a program on MPI ranks: numbers of ranks and threads, failure of one, work of rank 0 and of the others.
+//! Start of a program on MPI ranks: checks of the numbers of ranks and threads, the work of rank 0 and of the other
+//! ranks, the end of all ranks when one fails.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +18,7 @@ use crate::program::{EXIT_FAILED, code_of};
 use crate::stop::StopFlag;
 use crate::team::Team;
 
-/// Exit code: the launcher started another number of ranks than was asked for.
+/// Exit code if the number of ranks differs from the requested one.
 const EXIT_RANKS: u8 = 5;
 
 /// Ranks that a program is to have, and the parts of the mesh that they share.
@@ -43,30 +44,31 @@ pub trait RankProgram: Sync {
         None
     }
 
-    /// Number of ranks that the work itself asks for, and where it says so; [`Ranks`] and CARDIOTWIN_RANKS go before it.
+    /// Number of ranks that the work itself requests, and the source of this number. [`Ranks`] and CARDIOTWIN_RANKS
+    /// take precedence.
     ///
     /// # Errors
-    /// When the file that says so cannot be read.
+    /// If the file with the number cannot be read.
     fn n_ranks(&self) -> anyhow::Result<Option<(usize, &'static str)>> {
         Ok(None)
     }
 
-    /// Work of rank 0; returns what went wrong where an outcome says so.
+    /// Work of rank 0; returns the failure if the outcome reports one.
     ///
     /// # Errors
-    /// Why nothing was computed.
+    /// If nothing was computed.
     fn lead(&self, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>>;
 
     /// Work of every other rank.
     ///
     /// # Errors
-    /// Why this rank cannot go on, which ends all ranks.
+    /// If this rank cannot go on, which ends all ranks.
     fn follow(&self, team: &Team) -> anyhow::Result<()> {
         team.follow().map_err(anyhow::Error::from)
     }
 
-    /// Whether the other ranks wait for calls of rank 0 until it dismisses them. Ranks that do not wait can only be
-    /// ended when rank 0 fails.
+    /// Whether the other ranks wait for calls of rank 0 until it dismisses them. If they do not, a failure of rank 0
+    /// has to end them.
     fn followers_wait(&self) -> bool {
         true
     }
@@ -86,7 +88,7 @@ pub fn run_on_ranks(ranks: &Ranks, program: &impl RankProgram) -> ExitCode {
             help(&team);
             return ExitCode::SUCCESS;
         }
-        // Whoever asks rank 0 to stop asks the other ranks, too: rank 0 tells them.
+        // A signal reaches all ranks, and rank 0 tells the others when to stop.
         let stop = StopFlag::on_signals();
         if launched.failures.rank > 0 {
             help(&team);
@@ -159,7 +161,7 @@ fn on_ranks(
     said_by_work: impl FnOnce() -> anyhow::Result<Option<(usize, &'static str)>>,
     work: impl Fn(usize, &Launched) -> ExitCode + Sync,
 ) -> ExitCode {
-    // A launcher that is killed leaves no ranks behind that wait for each other.
+    // If the launcher is killed, its ranks must not stay behind and wait for each other.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
     let threading = if ranks.subdomains.is_some() {
         Threading::Multiple
@@ -179,7 +181,8 @@ fn on_ranks(
     {
         Ok(per_process) => per_process,
         Err(error) => {
-            // Each rank that believes to be alone finds this out: one message for each.
+            // Under a launcher of another MPI, every rank is rank 0 of its own world and prints
+            // this message.
             if rank == 0 {
                 eprintln!("error: {error:#}");
             }
@@ -201,7 +204,7 @@ fn on_ranks(
         patience: Duration::try_from_secs_f64(ranks.patience).unwrap_or(Duration::MAX),
     };
     let code = std::thread::scope(|scope| {
-        // A thread that panics ends all ranks by the hook above.
+        // If one of these threads panics, the panic hook ends all ranks.
         for k in 1..per_process {
             let (work, launched) = (&work, &launched);
             scope.spawn(move || drop(work(k, launched)));
@@ -212,7 +215,7 @@ fn on_ranks(
     code
 }
 
-/// Parts of the mesh for each process.
+/// Parts of the mesh in each process.
 fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
     let Some(parts) = ranks.subdomains else {
         return Ok(1);
@@ -229,7 +232,8 @@ fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<
     Ok(parts / n_ranks)
 }
 
-/// Whether there are as many ranks as were asked for: under a launcher of another MPI every rank believes to be alone.
+/// Checks that the number of ranks is the requested one. Under a launcher of another MPI, every
+/// rank runs alone.
 fn expected(
     ranks: &Ranks,
     said_by_work: impl FnOnce() -> anyhow::Result<Option<(usize, &'static str)>>,

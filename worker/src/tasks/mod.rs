@@ -1,4 +1,4 @@
-//! One conversion from specification to solver types per kind of task.
+//! One module for each kind of task, which converts its specification to solver types.
 
 pub mod cell_fit;
 pub mod discover;
@@ -16,7 +16,7 @@ use cardiotwin_schemas::task::TaskSpec;
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// Does the work of `task`. Every way in which it can end is an [`Ending`].
+/// Executes `task`. Errors become endings, too.
 pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
     let ending: Result<Ending, TaskError> = match task {
         TaskSpec::CellSweep(spec) => sweep::run(spec, context).map(succeeded),

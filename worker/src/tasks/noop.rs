@@ -1,4 +1,4 @@
-//! Nothing: measures orchestration.
+//! A task that does nothing, to measure the orchestration.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -9,16 +9,16 @@ use cardiotwin_schemas::task::NoopSpec;
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// Looks up at least so often.
+/// Longest sleep between two checks of the stop flag.
 const NAP: Duration = Duration::from_millis(20);
-/// Names a file that keeps every no-op asleep while it is there: tests of what happens meanwhile then depend on nobody's
-/// speed.
+/// Environment variable with the name of a file. No-ops sleep as long as the file exists, so that
+/// tests of events during a task do not depend on timing.
 const HOLD: &str = "CARDIOTWIN_NOOP_HOLD";
 
-/// Sleeps as long as asked, and as long as it is held.
+/// Sleeps for the specified time, and while the file of `CARDIOTWIN_NOOP_HOLD` exists.
 ///
 /// # Errors
-/// [`TaskError::Cancelled`] when stopping was asked for meanwhile.
+/// [`TaskError::Cancelled`] when a stop is requested in the meantime.
 pub fn run(spec: &NoopSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     let end = Instant::now() + Duration::from_millis(spec.sleep_ms);
     let hold = std::env::var_os(HOLD).map(PathBuf::from);

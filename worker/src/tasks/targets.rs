@@ -1,7 +1,9 @@
-//! Step 2's targets: medians over nodes, aligned by activation time, and their biomarkers.
+//! Targets of step 2: medians over nodes, aligned by activation time, and the biomarkers of these
+//! medians.
 //!
-//! Artefacts: `median.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`, the calcium column only where the contraction model has one);
-//! `spread.csv`, how the nodes spread around it: each quantity below which 5, 25, 50, 75 and 95 % of the wall lie.
+//! Artefacts: `median.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`; the calcium column only if the
+//! contraction model has calcium) and `spread.csv`, the spread of the nodes around the median:
+//! values below which 5, 25, 50, 75 and 95 % of the wall lie, for each quantity.
 
 use std::fmt::Write as _;
 
@@ -16,17 +18,17 @@ use crate::error::TaskError;
 use crate::inputs::{Verifying, missing};
 use crate::nodal::{NodalReadError, NodalRows, number};
 
-/// Reads nodal traces and gives the biomarkers of their medians.
+/// Reads nodal traces and computes the biomarkers of their medians.
 ///
 /// # Errors
-/// [`TaskError`] when the file is not as planned, or its traces have no biomarkers.
+/// [`TaskError`] when the file is not the planned one, or its traces have no biomarkers.
 pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let (spread, n_nodes, has_calcium, lambda_max) = match read(spec, context) {
         Ok(found) => found,
         Err(Unread::Stopped(error)) => return Err(error),
         Err(Unread::File(error)) => {
-            // A file that was changed is that first, whatever is in it.
+            // If the file was changed, report this rather than the error in its content.
             Verifying::open(&spec.nodal)?.into_inner().verify()?;
             return Err(match error {
                 NodalReadError::Io(source) => missing(&spec.nodal, source),
@@ -59,7 +61,7 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     }))
 }
 
-/// Why nodal traces were not read.
+/// Reasons why nodal traces were not read.
 enum Unread {
     Stopped(TaskError),
     File(NodalReadError),
@@ -71,7 +73,8 @@ impl From<NodalReadError> for Unread {
     }
 }
 
-/// How nodes spread, how many they are, whether they have calcium, and the largest stretch, from a file that is read row by row.
+/// Reads the file row by row. Returns the spread of the nodes, the number of nodes, whether they
+/// have calcium, and the largest stretch.
 fn read(
     spec: &TargetsSpec,
     context: &Context,
@@ -86,7 +89,7 @@ fn read(
     let n_nodes = rows.activation_ms.len();
     let mut lambda_max = f64::NEG_INFINITY;
     while let Some((time_ms, values)) = rows.next_row()? {
-        // The stretch of all nodes comes last.
+        // The last columns are the stretches of all nodes.
         lambda_max = values[values.len() - n_nodes..]
             .iter()
             .fold(lambda_max, |most, x| most.max(*x));
@@ -100,7 +103,7 @@ fn read(
     Ok((growing.finish(), n_nodes as u64, has_calcium, lambda_max))
 }
 
-/// The biomarkers that step 2 aims at, in the form of files.
+/// Converts the biomarkers that are step 2's targets to the schema.
 #[must_use]
 pub fn to_schema(biomarkers: &ActiveStressBiomarkers) -> CellBiomarkers {
     CellBiomarkers {
@@ -145,7 +148,7 @@ fn spread_csv(spread: &NodalSpread, has_calcium: bool) -> String {
     for (row, time) in spread.time_ms.iter().enumerate() {
         text.push_str(&number(*time));
         for value in quantities.iter().flat_map(|(_, values)| values[row]) {
-            // Five digits: for looking at, not for fitting to.
+            // Five decimals are enough, because the file is for plots and not for a fit.
             let _ = write!(text, ",{}", number((value * 1e5).round() / 1e5));
         }
         text.push('\n');

@@ -1,4 +1,5 @@
-//! A patient of the bundled cohort as tasks, and step 1 by hand: shared by tests and the `step1_seven` example.
+//! A patient of the bundled cohort as tasks, and a direct implementation of step 1's loop, for
+//! tests and the `step1_seven` example.
 #![allow(dead_code, missing_docs)]
 
 pub mod vtk_reader;
@@ -35,7 +36,7 @@ pub fn patient_folder(id: &str) -> PathBuf {
         .join(id)
 }
 
-/// A file with its present content as a task's input.
+/// A file as input of a task, with the hash of its present content.
 pub fn input(name: &str, path: &Path) -> InputFile {
     let sha256 = sha256_hex(
         &std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())),
@@ -47,7 +48,7 @@ pub fn input(name: &str, path: &Path) -> InputFile {
     }
 }
 
-/// Step 0 of a patient of the cohort.
+/// Specification of step 0 for a patient of the cohort.
 pub fn step0(id: &str) -> PassiveStateSpec {
     let folder = patient_folder(id);
     let text = std::fs::read_to_string(folder.join("patient.toml")).unwrap();
@@ -94,7 +95,7 @@ pub fn step0(id: &str) -> PassiveStateSpec {
     }
 }
 
-/// The result of a task that must succeed.
+/// Runs a task that must succeed and returns its result.
 pub fn succeed(task: &TaskSpec, context: &mut Context) -> TaskResult {
     match run_task(task, context) {
         Ending::Succeeded { result } => *result,
@@ -109,7 +110,7 @@ pub fn passive_state(spec: &PassiveStateSpec, context: &mut Context) -> PassiveS
     }
 }
 
-/// A beat of the patient with any contraction model.
+/// Specification of a patient's beat with any contraction model.
 pub fn beat_spec(
     cycle_length_ms: f64,
     state: &PassiveStateResult,
@@ -141,15 +142,15 @@ pub fn beat_spec(
     }
 }
 
-/// One iteration of step 1 and what came of it.
+/// One iteration of step 1.
 pub struct Iteration {
     pub parameters: Step1Parameters,
-    /// None where the simulation failed, with the reason.
+    /// Result of the simulation, or the reason of its failure.
     pub result: Result<OrganBeatResult, String>,
     pub cost: f64,
 }
 
-/// Settings of the fixed point as the coordinator makes them.
+/// Settings of the fixed-point update.
 pub fn fixed_point_settings(settings: &Step1Settings) -> Step1Settings {
     Step1Settings {
         update: Update::FixedPoint,
@@ -157,7 +158,7 @@ pub fn fixed_point_settings(settings: &Step1Settings) -> Step1Settings {
     }
 }
 
-/// Step 1 by hand: its iterations, the best one, and how it ended.
+/// Runs step 1. Returns its iterations, the best of them, and how it ended.
 pub fn step1(
     cycle_length_ms: f64,
     state: &PassiveStateResult,
@@ -217,7 +218,7 @@ pub fn step1(
     }
 }
 
-/// Targets of the last beat run in `context`'s directory, with the directory.
+/// Targets from the last beat in `directory`.
 pub fn targets(directory: &Path, context: &mut Context) -> TargetsResult {
     let nodal = input("nodal", &directory.join("nodal.csv"));
     match succeed(&TaskSpec::Targets(TargetsSpec { nodal }), context) {
@@ -243,7 +244,7 @@ pub fn cell_fit_spec(
     }
 }
 
-/// The fitted cell as the contraction model of the verification beat.
+/// The fitted cell as contraction model of the verification beat.
 pub fn fitted_contraction(fit: &CellFitResult) -> ContractionSpec {
     let parameters = fit
         .parameters

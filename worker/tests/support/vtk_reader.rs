@@ -1,11 +1,13 @@
-//! A VTK reader that is not ours: `meshio` from PyPI, in the environment under the target folder that the mesh's tests use.
+//! An independent VTK reader: `meshio` from PyPI, in a Python environment below the target folder
+//! that the mesh's tests also use.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A Python that has meshio, or why there is none.
+/// A Python with meshio, or the reason why there is none.
 pub fn python() -> Result<PathBuf, String> {
-    // In a test of its own folder: examples that share this module have none.
+    // The variable is set for integration tests only; examples share this module and do not have
+    // it.
     let target = option_env!("CARGO_TARGET_TMPDIR").ok_or("no folder for it")?;
     let folder = Path::new(target).join("vtk-reader");
     let python = folder.join("bin/python");

@@ -40,17 +40,17 @@ struct Tick {
     failed: usize,
     cancelled: usize,
     unfinished: usize,
-    /// Elements of jobs that are not over.
+    /// Job elements that have not ended.
     jobs: usize,
     submitted: u64,
     published: u64,
     wall_s: f64,
 }
 
-/// One tick.
+/// Runs one tick.
 ///
 /// # Errors
-/// As `run`'s.
+/// The same as for `run`.
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;

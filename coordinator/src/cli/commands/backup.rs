@@ -23,10 +23,10 @@ pub struct BackupArgs {
     to: PathBuf,
 }
 
-/// Copies and checks.
+/// Copies the database and checks the copy.
 ///
 /// # Errors
-/// The store's; [`CliError::Usage`] where the file is there.
+/// Errors of the store; [`CliError::Usage`] if the target file already exists.
 pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.to.exists() {
         return Err(CliError::Usage(format!(

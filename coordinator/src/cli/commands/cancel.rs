@@ -1,4 +1,4 @@
-//! `cardiotwin cancel`: ends a patient's chain; what is published stays.
+//! `cardiotwin cancel`: ends a patient's chain of tasks; published results stay.
 
 use cardiotwin_schemas::ids::PatientId;
 use clap::Args;
@@ -24,10 +24,10 @@ pub struct CancelArgs {
     of: OfCohort,
 }
 
-/// Asks for it.
+/// Requests the cancellation and waits until jobs that are no longer needed have ended.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let patient = args.patient.as_deref().map(PatientId::from);

@@ -1,4 +1,4 @@
-//! `cardiotwin check`: everything that can be known to be wrong before anything runs.
+//! `cardiotwin check`: all errors of the input that can be found before anything runs.
 
 use clap::Args;
 use serde::Serialize;
@@ -39,10 +39,10 @@ struct Answer<'a> {
     problems: &'a [Finding],
 }
 
-/// Checks; problems are data and go to stdout.
+/// Checks the cohort. Problems count as data and go to stdout.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let cohort_dir = folders.cohort.unwrap_or(folders.run);

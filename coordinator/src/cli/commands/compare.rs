@@ -1,4 +1,4 @@
-//! `cardiotwin compare`: two runs, patient by patient.
+//! `cardiotwin compare`: comparison of two runs, patient by patient.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::PathBuf;
@@ -40,7 +40,8 @@ struct Row {
     quantity: String,
     before: Option<f64>,
     after: Option<f64>,
-    /// (after − before) / before.
+    /// (after − before) / |before|; `None` if either value is missing or the quotient is not
+    /// finite.
     relative_difference: Option<f64>,
 }
 
@@ -54,10 +55,10 @@ struct Comparison {
     quantities: Vec<Row>,
 }
 
-/// Compares; differences do not change the exit code.
+/// Compares the runs. Differences do not change the exit code.
 ///
 /// # Errors
-/// The stores'.
+/// Errors of the two stores.
 pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> {
     let before = open(&Folders::of(&args.before, None))
         .await?
@@ -142,7 +143,7 @@ fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
     }
 }
 
-/// Quantities that at least one of the two runs has.
+/// Rows for the quantities that at least one of the two runs has.
 fn rows(before: &PatientRecord, after: &PatientRecord) -> Vec<Row> {
     let (before, after) = (quantities(before), quantities(after));
     let patient = &before.0;
@@ -162,7 +163,7 @@ fn pair_up(
     let value = |list: &[(String, f64)], key: &str| {
         list.iter().find(|(k, _)| k == key).map(|(_, value)| *value)
     };
-    // In the order of the first list, then what only the second has.
+    // Keys of the first list come first, followed by keys that only the second list has.
     let mut ordered: Vec<&String> = before.iter().map(|(key, _)| key).collect();
     ordered.extend(keys.into_iter().filter(|key| value(&before, key).is_none()));
     let row = |key: &String| {
@@ -185,7 +186,8 @@ fn pair_up(
 
 type Group = (String, Vec<(String, f64)>);
 
-/// Groups of named values; both patients have the same groups, if empty ones.
+/// The patient's id and groups of named values. Every patient has the same groups, some of which
+/// may be empty.
 fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
     let view = PatientView(patient);
     let one = |name: &str, value: Option<f64>| {

@@ -1,4 +1,4 @@
-//! `cardiotwin completions`: for bash, zsh, fish and others.
+//! `cardiotwin completions`: completions for bash, zsh, fish and other shells.
 
 use clap::Args;
 use clap_complete::Shell;
@@ -17,10 +17,10 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Prints.
+/// Prints the completions.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut text = Vec::new();
     clap_complete::generate(

@@ -1,4 +1,4 @@
-//! `cardiotwin config show`: every setting, and where it came from.
+//! `cardiotwin config show`: every setting and its origin.
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
@@ -52,10 +52,10 @@ struct Leaf {
     origin: Option<Origin>,
 }
 
-/// Shows settings on stdout; problems of the files go to stderr and make the exit code 3.
+/// Prints the settings on stdout. Problems of the files go to stderr and make the exit code 3.
 ///
 /// # Errors
-/// [`CliError::Input`] where the settings cannot be read.
+/// [`CliError::Input`] if the settings cannot be read.
 pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
     let ConfigCommand::Show(args) = &args.command;
     let folders = args.place.folders();
@@ -102,7 +102,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         let mut table = Columns::new(talk, headings);
         for Leaf { key, value, origin } in leaves {
             let tone = (origin == Some(Origin::Default)).then_some(Tone::Quiet);
-            // Values last: lists of parameters are long.
+            // Values come last because lists of parameters are long.
             let mut row = vec![(key, None)];
             row.extend(origin.map(|origin| (origin.to_string(), tone)));
             row.push((value.to_string(), None));

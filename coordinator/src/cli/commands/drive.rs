@@ -1,4 +1,4 @@
-//! `cardiotwin drive`: the driver inside a job of a cluster; batch scripts call it, people do not.
+//! `cardiotwin drive`: the driver inside a job of a cluster. Batch scripts call it; people do not.
 
 use std::path::PathBuf;
 
@@ -16,10 +16,10 @@ pub struct DriveArgs {
     folder: PathBuf,
 }
 
-/// Drives.
+/// Runs the driver.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
     let told = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     let number = |name: &str| told(name).and_then(|value| value.parse().ok());

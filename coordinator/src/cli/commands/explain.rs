@@ -1,4 +1,4 @@
-//! `cardiotwin explain`: why each task of a patient is the one it is, and which input changed.
+//! `cardiotwin explain`: inputs that determine each task of a patient, and those that changed.
 
 use std::path::PathBuf;
 
@@ -27,10 +27,10 @@ pub struct ExplainArgs {
     of: OfCohort,
 }
 
-/// Explains.
+/// Prints the explanation of each step.
 ///
 /// # Errors
-/// The store's.
+/// Errors of the store.
 pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let reader = open(&folders).await?;
@@ -55,7 +55,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
                 set: Vec::new(),
                 meshes: false,
             };
-            // Only to find places: `check` is where problems are told.
+            // The cohort is loaded only to find where values are set; `check` reports its problems.
             input::load(cohort, &options, &mut Report::default())
                 .and_then(|mut cohort| cohort.patients.pop())
         }
@@ -90,7 +90,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
-/// Jobs that the patient was in, and what followed from the last.
+/// Table of the patient's jobs, and the consequence of the last one.
 fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
     if jobs.is_empty() {
         return String::new();
@@ -119,7 +119,7 @@ fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
     format!("{}{next}\n", table.text())
 }
 
-/// The table of steps, and below it what changed.
+/// The table of steps, followed by the values that changed.
 fn text(
     steps: &[StepExplanation],
     patient: Option<&Patient>,
@@ -176,7 +176,7 @@ fn text(
     text
 }
 
-/// Where a person finds the changed value.
+/// Files and lines in which the changed value is set.
 fn places(change: &LeafChange, patient: Option<&Patient>, files: &[(&str, PathBuf)]) -> String {
     let parts: Vec<&str> = change
         .path

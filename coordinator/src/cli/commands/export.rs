@@ -1,4 +1,5 @@
-//! `cardiotwin export`: tables and traces for other programs, models in openCARP's formats, a crate for other people.
+//! `cardiotwin export`: tables and traces for other programs, models in openCARP's formats, and an
+//! RO-Crate.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -67,7 +68,7 @@ struct Answer<'a> {
 /// Writes the files and prints their paths. Traces that could not be read make the exit code 1.
 ///
 /// # Errors
-/// The store's, the export's, the worker's.
+/// Errors of the store, the export and the worker.
 pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep report DIR` writes its tables")?;
@@ -126,7 +127,8 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     })
 }
 
-/// Asks the worker, who knows meshes, for a patient's files; none where nothing was simulated.
+/// Has the worker, which can read meshes, write a patient's openCARP files; returns no paths if no
+/// beat was simulated.
 fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<PathBuf>, CliError> {
     let best = PatientView(patient)
         .best_iteration()
@@ -169,7 +171,7 @@ fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<Pa
         .collect())
 }
 
-/// A file that was exported, as a crate has it.
+/// An exported file and its entry in the crate.
 struct Part {
     from: PathBuf,
     to: CrateFile,
@@ -207,7 +209,7 @@ impl Part {
     }
 }
 
-/// The crate appears whole, in the place of an earlier one. Returns what is not as it should be.
+/// Writes the crate as a whole in the place of an earlier one. Returns its problems.
 fn crate_of(
     args: &ExportArgs,
     record: &RunRecord,

@@ -1,4 +1,5 @@
-//! `cardiotwin du`, `clean` and `archive`: what a run's files take, removing what nobody needs, a copy elsewhere.
+//! `cardiotwin du`, `clean` and `archive`: disk usage of a run, removal of files that are no longer
+//! needed, and a checked copy.
 
 use std::path::PathBuf;
 
@@ -61,10 +62,10 @@ pub struct ArchiveArgs {
     json: bool,
 }
 
-/// Measures.
+/// Prints the disk usage of a run.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn du(args: &DuArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let usage = engine::disk_usage(&folders.run).await?;
@@ -87,10 +88,10 @@ pub async fn du(args: &DuArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// Cleans.
+/// Removes files that can be made again.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let cleaned = engine::clean(&folders.run, args.series, args.dry_run).await?;
@@ -115,10 +116,11 @@ pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// Archives.
+/// Copies a run into an archive folder.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine; [`CliError::Usage`] if neither `--to` nor `executor.archive` names a
+/// folder.
 pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let target = match &args.to {
@@ -138,7 +140,7 @@ pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
-/// `executor.archive`, with the cohort and the day.
+/// Default target of an archive: a folder in `executor.archive` named after the cohort and the day.
 fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
     let cohort = folders.cohort.as_ref().and_then(|folder| {
         let cohort = input::load(folder, &Options::default(), &mut Report::default())?;
@@ -179,7 +181,7 @@ fn table(talk: &Talk, rows: &[(Class, Usage)]) -> String {
     table.text()
 }
 
-/// Bytes for people.
+/// A number of bytes with a decimal unit.
 fn size(bytes: u64) -> String {
     let bytes = bytes as f64;
     match bytes {

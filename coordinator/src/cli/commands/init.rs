@@ -1,4 +1,4 @@
-//! `cardiotwin init`: a folder to fill in. It never writes over anything.
+//! `cardiotwin init`: a cohort folder to fill in. The command never overwrites a file.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -23,10 +23,11 @@ pub struct InitArgs {
 const COHORT: &str = include_str!("../templates/cohort.toml");
 const PATIENT: &str = include_str!("../templates/patient.toml");
 
-/// Makes the folder and says what to do next.
+/// Makes the folder and prints the next steps.
 ///
 /// # Errors
-/// [`CliError::Usage`] where something is there already, [`CliError::File`] where the folder cannot be written.
+/// [`CliError::Usage`] if one of the files exists already, [`CliError::File`] if the folder cannot
+/// be written.
 pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
     let absolute = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
     let folder_name = absolute
@@ -66,14 +67,14 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// Writes a file that must not be there.
+/// Writes a file and fails if it exists already.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let mut file = std::fs::File::create_new(path).map_err(CliError::file("make", path))?;
     file.write_all(text.as_bytes())
         .map_err(CliError::file("write", path))
 }
 
-/// A text as TOML writes it.
+/// The text as a quoted TOML string.
 fn toml_text(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

@@ -1,4 +1,4 @@
-//! `cardiotwin logs`: what the workers of a patient said.
+//! `cardiotwin logs`: the logs of a patient's workers.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -31,13 +31,13 @@ pub struct LogsArgs {
     of: OfCohort,
 }
 
-/// Files of an attempt that people read.
+/// Files of an attempt that `logs` shows.
 const FILES: [&str; 2] = ["progress.jsonl", "stderr.log"];
 
-/// Shows logs on stdout.
+/// Prints logs on stdout.
 ///
 /// # Errors
-/// The store's; [`CliError::File`] for a log that is there and cannot be read.
+/// Errors of the store; [`CliError::File`] if a log exists but cannot be read.
 pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let reader = open(&folders).await?;
@@ -98,12 +98,12 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
 }
 
-/// The last job of a patient's, or all.
+/// The patient's last job, or all jobs.
 fn last_jobs(jobs: &[JobRecord], all: bool) -> &[JobRecord] {
     &jobs[if all { 0 } else { jobs.len().saturating_sub(1) }..]
 }
 
-/// What a job's script and driver said.
+/// Log files of a job's script and driver.
 fn logs_of(job: &JobRecord) -> Vec<PathBuf> {
     let end = job
         .element
@@ -130,7 +130,8 @@ fn heading(attempt: &AttemptRecord, path: &Path) -> String {
     )
 }
 
-/// What was appended since `seen`; only whole lines, so that a line that is being written is not torn.
+/// Text appended since byte `seen`, as whole lines only, so that a line that is being written is
+/// not torn.
 fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
     let mut file = match std::fs::File::open(path) {
         Ok(file) => file,
@@ -150,7 +151,7 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
     Ok(String::from_utf8_lossy(&bytes[..whole]).into_owned())
 }
 
-/// Progress reports as lines for people; a line that is none is shown as it is.
+/// Progress reports as readable lines. A line that is not a progress report is kept unchanged.
 fn readable(text: &str) -> String {
     let line = |line: &str| match serde_json::from_str::<Progress>(line) {
         Ok(report) => {

@@ -17,10 +17,10 @@ pub struct ManArgs {
     out: Option<PathBuf>,
 }
 
-/// Prints or writes.
+/// Prints the program's manual page, or writes the pages of all commands.
 ///
 /// # Errors
-/// [`CliError::File`] where the folder cannot be written.
+/// [`CliError::File`] if the folder cannot be made, [`CliError::Io`] if a page cannot be written.
 pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
     let io = |source| CliError::Io {
         what: "cannot write the manual page",

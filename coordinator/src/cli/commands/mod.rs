@@ -1,4 +1,4 @@
-//! One file per command: arguments, and what they do.
+//! Commands of the program, one file each with its arguments and its execution.
 
 pub mod advance;
 pub mod backup;

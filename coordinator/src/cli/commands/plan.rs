@@ -1,4 +1,4 @@
-//! `cardiotwin plan`: what a run on a cluster would submit.
+//! `cardiotwin plan`: jobs that a run on a cluster would submit.
 
 use std::path::PathBuf;
 
@@ -31,10 +31,10 @@ pub struct PlanArgs {
     worker: Option<PathBuf>,
 }
 
-/// Plans.
+/// Prints the planned jobs or their batch scripts.
 ///
 /// # Errors
-/// As `run`'s.
+/// The same as for `run`.
 pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;

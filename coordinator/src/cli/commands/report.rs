@@ -1,4 +1,4 @@
-//! `cardiotwin report`: one HTML file, readable without network.
+//! `cardiotwin report`: the report as HTML files that need no network.
 
 use std::path::PathBuf;
 
@@ -25,10 +25,10 @@ pub struct ReportArgs {
     out: Option<PathBuf>,
 }
 
-/// Writes it and prints its path.
+/// Writes the report and prints its path.
 ///
 /// # Errors
-/// The store's and the report's.
+/// Errors of the store and the report.
 pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep report DIR`")?;

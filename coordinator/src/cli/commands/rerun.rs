@@ -1,4 +1,5 @@
-//! `cardiotwin rerun`: other settings for one patient, from a step on. (`retry` keeps the settings.)
+//! `cardiotwin rerun`: new settings for one patient from a given step on. (`retry` keeps the
+//! settings.)
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
@@ -41,10 +42,11 @@ pub struct RerunArgs {
     of: OfCohort,
 }
 
-/// Checks the settings, asks for the rerun, says what follows.
+/// Checks the settings and requests the rerun.
 ///
 /// # Errors
-/// [`CliError::Input`] for settings that cannot be right, [`CliError::Usage`] for arguments that cannot, the engine's.
+/// [`CliError::Input`] for invalid settings, [`CliError::Usage`] for invalid arguments; errors of
+/// the engine.
 pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let patient = PatientId(args.patient.clone());
@@ -74,7 +76,7 @@ pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// `KEY=LO:HI` as a setting of the step that the parameter belongs to.
+/// `KEY=LO:HI` as an assignment to a setting of the step that fits the parameter.
 fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
     let wrong = || format!("--bounds {text}: expected KEY=LO:HI, for example t_CR_ms=200:600");
     let (key, range) = text.split_once('=').ok_or_else(wrong)?;
@@ -85,7 +87,7 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
         Step1Parameter::KEYS.contains(&key),
         CELL_PARAMETERS.contains(&key),
     );
-    // Smax_ref_kPa is a parameter of both models: the step decides.
+    // Smax_ref_kPa is a parameter of both models, so that `--from` decides.
     let table = match (organ, cell) {
         (true, true) if from == Stage::Step2 => "step2",
         (true, _) => "step1",

@@ -1,4 +1,4 @@
-//! `cardiotwin retry`: the same task again, with the same settings.
+//! `cardiotwin retry`: repeats a task with the same settings.
 
 use cardiotwin_schemas::failure::{Failure, SiteCause};
 use cardiotwin_schemas::ids::PatientId;
@@ -29,7 +29,7 @@ pub struct RetryArgs {
     of: OfCohort,
 }
 
-/// Classes of failures, the site's by what jobs died of.
+/// Classes of failures, and the causes of a site failure, by which `--class` selects.
 const CLASSES: [&str; 11] = [
     "input",
     "site",
@@ -51,10 +51,10 @@ fn is_of(failure: &Failure, class: &str) -> bool {
     failure.class.as_str() == class || cause.is_some_and(|(_, word)| *word == class)
 }
 
-/// Asks for it.
+/// Requests the repetition of the tasks.
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine and the store.
 pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let patients: Vec<PatientId> = match &args.patient {

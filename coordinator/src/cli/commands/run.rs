@@ -1,4 +1,4 @@
-//! `cardiotwin run`: drives a cohort to its end; again, it goes on.
+//! `cardiotwin run`: drives a cohort to its end. A second call continues an unfinished run.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,9 +27,9 @@ use crate::engine::{
 use crate::input::{self, Cohort, Options, Report};
 use crate::report::write_report;
 
-/// Up to so many patients, each one's results are told as soon as the patient is over.
+/// Largest number of patients for which each patient's result is printed as soon as it is known.
 const LINES_WITH_RESULTS: usize = 100;
-/// Rows of a run on a cluster.
+/// Rows of the status table that a run on a cluster prints.
 const ROWS: usize = 60;
 
 /// Personalise a cohort; the same command goes on where an earlier one stopped
@@ -81,10 +81,10 @@ pub struct RunArgs {
     adopt_version: bool,
 }
 
-/// Runs.
+/// Runs the cohort.
 ///
 /// # Errors
-/// [`CliError::Input`] when anything is wrong with the input; the engine's and the report's.
+/// [`CliError::Input`] if the input has errors; errors of the engine and the report.
 pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
@@ -121,14 +121,14 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let notifier = Notifier::start(&options.run_dir, &options.executor.notices, talk);
     let watcher = tokio::spawn(watch(received, notifier, folders.clone(), *talk));
     let outcome = engine::run(options, events, stop).await;
-    // The watcher ends when the engine has dropped its sender.
+    // The watcher ends when the engine drops its sender.
     let _ = watcher.await;
     let summary = outcome?;
     finish(args, &summary, &folders, began, talk).await
 }
 
 impl RunArgs {
-    /// Settings that options of this command stand for.
+    /// Assignments of `--set`, followed by the settings that other options stand for.
     fn settings(&self) -> Vec<String> {
         let mut set = self.set.clone();
         set.extend(
@@ -159,7 +159,7 @@ impl RunArgs {
     }
 }
 
-/// A run of all of a cohort, that ends with the first tick on a cluster.
+/// Options for a run of the whole cohort; on a cluster it ends after its first tick.
 fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOptions {
     RunOptions {
         run_dir: folders.run.clone(),
@@ -175,7 +175,7 @@ fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOp
     }
 }
 
-/// The cohort of a run on a cluster, whatever its settings say of where it runs.
+/// Options for a run of the cohort on a cluster, whatever `executor.kind` its files set.
 pub(super) fn load_for_cluster(
     folders: &Folders,
     set: &[String],
@@ -185,7 +185,7 @@ pub(super) fn load_for_cluster(
     let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned())
         .chain(set.iter().cloned())
         .collect();
-    // Meshes are looked at before the first submission, not at every tick.
+    // Meshes are checked before the first submission and not at every tick.
     let meshes = !folders.run.join(crate::cli::place::DATABASE).exists();
     Ok(of_cohort(
         &load(folders, &set, &[], meshes, talk)?,
@@ -194,8 +194,8 @@ pub(super) fn load_for_cluster(
     ))
 }
 
-/// The cohort, or all its problems, those of patients' own `meshes` included; with the patients that are to be worked on, if
-/// not all.
+/// Loads the cohort, or prints all its problems. With `meshes`, the patients' own meshes are
+/// checked, too. `only` is checked to name patients of the cohort.
 fn load(
     folders: &Folders,
     set: &[String],
@@ -251,7 +251,7 @@ fn unknown_patient(id: &str, cohort: &Cohort) -> String {
     )
 }
 
-/// Shows events, and each patient's result as soon as the patient is over.
+/// Shows events, and the result of each patient as soon as it is known.
 async fn watch(
     mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>,
     notifier: Notifier,
@@ -268,7 +268,8 @@ async fn watch(
         } = &event
         {
             if over == of && *of <= LINES_WITH_RESULTS {
-                // The coordinator is about to close the database, and whoever reads keeps it from tidying up.
+                // The coordinator is about to close the database, and a reader would keep it from
+                // tidying up.
                 last = Some((patient.clone(), event));
                 continue;
             }
@@ -286,7 +287,8 @@ async fn watch(
     notifier.finish().await;
 }
 
-/// What a patient reached, where the cohort is so small that this does not drown the rest.
+/// Result of a patient in one line; `None` in a cohort so large that such lines would bury the
+/// other output.
 async fn result_line(
     patient: &PatientId,
     (over, of): (usize, usize),
@@ -307,7 +309,7 @@ async fn result_line(
     ))
 }
 
-/// Table, report, hints and exit code.
+/// Prints table, report and hints, and returns the exit code.
 async fn finish(
     args: &RunArgs,
     summary: &RunSummary,
@@ -376,7 +378,7 @@ async fn finish(
     })
 }
 
-/// A run that goes on without this process: where it stands, and how to bring it on.
+/// Prints the state of a run that continues on the cluster, and the commands that advance it.
 pub(super) async fn on_cluster(
     summary: &RunSummary,
     folders: &Folders,
@@ -394,7 +396,7 @@ pub(super) async fn on_cluster(
     Ok(Exit::Unfinished)
 }
 
-/// What would be done, patient by patient.
+/// Prints the work that a run would do for each patient.
 async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
     let stands: BTreeMap<PatientId, String> = match Reader::open(&folders.run).await {
         Ok(reader) => {

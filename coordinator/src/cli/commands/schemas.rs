@@ -1,4 +1,4 @@
-//! `cardiotwin schemas`: the JSON Schemas of every file format, for editors and other programs.
+//! `cardiotwin schemas`: JSON Schemas of all file formats, for editors and other programs.
 
 use std::path::PathBuf;
 
@@ -16,10 +16,10 @@ pub struct SchemasArgs {
     out: Option<PathBuf>,
 }
 
-/// Prints or writes.
+/// Prints the schemas, or writes them into a folder.
 ///
 /// # Errors
-/// [`CliError::File`] where the folder cannot be written.
+/// [`CliError::File`] if the folder cannot be written.
 pub fn execute(args: &SchemasArgs, talk: &Talk) -> Result<Exit, CliError> {
     let all = cardiotwin_schemas::json_schemas::all();
     let Some(folder) = &args.out else {

@@ -1,4 +1,4 @@
-//! `cardiotwin show`: all about one patient.
+//! `cardiotwin show`: results, parameters, failure and files of one patient.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::{Path, PathBuf};
@@ -35,10 +35,10 @@ pub struct ShowArgs {
     of: OfCohort,
 }
 
-/// Shows the patient.
+/// Prints the patient's record.
 ///
 /// # Errors
-/// The store's.
+/// Errors of the store; [`CliError::Usage`] if `--plot` lacks data.
 pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let record = open(&folders)
@@ -74,7 +74,7 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// The nodes' spread as a picture.
+/// Draws the spread of the nodes' stretch and active stress into an SVG file.
 fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
     let nothing = || {
         let id = &record.plan.id;
@@ -174,7 +174,8 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
     table.text()
 }
 
-/// How the finite-element ventricle moved, beside the normal range and a mark.
+/// Table of the finite-element ventricle's motion, with the normal ranges and a mark for each
+/// value.
 fn motion(record: &PatientRecord, talk: &Talk) -> String {
     let view = PatientView(record);
     let mut steps = vec![(Step::Step1, ">STEP 1"), (Step::Step2, ">STEP 2")];
@@ -335,7 +336,7 @@ fn cell(record: &PatientRecord, talk: &Talk) -> String {
     text
 }
 
-/// What the data determine of a parameter, and whether it sits on a bound.
+/// Mark for how well the data determine a parameter, and whether it lies on a bound.
 fn determination(parameter: &FittedParameter) -> (String, Option<Tone>) {
     let mark = parameter.near_optimal.map(|near| near.mark);
     match (mark, parameter.at_bound) {
@@ -419,7 +420,8 @@ fn files(record: &PatientRecord, talk: &Talk) -> String {
     }
 }
 
-/// Step 3's parameters: their bounds, the verification beat's values and those of each beat.
+/// Table of step 3's parameters: their bounds and their values in each beat, the verification beat
+/// first.
 fn step3(record: &PatientRecord, talk: &Talk) -> String {
     let Some(step3) = &record.step3 else {
         return String::new();
@@ -462,7 +464,7 @@ fn step3(record: &PatientRecord, talk: &Talk) -> String {
     table.text()
 }
 
-/// How sure the twin is: 90 % intervals of parameters and biomarkers.
+/// Table of the twin's uncertainty: 90 % intervals of parameters and biomarkers.
 fn posterior(record: &PatientRecord, talk: &Talk) -> String {
     let Some(result) = record.posterior.as_ref().map(|task| &task.result) else {
         return String::new();

@@ -1,4 +1,4 @@
-//! `cardiotwin simulate`: one simulation of a patient's organ, outside of any run.
+//! `cardiotwin simulate`: one simulation of a patient's organ, outside any run.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use std::path::PathBuf;
@@ -20,7 +20,8 @@ use crate::cli::vtu::announcement;
 use crate::engine::find_worker;
 use crate::input::{self, nearest, value_from_text};
 
-/// Most beats until a periodic simulation gives up, and what it calls periodic (mmHg and mL).
+/// Most beats of a periodic simulation, and the tolerance (mmHg and mL) at which a beat counts as
+/// periodic.
 const PERIODIC: BeatCount = BeatCount::Periodic {
     max: 100,
     tolerance: 0.05,
@@ -76,14 +77,15 @@ struct Answer<'a> {
     patient: &'a str,
     specification: &'a OrganBeatSpec,
     result: &'a OrganBeatResult,
-    /// Column by column.
+    /// One array per column.
     traces: serde_json::Map<String, Value>,
 }
 
-/// Simulates.
+/// Simulates the beats and prints traces, biomarkers and checks.
 ///
 /// # Errors
-/// [`CliError::Simulation`] where it diverged, [`CliError::Input`] for wrong input, [`CliError::Worker`].
+/// [`CliError::Simulation`] if the simulation diverges, [`CliError::Input`] for invalid input,
+/// [`CliError::Usage`] for an unknown parameter, [`CliError::Worker`] if the worker cannot be run.
 pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError> {
     let (settings, parameters): (Vec<String>, Vec<String>) = args
         .set
@@ -162,7 +164,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     })
 }
 
-/// Puts `name=value` wherever the specification has a leaf of this name.
+/// Sets each `name=value` at every place of the specification with a number of that name.
 fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganBeatSpec, String> {
     let mut value = serde_json::to_value(&spec).map_err(|error| error.to_string())?;
     for assignment in assignments {
@@ -181,7 +183,7 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
         };
         let mut known = Vec::new();
         if !replace(&mut value, name.trim(), number, &mut known) {
-            // A cell parameter that is at its default does not stand in the specification.
+            // A cell parameter at its default value is absent from the specification.
             let cell = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
             if cell && cardiotwin_schemas::organ::CELL_PARAMETERS.contains(&name.trim()) {
                 value["contraction"]["parameters"][name.trim()] = number.into();
@@ -198,7 +200,8 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
     serde_json::from_value(value).map_err(|error| format!("--set: {error}"))
 }
 
-/// Replaces numbers called `name`; collects the names of all numbers on the way.
+/// Replaces all numbers called `name` and collects the names of all numbers in `known`. Returns
+/// whether any was replaced.
 fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) -> bool {
     let mut found = false;
     if let Value::Object(map) = value {
@@ -206,7 +209,8 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
             if inner.is_number() {
                 known.push(key.clone());
                 if key == name {
-                    // Counts stay counts, so that the specification can be read again.
+                    // A count stays an integer, because the specification could not be read again
+                    // otherwise.
                     *inner = if inner.is_u64() && number.fract() == 0.0 {
                         (number as u64).into()
                     } else {
@@ -221,7 +225,7 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
     found
 }
 
-/// Biomarkers beside the measured ones, then the checks.
+/// Table of simulated and measured biomarkers, followed by the checks and remarks.
 fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
@@ -271,7 +275,7 @@ fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -
     text
 }
 
-/// A CSV file column by column; a cell that is no number is null.
+/// Columns of a CSV file; a cell that is not a number becomes null.
 fn columns(text: &str) -> serde_json::Map<String, Value> {
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

@@ -1,4 +1,4 @@
-//! `cardiotwin status`: one screen of a run, failures first.
+//! `cardiotwin status`: the state of a run on one screen, failures first.
 
 use std::time::Duration;
 
@@ -14,9 +14,9 @@ use crate::cli::table::{Columns, duration, optional};
 use crate::cli::talk::{Talk, Tone};
 use crate::sweep::folder;
 
-/// Rows that a terminal shows; `--all` shows the rest.
+/// Rows shown without `--all`.
 const ROWS: usize = 60;
-/// Characters of a note.
+/// Largest length of a note, characters.
 const LONGEST_NOTE: usize = 100;
 
 /// Where each patient stands, failures first
@@ -38,10 +38,10 @@ pub struct StatusArgs {
     all: bool,
 }
 
-/// Shows the run.
+/// Prints the status.
 ///
 /// # Errors
-/// The store's.
+/// Errors of the store.
 pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let reader = open(&folders).await?;
@@ -74,7 +74,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
 }
 
-/// What the rows of a run are, as a heading.
+/// Heading of the first column: the kind of member that the run has.
 fn member(folders: &Folders) -> Result<&'static str, CliError> {
     Ok(match folder::find(&folders.run)?.map(|file| file.sweep) {
         None => "PATIENT",
@@ -90,7 +90,7 @@ fn is_over(status: &Status) -> bool {
         .all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
 }
 
-/// The table with its stamp; `member` is the heading of its rows.
+/// The table with counts and time stamp. `member` is the heading of its first column.
 #[must_use]
 pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
     let mut table = Columns::new(
@@ -101,7 +101,7 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
         table.toned(row(patient));
     }
     let mut text = table.text();
-    // The first rows may be all that was read: the counts tell of the rest.
+    // `patients` may hold only the rows that were read, whereas the counts cover all members.
     let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
     if all > rows {
         text.push_str(&format!(
@@ -133,7 +133,7 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
     text
 }
 
-/// Jobs, what they cost, and how old this is.
+/// State and charge of the jobs, and the age of this information.
 fn of_cluster(cluster: &ClusterStatus) -> String {
     let running = cluster
         .jobs
@@ -206,7 +206,7 @@ fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
     ]
 }
 
-/// A note that fits beside the other columns; `show` and `--json` have all of it.
+/// The note, cut so that it fits beside the other columns. `show` and `--json` print it in full.
 fn shortened(note: &str) -> String {
     if note.chars().count() <= LONGEST_NOTE {
         return note.to_owned();
@@ -220,7 +220,7 @@ fn shortened(note: &str) -> String {
     )
 }
 
-/// What to do next, where something is to be done.
+/// The command to call next, if one is needed.
 #[must_use]
 pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
     let of = folders.as_argument("--cohort ");

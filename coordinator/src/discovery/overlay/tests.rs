@@ -1,4 +1,4 @@
-//! Versions come and go, and what was measured stays.
+//! Tests of acceptances and reversals, which leave the measured data unchanged.
 
 use super::*;
 use crate::discovery::case;

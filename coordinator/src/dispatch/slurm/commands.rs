@@ -1,4 +1,4 @@
-//! Slurm's commands as they are installed.
+//! Slurm's installed commands.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Stdio;
@@ -9,15 +9,17 @@ use cardiotwin_slurm::commands::{Command, ENVIRONMENT, NOT_IN_ENVIRONMENT};
 
 use super::Scheduler;
 
-/// Slurm's own clients give up after some ten seconds for each message; what takes longer than this hangs.
+/// Time limit of a command. Slurm's own clients give up after some ten seconds per message, so that
+/// a command that takes longer than this hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Commands at once, as many as Slurm's own limit on a user's messages takes by default (`rl_bucket_size`)…
+/// Commands that may be run at once, equal to Slurm's default limit on a user's messages
+/// (`rl_bucket_size`)…
 const AT_ONCE: f64 = 30.0;
-/// …and in each second from then on (`rl_refill_rate`).
+/// …and the number that may follow in each second (`rl_refill_rate`).
 const EACH_SECOND: f64 = 2.0;
 
-/// Slurm's commands, found by `PATH`; no more of them than `AT_ONCE` and `EACH_SECOND`.
+/// Slurm's commands as found in `PATH`, at a rate limited by `AT_ONCE` and `EACH_SECOND`.
 #[derive(Debug)]
 pub struct Installed {
     bucket: Bucket,
@@ -34,7 +36,7 @@ impl Default for Installed {
     }
 }
 
-/// A token for each command.
+/// Token bucket from which each command takes a token.
 #[derive(Debug)]
 struct Bucket {
     tokens: f64,
@@ -42,7 +44,7 @@ struct Bucket {
 }
 
 impl Bucket {
-    /// Takes a token; how long to wait until it is there.
+    /// Takes a token and returns the time until it is available.
     fn take(&mut self, now: Instant) -> Duration {
         let refilled = now.saturating_duration_since(self.at).as_secs_f64() * EACH_SECOND;
         (self.tokens, self.at) = ((self.tokens + refilled).min(AT_ONCE) - 1.0, now);
@@ -65,7 +67,8 @@ impl Scheduler for Installed {
         let exit = match tokio::time::timeout(PATIENCE, process.output()).await {
             Err(_) => Exit::TimedOut,
             Ok(Err(error)) => {
-                // As a shell says it: the command is not there, or could not be started.
+                // A shell has the same exit code for a command that does not exist or cannot be
+                // started.
                 let stderr = format!("{}: {error}", command.program);
                 return Output {
                     exit: Exit::Code(127),
@@ -115,7 +118,7 @@ mod tests {
         let waits: Vec<f64> = (0..34).map(|_| bucket.take(began).as_secs_f64()).collect();
         assert!(waits[..30].iter().all(|wait| *wait == 0.0), "{waits:?}");
         assert_eq!(waits[30..], [0.5, 1.0, 1.5, 2.0]);
-        // An hour later it is full again, and no fuller.
+        // An hour later the bucket is full again, but not fuller.
         let later = began + Duration::from_secs(3600);
         let waits: Vec<f64> = (0..32).map(|_| bucket.take(later).as_secs_f64()).collect();
         assert_eq!(waits[30..], [0.5, 1.0]);

@@ -1,15 +1,15 @@
-//! A job's folder, `slurm/<name>/` of the run: the order and script that the coordinator writes, the claim and the last
-//! word of each driver, the fences.
+//! A job's folder, `slurm/<name>/` of the run: the order and the script that the coordinator
+//! writes, the claim and the final report of each driver, and the fences.
 //!
 //! | file | written by |
 //! |---|---|
-//! | `order-E.json`, `job.sh` | coordinator, before it asks for the job |
+//! | `order-E.json`, `job.sh` | coordinator, before it submits the job |
 //! | `submitting` | coordinator, right before `sbatch`: from now on Slurm may know the name |
 //! | `started-E-N.json` | driver on node N of element E, created exclusively |
 //! | `taken-E-P` | the driver that took patient P of element E's list, created exclusively |
-//! | `asked-to-end-E-N` | driver, as soon as it is told to stop, other than by the warning before its walltime |
-//! | `ended-E-N.json` | driver, its last word |
-//! | `fence-E` | coordinator: element E begins and publishes nothing more |
+//! | `asked-to-end-E-N` | driver, as soon as it gets a signal to stop, other than the warning before its walltime |
+//! | `ended-E-N.json` | driver, as its final report |
+//! | `fence-E` | coordinator: element E neither begins nor publishes anything more |
 
 use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
@@ -31,14 +31,14 @@ fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchEr
     move |source| DispatchError::File { what, path, source }
 }
 
-/// A job's folder.
+/// The folder of a job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct JobFolder {
     path: PathBuf,
 }
 
 impl JobFolder {
-    /// Of a job of this name.
+    /// The folder of the job with this name.
     #[must_use]
     pub fn of(run_dir: &Path, name: &str) -> Self {
         Self {
@@ -46,7 +46,7 @@ impl JobFolder {
         }
     }
 
-    /// Any folder, as a driver is told.
+    /// The folder at this path, which a driver gets as its argument.
     #[must_use]
     pub fn at(path: &Path) -> Self {
         Self {
@@ -54,22 +54,22 @@ impl JobFolder {
         }
     }
 
-    /// Where it is.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The batch script.
+    /// Path of the batch script.
     #[must_use]
     pub fn script(&self) -> PathBuf {
         self.path.join(SCRIPT)
     }
 
-    /// Writes orders and script; doing it twice writes the same.
+    /// Writes orders and script. A second call writes the same content.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if a file cannot be written.
     pub fn write(&self, orders: &[JobOrder], script: &str) -> Result<(), DispatchError> {
         fs::create_dir_all(&self.path).map_err(file("make", &self.path))?;
         for (element, order) in orders.iter().enumerate() {
@@ -81,31 +81,32 @@ impl JobFolder {
         write_whole(&self.script(), script.as_bytes())
     }
 
-    /// Whether Slurm may have been asked for the job before.
+    /// Whether an `sbatch` for the job may have been started before.
     #[must_use]
     pub fn was_submitting(&self) -> bool {
         self.path.join(SUBMITTING).exists()
     }
 
-    /// Marks that Slurm is about to be asked.
+    /// Marks that `sbatch` is about to be called.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if the mark cannot be written.
     pub fn mark_submitting(&self) -> Result<(), DispatchError> {
         let path = self.path.join(SUBMITTING);
-        // Durable before sbatch: a mark that a power failure forgets would let a job be asked for twice.
+        // The mark must be durable before sbatch. If a power failure lost it, the job could be
+        // submitted twice.
         files::write_synced(&path, b"").map_err(file("write", &path))?;
-        // Its name, too, and that of the folder itself, which may be as new.
+        // The names of the mark and of the folder, which may be just as new, must be durable, too.
         for folder in self.path.ancestors().take(2) {
             files::sync_directory(folder).map_err(file("write", folder))?;
         }
         Ok(())
     }
 
-    /// Takes the mark back after a definite refusal.
+    /// Removes the mark after a definite refusal by Slurm.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if the mark cannot be removed.
     pub fn unmark_submitting(&self) -> Result<(), DispatchError> {
         let path = self.path.join(SUBMITTING);
         fs::remove_file(&path).map_err(file("remove", &path))
@@ -114,17 +115,17 @@ impl JobFolder {
     /// The order of an element.
     ///
     /// # Errors
-    /// [`DispatchError::File`], also for what is no order.
+    /// [`DispatchError::File`] if the file cannot be read or is not an order.
     pub fn order(&self, element: u32) -> Result<JobOrder, DispatchError> {
         let path = self.path.join(format!("order-{element}.json"));
         let bytes = fs::read(&path).map_err(file("read", &path))?;
         serde_json::from_slice(&bytes).map_err(|error| file("read", &path)(io::Error::other(error)))
     }
 
-    /// Claims an element's node for a driver; false where another has it.
+    /// Claims a node of an element for a driver; false if another driver holds the claim.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if the claim cannot be written.
     pub fn claim(
         &self,
         element: u32,
@@ -137,10 +138,11 @@ impl JobFolder {
         )
     }
 
-    /// Takes a patient of an element's list for one of its nodes; false where another has it.
+    /// Takes a patient of an element's list for one of its nodes; false if another node has taken
+    /// it.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if the file cannot be written.
     pub fn take(&self, element: u32, patient: usize) -> Result<bool, DispatchError> {
         create_exclusively(&self.path.join(format!("taken-{element}-{patient}")), b"")
     }
@@ -151,10 +153,10 @@ impl JobFolder {
         self.path.join(format!("fence-{element}")).exists()
     }
 
-    /// Revokes an element.
+    /// Revokes an element. Does nothing if the folder does not exist.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if the fence cannot be written.
     pub fn fence(&self, element: usize) -> Result<(), DispatchError> {
         let path = self.path.join(format!("fence-{element}"));
         match fs::write(&path, b"revoked by the coordinator\n") {
@@ -163,14 +165,14 @@ impl JobFolder {
         }
     }
 
-    /// A driver's claim.
+    /// A driver's claim; `None` if it is absent or incomplete.
     #[must_use]
     pub fn started(&self, element: usize, node: u32) -> Option<DriverClaim> {
         read(&self.path.join(format!("started-{element}-{node}.json")))
     }
 
-    /// Notes that a driver was told to stop: what follows may kill it before its last word. A note that cannot be written is
-    /// no reason not to stop.
+    /// Notes that a driver got a signal to stop, because it may be killed before its final report.
+    /// If the note cannot be written, the driver stops nevertheless.
     pub fn note_asked_to_end(&self, element: u32, node: u32) {
         let _ = fs::write(
             self.path.join(format!("asked-to-end-{element}-{node}")),
@@ -178,7 +180,7 @@ impl JobFolder {
         );
     }
 
-    /// Whether a driver was told to stop.
+    /// Whether a driver got a signal to stop.
     #[must_use]
     pub fn was_asked_to_end(&self, element: usize, node: u32) -> bool {
         self.path
@@ -186,16 +188,16 @@ impl JobFolder {
             .exists()
     }
 
-    /// A driver's last word.
+    /// A driver's final report; `None` if it is absent or incomplete.
     #[must_use]
     pub fn ended(&self, element: usize, node: u32) -> Option<DriverEnd> {
         read(&self.path.join(format!("ended-{element}-{node}.json")))
     }
 
-    /// Leaves a driver's last word.
+    /// Writes a driver's final report.
     ///
     /// # Errors
-    /// [`DispatchError::File`].
+    /// [`DispatchError::File`] if it cannot be written.
     pub fn leave(&self, element: u32, node: u32, end: &DriverEnd) -> Result<(), DispatchError> {
         write_whole(
             &self.path.join(format!("ended-{element}-{node}.json")),
@@ -203,7 +205,7 @@ impl JobFolder {
         )
     }
 
-    /// End of what an element's script and drivers said.
+    /// End of the logs of an element's script and drivers, or of a job without elements.
     #[must_use]
     pub fn log_tail(&self, element: Option<usize>) -> String {
         let suffix = element.map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
@@ -221,10 +223,11 @@ impl JobFolder {
     }
 }
 
-/// Makes an attempt's directory with its spec and with the job that made it, in one step: of two that try, one succeeds.
+/// Makes an attempt's directory with its spec and its allocation in one step. If two jobs try, one
+/// succeeds and the other gets false.
 ///
 /// # Errors
-/// [`DispatchError::File`].
+/// [`DispatchError::File`] if the directory cannot be made.
 pub fn make_attempt(
     directory: &Path,
     spec: &AttemptSpec,
@@ -237,13 +240,13 @@ pub fn make_attempt(
     }
     let name = directory.file_name().unwrap_or_default().to_string_lossy();
     let draft = parent.join(format!(".{name}.{}.{}", allocation.job, allocation.element));
-    let _ = fs::remove_dir_all(&draft); // of a driver that was killed here
+    let _ = fs::remove_dir_all(&draft); // left by a driver that was killed here
     fs::create_dir(&draft).map_err(file("make", &draft))?;
     write_whole(&draft.join(names::SPEC), &json(spec))?;
     write_whole(&draft.join(names::ALLOCATION), &json(allocation))?;
     match fs::rename(&draft, directory) {
         Ok(()) => Ok(true),
-        // A directory that holds something is never replaced.
+        // A rename never replaces a directory that is not empty.
         Err(error)
             if matches!(
                 error.kind(),
@@ -257,19 +260,19 @@ pub fn make_attempt(
     }
 }
 
-/// Which job made an attempt's directory.
+/// The job that made an attempt's directory; `None` for an attempt outside a job.
 #[must_use]
 pub fn allocation_of(directory: &Path) -> Option<AttemptAllocation> {
     read(&directory.join(names::ALLOCATION))
 }
 
-/// Whether an attempt was begun: its directory appears with its spec in it.
+/// Whether an attempt was begun. Its directory appears together with its spec.
 #[must_use]
 pub fn is_begun(directory: &Path) -> bool {
     directory.join(names::SPEC).exists()
 }
 
-/// Whether an attempt left something from which a later one goes on.
+/// Whether an attempt left a checkpoint from which a later one can continue.
 #[must_use]
 pub fn has_checkpoint(directory: &Path) -> bool {
     fs::read_dir(directory.join(names::CHECKPOINT))
@@ -280,7 +283,8 @@ fn json<T: Serialize>(value: &T) -> Vec<u8> {
     serde_json::to_vec(value).expect("plain structs are JSON")
 }
 
-/// What is there and whole; files appear by rename, or exclusively and small, so that half of one is as none.
+/// Content of a complete file. Files appear by rename, or exclusively and small, so that an
+/// incomplete one counts as absent.
 fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_slice(&fs::read(path).ok()?).ok()
 }

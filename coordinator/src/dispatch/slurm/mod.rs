@@ -1,6 +1,8 @@
-//! Slurm reached: its commands run with a time limit, and the folder that a job and the coordinator share.
+//! Access to Slurm: its commands with a time limit, and the folder that a job and the coordinator
+//! share.
 //!
-//! What is asked and what an answer means is the crate `cardiotwin-slurm`'s; nothing is decided here.
+//! The crate `cardiotwin-slurm` makes the commands and interprets their output. This module decides
+//! nothing.
 
 mod commands;
 pub mod folder;
@@ -12,8 +14,8 @@ use cardiotwin_slurm::commands::Command;
 
 pub use commands::Installed;
 
-/// Whoever runs Slurm's commands: the installed ones, or in tests a model of Slurm.
+/// Runs Slurm's commands: the installed ones, or those of a model of Slurm in tests.
 pub trait Scheduler: Send {
-    /// Runs a command to its end, or stops waiting for it.
+    /// Runs a command to its end or to the time limit.
     fn ask(&mut self, command: &Command) -> impl Future<Output = Output> + Send;
 }

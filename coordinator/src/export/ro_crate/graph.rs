@@ -1,4 +1,4 @@
-//! The metadata of a crate: JSON-LD, a flat list of things that name each other.
+//! The metadata of a crate as JSON-LD: a flat list of entities that refer to each other.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use super::{CrateFile, CrateOptions, METADATA};
 use crate::results::PatientView;
 
-/// Terms of the profile that RO-Crate's own context lacks.
+/// Term of the profile that RO-Crate's own context lacks.
 const SHA256: &str = "https://w3id.org/ro/terms/workflow-run#sha256";
 const PROFILE: &str = "https://w3id.org/ro/wfrun/process/0.5";
 const CRATE: &str = "https://w3id.org/ro/crate/1.1";
@@ -18,13 +18,13 @@ const METHOD: &str = "https://doi.org/10.3390/math10050823";
 
 /// An input of a patient.
 pub struct Input {
-    /// Whose.
+    /// Id of the patient.
     pub patient: PatientId,
-    /// Its role.
+    /// Role of the input, such as `pressure`.
     pub name: String,
-    /// Its content.
+    /// SHA-256 of the content.
     pub sha256: String,
-    /// Where it lies in the crate.
+    /// Path in the crate; `None` if the content is not part of it.
     pub kept: Option<String>,
 }
 
@@ -40,7 +40,7 @@ fn reference(id: impl Into<String>) -> Value {
     json!({ "@id": id.into() })
 }
 
-/// One stands alone, as RO-Crate's JSON-LD wants it.
+/// References to all ids. A single one is not wrapped in a list, as RO-Crate's JSON-LD requires.
 fn references<I: Into<String>>(ids: impl IntoIterator<Item = I>) -> Value {
     let mut all: Vec<Value> = ids.into_iter().map(reference).collect();
     if all.len() == 1 {
@@ -50,12 +50,12 @@ fn references<I: Into<String>>(ids: impl IntoIterator<Item = I>) -> Value {
     }
 }
 
-/// UTC as the profile's checks want it.
+/// UTC in the form that the profile's checks require.
 fn moment(utc: &str) -> String {
     utc.replace('Z', "+00:00")
 }
 
-/// The media type by the end of a name.
+/// The media type for the extension of a file name.
 fn format_of(path: &str) -> &'static str {
     match path.rsplit('.').next() {
         Some("json") => "application/json",
@@ -167,7 +167,7 @@ pub fn metadata(
     text
 }
 
-/// A patient's tasks. What each one needed of the others stands in the patient's record.
+/// Actions for a patient's tasks. The patient's record contains the dependencies between them.
 fn of_patient(
     patient: &PatientRecord,
     inputs: &[Input],

@@ -1,7 +1,9 @@
-//! A finished run as an RO-Crate: what was computed of what, by which program, in a folder that other tools read.
+//! A finished run as an RO-Crate, a folder for other tools that says which program computed which
+//! results from which inputs.
 //!
-//! RO-Crate 1.1 with the profile Process Run Crate 0.5: each published task is a `CreateAction` of the worker that computed it.
-//! Inputs are named by their hashes; whether their contents are there is for who makes the crate to say.
+//! It follows RO-Crate 1.1 with the profile Process Run Crate 0.5: each published task is a
+//! `CreateAction` of the worker that computed it. Inputs are identified by their hashes; the
+//! options decide whether their contents are included.
 
 mod graph;
 mod record;
@@ -15,37 +17,39 @@ pub use record::without_paths;
 use crate::results::WriteError;
 use crate::results::folder::WholeFolder;
 
-/// The file that makes a folder a crate.
+/// Name of the metadata file, which makes a folder a crate.
 pub const METADATA: &str = "ro-crate-metadata.json";
 
-/// What a crate says beside what the run knows.
+/// Statements of a crate that the run's record does not contain.
 #[derive(Debug, Clone, Default)]
 pub struct CrateOptions {
-    /// Under which terms it may be used: a URL.
+    /// URL of the terms of use.
     pub license: Option<String>,
-    /// Who made it.
+    /// Name of the person who made the crate.
     pub author: Option<String>,
-    /// Take measured inputs along.
+    /// Whether measured inputs are copied into the crate.
     pub with_inputs: bool,
 }
 
 /// A file of a crate that was written before its metadata.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CrateFile {
-    /// Relative to the crate, with `/`.
+    /// Path relative to the crate, separated by `/`.
     pub path: String,
-    /// A sentence.
+    /// Description in one sentence.
     pub name: String,
 }
 
-/// Adds each patient's record, parameters and, where asked for, inputs, and the metadata of all files.
+/// Adds each patient's record, parameters and, with `with_inputs`, inputs, and writes the metadata
+/// of all files.
 ///
-/// - `files`: what lies in the folder already
+/// - `files`: files that are in the folder already
 ///
-/// Returns sentences about inputs that are not what the run was planned with any more; they are named by their hashes alone.
+/// Returns sentences about inputs that changed since the run was planned or cannot be read. They
+/// are identified by their hashes only.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if a file cannot be written.
 pub fn complete(
     run: &RunRecord,
     folder: &WholeFolder,

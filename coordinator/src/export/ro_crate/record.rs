@@ -1,4 +1,4 @@
-//! What a crate holds of one patient.
+//! Files of a crate about one patient.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,10 +8,10 @@ use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::task::InputFile;
 use serde_json::{Map, Value, json};
 
-/// Keys whose values are places on the machine that computed.
+/// Keys whose values are places on the machine that computed the run.
 const PLACES: [&str; 4] = ["path", "directory", "run_directory", "host"];
 
-/// The record as JSON, without the places where things lay: the crate is for people who cannot reach them.
+/// The record as JSON without paths and hosts, which readers of the crate cannot reach.
 #[must_use]
 pub fn json(patient: &PatientRecord) -> String {
     let value = serde_json::to_value(patient).unwrap_or_default();
@@ -20,7 +20,7 @@ pub fn json(patient: &PatientRecord) -> String {
     text
 }
 
-/// Leaves of a path the file's name, and nothing of directories and hosts.
+/// Reduces paths to the name of the file, and removes directories and hosts.
 #[must_use]
 pub fn without_paths(value: Value) -> Value {
     match value {
@@ -38,13 +38,13 @@ pub fn without_paths(value: Value) -> Value {
             Value::Object(cleaned.collect())
         }
         Value::Array(items) => Value::Array(items.into_iter().map(without_paths).collect()),
-        // A failure's words may name files.
+        // Error messages may contain paths.
         Value::String(text) if text.contains('/') => Value::String(names_of_files(&text)),
         other => other,
     }
 }
 
-/// Absolute paths in a sentence become the names of their files.
+/// Replaces absolute paths in a sentence by the names of their files.
 fn names_of_files(text: &str) -> String {
     let name = |word: &str| -> String {
         let begin = word.find(|c: char| !"\"'`([<".contains(c)).unwrap_or(0);
@@ -60,7 +60,7 @@ fn names_of_files(text: &str) -> String {
     text.split(' ').map(name).collect::<Vec<_>>().join(" ")
 }
 
-/// The parameters that a patient's twin has: step 1's, step 2's, loads, effects.
+/// JSON text with the parameters of a patient's twin: step 1, step 2, loads, effects.
 #[must_use]
 pub fn parameters(patient: &PatientRecord) -> String {
     let mut found = Map::new();
@@ -96,7 +96,7 @@ pub fn parameters(patient: &PatientRecord) -> String {
     text
 }
 
-/// Files that were measured for the patient, or that an external solver reads.
+/// Files that were measured for the patient or are read by an external solver.
 #[must_use]
 pub fn inputs(patient: &PatientRecord) -> Vec<&InputFile> {
     let plan = &patient.plan;
@@ -108,7 +108,7 @@ pub fn inputs(patient: &PatientRecord) -> Vec<&InputFile> {
         .collect()
 }
 
-/// The content that the run was planned with.
+/// Content of an input, if it is still that with which the run was planned.
 pub fn content(input: &InputFile) -> Result<Vec<u8>, String> {
     let bytes = std::fs::read(&input.path).map_err(|error| {
         format!(

@@ -1,19 +1,20 @@
-//! Measured, before and after over a beat, and what is left.
+//! Charts of a search's findings: measured data, base model and extended model over a beat, and the
+//! residuals.
 
 use cardiotwin_schemas::discover::{ComparedSignal, DiscoverCase};
 
 use crate::report::plot::{Axis, Chart, Mark, Scale, Series};
 
-/// Of what.
+/// Signal that a chart shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Which {
-    /// Pressure.
+    /// Pressure of the left ventricle, mmHg.
     Pressure,
-    /// Volume.
+    /// Volume of the left ventricle, mL.
     Volume,
 }
 
-/// Phases as they are written into a chart.
+/// Names of phases and their short forms in a chart.
 const SHORT: [(&str, &str); 7] = [
     ("isovolumic_contraction", "IVC"),
     ("early_ejection", "early ej."),
@@ -23,9 +24,10 @@ const SHORT: [(&str, &str); 7] = [
     ("diastasis", "diastasis"),
     ("atrial_systole", "atrial"),
 ];
-/// Width of a character over that of the chart: phases too narrow for their words get none.
+/// Width of a character over that of the chart. A phase too narrow for its name is drawn without
+/// it.
 const CHARACTER_SHARE: f64 = 0.0135;
-/// The band shows so many standard deviations of the noise.
+/// Half width of the noise band in standard deviations of the noise.
 const BAND: f64 = 2.0;
 
 struct Parts<'a> {
@@ -60,7 +62,7 @@ fn zip(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     std::iter::zip(x, y).map(|(x, y)| (*x, *y)).collect()
 }
 
-/// Data and both models over the beat.
+/// Measured data and both models over the beat. `None` without data.
 #[must_use]
 pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let of = parts(case, which);
@@ -82,7 +84,7 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
         time_axis(case)?,
         y,
     );
-    // A trace of many samples is a cloud of dots only where it is thin enough to see the lines.
+    // Samples are drawn as dots, so that the lines of the models stay visible.
     let measured = zip(&of.data.time_ms, &of.data.measured);
     chart.series.push(Series {
         class: "measured",
@@ -110,7 +112,8 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
     Some(chart)
 }
 
-/// Data less model at the times of the data, before and after, over the noise band.
+/// Data minus model at the times of the data, for both models, over the noise band. `None` without
+/// data.
 #[must_use]
 pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let of = parts(case, which);
@@ -174,7 +177,7 @@ fn time_axis(case: &DiscoverCase) -> Option<Axis> {
     ))
 }
 
-/// Where phases begin, and their names where asked for.
+/// Marks where phases begin, and writes their names if `named`.
 fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
     let phases = &case.found.series.phases;
     let cycle = case
@@ -191,7 +194,7 @@ fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
             class: "phase",
         });
         let next = phases[(i + 1) % phases.len()].begin_ms;
-        // The phase that runs past the end of the cycle is named before it.
+        // The name of a phase that runs past the end of the cycle is written before the end.
         let end = if next > phase.begin_ms { next } else { cycle };
         let short = SHORT
             .iter()

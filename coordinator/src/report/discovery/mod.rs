@@ -1,4 +1,5 @@
-//! What searches for missing effects found: a section for each patient, the cohort's table, a page and a picture.
+//! Findings of searches for missing effects: a section per patient, the cohort's tables, a page,
+//! and a picture.
 
 mod figures;
 mod tables;
@@ -18,7 +19,7 @@ use crate::results::discovery::words::{self, plain};
 /// Writes the page of a run of searches.
 ///
 /// # Errors
-/// [`WriteError`] when the file cannot be written.
+/// [`WriteError`] if the file cannot be written.
 pub fn write_discovery(name: &str, cases: &DiscoverCases, out: &Path) -> Result<(), WriteError> {
     let content = html! {
         header.top { h1 { (name) } }
@@ -56,7 +57,8 @@ pub fn part(cases: &DiscoverCases) -> Markup {
     }
 }
 
-/// Which effect is missing in how many, and what adding it does; nothing for a single patient.
+/// Tables of the effects missing in the patients and of the gaps with and without them; empty for a
+/// single patient.
 #[must_use]
 pub fn cohort(cases: &DiscoverCases) -> Markup {
     html! {
@@ -70,7 +72,7 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
     }
 }
 
-/// What was found, in a few words.
+/// The findings in a few words.
 fn verdict(case: &DiscoverCase) -> String {
     let found = &case.found;
     match (&found.unexplained, found.none) {
@@ -128,7 +130,8 @@ fn section(case: &DiscoverCase) -> Markup {
     }
 }
 
-/// The gap, the name and the shrink in one picture, as the text of an SVG file. None where there is nothing to draw.
+/// Text of an SVG file that shows the gap, the accepted effects and the remaining gap. `None` if
+/// there is nothing to draw.
 #[must_use]
 pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     let found = &case.found;
@@ -229,7 +232,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("report.html");
         write_discovery("made up", &cases, &out).unwrap();
-        // The name space of SVG is no address that a reader would load.
+        // The name space of SVG is not an address that a browser would load.
         let page = std::fs::read_to_string(out)
             .unwrap()
             .replace("http://www.w3.org/2000/svg", "");

@@ -1,4 +1,4 @@
-//! Tables of findings.
+//! Tables of a search's findings.
 
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, GapAt, Place};
 use maud::{Markup, html};
@@ -9,14 +9,14 @@ use crate::results::discovery::faults;
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words::{plain, strength};
 
-/// Candidates that are shown.
+/// Number of candidates shown in the ranking.
 const SHOWN: usize = 8;
 
 fn number(value: Option<f64>) -> Markup {
     html! { td.num { (fixed(value, 2)) } }
 }
 
-/// Ranked candidates.
+/// Table of the ranked candidates.
 #[must_use]
 pub fn ranking(case: &DiscoverCase) -> Markup {
     let found = &case.found;
@@ -37,7 +37,7 @@ pub fn ranking(case: &DiscoverCase) -> Markup {
     } })
 }
 
-/// The gap by signal and phase, before and after, on fitted data and on data held out.
+/// Table of the gap by signal and phase, before and after, on fitted and on held-out data.
 #[must_use]
 pub fn gaps(case: &DiscoverCase) -> Markup {
     let found = &case.found;
@@ -63,7 +63,7 @@ pub fn gaps(case: &DiscoverCase) -> Markup {
     } })
 }
 
-/// Where base model and data disagree.
+/// Table of the places where the base model and the data disagree.
 #[must_use]
 pub fn places(case: &DiscoverCase) -> Markup {
     let found = &case.found;
@@ -87,7 +87,7 @@ pub fn places(case: &DiscoverCase) -> Markup {
     } })
 }
 
-/// Biomarkers as measured, before and after.
+/// Table of measured biomarkers and those before and after.
 #[must_use]
 pub fn biomarkers(case: &DiscoverCase) -> Markup {
     let value =
@@ -102,7 +102,8 @@ pub fn biomarkers(case: &DiscoverCase) -> Markup {
     } })
 }
 
-/// What cannot be told apart, what would decide, what these data cannot show, what an unexplained gap depends on.
+/// List of effects that cannot be told apart, measurements that would decide, effects that these
+/// data cannot show, and variables on which an unexplained gap depends.
 #[must_use]
 pub fn lists(case: &DiscoverCase) -> Markup {
     let found = &case.found;
@@ -162,7 +163,7 @@ pub fn lists(case: &DiscoverCase) -> Markup {
     html! { @if !rows.is_empty() { ul.notes { @for (label, text) in &rows { li { span { b { (label) ": " } (text) } } } } } }
 }
 
-/// A row for each patient.
+/// Table with a row for each patient.
 #[must_use]
 pub fn patients(cases: &DiscoverCases) -> Markup {
     scrolling(&html! { table {
@@ -183,7 +184,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
     } })
 }
 
-/// What the cohort's run misses, and whether the organ's model or the cell does.
+/// Table of the misses of the cohort's run, and whether the organ's model or the cell causes them.
 #[must_use]
 pub fn run_misses(cases: &DiscoverCases) -> Markup {
     let rms = |value: f64| number_of(value, 1);
@@ -205,7 +206,7 @@ fn number_of(value: f64, digits: usize) -> Markup {
     html! { td.num { (format!("{value:.digits$}")) } }
 }
 
-/// Evidence of all patients together.
+/// Table of the evidence pooled over all patients.
 #[must_use]
 pub fn pooled(cases: &DiscoverCases) -> Markup {
     scrolling(&html! { table {
@@ -220,7 +221,7 @@ pub fn pooled(cases: &DiscoverCases) -> Markup {
     } })
 }
 
-/// The periodic beat with the filling pressure that the patient's file states.
+/// Table of the periodic beat at the filling pressure in the patient's file.
 #[must_use]
 pub fn filling(cases: &DiscoverCases) -> Markup {
     let one = |value: Option<f64>| html! { td.num { (fixed(value, 1)) } };

@@ -1,4 +1,4 @@
-//! What accepted effects changed in the simulated ventricle: the same patient before and after.
+//! Comparison of a patient's simulated ventricle before and after effects were accepted.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::outcome::OrganBeatResult;
@@ -14,7 +14,7 @@ use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 type Trace = Vec<(f64, f64)>;
 
-/// Nothing where no effect was accepted.
+/// The comparison; empty if no effect was accepted.
 pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     if patient.plan.effects.is_empty() {
         return Markup::default();
@@ -32,7 +32,8 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
         };
     };
     let view = PatientView(patient);
-    // From where 80 % of the measured volume are recovered: diastasis and atrial systole.
+    // Late filling (diastasis and atrial systole) begins where 80 % of the measured volume is
+    // recovered.
     let late = patient
         .step0
         .as_ref()
@@ -71,15 +72,16 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-/// A step before and after.
+/// A step's beat before and after the acceptance.
 struct Compared<'a> {
     name: &'static str,
     source: Source,
     was: &'a TaskRecord<OrganBeatResult>,
     is: &'a TaskRecord<OrganBeatResult>,
-    /// Pressure and volume before, where they can be read.
+    /// Pressure and volume before the acceptance; `None` if they cannot be read.
     traces: [Option<Trace>; 2],
-    /// Root mean square distance to the measured samples, before and after: pressure, volume, volume in late filling.
+    /// Root mean square distance to the measured samples, before and after: pressure (mmHg), volume
+    /// (mL), volume in late filling (mL).
     misfits: [[Option<f64>; 2]; 3],
 }
 
@@ -222,7 +224,7 @@ mod tests {
     fn a_misfit_is_taken_at_the_measured_samples() {
         let measured = [(0.0, 1.0), (10.0, 2.0), (30.0, 9.0)];
         let simulated = [(0.0, 4.0), (20.0, 8.0)];
-        // 4 − 1 and 6 − 2; the last sample lies beyond the simulated beat.
+        // The differences are 4 − 1 and 6 − 2; the last sample lies beyond the simulated beat.
         assert!((rms(&measured, &simulated).unwrap() - 12.5_f64.sqrt()).abs() < 1e-12);
         assert_eq!(rms(&measured, &[]), None);
     }

@@ -1,6 +1,6 @@
-//! From the heart's positions to the picture's plane.
+//! Projection of positions in the heart onto the plane of the picture.
 
-/// A point in space, or a direction.
+/// A point or a direction in space.
 pub type Vec3 = [f64; 3];
 
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
@@ -28,12 +28,12 @@ pub fn unit(a: Vec3) -> Vec3 {
     }
 }
 
-/// How far the viewer looks down on the cut \[degrees\].
+/// Angle by which the viewer looks down on the cut \[degrees\].
 const ELEVATION_DEG: f64 = 16.0;
-/// How far the viewer stands to the right of straight ahead \[degrees\].
+/// Angle by which the viewer stands to the right of straight ahead \[degrees\].
 const AZIMUTH_DEG: f64 = 10.0;
 
-/// A view from far away: right, up and towards the viewer are perpendicular unit vectors.
+/// A parallel projection. Right, up and towards the viewer are perpendicular unit vectors.
 #[derive(Debug, Clone, Copy)]
 pub struct Camera {
     right: Vec3,
@@ -42,7 +42,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// In front of a cut, base up, from a little above and aside.
+    /// A camera in front of a cut, a little above and to the side, with the base up.
     pub fn of(long_axis: Vec3, front: Vec3) -> Self {
         let up = unit(long_axis);
         let right = unit(cross(up, front));
@@ -59,7 +59,7 @@ impl Camera {
         }
     }
 
-    /// Right, up, and nearness.
+    /// Coordinates of `x` to the right, upwards and towards the viewer.
     pub fn see(&self, x: Vec3) -> Vec3 {
         [dot(x, self.right), dot(x, self.up), dot(x, self.towards)]
     }
@@ -75,7 +75,7 @@ mod tests {
         let [x, y, z] = camera.see([0.0, 0.0, 1.0]);
         assert!(x.abs() < 1e-12 && y > 0.9 && z > 0.0);
         assert!(camera.see([1.0, 0.0, 0.0])[0] > 0.9 && camera.see([0.0, -1.0, 0.0])[2] > 0.9);
-        // Distances stay.
+        // The projection preserves distances.
         let p = [0.3, -1.2, 2.0];
         assert!((dot(camera.see(p), camera.see(p)) - dot(p, p)).abs() < 1e-12);
     }

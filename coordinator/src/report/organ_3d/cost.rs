@@ -1,4 +1,4 @@
-//! Mesh figures, and what each simulation took.
+//! Tables of the mesh's figures and of the cost of each simulation.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,8 @@ use crate::report::tables::scrolling;
 
 type Counters = BTreeMap<String, f64>;
 
-/// Mesh and step 0; nothing before step 0 is done.
+/// Table of mesh and step 0; `None` before step 0 is done, or if the organ is not a finite-element
+/// ventricle.
 pub fn mesh(patient: &PatientRecord) -> Option<Markup> {
     let step0 = patient.step0.as_ref()?;
     let OrganSpec::FiniteElement(organ) = &step0.result.organ else {
@@ -70,7 +71,7 @@ pub fn mesh(patient: &PatientRecord) -> Option<Markup> {
     }))
 }
 
-/// A row for each simulation; nothing without any.
+/// Table with a row for each simulation; `None` without any.
 pub fn simulations(patient: &PatientRecord) -> Option<Markup> {
     fn row<T>(
         name: String,

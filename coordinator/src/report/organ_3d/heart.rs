@@ -1,4 +1,5 @@
-//! Pictures of the wall, cut open: painted from far to near, coloured in bands, shaded by the light.
+//! Pictures of the wall, cut open: triangles painted from far to near, coloured in bands, and
+//! shaded by the light.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -10,20 +11,20 @@ use super::camera::{Camera, Vec3, cross, dot, sub, unit};
 use super::palette::{BANDS, Map, SHADES};
 use crate::report::format::fixed;
 
-/// Units of the picture for a millimetre: places are whole units.
+/// Units of the picture per millimetre. Positions are rounded to whole units.
 const UNITS_PER_MM: f64 = 6.0;
-/// Room around the heart, units.
+/// Margin around the heart, units.
 const MARGIN: f64 = 8.0;
-/// Room below for the scale, units.
+/// Room for the scale below the heart, units.
 const BELOW: f64 = 30.0;
 /// Length of the scale \[mm\].
 const SCALE_MM: f64 = 20.0;
-/// Where the light comes from: right, up, towards the viewer.
+/// Direction from which the light comes: right, up, towards the viewer.
 const LIGHT: Vec3 = [-0.4, 0.45, 0.8];
-/// This share of the corners may lie beyond either end of the colours.
+/// Share of the corners whose value may lie beyond each end of the colours.
 const BEYOND: f64 = 0.02;
 
-/// A quantity and the interval that its colours cover.
+/// A colour map and the interval of values that its colours cover.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Colours {
     map: Map,
@@ -33,7 +34,8 @@ struct Colours {
 
 impl Colours {
     fn of(map: Map, heart: &HeartSurface) -> Option<Self> {
-        // Of end-systole: at end-diastole stress is 0 and stretch 1 everywhere, which the ends show as well.
+        // The interval covers the values at end-systole. At end-diastole, stress is 0 and stretch 1
+        // everywhere, for which the end colours are sufficient.
         let mut all: Vec<f64> = values(map, heart.states.last()?)
             .iter()
             .flatten()
@@ -56,7 +58,7 @@ impl Colours {
         })
     }
 
-    /// Place of a value in bands, the ends holding what lies beyond.
+    /// Position of a value in bands; values beyond the interval get the end bands.
     fn place(&self, value: f64) -> f64 {
         ((value - self.lo) / (self.hi - self.lo) * BANDS as f64).clamp(0.0, BANDS as f64)
     }
@@ -117,7 +119,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Places of a state's corners in the picture, units, with nearness.
+    /// Positions of a state's corners in the picture, units, with their nearness to the viewer.
     fn places(&self, state: &HeartState) -> Vec<Vec3> {
         let [x0, y0, ..] = self.frame;
         let place = |point: &Vec3| {
@@ -144,7 +146,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Visible triangles from far to near, as paths.
+    /// Paths of the visible triangles from far to near.
     fn painted(&self, state: &HeartState, places: &[Vec3], colours: &Colours) -> String {
         let light = unit(LIGHT);
         let mut polygons: Vec<Painted> = Vec::new();
@@ -152,7 +154,8 @@ impl<'a> Scene<'a> {
             let normals = self.normals(state, &part.triangles);
             for triangle in &part.triangles {
                 let corners = triangle.map(|c| places[c as usize]);
-                // Downward is positive in the picture: what faces the viewer turns the other way round.
+                // The picture's y axis points down, so that triangles facing the viewer turn the
+                // other way round.
                 let turn = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))[2];
                 if turn >= 0.0 {
                     continue;
@@ -211,7 +214,7 @@ impl<'a> Scene<'a> {
         text
     }
 
-    /// Mean normals of a part at its corners: its facets then share their light.
+    /// Mean normals of a part at its corners, so that its facets are shaded smoothly.
     fn normals(&self, state: &HeartState, triangles: &[[u32; 3]]) -> HashMap<u32, Vec3> {
         let mut sums: HashMap<u32, Vec3> = HashMap::new();
         for triangle in triangles {
@@ -227,7 +230,7 @@ impl<'a> Scene<'a> {
             .collect()
     }
 
-    /// Lines around the cut, each a loop of corners.
+    /// Lines around the cut, each a closed loop of corners.
     fn outline(&self) -> Vec<Vec<u32>> {
         let mut next: HashMap<(u32, u32), ()> = HashMap::new();
         let cut = self.heart.parts.iter().filter(|part| part.surface == "cut");
@@ -255,7 +258,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// The parts of a triangle in each band: corners hold x, y and the place in bands.
+/// Parts of a triangle in each band. A corner consists of x, y and its position in bands.
 fn banded(triangle: &[Vec3]) -> Vec<(usize, Vec<(f64, f64)>)> {
     let lowest = triangle.iter().map(|c| c[2]).fold(f64::INFINITY, f64::min);
     let highest = triangle.iter().map(|c| c[2]).fold(0.0, f64::max);
@@ -288,7 +291,7 @@ fn clipped(polygon: &[Vec3], side: impl Fn(&Vec3) -> f64) -> Vec<Vec3> {
     left
 }
 
-/// A closed outline in whole units; nothing where it is no area there.
+/// Path data of a closed outline in whole units; `None` if it has no area after rounding.
 fn closed(outline: &[(f64, f64)]) -> Option<String> {
     let mut places: Vec<(i64, i64)> = outline
         .iter()
@@ -307,7 +310,7 @@ fn closed(outline: &[(f64, f64)]) -> Option<String> {
             .into_iter()
             .enumerate()
         {
-            // A minus separates as well as a space.
+            // A minus sign separates numbers as well as a space does.
             let first = k == 0 && i == 0;
             let _ = if first || step < 0 {
                 write!(data, "{step}")
@@ -349,9 +352,9 @@ fn colour_bar(colours: &Colours, name: &str, unit: &str, decimals: usize) -> Mar
     }
 }
 
-/// End-diastole and end-systole, coloured by active stress and by stretch.
+/// Pictures of end-diastole and end-systole, coloured by active stress and by stretch.
 ///
-/// - `whose`: the simulation in words
+/// - `whose`: description of the simulation
 pub fn pictures(heart: &HeartSurface, patient: &str, whose: &str) -> Markup {
     let scene = Scene::of(heart);
     let rows = [
@@ -406,7 +409,7 @@ mod tests {
         let points: Vec<Vec3> = (0..8)
             .map(|k| [f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2)].map(|x| 40.0 * x))
             .collect();
-        // y = 0 faces the viewer.
+        // The face y = 0 is towards the viewer.
         let front = vec![[0, 1, 5], [0, 5, 4]];
         let rest = vec![
             [2, 6, 7],
@@ -477,7 +480,7 @@ mod tests {
                 text.matches('z').count(),
             )
         };
-        // Front, top and right side of six: six triangles, two of them in bands.
+        // Front, top and right side are visible: six triangles, two of them in bands.
         let (l, s, z) = count(0, &stretch);
         assert_eq!((s, z), (0, 6));
         assert!(l >= 1);

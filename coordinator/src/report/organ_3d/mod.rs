@@ -1,4 +1,5 @@
-//! A patient's finite-element ventricle: pictures, the nodes' spread, mesh and cost, and what an accepted effect changed.
+//! Report on a patient's finite-element ventricle: pictures, the nodes' spread, mesh and cost, and
+//! the changes by accepted effects.
 
 mod before;
 mod camera;
@@ -18,19 +19,19 @@ use crate::results::{HeartFile, Signals, SpreadFile};
 pub use palette::css;
 pub use spread::spread_svg;
 
-/// What the simulations left for this part.
+/// Files of the simulations that this part draws.
 #[derive(Debug, Default)]
 pub struct Drawn {
-    /// The wall in step 1's result.
+    /// Surface of the wall in step 1's result.
     pub heart: Option<HeartFile>,
-    /// How its nodes' traces spread.
+    /// Quantiles of its nodes' traces.
     pub spread: Option<SpreadFile>,
-    /// One sentence a file that is recorded, but cannot be used.
+    /// One sentence for each file that is recorded but cannot be used.
     pub problems: Vec<String>,
 }
 
 impl Drawn {
-    /// Reads what the record points to.
+    /// Reads the files named in the record.
     #[must_use]
     pub fn read(patient: &PatientRecord) -> Self {
         let mut drawn = Self::default();
@@ -53,7 +54,7 @@ fn is_3d(patient: &PatientRecord) -> bool {
     }
 }
 
-/// The part of a patient whose organ is a finite-element ventricle; nothing of another.
+/// The part for a patient with a finite-element ventricle; empty for other organs.
 #[must_use]
 pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     if !is_3d(patient) {
@@ -80,7 +81,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-/// The nodes' spread; of a reduced ventricle these are its activation groups.
+/// Charts of the nodes' spread. In a reduced ventricle the nodes are its activation groups.
 fn spread_figures(patient: &PatientRecord, spread: Option<&SpreadFile>) -> Markup {
     let Some(file) = spread else {
         return html! {

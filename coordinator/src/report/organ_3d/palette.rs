@@ -1,15 +1,15 @@
-//! Colours of the pictures: bands of a quantity, each in several shades, as classes of a style sheet.
+//! Colours of the pictures: bands of a quantity in several shades, as classes of a style sheet.
 
 use std::fmt::Write as _;
 
-/// Bands of a quantity.
+/// Number of bands of a quantity.
 pub const BANDS: usize = 12;
-/// Shades of a band, dark to light.
+/// Number of shades of a band, from dark to light.
 pub const SHADES: usize = 6;
-/// Darkest shade over the full colour.
+/// Brightness of the darkest shade relative to the full colour.
 const DARKEST: f64 = 0.58;
 
-/// Which colours.
+/// A colour map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Map {
     /// Active stress: dark violet to light yellow (after inferno of matplotlib, by S. van der Walt and N. Smith, CC0).
@@ -41,7 +41,7 @@ const STRETCH: [[f64; 3]; 7] = [
 const PASSIVE: [f64; 3] = [176.0, 184.0, 192.0];
 
 impl Map {
-    /// First letter of its classes.
+    /// First letter of the map's classes.
     fn letter(self) -> char {
         match self {
             Self::Stress => 's',
@@ -62,12 +62,12 @@ impl Map {
         std::array::from_fn(|i| stops[k][i] + (at - k as f64) * (stops[k + 1][i] - stops[k][i]))
     }
 
-    /// Class of a band in a shade: letter, band, shade.
+    /// Class of a band in a shade: letter, band (hexadecimal), shade.
     pub fn class(self, band: usize, shade: usize) -> String {
         format!("{}{:x}{shade}", self.letter(), band)
     }
 
-    /// The colour bar's, which is flat.
+    /// Colour of a band in the colour bar, which is not shaded.
     pub fn hex(self, band: usize) -> String {
         hex(self.colour(band))
     }
@@ -78,7 +78,7 @@ fn hex(colour: [f64; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Rules of all classes. Lines in the colour of the area hide the seams between neighbours.
+/// Rules of all classes. Strokes in the colour of the area hide the seams between neighbours.
 pub fn css() -> String {
     let mut text = String::from(
         "svg.heart{display:block;width:100%;height:auto;max-height:30rem;stroke-width:1.3;stroke-linejoin:round}\n\

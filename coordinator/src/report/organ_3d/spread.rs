@@ -1,4 +1,4 @@
-//! How the nodes' traces spread around their median (Jung et al. 2022, Figure 2).
+//! Spread of the nodes' traces around their median (Jung et al. 2022, Figure 2).
 
 use cardiotwin_schemas::record::PatientRecord;
 
@@ -6,7 +6,7 @@ use crate::report::plot::{Axis, Chart, Mark, Scale, Series, SvgText, stacked};
 use crate::results::spread::Spread;
 use crate::results::{SignalKind, SpreadFile};
 
-/// A chart of each quantity, with its title.
+/// A chart for each quantity, with its title.
 pub fn charts(file: &SpreadFile, patient: &str) -> Vec<(&'static str, Chart)> {
     file.all
         .iter()
@@ -64,7 +64,7 @@ fn chart(spread: &Spread, patient: &str) -> Option<(&'static str, Chart)> {
         points: points.to_vec(),
         dots: false,
     };
-    // Lines that are read off, but not seen: the bands show where they are.
+    // These lines are invisible and serve for reading off values; the bands show where they lie.
     let quantiles = [
         (lowest, "5 % of the wall below"),
         (low, "25 %"),
@@ -78,7 +78,8 @@ fn chart(spread: &Spread, patient: &str) -> Option<(&'static str, Chart)> {
     Some((title, chart))
 }
 
-/// All of them in one picture, as the text of an SVG file. None where nothing was kept.
+/// Text of an SVG file with all charts. `None` if the simulation kept no spread or the targets are
+/// not done.
 #[must_use]
 pub fn spread_svg(patient: &PatientRecord, file: &SpreadFile) -> Option<String> {
     let id = &patient.plan.id;

@@ -1,4 +1,4 @@
-//! One chart: axes, lines, marks.
+//! A chart with axes, lines and marks.
 
 use std::fmt::Write as _;
 
@@ -7,17 +7,18 @@ use maud::{Markup, PreEscaped, html};
 use super::scale::Scale;
 use super::simplify::simplify;
 
-/// Lines move by less than this when points are left out, in units of the view box (about a pixel).
+/// Largest distance by which a line may move when points are left out, in units of the view box
+/// (about a pixel).
 const SIMPLIFY: f64 = 0.12;
 
-/// Text with an optional subscript: τ and `SR,ref`.
+/// Text with an optional subscript, such as τ or S with the subscript `R,ref`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SvgText {
-    /// On the line.
+    /// Text on the line.
     pub text: String,
-    /// Below it.
+    /// Subscript after `text`.
     pub sub: String,
-    /// After it.
+    /// Text on the line after the subscript.
     pub after: String,
 }
 
@@ -45,18 +46,18 @@ impl SvgText {
     }
 }
 
-/// An axis.
+/// An axis with title, range and ticks.
 #[derive(Debug, Clone)]
 pub struct Axis {
     /// Title with unit.
     pub title: SvgText,
-    /// Range.
+    /// Range of values, linear or logarithmic.
     pub scale: Scale,
-    /// About so many ticks.
+    /// Approximate number of ticks.
     pub ticks: usize,
-    /// Ticks at these places instead.
+    /// Ticks with labels that replace the automatic ones.
     pub fixed: Option<Vec<(f64, String)>>,
-    /// Unit after a value that is read off.
+    /// Unit printed after a value on hover.
     pub unit: &'static str,
 }
 
@@ -80,23 +81,23 @@ impl Axis {
     }
 }
 
-/// A line.
+/// A line through data points.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// Class in the style sheet: colour and dash pattern.
+    /// Class in the style sheet, which gives colour and dash pattern.
     pub class: &'static str,
-    /// Name on hover.
+    /// Name shown on hover.
     pub name: String,
-    /// Data.
+    /// Data points, x and y.
     pub points: Vec<(f64, f64)>,
-    /// A dot at each point.
+    /// Whether a dot is drawn at each point.
     pub dots: bool,
 }
 
-/// What stands beside the lines.
+/// Elements of a chart beside its lines.
 #[derive(Debug, Clone)]
 pub enum Mark {
-    /// A dot (or cross) with a title and, where given, a label at an offset.
+    /// A dot with a title and an optional label at an offset.
     Point {
         x: f64,
         y: f64,
@@ -111,15 +112,16 @@ pub enum Mark {
         class: &'static str,
         title: String,
     },
-    /// A line across at `y`, with a label at its right end, so far below it (above where negative).
+    /// A horizontal line at `y`, with an optional label at its right end by the given distance
+    /// below it (above if negative).
     Across {
         y: f64,
         class: &'static str,
         label: Option<(SvgText, f64)>,
     },
-    /// A line up at `x`.
+    /// A vertical line at `x`.
     Up { x: f64, class: &'static str },
-    /// A band across between two values.
+    /// A horizontal band between two values.
     Band {
         from: f64,
         to: f64,
@@ -131,7 +133,7 @@ pub enum Mark {
         upper: Vec<(f64, f64)>,
         class: &'static str,
     },
-    /// Words above the plot's lower edge, in the middle of a part of the x axis.
+    /// Words above the plot's lower edge, centred in a part of the x axis.
     Words { from: f64, to: f64, text: String },
     /// A bar from zero to `y` around `x`.
     Bar {
@@ -141,7 +143,7 @@ pub enum Mark {
         class: &'static str,
         title: String,
     },
-    /// A line between two places.
+    /// A line between two points.
     Segment {
         from: (f64, f64),
         to: (f64, f64),
@@ -151,7 +153,7 @@ pub enum Mark {
 }
 
 impl Mark {
-    /// Rules and bands across the plot lie behind the lines.
+    /// Whether the mark lies behind the lines, as rules, bands and words do.
     fn is_behind(&self) -> bool {
         matches!(
             self,
@@ -164,40 +166,40 @@ impl Mark {
     }
 }
 
-/// How values are read off on hover.
+/// The way in which values are read off on hover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reading {
-    /// Each line at the pointer's x.
+    /// The value of each line at the pointer's x.
     AtX,
     /// The nearest point of any line.
     Nearest,
-    /// Not at all: marks carry titles.
+    /// No values; marks have titles.
     Off,
 }
 
 /// A chart.
 #[derive(Debug, Clone)]
 pub struct Chart {
-    /// What a screen reader says.
+    /// Description for screen readers.
     pub alt: String,
-    /// View box.
+    /// Width and height of the view box.
     pub size: (f64, f64),
-    /// Room left, right, top, bottom of the plot area.
+    /// Room left, right, above and below the plot area.
     pub margins: [f64; 4],
-    /// Across.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Up.
+    /// Vertical axis.
     pub y: Axis,
-    /// Lines, the last on top.
+    /// Lines in drawing order; the last lies on top.
     pub series: Vec<Series>,
-    /// Points, crosses and segments on top of the lines, the rest behind.
+    /// Marks. Points, crosses, bars and segments lie on top of the lines, the others behind them.
     pub marks: Vec<Mark>,
-    /// Hover.
+    /// The way in which values are read off on hover.
     pub reading: Reading,
 }
 
 impl Chart {
-    /// A chart of the usual size.
+    /// A chart of the default size, without lines.
     #[must_use]
     pub fn new(alt: impl Into<String>, x: Axis, y: Axis) -> Self {
         Self {
@@ -225,13 +227,13 @@ impl Chart {
         ))
     }
 
-    /// The chart as SVG for a page.
+    /// The chart as an SVG element for a page.
     #[must_use]
     pub fn render(&self) -> Markup {
         self.svg(None)
     }
 
-    /// The chart as part of a larger SVG, so far from its top.
+    /// The chart as an SVG element inside a larger one, `top` units below its upper edge.
     #[must_use]
     pub fn render_at(&self, top: f64) -> Markup {
         self.svg(Some(top))
@@ -255,7 +257,7 @@ impl Chart {
         }
     }
 
-    /// What stands inside the SVG element.
+    /// The content of the SVG element.
     pub(super) fn content(&self) -> Markup {
         html! {
             (self.axes())
@@ -386,7 +388,7 @@ impl Chart {
     }
 }
 
-/// First value, last value, `log` or `lin`, unit: what the script needs to read values off.
+/// First value, last value, `log` or `lin`, and unit, from which the script reads off values.
 fn ends(axis: &Axis) -> String {
     let (lo, hi, log) = axis.scale.ends();
     format!(
@@ -396,7 +398,7 @@ fn ends(axis: &Axis) -> String {
     )
 }
 
-/// A coordinate: a tenth of a pixel is enough.
+/// A coordinate with one decimal, since a tenth of a pixel is precise enough.
 fn n(value: f64) -> PreEscaped<String> {
     PreEscaped(number(value))
 }
@@ -424,7 +426,7 @@ fn path_data(points: &[(f64, f64)]) -> String {
     data
 }
 
-/// Four significant digits, for titles.
+/// A value with four significant digits for a title.
 fn short(value: f64) -> String {
     crate::report::format::significant(value, 4)
 }

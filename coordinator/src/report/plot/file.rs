@@ -1,10 +1,11 @@
-//! A chart as an SVG file of its own, with its colours and a legend inside.
+//! A chart as an SVG file of its own, including its colours and a legend.
 
 use maud::{PreEscaped, html};
 
 use super::Chart;
 
-/// The light colours of the report's style sheet, written out: many viewers of SVG files know no CSS variables.
+/// The light colours of the report's style sheet without CSS variables, which many viewers of SVG
+/// files do not support.
 const STYLE: &str = "
 svg { font: 13px system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif; }
 text { fill: #1c2127; } .ticks text { font-size: 12px; fill: #5d6873; } .label.quiet { fill: #5d6873; }
@@ -21,7 +22,8 @@ path { fill: none; } .axis { stroke: #5d6873; } .grid path { stroke: #eceff2; } 
 const LINE: f64 = 18.0;
 
 impl Chart {
-    /// The file's text: the chart below a legend of its lines. Lines of class `measured` are dots alone.
+    /// Text of an SVG file with the chart below a legend of its lines. Lines of class `measured`
+    /// are drawn as dots only.
     #[must_use]
     pub fn file(&self) -> String {
         let (width, height) = self.size;
@@ -46,7 +48,7 @@ impl Chart {
     }
 }
 
-/// Charts below each other with one legend, below a headline and lines of text, as the text of an SVG file.
+/// Text of an SVG file with a headline, lines of text, one legend, and the charts below each other.
 #[must_use]
 pub fn stacked(headline: &str, lines: &[String], charts: &[Chart]) -> String {
     let width = charts.iter().map(|chart| chart.size.0).fold(0.0, f64::max);

@@ -1,9 +1,10 @@
 //! Small SVG charts whose colours and line styles come from the page's style sheet.
 //!
-//! Why not `plotters` (0.3.7, tried first): its SVG backend rounds every point and line width to whole pixels
-//! (`BackendCoord = (i32, i32)`), knows neither dash patterns nor classes nor `<title>`, so that themes, print and
-//! hover would mean patching its output text; its logarithmic axes tick decades only, while parameters here stay
-//! within one. What is left of a chart library after that is these few hundred lines.
+//! `plotters` (0.3.7) was tried first. Its SVG backend rounds every point and line width to whole
+//! pixels (`BackendCoord = (i32, i32)`) and supports neither dash patterns nor classes nor
+//! `<title>`, so that themes, print and hover would mean patching its output. Its logarithmic axes
+//! have ticks at decades only, whereas parameters here vary within one decade. The remaining part
+//! of a chart library is these few hundred lines.
 
 mod chart;
 mod file;

@@ -1,4 +1,4 @@
-//! Axes: from data to fractions of the axis, with ticks at round numbers.
+//! Scales of axes: conversion from data to fractions of the axis, and ticks at round numbers.
 
 /// A linear or logarithmic axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -9,7 +9,8 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Covers `values` with a little room, or from zero where `from_zero`. `None` without a finite value.
+    /// A scale that covers `values` with a little room, from zero on if `from_zero`. `None` without
+    /// a finite value.
     #[must_use]
     pub fn linear(values: impl IntoIterator<Item = f64>, from_zero: bool) -> Option<Self> {
         let (mut lo, mut hi) = extent(values)?;
@@ -29,7 +30,7 @@ impl Scale {
         })
     }
 
-    /// Exactly from `lo` to `hi`: an axis of time ends where the beat ends.
+    /// A scale exactly from `lo` to `hi`, for example an axis of time that ends with the beat.
     #[must_use]
     pub fn exact(lo: f64, hi: f64) -> Self {
         Self {
@@ -39,7 +40,8 @@ impl Scale {
         }
     }
 
-    /// Logarithmic over the positive `values`, at least a factor `least` wide. `None` without a positive value.
+    /// A logarithmic scale over the positive `values`, at least a factor `least` wide. `None`
+    /// without a positive value.
     #[must_use]
     pub fn log(values: impl IntoIterator<Item = f64>, least: f64) -> Option<Self> {
         let (mut lo, mut hi) = extent(values.into_iter().filter(|v| *v > 0.0))?;
@@ -55,7 +57,8 @@ impl Scale {
         })
     }
 
-    /// Position on the axis, 0 to 1 inside; `None` where the axis has no such place.
+    /// Position on the axis, between 0 and 1 inside it; `None` if the value has no position, such
+    /// as 0 on a logarithmic axis.
     #[must_use]
     pub fn fraction(&self, value: f64) -> Option<f64> {
         let fraction = if self.log {
@@ -66,7 +69,8 @@ impl Scale {
         fraction.is_finite().then_some(fraction)
     }
 
-    /// First and last value, and whether the axis is logarithmic: for reading values off the plot.
+    /// First and last value, and whether the axis is logarithmic, from which values are read off
+    /// the plot.
     #[must_use]
     pub fn ends(&self) -> (f64, f64, bool) {
         (self.lo, self.hi, self.log)
@@ -147,7 +151,7 @@ fn tick_label(value: f64, step: Option<f64>) -> String {
     } else if value.abs() >= 1e5 || smallest < 1e-4 {
         format!("{value:e}")
     } else {
-        // As many decimals as the step needs: 0.25 shows two, 0.5 one.
+        // The label has as many decimals as the step needs: two for 0.25, one for 0.5.
         let decimals = (0..6).find(|d| {
             let scaled = smallest * 10f64.powi(*d);
             (scaled - scaled.round()).abs() < 1e-6 * scaled.max(1.0)

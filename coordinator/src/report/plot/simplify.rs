@@ -1,6 +1,7 @@
-//! Fewer points for the same line (Douglas and Peucker 1973).
+//! Simplification of lines (Douglas and Peucker 1973).
 
-/// Keeps the points without which the line would move by more than `tolerance`. First and last always stay.
+/// Keeps the points without which the line would move by more than `tolerance`. The first and the
+/// last point are always kept.
 #[must_use]
 pub fn simplify(points: &[(f64, f64)], tolerance: f64) -> Vec<(f64, f64)> {
     if points.len() < 3 {
@@ -9,7 +10,7 @@ pub fn simplify(points: &[(f64, f64)], tolerance: f64) -> Vec<(f64, f64)> {
     let mut keep = vec![false; points.len()];
     keep[0] = true;
     keep[points.len() - 1] = true;
-    // A stack of its own: a noisy trace of 100,000 samples must not exhaust the call stack.
+    // An explicit stack, because a noisy trace of 100,000 samples could exhaust the call stack.
     let mut open = vec![(0, points.len() - 1)];
     while let Some((from, to)) = open.pop() {
         let farthest = (from + 1..to)
@@ -29,7 +30,8 @@ pub fn simplify(points: &[(f64, f64)], tolerance: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Distance of `p` to the segment from `a` to `b` (to the segment, since a loop's ends may coincide).
+/// Distance of `p` to the segment from `a` to `b`. A line through them would be undefined where a
+/// loop's ends coincide.
 fn distance(p: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let length2 = dx * dx + dy * dy;

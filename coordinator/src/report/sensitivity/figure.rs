@@ -1,4 +1,5 @@
-//! First-order and total indices as bars with their intervals, a panel for each biomarker (Figure 3 of Jung et al. 2022).
+//! First-order and total indices as bars with their intervals, in a panel per biomarker (Figure 3
+//! of Jung et al. 2022).
 
 use cardiotwin_schemas::sensitivity::{OutputSensitivity, SensitivityRecord, SobolIndex};
 use maud::{PreEscaped, html};
@@ -6,21 +7,21 @@ use maud::{PreEscaped, html};
 use crate::report::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
 use cardiotwin_schemas::label::Label;
 
-/// View box of a panel.
+/// Width and height of a panel's view box.
 const SIZE: (f64, f64) = (1080.0, 230.0);
-/// Room for the title and key of the whole.
+/// Height of the figure's title and key.
 const HEAD: f64 = 46.0;
-/// Half the distance between the bars of a parameter.
+/// Half the distance between the two bars of a parameter.
 const ASIDE: f64 = 0.19;
 /// Width of a bar.
 const WIDTH: f64 = 0.34;
-/// What a viewer without our page needs to know: the page's light colours.
+/// The page's light colours, for viewers that open the file without the page.
 const STYLE: &str = "text { font: 13px sans-serif; fill: #1c2127; } .ticks text { font-size: 12px; fill: #5d6873; } \
                      .heading { font-weight: 600; } path { fill: none; } .axis { stroke: #5d6873; } \
                      .grid path { stroke: #eceff2; } .bar.first { fill: #0072b2; } .bar.total { fill: #d55e00; } \
                      .rule.whisker { stroke: #1c2127; }";
 
-/// One panel: the parameters by rank from left to right.
+/// The panel of one biomarker, with the parameters by rank from left to right.
 pub(super) fn panel(record: &SensitivityRecord, output: &OutputSensitivity) -> Chart {
     let indices: Vec<(usize, &str, Option<SobolIndex>, Option<SobolIndex>)> = record
         .ranking
@@ -92,7 +93,7 @@ fn interval(index: &SobolIndex) -> [f64; 2] {
     [index.value - half, index.value + half]
 }
 
-/// Symbol and subscript on one line; what a subscript says of the reference state is left out.
+/// Symbol and subscript on one line, without the mark of the reference state.
 fn symbol(key: &str) -> String {
     Label::of(key).map_or_else(
         || key.to_owned(),
@@ -129,7 +130,7 @@ pub fn figure(record: &SensitivityRecord) -> String {
     markup.into_string() + "\n"
 }
 
-/// What the figure shows, in a line.
+/// Description of the figure in one line.
 pub(super) fn heading(record: &SensitivityRecord) -> String {
     let interval = match record.spec.analysis.resamples {
         0 | 1 => String::new(),

@@ -1,4 +1,4 @@
-//! A sensitivity analysis as figure and page. Record in, text out.
+//! Figure and page of a sensitivity analysis, made from its record.
 
 mod figure;
 mod page;

@@ -1,4 +1,5 @@
-//! The page of a sensitivity analysis: figure, ranking, pairs, and what it all rests on.
+//! The page of a sensitivity analysis: figure, ranking, pairs, and the samples and settings behind
+//! them.
 
 use cardiotwin_schemas::sensitivity::{RankedParameter, SensitivityRecord, SobolIndex};
 use maud::{Markup, html};
@@ -7,10 +8,10 @@ use super::figure::{heading, panel};
 use crate::report::format::{fixed, symbol};
 use crate::report::page;
 
-/// Pairs shown for each biomarker; the table of all is a file.
+/// Number of pairs shown for each biomarker; a file lists all of them.
 const PAIRS: usize = 5;
 
-/// The page, readable without network.
+/// HTML text of the page, which needs no network.
 #[must_use]
 pub fn page(record: &SensitivityRecord) -> String {
     let nav = html! {
@@ -96,7 +97,7 @@ fn ranking(record: &SensitivityRecord) -> Markup {
     }
 }
 
-/// Whether the sweep is the cell's, of which there is a reference.
+/// Whether the sweep is the cell's, for which reference values exist.
 fn of_cell(record: &SensitivityRecord) -> bool {
     record.spec.design.organ.is_none()
 }

@@ -1,10 +1,12 @@
-//! Whether the organ's model or the cell keeps a patient's beats from the measured traces.
+//! Attribution of a patient's differences from the measured traces to the organ's model or to the
+//! cell.
 
 use cardiotwin_schemas::discover::{RunMisses, TraceMisses};
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::samples::BeatSamples;
 
-/// What a personalised patient's beats miss; none before the verification beat, or where no trace was measured.
+/// Misses of a personalised patient's beats; `None` before the verification beat, or if no trace
+/// was measured.
 #[must_use]
 pub fn of_run(record: &PatientRecord) -> Option<RunMisses> {
     let measured = &record.step0.as_ref()?.result.samples;
@@ -44,7 +46,7 @@ fn root_mean_square(simulated: &[f64], measured: &[f64]) -> Option<f64> {
     })
 }
 
-/// Which of the two misses more of a trace.
+/// The larger cause of a trace's misses: the cell or the organ's model.
 #[must_use]
 pub fn whose(misses: &TraceMisses) -> &'static str {
     if misses.of_cell() > misses.of_organ() {
@@ -54,7 +56,7 @@ pub fn whose(misses: &TraceMisses) -> &'static str {
     }
 }
 
-/// The traces of a patient with their units and what is missed.
+/// The measured traces of a patient: name, unit and misses.
 #[must_use]
 pub fn traces(run: &RunMisses) -> Vec<(&'static str, &'static str, TraceMisses)> {
     let named = [

@@ -1,4 +1,4 @@
-//! Findings made up for tests: a kick, nothing, a gap without a name.
+//! Invented findings for tests: a kick, no missing effect, a gap without a name.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ const PHASES: [(&str, f64); 7] = [
     ("atrial_systole", 680.0),
 ];
 
-/// An effect with one strength.
+/// A candidate with one strength parameter.
 pub fn effect(name: &str, log_evidence: f64, artefact: bool) -> RankedEffect {
     RankedEffect {
         name: name.to_owned(),
@@ -57,7 +57,7 @@ fn place(signal: &str, phase: &str, size: f64, z: f64, share: f64) -> Place {
     }
 }
 
-/// A finding with these candidates, of which the first `n_accepted` are accepted.
+/// A finding with these candidates, the first `n_accepted` of which are accepted.
 pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
     let accepted: Vec<String> = effects[..n_accepted]
         .iter()
@@ -207,7 +207,7 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
     }
 }
 
-/// A kick, and nothing beside it.
+/// A finding in which only an atrial kick is accepted.
 pub fn kick() -> Discovered {
     finding(
         vec![
@@ -218,7 +218,7 @@ pub fn kick() -> Discovered {
     )
 }
 
-/// No candidate is better.
+/// A finding in which no candidate is better than the base model.
 pub fn nothing() -> Discovered {
     finding(vec![effect("viscoelasticity", 1.0, false)], 0)
 }

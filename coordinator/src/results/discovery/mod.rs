@@ -1,4 +1,5 @@
-//! Findings of a search for missing effects: evidence of many patients together, faults of organ and cell, and words.
+//! Evaluation of a search for missing effects: pooled evidence of many patients, faults of organ
+//! and cell, and sentences.
 
 pub mod faults;
 #[cfg(test)]

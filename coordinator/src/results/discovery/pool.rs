@@ -1,13 +1,15 @@
-//! Evidence of many patients together: what most of them lack is a fault of the model, what one lacks is that patient's.
+//! Evidence pooled over many patients: an effect that most of them lack is a fault of the model,
+//! otherwise it belongs to the patient.
 
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{Discovered, PooledEffect};
 
-/// Most that one patient adds to the pooled evidence, so that one does not speak for all.
+/// Largest contribution of one patient to the pooled log evidence, so that a single patient does
+/// not decide for all.
 pub const LARGEST_SHARE: f64 = 30.0;
 
-/// All candidates over a cohort, by pooled evidence, best first.
+/// All candidates over a cohort, sorted by pooled evidence, the best first.
 #[must_use]
 pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<PooledEffect> {
     let mut n_patients = 0;

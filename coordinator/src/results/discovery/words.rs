@@ -1,14 +1,14 @@
-//! A finding in plain language.
+//! Findings of a search in plain sentences.
 
 use cardiotwin_schemas::discover::{Discovered, Place, RankedEffect, Side};
 
-/// `isovolumic_relaxation` as people read it.
+/// A name such as `isovolumic_relaxation` with spaces in place of underscores.
 #[must_use]
 pub fn plain(name: &str) -> String {
     name.replace('_', " ")
 }
 
-/// Strength of an effect with its interval: `amplitude 7.9 mmHg (6.2 to 9.6)`.
+/// Strength of an effect with its interval, such as `amplitude 7.9 mmHg (6.2 to 9.6)`.
 #[must_use]
 pub fn strength(effect: &RankedEffect) -> String {
     let parts: Vec<String> = effect
@@ -27,7 +27,7 @@ pub fn strength(effect: &RankedEffect) -> String {
     parts.join(", ")
 }
 
-/// A parameter's name without its unit, and the unit as people write it.
+/// A parameter's name without its unit, and the unit in printed form.
 #[must_use]
 pub fn split_unit(name: &str) -> (&str, &'static str) {
     const UNITS: [(&str, &str); 12] = [
@@ -52,7 +52,7 @@ pub fn split_unit(name: &str) -> (&str, &'static str) {
     })
 }
 
-/// Three significant digits.
+/// A value with about three significant digits.
 #[must_use]
 pub fn digits(value: f64) -> String {
     let magnitude = value.abs();
@@ -65,7 +65,7 @@ pub fn digits(value: f64) -> String {
     }
 }
 
-/// Where a place is and how large: `volume in atrial systole, data 6.1 mL above the model (z 5.0)`.
+/// Description of a place, such as `volume in atrial systole, data 6.1 mL above the model (z 5.0)`.
 #[must_use]
 pub fn place(place: &Place) -> String {
     let when = if place.phase == "beat" {
@@ -86,7 +86,7 @@ pub fn place(place: &Place) -> String {
     )
 }
 
-/// The places that lie furthest off, in standard deviations.
+/// The `n` places with the largest deviations in standard deviations.
 #[must_use]
 pub fn worst(found: &Discovered, n: usize) -> Vec<&Place> {
     let mut places: Vec<&Place> = found.places.iter().filter(|p| p.share > 0.0).collect();

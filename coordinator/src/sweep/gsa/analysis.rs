@@ -1,4 +1,4 @@
-//! Samples in, indices and ranking out. Statistics alone: nothing is simulated here.
+//! Indices and ranking from samples. The module only computes statistics and simulates nothing.
 
 use cardiotwin_calibrate::sobol::{
     Analysis, AnalysisSettings, Exclusion, Index, OutputIndices, Ranking, SobolError, analyse,
@@ -15,12 +15,12 @@ use super::reference;
 use super::samples::Samples;
 use crate::sweep::SweepError;
 
-/// Indices and ranking of the samples: those of all blocks, or of any number of first ones.
+/// Indices and ranking of the samples, which may be all blocks or any number of first ones.
 ///
-/// - `threads`: biomarkers analysed at once; changes no digit
+/// - `threads`: number of biomarkers analysed at once; it does not change the result
 ///
 /// # Errors
-/// [`SweepError::TooEarly`] below two blocks, [`SweepError::Sobol`] when no sample is physiological.
+/// [`SweepError::TooEarly`] below two blocks, [`SweepError::Sobol`] if no sample is physiological.
 pub fn sensitivity(
     spec: &GsaSpec,
     samples: &Samples,
@@ -65,7 +65,8 @@ pub fn sensitivity(
     })
 }
 
-/// [`analyse`], the biomarkers shared among threads: each one's indices follow from its own values.
+/// [`analyse`] with the biomarkers shared among threads. The indices of a biomarker depend only on
+/// its own values.
 fn analyse_on(
     [n_parameters, n_outputs]: [usize; 2],
     values: &[f64],
@@ -152,7 +153,7 @@ fn index(index: Index) -> SobolIndex {
     }
 }
 
-/// - `of_cell`: the reference is of the cell alone
+/// - `of_cell`: whether the sweep is the cell's, for which alone a reference exists
 fn ranked(ranking: &Ranking, names: &[&str], of_cell: bool) -> Vec<RankedParameter> {
     let of = |(rank, ranked): (u32, &cardiotwin_calibrate::sobol::Ranked)| {
         let name = names[ranked.parameter];

@@ -1,4 +1,5 @@
-//! The tasks of a sensitivity sweep: complete blocks, so that any first chunks are a design of their own.
+//! Tasks of a sensitivity sweep. Each consists of complete blocks, so that the first chunks are a
+//! design of their own.
 
 use std::ops::Range;
 
@@ -7,7 +8,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::sweep::GsaSpec;
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 
-/// The members of the sweep's run, in the design's order.
+/// Members of the sweep's run in the design's order.
 #[must_use]
 pub fn members(spec: &GsaSpec) -> Vec<ResolvedPatient> {
     let step = spec.chunk_blocks.max(1);
@@ -31,12 +32,12 @@ pub fn members(spec: &GsaSpec) -> Vec<ResolvedPatient> {
         .collect()
 }
 
-/// `blocks-0064-0127`.
+/// Id of a chunk, such as `blocks-0064-0127`.
 fn name(blocks: Range<u32>) -> String {
     format!("blocks-{:04}-{:04}", blocks.start, blocks.end - 1)
 }
 
-/// The blocks that a member computes; none for a member that is no chunk.
+/// Blocks that a member computes; `None` if the member is not a chunk.
 #[must_use]
 pub fn blocks(member: &ResolvedPatient) -> Option<Range<u32>> {
     let Workflow::Task { task } = &member.workflow else {
@@ -55,7 +56,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Chunks are complete blocks without gap or overlap, and a longer design has the shorter one's full chunks.
+        /// Chunks are complete blocks without gap or overlap, and a longer design contains the full
+        /// chunks of the shorter one.
         #[test]
         fn chunks_cover_the_design(n_blocks in 2u32..300, chunk_blocks in 1u32..80, more in 0u32..100) {
             let spec = GsaSpec { n_blocks, chunk_blocks, ..published() };

@@ -1,10 +1,10 @@
-//! The Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, sections 2.4 and 3.1).
+//! Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, sections 2.4 and 3.1).
 //!
-//! - [`spec`]: the paper's settings, and what may be changed of them
-//! - [`chunks`]: the tasks of a sweep, each some complete Saltelli blocks
-//! - [`samples`]: what the chunks computed, read back and judged by the exclusion rule
+//! - [`spec`]: the paper's settings and the changes to them
+//! - [`chunks`]: the tasks of a sweep, each a number of complete Saltelli blocks
+//! - [`samples`]: the results of the chunks, judged by the exclusion rule
 //! - [`analysis`]: indices and ranking of any number of first blocks
-//! - [mod@reference]: what others found
+//! - [mod@reference]: published and independent results for comparison
 //! - [`selection`]: the ranking as step 2's list of parameters
 //! - [`tables`]: CSV files
 

@@ -1,4 +1,5 @@
-//! What others found with the published settings: the paper's nine, and an independent reference.
+//! Results of others for the published settings: the paper's nine parameters, and an independent
+//! reference.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -6,10 +7,10 @@ use std::sync::LazyLock;
 use cardiotwin_schemas::sensitivity::{PaperRank, ReferenceRank};
 use serde::Deserialize;
 
-/// `reference.json`, with its source.
+/// Content of `reference.json`, which also names its source.
 #[derive(Debug, Clone, Deserialize)]
 struct Reference {
-    /// The paper's nine with the ranks that section 3.1 states.
+    /// The paper's nine parameters; with a rank if section 3.1 states it.
     paper_ranks: BTreeMap<String, Option<u32>>,
     /// Sum of total indices by parameter.
     sums_of_totals: BTreeMap<String, f64>,
@@ -19,7 +20,7 @@ static REFERENCE: LazyLock<Reference> = LazyLock::new(|| {
     serde_json::from_str(include_str!("reference.json")).expect("the committed reference is JSON")
 });
 
-/// A parameter's place in the independent reference; none for one that was not swept there.
+/// Rank of a parameter in the independent reference; `None` if it was not swept there.
 #[must_use]
 pub fn rank(name: &str) -> Option<ReferenceRank> {
     let sums = &REFERENCE.sums_of_totals;
@@ -34,7 +35,7 @@ pub fn rank(name: &str) -> Option<ReferenceRank> {
     })
 }
 
-/// A parameter's place in the paper.
+/// Rank of a parameter in the paper.
 #[must_use]
 pub fn paper(name: &str) -> PaperRank {
     let rank = REFERENCE.paper_ranks.get(name);

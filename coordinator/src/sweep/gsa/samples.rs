@@ -1,4 +1,5 @@
-//! What the chunks computed: read back from their artefacts, checked against their hashes, judged by the exclusion rule.
+//! Results of the chunks: read from their artefacts, checked against their hashes, and judged by
+//! the exclusion rule.
 
 use std::path::Path;
 
@@ -16,39 +17,41 @@ use crate::sweep::SweepError;
 /// The samples of a design's first blocks.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Samples {
-    /// Complete blocks.
+    /// Number of complete blocks.
     pub n_blocks: u32,
-    /// Biomarkers, shape (samples, outputs of the design); not a number where a sample failed.
+    /// Biomarkers, shape (samples, outputs of the design), row-major; NaN for a failed sample.
     pub values: Vec<f64>,
-    /// What became of each.
+    /// Judgement of each sample.
     pub marks: Vec<Sample>,
-    /// The same, counted.
+    /// Numbers of samples by judgement.
     pub counts: SampleCounts,
-    /// Instruction sets that computed them.
+    /// Instruction sets with which the samples were computed.
     pub arithmetic: Vec<String>,
 }
 
-/// A sample that was computed.
+/// A computed sample.
 #[derive(Debug, Clone, PartialEq)]
 struct Judged {
-    /// In the order of [`CellDesign::outputs`](cardiotwin_schemas::sweep::CellDesign::outputs); not a number where absent.
+    /// Biomarkers in the order of
+    /// [`CellDesign::outputs`](cardiotwin_schemas::sweep::CellDesign::outputs); NaN for an absent
+    /// one.
     outputs: [f64; MOST_OUTPUTS],
-    /// The constraints that it breaks.
+    /// Constraints that the sample breaks.
     breaks: Vec<&'static str>,
     periodic: bool,
 }
 
-/// Biomarkers of a sample at most.
+/// Largest number of biomarkers of a sample.
 const MOST_OUTPUTS: usize = 7;
 
 /// A member of the sweep's run with its published result, if it has one.
 pub type Chunk<'a> = (&'a ResolvedPatient, Option<&'a TaskRecord<TaskResult>>);
 
-/// The samples of the first chunks without a gap, at most those of `at_most` blocks; of what comes behind a missing chunk
-/// nothing is read.
+/// Samples of the first chunks before a gap, from at most `at_most` blocks. Chunks behind a missing
+/// one are not read.
 ///
 /// # Errors
-/// [`SweepError`] when an artefact cannot be read or is not what was published.
+/// [`SweepError`] if an artefact cannot be read or differs from the published one.
 pub fn read_first<'a>(
     spec: &GsaSpec,
     at_most: u32,
@@ -134,7 +137,7 @@ fn verified(path: &Path, artefact: &Artefact) -> Result<String, SweepError> {
     })
 }
 
-/// A sample; none for one that was not computed.
+/// Parses a line of samples; `None` for a sample that was not computed.
 fn parse(
     line: &str,
     (block, row): (usize, usize),
@@ -156,7 +159,8 @@ fn parse(
         ("periodic", false) => fields.cell(true, &spec.analysis.exclusion).map(Some),
         ("not-periodic", false) => fields.cell(false, &spec.analysis.exclusion).map(Some),
         ("finished", true) => fields.organ().map(Some),
-        // Not physiological: the cell that the organ is asked for does not exist.
+        // The sample counts as not physiological, because the cell with these parameters does not
+        // exist.
         ("refused", true) => {
             let breaks = vec!["the cell has no meaning"];
             Ok(Some(Judged {
@@ -170,7 +174,7 @@ fn parse(
     }
 }
 
-/// A line behind its status.
+/// Fields of a line after its status.
 struct Fields<'a, I> {
     fields: I,
     outputs: &'a [&'static str],
@@ -266,7 +270,7 @@ impl Samples {
         self.values.extend(&judged.outputs[..n_outputs]);
         self.counts.not_periodic += u64::from(!judged.periodic);
         for constraint in &judged.breaks {
-            // A name is made once for each constraint, not for each sample.
+            // The name is allocated once per constraint and not once per sample.
             match self.counts.excluded_by.get_mut(*constraint) {
                 Some(count) => *count += 1,
                 None => drop(self.counts.excluded_by.insert((*constraint).to_owned(), 1)),
@@ -309,7 +313,8 @@ pub(super) mod tests {
         wishes.on(published()).unwrap()
     }
 
-    /// A chunk's file of the lines that `line` gives for each block and row, and its record.
+    /// Writes a chunk's file with the lines that `line` gives for each block and row, and returns
+    /// its record.
     pub fn publish(
         folder: &Path,
         member: &ResolvedPatient,

@@ -1,4 +1,5 @@
-//! The ranking as a list of parameters for `cohort.toml`: step 2's from the cell's sweep, step 3's from the organ's.
+//! The ranking as a list of parameters for `cohort.toml`: for step 2 from the cell's sweep, for
+//! step 3 from the organ's.
 
 use std::fmt::Write as _;
 
@@ -7,7 +8,7 @@ use cardiotwin_schemas::sensitivity::SensitivityRecord;
 
 use crate::sweep::SweepError;
 
-/// Scale of the cell's passive stress: the paper fits it beside what the sensitivity analysis selects.
+/// Scale of the cell's passive stress. The paper fits it together with the selected parameters.
 const PASSIVE: (&str, [f64; 2]) = ("a_p_kPa", [1.0, 100.0]);
 
 /// Name of the file for [`toml()`].
@@ -20,12 +21,12 @@ pub fn file(record: &SensitivityRecord) -> &'static str {
     }
 }
 
-/// The `n` most influential parameters and the passive scale as a `[step2]` table, with the bounds of the sweep; what the
-/// sweep held at other values than the cell's defaults, and is not fitted, stays frozen there. Of an organ's sweep: the
-/// parameters as a `[step3]` table.
+/// The `n` most influential parameters and the passive scale as a `[step2]` table, with the bounds
+/// of the sweep. A parameter that the sweep held at a value of its own, and that is not fitted,
+/// stays frozen at that value. For an organ's sweep, the parameters become a `[step3]` table.
 ///
 /// # Errors
-/// [`SweepError::Setting`] for more parameters than were swept.
+/// [`SweepError::Setting`] if `n` is 0 or larger than the number of swept parameters.
 pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> {
     let swept = record.ranking.len();
     if !(1..=swept).contains(&n) {
@@ -55,7 +56,7 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
         record.outputs.len(),
         record.n_blocks
     );
-    // Writing to a text cannot fail.
+    // Writing to a string cannot fail.
     for (name, _) in &selected {
         let _ = writeln!(text, "    \"{name}\",");
     }
@@ -88,7 +89,7 @@ fn step3(record: &SensitivityRecord, patient: &PatientId, selected: &[(&str, [f6
         record.outputs.len(),
         record.n_blocks
     );
-    // Writing to a text cannot fail.
+    // Writing to a string cannot fail.
     for (name, _) in selected {
         let _ = writeln!(text, "    \"{name}\",");
     }

@@ -1,4 +1,5 @@
-//! Settings of a sensitivity sweep: the paper's, what a person changes of them, and what a folder allows to change.
+//! Settings of a sensitivity sweep: the paper's, the user's changes, and the changes that an
+//! existing folder allows.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,10 +17,11 @@ use cardiotwin_schemas::task::TaskSpec;
 
 use crate::sweep::SweepError;
 
-/// Blocks of a chunk unless asked otherwise: some 40 ms of work, so that the start of a process is small beside it.
+/// Default number of blocks in a chunk: some 40 ms of work, beside which the start of a process is
+/// short.
 pub const CHUNK_BLOCKS: u32 = 64;
 
-/// The paper's analysis: 1024 blocks of 44 samples, cycle 1000 ms, λ₀ = 1.1, a_p = 42 kPa.
+/// The paper's analysis: 1024 blocks of 44 samples, cycle length 1000 ms, λ₀ = 1.1, a_p = 42 kPa.
 #[must_use]
 pub fn published() -> GsaSpec {
     let parameters = cell_intervals().map(|(name, [lower, upper])| SweptParameter {
@@ -44,15 +46,16 @@ pub fn published() -> GsaSpec {
     }
 }
 
-/// Blocks of a chunk of an organ's sweep: some 2 s of work.
+/// Default number of blocks in a chunk of an organ's sweep: some 2 s of work.
 const ORGAN_CHUNK_BLOCKS: u32 = 32;
-/// Shortest time step of an organ's sweep \[ms\]: as step 3 seeks (docs/sweeps.md says what it changes).
+/// Shortest time step of an organ's sweep \[ms\], as in the search of step 3 (docs/sweeps.md says
+/// what it changes).
 const ORGAN_TIME_STEP_MS: f64 = 2.0;
 
-/// Half of an interval around a twin's cell, as a share of the value.
+/// Half width of an interval around a parameter of the twin's cell, as a share of its value.
 pub const AROUND: f64 = 0.3;
 
-/// Intervals of the published analysis.
+/// Parameters and intervals of the published analysis.
 #[must_use]
 pub fn of_paper() -> Vec<(String, [f64; 2])> {
     cell_intervals()
@@ -60,7 +63,8 @@ pub fn of_paper() -> Vec<(String, [f64; 2])> {
         .collect()
 }
 
-/// Intervals of the same parameters around a cell's values, where it has others than the model's.
+/// Intervals of the same parameters around a cell's values, or around the model's defaults where
+/// the cell has none.
 #[must_use]
 pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
     let interval = |(name, _): (&str, [f64; 2])| -> Option<(String, [f64; 2])> {
@@ -73,9 +77,9 @@ pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
     cell_intervals().filter_map(interval).collect()
 }
 
-/// The same design in an organ, over the cell's parameters around those of its beat.
+/// The published design in an organ, with intervals around the parameters of its beat's cell.
 ///
-/// - `lambda_0`: the stretch from which its cell starts
+/// - `lambda_0`: stretch from which the cell starts
 #[must_use]
 pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
     let mut spec = published();
@@ -84,7 +88,8 @@ pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
         .into_iter()
         .map(swept)
         .collect();
-    // A patient's, or a finite-element ventricle's, budget of iterations says nothing of the one-fibre ventricle.
+    // The budget of iterations of a patient or of a finite-element ventricle does not suit the
+    // one-fibre ventricle.
     let solver = SolverSettings::default();
     organ.beat.newton_iterations = solver.newton_iterations;
     organ.beat.shortest_step_ms = solver.shortest_step_ms;
@@ -100,7 +105,7 @@ pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
     spec
 }
 
-/// Intervals of the valves' resistances, which an organ's sweep has where they are asked for: step 3's bounds.
+/// Intervals of the valves' resistances for an organ's sweep with `--valves`: step 3's bounds.
 #[must_use]
 pub fn valves() -> Vec<(String, [f64; 2])> {
     let bounds = Step3Settings::default().bounds;
@@ -110,38 +115,38 @@ pub fn valves() -> Vec<(String, [f64; 2])> {
         .collect()
 }
 
-/// What a person asks for; the rest stays as it is in the folder, or as published.
+/// Settings given by the user. The others stay as in the folder, or as published.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Wishes {
-    /// Base points.
+    /// Number of base points, each of which makes a block.
     pub samples: Option<u32>,
     /// Seed of bootstrap and scrambling.
     pub seed: Option<u64>,
-    /// Scrambled points.
+    /// Whether the Sobol points are scrambled.
     pub scramble: bool,
-    /// Blocks of a chunk.
+    /// Number of blocks in a chunk.
     pub chunk_blocks: Option<u32>,
-    /// Bootstrap resamples.
+    /// Number of bootstrap resamples.
     pub resamples: Option<u32>,
-    /// Probability that an interval covers.
+    /// Probability that an interval covers the index.
     pub confidence: Option<f64>,
-    /// Cycle length.
+    /// Cycle length, ms.
     pub cycle_length_ms: Option<f64>,
-    /// Initial stretch.
+    /// Initial stretch of the cell.
     pub lambda_0: Option<f64>,
     /// Tolerance of the cell engine.
     pub tolerance: Option<f64>,
-    /// Other intervals.
+    /// Intervals that replace those of the design or add parameters to it.
     pub bounds: Vec<(String, [f64; 2])>,
-    /// Values of parameters outside of the design; a swept one leaves it.
+    /// Fixed values of parameters. A swept parameter leaves the design.
     pub set: Vec<(String, f64)>,
 }
 
 impl Wishes {
-    /// The settings with what is wished on top.
+    /// The settings `base` with these changes.
     ///
     /// # Errors
-    /// [`SweepError::Setting`] for a name or number that makes no sense.
+    /// [`SweepError::Setting`] for an unknown name or an invalid number.
     pub fn on(&self, base: GsaSpec) -> Result<GsaSpec, SweepError> {
         let mut spec = base;
         let design = &mut spec.design;
@@ -277,7 +282,7 @@ fn check(spec: &GsaSpec) -> Result<(), SweepError> {
 /// The settings of a folder's sweep.
 ///
 /// # Errors
-/// [`SweepError::OtherKind`] where it is a sweep of another kind.
+/// [`SweepError::OtherKind`] if the sweep is of another kind.
 pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
     match file.sweep {
         SweepSpec::Gsa(spec) => Ok(*spec),
@@ -287,7 +292,7 @@ pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
     }
 }
 
-/// The whole design.
+/// The whole Saltelli design.
 ///
 /// # Errors
 /// [`SweepError::Sobol`] for more parameters or points than the sequence has.
@@ -306,10 +311,11 @@ pub fn saltelli(spec: &GsaSpec) -> Result<SaltelliDesign, SweepError> {
     Ok(SaltelliDesign::new(&intervals, settings)?)
 }
 
-/// Whether a folder's sweep may go on with these settings: more blocks and another analysis, nothing else.
+/// Checks that a folder's sweep may continue with these settings. Only the number of blocks may
+/// grow and the analysis may change.
 ///
 /// # Errors
-/// [`SweepError::Changed`] naming each setting with both values.
+/// [`SweepError::Changed`] with each changed setting and both values.
 pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), SweepError> {
     let mut changes = Vec::new();
     if now.n_blocks < before.n_blocks {
@@ -338,7 +344,7 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
                 format!("the organ of {}", organ.patient)
             })
     };
-    // Wherever its files lie.
+    // The key of the task identifies the beat regardless of where its files lie.
     let beat = |design: &CellDesign| {
         design
             .organ

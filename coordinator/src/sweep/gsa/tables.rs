@@ -1,4 +1,5 @@
-//! CSV files of a sensitivity analysis; numbers in the shortest form that reads back to the same value.
+//! CSV files of a sensitivity analysis. Numbers have the shortest form that reads back to the same
+//! value.
 
 use std::fmt::Write as _;
 

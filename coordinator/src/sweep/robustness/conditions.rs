@@ -1,7 +1,8 @@
-//! Conditions on the result of a robustness sweep, each with what was found.
+//! Conditions on the result of a robustness sweep, each with the value found.
 //!
-//! For data: a fit meets a perturbed target as well as the original one meets the measured value, two points of percent
-//! allowed. For guesses: the paper's own spreads (Tables 7 to 10), and its largest means over the biomarkers.
+//! For data: a fit misses a perturbed target by at most two percentage points more than the
+//! original fit misses the measured value. For guesses: the paper's own spreads (Tables 7 to 10),
+//! and its largest means over the biomarkers.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::robustness::{
@@ -10,7 +11,7 @@ use cardiotwin_schemas::robustness::{
 
 use super::paper::PAPER;
 
-/// What a perturbed target may be missed by beyond what the measured one is.
+/// Share by which a fit may miss a perturbed target more than the original misses the measured one.
 pub(super) const ALLOWANCE: f64 = 0.02;
 /// Largest mean difference of a biomarker that the paper prints, step 1 and step 2 (Tables 8 and 10).
 const PAPER_GUESS: [f64; 2] = [0.034, 0.128];
@@ -111,7 +112,7 @@ fn data(errors: &[&TargetError], words: &str) -> [Condition; 3] {
     ]
 }
 
-/// How many samples, biomarker by biomarker, miss their targets.
+/// Number of samples that miss their target, for each biomarker.
 fn beyond(errors: &[&TargetError]) -> String {
     let each = errors.iter().filter(|e| !e.beyond.is_empty());
     let each: Vec<String> = each
@@ -144,7 +145,7 @@ fn largest_mean(table: Option<&RobustnessTable>, kind: TableKind, limit: f64) ->
     }
 }
 
-/// Mean difference of each quantity against the printed one.
+/// Condition that each quantity's mean difference is no larger than the printed one.
 fn printed(table: Option<&RobustnessTable>, kind: TableKind, over: Uncertainty) -> Condition {
     let number = kind.paper(over);
     let pairs = table

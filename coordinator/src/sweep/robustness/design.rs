@@ -12,44 +12,44 @@ use cardiotwin_schemas::robustness::{MemberRole, RobustnessSpec, Uncertainty};
 use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::step1::Step1Parameter;
 
-/// Prefix of step 2's guesses among a member's inputs: both steps have an `Smax_ref_kPa`.
+/// Prefix of step 2's guesses among a member's inputs, because both steps have an `Smax_ref_kPa`.
 pub const STEP2_PREFIX: &str = "step2.";
-/// Ending of the original's name.
+/// Suffix of the original's id.
 const ORIGINAL: &str = "base";
 /// Name of the seed among a member's inputs.
 pub const SEED: &str = "step2.seed";
 
-/// Why a patient has no members.
+/// Errors in making the members of a patient.
 #[derive(Debug, thiserror::Error)]
 pub enum DesignError {
-    /// The hypercube.
+    /// The hypercube cannot be drawn.
     #[error("no samples around the values of patient {patient}")]
     Samples {
-        /// Whose.
+        /// Id of the patient.
         patient: PatientId,
-        /// Why.
+        /// Reason given by the sampler.
         source: RobustnessError,
     },
-    /// A fitted parameter without a default to vary.
+    /// A fitted parameter has no default that could be varied.
     #[error(
         "step 2 of patient {patient} fits `{name}`, which has neither a default nor a value in step2.initial"
     )]
     NoGuess {
-        /// Whose.
+        /// Id of the patient.
         patient: PatientId,
-        /// Parameter.
+        /// Name of the parameter.
         name: String,
     },
-    /// Bounds between which nothing lies.
+    /// The bounds of a parameter are in the wrong order or not finite.
     #[error(
         "{table}.bounds.{name} of patient {patient} are {lower} to {upper}; expected the lower one first"
     )]
     Bounds {
-        /// Table of the settings.
+        /// Table of the settings, `step1` or `step2`.
         table: &'static str,
-        /// Whose.
+        /// Id of the patient.
         patient: PatientId,
-        /// Parameter.
+        /// Name of the parameter.
         name: String,
         /// Lower bound.
         lower: f64,
@@ -58,22 +58,22 @@ pub enum DesignError {
     },
 }
 
-/// A personalisation of the sweep.
+/// A personalisation that belongs to the sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
-    /// What it stands for.
+    /// Role of the member: original, sample or seed.
     pub role: MemberRole,
-    /// What it was given, by name: see [`cardiotwin_schemas::robustness::RobustnessMember::inputs`].
+    /// Varied inputs by name: see [`cardiotwin_schemas::robustness::RobustnessMember::inputs`].
     pub inputs: BTreeMap<String, f64>,
-    /// To be run.
+    /// Plan to be run.
     pub plan: ResolvedPatient,
 }
 
-/// All members around one patient, the original first. They draw from the patient's own stream of random numbers, so
-/// that the original has the very tasks of the patient's own run.
+/// All members around one patient, the original first. They draw from the patient's own stream of
+/// random numbers, so that the original has exactly the tasks of the patient's own run.
 ///
 /// # Errors
-/// [`DesignError`] where settings leave nothing to vary or make no sense.
+/// [`DesignError`] if the settings are invalid or leave nothing to vary.
 pub fn members(
     patient: &ResolvedPatient,
     spec: &RobustnessSpec,
@@ -93,7 +93,7 @@ pub fn members(
     Ok(all)
 }
 
-/// Name of a patient's original.
+/// Id of a patient's original.
 pub(super) fn original_of(patient: &PatientId) -> PatientId {
     named(patient, ORIGINAL)
 }
@@ -110,19 +110,20 @@ fn member(
 ) -> Member {
     let mut plan = patient.clone();
     plan.random_stream = Some(patient.random_stream().clone());
-    // The tables are the paper's, which end with the verification beat.
+    // The paper's tables end with the verification beat.
     plan.settings.workflow.until = LastStep::Step2Verification;
     plan.id = named(&patient.id, &suffix);
     Member { role, inputs, plan }
 }
 
-/// `d01`, with as many digits as the largest number needs.
+/// Suffix such as `d01`, with as many digits as the largest number needs.
 fn suffix(letter: char, number: usize, of: u32) -> String {
     let width = of.to_string().len().max(2);
     format!("{letter}{number:0width$}")
 }
 
-/// Perturbed targets: the same factors for each patient and biomarker, so that patients can be compared.
+/// Members with perturbed targets. The factors are the same for each patient and biomarker, so that
+/// patients can be compared.
 fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
     let n = spec.n_samples as usize;
     let factors = perturbed_data(&[1.0; Biomarker::OF_COST.len()], spec.range, n, spec.seed)
@@ -151,7 +152,7 @@ fn data(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>,
     Ok(members.collect())
 }
 
-/// Targets of step 1 that the patient's data give.
+/// Targets of step 1 that the patient's data determine.
 fn measured(patient: &ResolvedPatient) -> Vec<&'static str> {
     let step0 = &patient.step0;
     let of_trace = |biomarker: Biomarker| {
@@ -171,13 +172,14 @@ fn measured(patient: &ResolvedPatient) -> Vec<&'static str> {
 
 /// A guess that is varied.
 struct Guess {
-    /// With [`STEP2_PREFIX`] where it is step 2's.
+    /// Name of the parameter, with [`STEP2_PREFIX`] for step 2.
     name: String,
     centre: f64,
     bounds: Option<Interval>,
 }
 
-/// Guesses of both steps: the updated parameters of step 1 that are not frozen, the fitted ones of step 2.
+/// Guesses of both steps: the updated parameters of step 1 that are not frozen, and the fitted
+/// parameters of step 2.
 fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
     let (step1, step2) = (&patient.settings.step1, &patient.settings.step2);
     let guess = |table, name: &str, centre: f64, bounds: Option<&[f64; 2]>| {
@@ -185,7 +187,7 @@ fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
             .map(|[lower, upper]| interval(patient, table, name, *lower, *upper))
             .transpose()?;
         let prefix = if table == "step2" { STEP2_PREFIX } else { "" };
-        // A default outside of narrowed bounds: the guess is the bound, as the fit would cut it.
+        // A default outside narrowed bounds is moved to the bound, as the fit would do.
         let centre = bounds.map_or(centre, |b| b.clamp(centre));
         Ok(Guess {
             name: format!("{prefix}{name}"),
@@ -213,10 +215,11 @@ fn varied(patient: &ResolvedPatient) -> Result<Vec<Guess>, DesignError> {
     of_step1.chain(of_step2).collect()
 }
 
-/// What the guesses of a patient's samples lie around, by the inputs' names, in the tables' order.
+/// Values around which the guesses of a patient's samples lie, by the inputs' names, in the tables'
+/// order.
 ///
 /// # Errors
-/// As [`members`].
+/// The same as for [`members`].
 pub fn guess_centres(patient: &ResolvedPatient) -> Result<Vec<(String, f64)>, DesignError> {
     Ok(varied(patient)?
         .into_iter()
@@ -224,7 +227,7 @@ pub fn guess_centres(patient: &ResolvedPatient) -> Result<Vec<(String, f64)>, De
         .collect())
 }
 
-/// Perturbed guesses of both steps, cut to the bounds.
+/// Members with perturbed guesses of both steps, clipped to the bounds.
 fn guesses(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
     let varied = varied(patient)?;
     let centres: Vec<f64> = varied.iter().map(|guess| guess.centre).collect();

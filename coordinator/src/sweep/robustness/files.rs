@@ -1,11 +1,12 @@
-//! The tables as CSV: tidy, one row a quantity or a member; fractions, units in names.
+//! The tables as CSV in tidy form: one row per quantity or member, shares as fractions, units in
+//! the names.
 
 use std::collections::BTreeSet;
 
 use cardiotwin_schemas::robustness::{Moments, QuantitySpread, RobustnessResult, TableKind};
 
-/// One row for each quantity of each table: spread over samples, by seed alone, and of the inputs; the paper's printed
-/// mean difference beside.
+/// One row for each quantity of each table: its spread over samples, over seeds, and over the
+/// inputs, beside the mean difference printed in the paper.
 #[must_use]
 pub fn tables_csv(result: &RobustnessResult) -> String {
     let mut out = Rows::new(&[
@@ -97,7 +98,7 @@ fn cells(q: &QuantitySpread) -> Vec<String> {
     cells
 }
 
-/// One row for each personalisation: what it was given, how it ended, its results.
+/// One row for each personalisation: its inputs, state and results.
 #[must_use]
 pub fn members_csv(result: &RobustnessResult) -> String {
     let members = || {
@@ -165,7 +166,7 @@ pub fn members_csv(result: &RobustnessResult) -> String {
     out.text()
 }
 
-/// One row for each target and step: how well fits meet perturbed and measured values.
+/// One row for each target and step: errors of the fits to perturbed and to measured values.
 #[must_use]
 pub fn targets_csv(result: &RobustnessResult) -> String {
     let mut head: Vec<String> = ["patient", "table", "biomarker", "error_original"]
@@ -203,7 +204,8 @@ fn moments(m: Option<&Moments>) -> [String; 4] {
     .map(number)
 }
 
-/// Nine significant digits: the last bits of a sum depend on its order, and say nothing.
+/// A number with nine significant digits, because the last bits of a sum depend on the order of its
+/// terms.
 fn number(value: Option<f64>) -> String {
     let rounded = value
         .filter(|v| v.is_finite())

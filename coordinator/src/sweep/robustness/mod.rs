@@ -1,7 +1,9 @@
-//! Robustness of personalisations (Jung et al. 2022, section 2.5): members of a child cohort, and the tables made of them.
+//! Robustness of personalisations (Jung et al. 2022, section 2.5): members of a child cohort, and
+//! the tables made from their results.
 //!
-//! Whole personalisations, verification included, in one run of the engine. Everything here is pure: plans in, plans out;
-//! records in, tables out. A record of an unfinished run gives the tables of what is there.
+//! Members are whole personalisations, including the verification, in one run of the engine. All
+//! functions are pure: they make plans from plans and tables from records. From the record of an
+//! unfinished run they make the tables of its finished members.
 
 mod conditions;
 mod design;

@@ -1,4 +1,4 @@
-//! What the paper prints for its patient 02-CoA (Tables 3 to 10), as data.
+//! Values that the paper prints for its patient 02-CoA (Tables 3 to 10).
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -6,10 +6,10 @@ use std::sync::LazyLock;
 use cardiotwin_schemas::robustness::PaperSpread;
 use serde::Deserialize;
 
-/// The printed tables.
+/// The paper's tables.
 #[derive(Debug, Deserialize)]
 pub struct Paper {
-    /// Whose they are.
+    /// Id of the patient to whom the tables belong.
     pub patient: String,
     tables: BTreeMap<String, Table>,
 }
@@ -19,13 +19,13 @@ struct Table {
     quantities: BTreeMap<String, PaperSpread>,
 }
 
-/// Read once.
+/// The tables, parsed once.
 pub static PAPER: LazyLock<Paper> = LazyLock::new(|| {
     serde_json::from_str(include_str!("paper_tables.json")).expect("the printed tables are JSON")
 });
 
 impl Paper {
-    /// A printed column; `None` where the table has none of that name.
+    /// A printed column; `None` if the table has no column of that name.
     #[must_use]
     pub fn column(&self, table: u32, quantity: &str) -> Option<&PaperSpread> {
         self.tables
@@ -63,7 +63,7 @@ mod tests {
                     );
                 }
             }
-            // The paper prints all fitted parameters but a_p.
+            // The paper prints all fitted parameters except a_p.
             for name in CellFitSettings::default()
                 .parameters
                 .iter()

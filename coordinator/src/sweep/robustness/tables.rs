@@ -1,4 +1,4 @@
-//! Tables 3 to 10 of a sweep: spread of results over the samples, and by seed alone.
+//! Tables 3 to 10 of a sweep: spread of the results over samples, and over seeds alone.
 
 use std::collections::HashMap;
 
@@ -22,16 +22,16 @@ use super::paper::PAPER;
 use super::values::{names, summary};
 use crate::results::PatientView;
 
-/// Name of the input that stands for all of them.
+/// Name of the input that stands for all inputs together.
 const ALL_INPUTS: &str = "all inputs";
 
-/// What a run of the members says so far.
+/// Results of a sweep from the current record of its run.
 ///
-/// - `patients`: plans of the cohort's patients, of which the specification names some
-/// - `record`: of the sweep's run
+/// - `patients`: plans of the cohort's patients, some of which the specification names
+/// - `record`: record of the sweep's run
 ///
 /// # Errors
-/// [`DesignError`] where the members themselves make no sense.
+/// [`DesignError`] if the members cannot be made from the plans.
 pub fn result(
     spec: &RobustnessSpec,
     patients: &[ResolvedPatient],
@@ -56,7 +56,8 @@ pub fn result(
     })
 }
 
-/// Plans of the sweep's patients as its run has them: each original is its patient's plan under another name.
+/// Plans of the sweep's patients from the record of its run. Each original has the plan of its
+/// patient under another id.
 #[must_use]
 pub fn patients(spec: &RobustnessSpec, record: &RunRecord) -> Vec<ResolvedPatient> {
     let original = |id: &PatientId| {
@@ -91,7 +92,7 @@ fn of_patient(
     )
 }
 
-/// Everything about one patient that the tables are made of.
+/// Data of one patient from which the tables are made.
 struct Known<'a> {
     spec: &'a RobustnessSpec,
     patient: &'a PatientId,
@@ -100,8 +101,10 @@ struct Known<'a> {
     inputs: Vec<QuantitySpread>,
 }
 
-/// - `members`: the original first
-/// - `measured`: what the original aims at, once its step 0 has told
+/// Tables of one patient.
+///
+/// - `members`: the members, the original first
+/// - `measured`: measured values of the original; `None` before its step 0 is done
 pub(super) fn of_members(
     spec: &RobustnessSpec,
     plan: &ResolvedPatient,
@@ -140,12 +143,12 @@ impl Known<'_> {
         value(self.members.first()?, table, name)
     }
 
-    /// Measured value of a perturbed biomarker; none before the original's step 0.
+    /// Measured value of a perturbed biomarker; `None` before the original's step 0 is done.
     fn measured(&self, name: &str) -> Option<f64> {
         self.measured?.get(Biomarker::named(name)?)
     }
 
-    /// What was varied, over the samples whose step 1 is over.
+    /// Spread of the varied inputs over the samples whose step 1 is over.
     fn input_spreads(&self, plan: &ResolvedPatient) -> Vec<QuantitySpread> {
         let samples: Vec<&RobustnessMember> = self.of_role(MemberRole::Sample).collect();
         let Some(first) = samples.first() else {
@@ -153,7 +156,7 @@ impl Known<'_> {
         };
         let centres = centres(self.spec.over, plan, first);
         let spreads = centres.into_iter().filter_map(|(name, centre)| {
-            // A perturbed biomarker is told in its unit where its measured value is known.
+            // A perturbed biomarker is given in its own unit if its measured value is known.
             let scale = match self.spec.over {
                 Uncertainty::Data => self.measured(&name).unwrap_or(1.0),
                 Uncertainty::Guess => 1.0,
@@ -170,7 +173,7 @@ impl Known<'_> {
     }
 
     fn tables(&self, role: MemberRole, plan: &ResolvedPatient) -> Vec<RobustnessTable> {
-        // Step 1 does not know step 2's seed.
+        // Step 1 does not depend on step 2's seed.
         let of_role = TableKind::ALL.into_iter().filter(|t| {
             role != MemberRole::Seed
                 || matches!(t, TableKind::Step2Parameters | TableKind::Step2Biomarkers)
@@ -203,7 +206,8 @@ impl Known<'_> {
             .flatten()
     }
 
-    /// Against the input that belongs to the quantity, else against all of them.
+    /// Spread of a quantity divided by the spread of the corresponding input, or by the spread of
+    /// all inputs if none corresponds.
     fn amplification(&self, table: TableKind, found: &QuantitySpread) -> Option<Amplification> {
         let partner = partner(self.spec.over, table, &found.name);
         let own = partner.and_then(|name| self.inputs.iter().find(|i| i.name == name));
@@ -272,7 +276,7 @@ fn value(member: &RobustnessMember, table: TableKind, name: &str) -> Option<f64>
         .filter(|v| v.is_finite())
 }
 
-/// What the inputs of the samples lie around, in the tables' order.
+/// Values around which the inputs of the samples lie, in the tables' order.
 fn centres(
     over: Uncertainty,
     plan: &ResolvedPatient,
@@ -285,12 +289,13 @@ fn centres(
                 .filter(|name| sample.inputs.contains_key(*name));
             given.map(|name| (name.to_owned(), 1.0)).collect()
         }
-        // The samples exist, so the guesses that they lie around do.
+        // The samples exist, so that the guesses around which they lie exist, too.
         Uncertainty::Guess => guess_centres(plan).unwrap_or_default(),
     }
 }
 
-/// The input that a result follows from most directly: the fixed point updates each parameter by one biomarker.
+/// The input on which a result depends most directly. The fixed point updates each parameter by one
+/// biomarker.
 fn partner(over: Uncertainty, table: TableKind, name: &str) -> Option<String> {
     match (over, table) {
         (Uncertainty::Data, TableKind::Step1Parameters) => {
@@ -321,7 +326,8 @@ fn spread(name: String, original: f64, values: &[f64]) -> Option<QuantitySpread>
 fn moments(found: statistics::Moments) -> Moments {
     Moments {
         mean: found.mean,
-        // Equal values spread by the mean's last bit: that is zero.
+        // The standard deviation of equal values is the rounding error of their mean, which stands
+        // for zero.
         standard_deviation: found.standard_deviation.map(|sd| {
             if sd < 1e-14 * found.mean.abs() {
                 0.0

@@ -1,4 +1,4 @@
-//! Designs and tables of invented patients, whose moments are known.
+//! Tests of designs and tables with invented patients whose moments are known.
 
 use std::collections::BTreeMap;
 
@@ -54,7 +54,8 @@ fn measured() -> Biomarkers {
     }
 }
 
-/// A member that meets its targets but for a relative error, each parameter proportional to its biomarker's factor.
+/// A member that meets its targets except for a relative error. Each parameter is proportional to
+/// its biomarker's factor.
 fn finished(member: &Member, error: f64) -> RobustnessMember {
     let factor = |name: &str| member.inputs.get(name).copied().unwrap_or(1.0);
     let mut values: BTreeMap<TableKind, BTreeMap<String, f64>> = BTreeMap::new();
@@ -246,7 +247,7 @@ proptest! {
         }
     }
 
-    /// Whatever is missing, nothing panics, and what is there is counted.
+    /// With any members missing, nothing panics, and the finished ones are counted.
     #[test]
     fn unfinished_sweeps_give_the_tables_of_what_is_there(done in proptest::collection::vec(any::<bool>(), 8)) {
         let spec = spec(Uncertainty::Data, 5, 2);
@@ -301,7 +302,8 @@ fn a_fit_that_ignores_its_targets_misses_the_conditions() {
     );
     let result = of(&spec, all.iter().map(stubborn).collect());
     for e in &result.patients[0].target_errors {
-        // Factors within two points of 1 leave a target that is not followed as near as asked.
+        // Factors within two points of 1 give targets that a fit to the measured values still
+        // meets.
         assert!(!e.beyond.is_empty() && e.beyond.len() < 10, "{e:?}");
     }
     let beyond = result.patients[0].target_errors[0].beyond.len();
@@ -330,7 +332,7 @@ fn spreads_of_guesses_stand_against_the_printed_ones() {
     let spec = spec(Uncertainty::Guess, 5, 5);
     let plan = patient("02-CoA");
     let all = members(&plan, &spec).unwrap();
-    // Guesses change nothing; seeds change the fitted cell.
+    // Guesses change nothing, and seeds change the fitted cell.
     let steady = |m: &Member| RobustnessMember {
         inputs: m.inputs.clone(),
         ..finished(

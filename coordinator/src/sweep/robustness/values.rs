@@ -1,4 +1,4 @@
-//! What a member's record says, by table and quantity.
+//! Values in a member's record, by table and quantity.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use cardiotwin_schemas::step1::Step1Parameter;
 use super::design::Member;
 use crate::results::{PatientView, Step};
 
-/// Biomarkers of the tables: the paper's five, and the two that the valves are fitted to.
+/// Biomarkers in the tables: the paper's five, and the two to which the valves are fitted.
 pub const BIOMARKERS: [Biomarker; 7] = [
     Biomarker::PMax,
     Biomarker::DpdtMax,
@@ -22,7 +22,7 @@ pub const BIOMARKERS: [Biomarker; 7] = [
     Biomarker::TauVr,
 ];
 
-/// A member with what is known of it so far.
+/// Summary of a member with the results so far.
 pub fn summary(member: &Member, record: Option<&PatientRecord>) -> RobustnessMember {
     let fit = record.and_then(|r| r.cell_fit.as_ref()).map(|f| &f.result);
     let step1 = record.and_then(|r| r.step1.as_ref());
@@ -46,7 +46,7 @@ pub fn summary(member: &Member, record: Option<&PatientRecord>) -> RobustnessMem
 
 fn values(record: &PatientRecord) -> BTreeMap<TableKind, BTreeMap<String, f64>> {
     let mut all = BTreeMap::new();
-    // Before step 1 is over its best iterate is a way, not a result.
+    // The best iterate is not a result before step 1 is over.
     if let Some(step1) = &record.step1 {
         let parameters = Step1Parameter::KEYS
             .iter()
@@ -81,7 +81,7 @@ fn biomarkers(values: &Biomarkers) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// Names of a table's quantities, in its order.
+/// Names of a table's quantities in their order.
 pub fn names(table: TableKind, plan: &ResolvedPatient) -> Vec<String> {
     match table {
         TableKind::Step1Parameters => Step1Parameter::KEYS.map(str::to_owned).to_vec(),

@@ -1,4 +1,4 @@
-//! A beat of the bench's ventricle, timed.
+//! Timing of one beat of the benchmark's ventricle.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -21,15 +21,15 @@ use cardiotwin_worker::stop::StopFlag;
 use cardiotwin_worker::tasks::organ_beat::simulated_biomarkers;
 use cardiotwin_worker::team::Team;
 
-/// Iterations of the Krylov method in a measurement.
+/// Krylov iterations in one measurement.
 const KRYLOV_ITERATIONS: u32 = 20;
 
-/// Who computes.
+/// Ranks that compute the beat.
 #[derive(Debug, Clone, Copy)]
 pub enum Ranks<'a> {
-    /// So many threads of this process.
+    /// Threads of this process, by number.
     Threads(usize),
-    /// Processes, of which this one is rank 0; the others call [`super::follow`].
+    /// Processes; this one is rank 0, and the others call [`super::follow`].
     Team(&'a Team),
 }
 
@@ -47,7 +47,7 @@ fn circulation(cycle_length: Ms) -> Result<Circulation, BenchError> {
     heart.build().map_err(failed("no circulation"))
 }
 
-/// A beat with its biomarkers and what it took.
+/// A computed beat with its biomarkers and costs.
 pub(super) struct Beat {
     pub ventricle: FiniteElementVentricle,
     pub seconds_setup: f64,
@@ -62,7 +62,7 @@ pub(super) struct Beat {
     pub of_ranks: Vec<RankFigures>,
 }
 
-/// Runs the beat; `each` is called after every step.
+/// Runs the beat and calls `each` after every step.
 pub(super) fn beat(
     subject: &Subject,
     bench: &VentricleBench,
@@ -158,9 +158,10 @@ pub(super) fn beat(
 #[error("at {0} ms")]
 struct Stopped(f64);
 
-/// Runs the beat and measures what it is made of.
+/// Runs the beat, then times its kernels.
 ///
-/// - `before_mb`: peak memory of what was done for this beat alone before it
+/// - `before_mb`: peak memory \[MB\] of this process before the beat, as far as it belongs to this
+///   beat alone
 pub(super) fn measure(
     subject: &Subject,
     bench: &VentricleBench,
@@ -255,19 +256,19 @@ pub(super) fn measure(
     })
 }
 
-/// What processes cost.
+/// Memory and processor time of all processes.
 pub(super) struct Costs {
-    /// Peak memory of each \[MB\].
+    /// Peak memory of each process \[MB\].
     peaks: Vec<f64>,
-    /// The same since [`anew`], of all together.
+    /// Sum over processes of the peak memory since [`anew`] \[MB\].
     beat_peak_mb: f64,
-    /// Processor time of all.
+    /// Processor time of all processes \[s\].
     processor_seconds: f64,
 }
 
-/// Costs of all processes; of several collective.
+/// Costs of all processes. Collective if there are several.
 ///
-/// - `before_mb`: what [`anew`] found of this one
+/// - `before_mb`: the peak memory that [`anew`] returned in this process
 pub(super) fn costs(ranks: Ranks<'_>, before_mb: f64, own_cpu_s: f64) -> Costs {
     let beat_mb = peak_memory_mb();
     let own = [beat_mb.max(before_mb), beat_mb, own_cpu_s];
@@ -283,7 +284,8 @@ pub(super) fn costs(ranks: Ranks<'_>, before_mb: f64, own_cpu_s: f64) -> Costs {
     }
 }
 
-/// Measures anew from here on: memory that was used before does not count. Returns its peak \[MB\].
+/// Resets the peak memory, so that memory freed before this call does not count. Returns the peak
+/// up to the call \[MB\].
 pub(super) fn anew() -> f64 {
     let before_mb = peak_memory_mb();
     forget_peak_memory();
@@ -303,7 +305,8 @@ fn biomarkers(traces: &BeatTraces) -> BeatBiomarkers {
     )
 }
 
-/// Seconds of the fastest of some calls: those that nothing interrupted. One call goes before.
+/// Time of the fastest of several calls in seconds, because interruptions only ever add time. One
+/// call is made first as a warm-up.
 fn fastest(mut call: impl FnMut() -> bool) -> f64 {
     call();
     let begun = Instant::now();
@@ -319,7 +322,7 @@ fn fastest(mut call: impl FnMut() -> bool) -> f64 {
     best
 }
 
-/// Where the beat's time goes.
+/// Divides the beat's wall time among its phases.
 struct Phases {
     seconds: SecondsPerPhase,
     last: Instant,
@@ -335,7 +338,8 @@ impl Phases {
         }
     }
 
-    /// Books the time since the last output interval on what the valves are at its end.
+    /// Adds the time since the last output interval to the phase that the valves show at the end of
+    /// it.
     fn observe(&mut self, traces: &BeatTraces) {
         let open = |valve: &[bool]| valve.last().copied().unwrap_or(false);
         self.ejected |= open(&traces.aortic_open);

@@ -1,4 +1,4 @@
-//! One beat of a generated 3D ventricle, with what it costs and what that is made of.
+//! Times one beat of a generated 3D ventricle and the kernels that it consists of.
 
 mod measure;
 mod shortcuts;
@@ -19,54 +19,54 @@ use cardiotwin_worker::process::cpu_s;
 use cardiotwin_worker::stop::StopFlag;
 use cardiotwin_worker::team::Team;
 
-/// Which elements.
+/// Kind of finite elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Element {
-    /// A cohort's, where it asks for no others.
+    /// Default element of a cohort.
     Linear,
-    /// Linear with a plain penalty: the paper's.
+    /// Linear element with a plain penalty at each integration point, as in the paper.
     Pointwise,
 }
 
-/// What to compute.
+/// Settings of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VentricleBench {
-    /// Nodes of the mesh, about.
+    /// Approximate number of nodes in the mesh.
     pub nodes: usize,
-    /// Elements.
+    /// Kind of finite elements.
     pub element: Element,
-    /// Length of the beat \[ms\]; kernels and their shares of a beat do not need all of it.
+    /// Length of the beat \[ms\]. A part of a beat is enough to time kernels and their shares.
     pub cycle_ms: f64,
     /// Time step \[ms\].
     pub step_ms: f64,
-    /// Longest time step of late filling \[ms\]; 0: as any other.
+    /// Longest time step in late filling \[ms\]; 0 for the same step as elsewhere.
     pub diastolic_step_ms: f64,
     /// Relative tolerance of Newton's method.
     pub tolerance: f64,
 }
 
-/// Nanoseconds of one core a tetrahedron.
+/// Time of one core per tetrahedron \[ns\], by kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NsPerTet {
-    /// Volume ratios, stretches, nodal pressures.
+    /// Volume ratios, stretches and nodal pressures.
     pub deform: f64,
     /// Forces.
     pub forces: f64,
-    /// Forces and stiffness, scattered.
+    /// Forces and stiffness, with the scatter into the matrix.
     pub forces_tangent_scatter: f64,
 }
 
-/// Seconds of the beat by what the valves do.
+/// Wall time of the beat \[s\], by the state of the valves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct SecondsPerPhase {
     /// The mitral valve is open.
     pub filling: f64,
-    /// Both valves are shut before ejection.
+    /// Both valves are closed, before ejection.
     pub isovolumic_contraction: f64,
     /// The aortic valve is open.
     pub ejection: f64,
-    /// Both are shut after it.
+    /// Both valves are closed, after ejection.
     pub relaxation: f64,
 }
 
@@ -78,33 +78,33 @@ pub struct BeatBiomarkers {
     pub P_max_mmHg: Option<f64>,
     /// Width of the pressure pulse at 10 % of its height.
     pub PTD90_ms: Option<f64>,
-    /// Largest and smallest slope of pressure.
+    /// Largest slope of the pressure.
     pub dPdt_max_mmHg_per_ms: Option<f64>,
-    /// See above.
+    /// Smallest (most negative) slope of the pressure.
     pub dPdt_min_mmHg_per_ms: Option<f64>,
     /// Stroke volume.
     pub SV_mL: Option<f64>,
 }
 
-/// A rank's part of the mesh and of the talk.
+/// A rank's part of the mesh and of the communication.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "units in names")]
 pub struct OfRank {
-    /// Nodes that it owns.
+    /// Nodes that the rank owns.
     pub nodes: u64,
-    /// Nodes of other ranks that it holds.
+    /// Ghost nodes: nodes of other ranks that this rank holds.
     pub ghosts: u64,
-    /// Elements that it computes.
+    /// Elements that the rank computes.
     pub elements: u64,
-    /// Ranks that it exchanges halos with.
+    /// Number of ranks with which it exchanges halos.
     pub neighbours: u64,
-    /// Messages with halos that it sends in the beat.
+    /// Halo messages that the rank sends during the beat.
     pub halo_messages: u64,
-    /// What is in them.
+    /// Total size of these messages.
     pub halo_MB: f64,
-    /// Reductions and broadcasts that it takes part in.
+    /// Reductions and broadcasts in which the rank takes part.
     pub reductions: u64,
-    /// Largest resident memory of its process, where it has one of its own.
+    /// Largest resident memory of its process; `None` for a thread.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_memory_MB: Option<f64>,
 }
@@ -124,77 +124,79 @@ impl OfRank {
     }
 }
 
-/// A beat and its cost.
+/// A beat and its costs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "units in names")]
 pub struct VentricleTiming {
-    /// Nodes.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Tetrahedra.
+    /// Number of tetrahedra.
     pub elements: usize,
-    /// Degrees of freedom.
+    /// Number of degrees of freedom.
     pub degrees_of_freedom: usize,
-    /// Kind of element.
+    /// Kind of finite elements.
     pub element: Element,
-    /// Ranks: threads, or processes.
+    /// Number of ranks, which are threads or processes.
     pub threads: usize,
-    /// Whether the beat reached its end; if not, why and when.
+    /// Time and reason if the beat did not reach its end.
     pub diverged: Option<String>,
     /// Conditions of success that the beat does not meet.
     pub failed_checks: Vec<String>,
-    /// Time steps of the beat.
+    /// Number of time steps in the beat.
     pub steps: usize,
-    /// Steps that failed and were cut.
+    /// Number of steps that failed and were repeated with a shorter step.
     pub steps_cut: usize,
     /// Wall time of the beat.
     pub seconds_total: f64,
-    /// Processor time of the beat, all ranks.
+    /// Processor time of the beat, summed over ranks.
     pub processor_seconds_total: f64,
     /// Wall time of the beat by phase.
     pub seconds_per_phase: SecondsPerPhase,
     /// Wall time of mesh, fibres and activation.
     pub seconds_mesh: f64,
-    /// Wall time of the inflation to end-diastole: on one rank up to 3,000 nodes, then on all.
+    /// Wall time of the inflation to end-diastole, which uses one rank up to 3,000 nodes and all
+    /// ranks beyond.
     pub seconds_inflation: f64,
-    /// Wall time from there to the first step: partition, matrices' patterns.
+    /// Wall time from the end of the inflation to the first step: partition and sparsity patterns.
     pub seconds_setup: f64,
-    /// Largest resident memory up to the beat's end, of all processes together; of several beats in one run, from the end of
-    /// the one before.
+    /// Largest resident memory up to the end of the beat, summed over processes. With several beats
+    /// in one run, counting starts at the end of the previous beat.
     pub peak_memory_MB: f64,
-    /// The same from the partition on: without mesh, fibres and inflation, whose memory is free again.
+    /// The same, counted from the partition on. It leaves out mesh, fibres and inflation, whose
+    /// memory is free again by then.
     pub beat_peak_memory_MB: f64,
-    /// Newton iterations, of all steps tried.
+    /// Newton iterations, including those of failed steps.
     pub newton_iterations: usize,
-    /// The same a step.
+    /// Newton iterations per step.
     pub newton_per_step: f64,
     /// Krylov iterations.
     pub krylov_iterations: usize,
-    /// The same a Newton iteration.
+    /// Krylov iterations per Newton iteration.
     pub krylov_per_newton: f64,
-    /// Passes over elements.
+    /// Times of the passes over elements.
     pub ns_per_tet: NsPerTet,
-    /// An iteration of conjugate gradients, all threads at work.
+    /// Time of one iteration of conjugate gradients with all ranks at work.
     pub ms_per_krylov_iteration: f64,
-    /// What it moves through memory, if caches keep nothing.
+    /// Memory traffic of one iteration if caches keep nothing.
     pub MB_per_krylov_iteration: f64,
-    /// The same a second.
+    /// Memory traffic of the iterations per second.
     pub krylov_GB_per_s: f64,
-    /// The machine's triad on as many threads.
+    /// Triad bandwidth of the machine on as many threads.
     pub triad_GB_per_s: f64,
-    /// Time of an iteration over what the triad would need for its bytes.
+    /// Time of an iteration divided by the time that the triad would need for the same traffic.
     pub krylov_over_bandwidth_bound: f64,
-    /// Elements that the rank with most computes, over an equal share: what unequal parts cost, and elements at cuts, which
-    /// several ranks compute.
+    /// Number of elements on the fullest rank, divided by an equal share. It shows the cost of
+    /// unequal parts and of elements at cuts, which several ranks compute.
     pub elements_of_fullest_rank_over_share: f64,
-    /// What each rank holds, and what it sends in the beat.
+    /// Mesh part and communication of each rank.
     pub ranks: Vec<OfRank>,
-    /// Biomarkers.
+    /// Biomarkers of the beat.
     pub biomarkers: BeatBiomarkers,
-    /// The processor.
+    /// Model name of the processor.
     pub processor: String,
 }
 
-/// Why there is nothing to measure.
+/// The benchmark cannot be run.
 #[derive(Debug, thiserror::Error)]
 #[error("{what}")]
 pub struct BenchError {
@@ -211,11 +213,12 @@ fn failed<E: std::error::Error + Send + Sync + 'static>(
     }
 }
 
-/// Runs the beat on each of `counts` threads, or on a team of processes, and measures; `report` is told of what begins and how
-/// far the beat is.
+/// Runs the beat for each of `counts` (threads, or a team of processes) and measures it. `report`
+/// receives the name of each stage and the progress of the beat.
 ///
 /// # Errors
-/// [`BenchError`] for a mesh that cannot be made, a ventricle without an end-diastole, or when `stop` is raised.
+/// [`BenchError`] when the mesh cannot be made, when the ventricle has no end-diastole, or when
+/// `stop` is raised.
 pub fn ventricle(
     bench: &VentricleBench,
     counts: &[Ranks<'_>],
@@ -256,11 +259,12 @@ pub fn follow(bench: &VentricleBench, team: &Team) -> Result<(), BenchError> {
     Ok(())
 }
 
-/// What is printed of beats on several numbers of ranks: the last against the first, too. JSON is an object of one beat, or of
-/// several a list `beats` with `speedup`, the first one's time over that of each.
+/// Formats the timings of one or several numbers of ranks. The text compares the last beat with the
+/// first. As JSON, one beat is an object; several are a list `beats` with `speedup`, the first
+/// beat's time divided by that of each beat.
 ///
 /// # Errors
-/// None: figures are JSON.
+/// None in practice: the figures are valid JSON.
 pub fn text_of(timings: &[VentricleTiming], json: bool) -> serde_json::Result<String> {
     let first = timings
         .first()

@@ -1,4 +1,5 @@
-//! What each shortcut of the time steps saves, and what it moves: beats beside a tight one.
+//! Time that each shortcut of the time steps saves, and its error in the biomarkers against a run
+//! with a tight tolerance.
 
 use std::fmt;
 
@@ -11,39 +12,40 @@ use super::subject::Subject;
 use super::{BeatBiomarkers, BenchError, VentricleBench};
 use cardiotwin_worker::stop::StopFlag;
 
-/// Tolerance of the tight run.
+/// Relative tolerance of the tight run.
 const TIGHT: f64 = 1e-8;
 
-/// A way to run the beat.
+/// One way to run the beat.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Shortcut {
-    /// What differs from the default.
+    /// Difference from the default settings.
     pub name: String,
     /// Wall time of the beat.
     pub seconds: f64,
-    /// Newton iterations a step.
+    /// Newton iterations per step.
     pub newton_per_step: f64,
-    /// Krylov iterations a step.
+    /// Krylov iterations per step.
     pub krylov_per_step: f64,
-    /// Why it did not reach its end.
+    /// Time and reason if the beat did not reach its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diverged: Option<String>,
-    /// Biomarkers.
+    /// Biomarkers of the beat.
     pub biomarkers: BeatBiomarkers,
-    /// Differences of the biomarkers from the tight run's \[%\], in their order.
+    /// Relative differences of the biomarkers from the tight run's \[%\], in the order of
+    /// [`BeatBiomarkers`].
     pub off_percent: [Option<f64>; 5],
 }
 
-/// All of them, the tight run first.
+/// All runs of the comparison, the tight one first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Shortcuts {
-    /// Nodes.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Tetrahedra.
+    /// Number of tetrahedra.
     pub elements: usize,
-    /// Threads; a factorisation and multigrid take one.
+    /// Number of threads; factorisation and multigrid use one.
     pub threads: usize,
-    /// Rows.
+    /// One row for each way.
     pub rows: Vec<Shortcut>,
 }
 
@@ -61,8 +63,8 @@ fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
     std::array::from_fn(|k| Some(100.0 * (found[k]? / tight[k]? - 1.0)))
 }
 
-/// What is told of a way: its settings, the time step and that of late filling over the default one, and whether the solver
-/// forgets after each step.
+/// Name, settings, time step and late-filling step (both as multiples of the default step), and
+/// whether the solver's state is discarded after each step.
 type Way = (&'static str, StepSettings, [f64; 2], bool);
 
 fn ways(tolerance: f64) -> Vec<Way> {
@@ -176,10 +178,10 @@ fn ways(tolerance: f64) -> Vec<Way> {
     ]
 }
 
-/// Runs them one after the other.
+/// Runs the beats one after the other.
 ///
 /// # Errors
-/// As for [`super::ventricle`].
+/// Same as for [`super::ventricle`].
 pub fn shortcuts(
     bench: &VentricleBench,
     threads: usize,

@@ -1,4 +1,4 @@
-//! The generated ventricle of the bench, at its end-diastole.
+//! The benchmark's generated ventricle at end-diastole.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -23,10 +23,11 @@ use super::{BenchError, Element, Ranks, failed};
 use cardiotwin_worker::finite_element::passive::{Workers, found};
 use cardiotwin_worker::stop::StopFlag;
 
-/// Cavity and wall of the generated ventricle.
+/// Volumes of the cavity and of the wall.
 const CAVITY_ML: f64 = 112.0;
 const WALL_ML: f64 = 140.0;
-/// Stiffness C \[kPa\] and pressure of the inflation: step 0 does no more here.
+/// Stiffness C \[kPa\] and end-diastolic pressure. The benchmark's step 0 only inflates to this
+/// pressure.
 const STIFFNESS_KPA: f64 = 0.8;
 const END_DIASTOLIC_MMHG: f64 = 9.0;
 
@@ -42,7 +43,7 @@ pub(super) struct Subject {
     end_diastole: EndDiastole,
 }
 
-/// Stopping was asked for before the beat.
+/// The stop flag was raised before the beat.
 #[derive(Debug, thiserror::Error)]
 #[error("before the beat")]
 struct Early;
@@ -72,7 +73,7 @@ fn contraction() -> Result<GroupContraction, BenchError> {
     ))
 }
 
-/// What a rank other than 0 brings with it.
+/// Input of a rank other than 0.
 pub(super) fn of_another_rank(
     wall: &WallParameters,
     cycle_length: Ms,
@@ -88,7 +89,8 @@ pub(super) fn of_another_rank(
 }
 
 impl Subject {
-    /// Makes the mesh, and inflates it on the most of `ranks`; of several processes rank 0, which the others follow.
+    /// Makes the mesh and inflates it on the largest of `ranks`. Of several processes, rank 0 calls
+    /// this and the others follow.
     pub fn new(
         nodes: usize,
         element: Element,
@@ -123,7 +125,7 @@ impl Subject {
         }
         let end_diastole = inflated(&anatomy, workers, stop)?;
         if let Workers::Team(team) = workers {
-            // To the beat.
+            // The other ranks now go on to the beat.
             team.dismiss();
         }
         let seconds_inflation = begun.elapsed().as_secs_f64();
@@ -139,7 +141,7 @@ impl Subject {
         })
     }
 
-    /// What a ventricle is made from.
+    /// Input from which the ventricle is made.
     pub fn parts(
         &self,
         cycle_length: Ms,
@@ -159,7 +161,7 @@ impl Subject {
     }
 }
 
-/// A generated mesh with fibres, and its activation times.
+/// A generated mesh with fibres, and its nodal activation times.
 fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchError> {
     let spec = EllipsoidSpec::new(Ml(CAVITY_ML), Ml(WALL_ML), nodes);
     let made = generate(&spec).map_err(failed("cannot generate a ventricle"))?;
@@ -174,7 +176,7 @@ fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchErro
     Ok((mesh, times))
 }
 
-/// End-diastole of the image taken for unloaded.
+/// End-diastole, with the image configuration taken as unloaded.
 fn inflated(
     anatomy: &Anatomy,
     workers: Workers<'_>,
@@ -197,7 +199,7 @@ fn inflated(
         }
     };
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
-    // The wall's other settings are the defaults.
+    // All other settings of the wall are the defaults.
     let found = found(
         &job,
         &WallSettings::default(),

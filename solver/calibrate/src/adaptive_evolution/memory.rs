@@ -1,4 +1,4 @@
-//! The success history: which mutation scales and crossover rates have lowered costs.
+//! Success history: mutation scales and crossover rates that have lowered costs.
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -7,11 +7,11 @@ use std::f64::consts::PI;
 /// Spread of a candidate's scale and rate around the memory's.
 const SPREAD: f64 = 0.1;
 
-/// Memory of scales and rates; its cells are rewritten one after the other.
+/// Memory of scales and rates, whose cells are overwritten in turn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
     scales: Vec<f64>,
-    /// None once only a rate of zero has succeeded there: it stays zero.
+    /// `None` once only a rate of zero has succeeded in the cell: the rate then stays zero.
     rates: Vec<Option<f64>>,
     next: usize,
 }
@@ -20,7 +20,7 @@ pub(super) struct Memory {
 pub(super) struct Success {
     pub(super) scale: f64,
     pub(super) rate: f64,
-    /// By how much; infinite if the parent had failed.
+    /// Fall of the cost; infinite if the parent had failed.
     pub(super) fall: f64,
 }
 
@@ -39,7 +39,7 @@ impl Memory {
         let deviate = crate::normal::quantile(random.random_range(1e-15..1.0 - 1e-15));
         let rate = self.rates[cell].map_or(0.0, |rate| (rate + SPREAD * deviate).clamp(0.0, 1.0));
         loop {
-            // Cauchy.
+            // Cauchy distribution.
             let scale = self.scales[cell] + SPREAD * (PI * (random.random::<f64>() - 0.5)).tan();
             if scale > 0.0 {
                 return (scale.min(1.0), rate);
@@ -47,14 +47,15 @@ impl Memory {
         }
     }
 
-    /// Rewrites one cell by the means of what succeeded, weighted by how much each lowered the cost.
+    /// Overwrites one cell by the means of the successful scales and rates, weighted by the fall of
+    /// the cost.
     pub(super) fn learn(&mut self, successes: &[Success]) {
         if successes.is_empty() {
             return;
         }
         let finite = |s: &Success| if s.fall.is_finite() { s.fall } else { 0.0 };
         let largest = successes.iter().map(finite).fold(0.0, f64::max);
-        // A failed parent counts as the largest fall there is.
+        // A failed parent counts with the largest finite fall.
         let weight = |s: &Success| match s.fall {
             fall if fall.is_finite() => fall,
             _ if largest > 0.0 => largest,

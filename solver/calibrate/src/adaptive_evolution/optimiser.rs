@@ -1,4 +1,4 @@
-//! The optimiser: what it asks for, what it makes of the answers, when it ends.
+//! State machine of L-SHADE: its batches, its updates and its end.
 
 use super::memory::{Memory, Success};
 use crate::polish::{LocalSearch, Polish};
@@ -10,26 +10,27 @@ use crate::{Interval, latin_hypercube};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-/// Members at the end.
+/// Number of members at the end.
 const FEWEST_MEMBERS: usize = 4;
 
-/// Settings; defaults are the source's, but for budget, tolerance and polish.
+/// Settings of L-SHADE; defaults are the source's except for budget, tolerance and polish.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// Members of the first population for each parameter whose interval has a width.
     pub popsize: usize,
-    /// Share of the best members that mutants move towards, dimensionless.
+    /// Share of the best members towards which mutants move, dimensionless.
     pub best_share: f64,
-    /// Replaced members that are remembered, for each member.
+    /// Size of the archive of replaced members, per member.
     pub archive_rate: f64,
-    /// Cells of the success history.
+    /// Number of cells of the success history.
     pub n_memory: usize,
-    /// Evaluations over which the population shrinks, and after which no generation begins.
+    /// Evaluations over which the population shrinks, and after which no generation starts.
     pub max_evaluations: usize,
-    /// Converged when the costs' standard deviation is at most this fraction of their mean's magnitude, dimensionless.
+    /// The population has converged if the standard deviation of the costs is at most this fraction
+    /// of the magnitude of their mean, dimensionless.
     pub tol: f64,
-    /// Added to that bound, in the cost's unit.
+    /// Added to that threshold, in the cost's unit.
     pub atol: f64,
     /// Local searches at the end, one after the other.
     pub polish: Vec<LocalSearch>,
@@ -100,26 +101,27 @@ impl Settings {
     }
 }
 
-/// Where the optimisation stands.
+/// Stage of an optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// The first population is asked for.
+    /// [`AdaptiveEvolution::ask`] returns the first population.
     FirstPopulation,
-    /// Generations are asked for.
+    /// [`AdaptiveEvolution::ask`] returns the candidates of a generation.
     Evolution,
-    /// The best member is polished.
+    /// A local search polishes the best member.
     Polish,
-    /// It is over.
+    /// The optimisation has ended, and no more points are requested.
     Ended,
 }
 
-/// L-SHADE; serialise it after any [`AdaptiveEvolution::tell`] to go on from there bit for bit.
+/// L-SHADE optimiser. Its state can be serialised after any [`AdaptiveEvolution::tell`] and
+/// continues bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AdaptiveEvolution {
     settings: Settings,
     bounds: Vec<Interval>,
-    /// Members in unit coordinates, the best one first once evaluated.
+    /// Members in unit coordinates; the best one is first once all are evaluated.
     population: Vec<Vec<f64>>,
     #[serde(with = "crate::storage::costs")]
     costs: Vec<f64>,
@@ -127,7 +129,7 @@ pub struct AdaptiveEvolution {
     memory: Memory,
     n_first: usize,
     stage: Stage,
-    /// The generation that is asked for, from 1; 0 is the first population.
+    /// Generation requested next, counted from 1; 0 is the first population.
     generation: usize,
     n_evaluations: usize,
     converged: bool,
@@ -142,10 +144,11 @@ struct Trial {
 }
 
 impl AdaptiveEvolution {
-    /// Begins with a Latin hypercube in the box; guesses (shape (any, D)) replace its first members, cut to the box.
+    /// Starts from a Latin hypercube in the box. Guesses, shape (any, D), are clamped to the box
+    /// and replace its first members.
     ///
     /// # Errors
-    /// [`PopulationError`] when the box, a setting or a guess makes no sense.
+    /// [`PopulationError`] if the box, a setting or a guess is invalid.
     pub fn new(
         bounds: &[Interval],
         guesses: &[Vec<f64>],
@@ -197,10 +200,11 @@ impl AdaptiveEvolution {
         }
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`PopulationError`] when the number of costs differs or the optimisation has ended.
+    /// [`PopulationError`] if the number of costs differs or the optimisation has ended.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         match self.stage {
             Stage::Ended => return Err(PopulationError::Ended),
@@ -254,7 +258,8 @@ impl AdaptiveEvolution {
         self.memory.learn(&successes);
     }
 
-    /// Sorts by cost; the population shrinks with the evaluations, the archive with it.
+    /// Sorts members by cost and shrinks the population and the archive with the number of
+    /// evaluations.
     fn sort_and_shrink(&mut self) {
         let mut order: Vec<usize> = (0..self.costs.len()).collect();
         order.sort_by(|a, b| self.costs[*a].total_cmp(&self.costs[*b]));
@@ -279,7 +284,7 @@ impl AdaptiveEvolution {
         }
     }
 
-    /// The candidates of a generation; they follow from the state, so that they need not be stored.
+    /// Candidates of a generation. They follow from the state and need not be stored.
     fn trials(&self) -> Vec<Trial> {
         (0..self.population.len()).map(|i| self.trial(i)).collect()
     }
@@ -310,7 +315,7 @@ impl AdaptiveEvolution {
         for d in 0..point.len() {
             if random.random::<f64>() < rate || d == from_mutant {
                 let value = parent[d] + scale * (best[d] - parent[d]) + scale * (a[d] - b[d]);
-                // Half way to a bound that it would cross.
+                // A coordinate that would cross a bound goes half way to it.
                 point[d] = match value {
                     v if v < 0.0 => 0.5 * parent[d],
                     v if v > 1.0 => 0.5 * (1.0 + parent[d]),
@@ -343,37 +348,37 @@ impl AdaptiveEvolution {
         Ok(())
     }
 
-    /// Where the optimisation stands.
+    /// Present stage.
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Whether nothing is asked any more.
+    /// Whether the optimisation has ended.
     #[must_use]
     pub fn is_ended(&self) -> bool {
         self.stage == Stage::Ended
     }
 
-    /// Whether the generations ended by their tolerance, not by the budget.
+    /// Whether the generations ended by the tolerance rather than by the budget.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.converged
     }
 
-    /// Generations told so far, the first population included.
+    /// Number of generations so far, the first population included.
     #[must_use]
     pub fn n_generations(&self) -> usize {
         self.generation
     }
 
-    /// Evaluations told so far, those of the polish included.
+    /// Number of evaluations so far, the polish included.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations + self.polish.as_ref().map_or(0, Polish::n_evaluations)
     }
 
-    /// The best parameters so far, in their units, and their cost.
+    /// Best parameters so far, in their units, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
         match self.polish.as_ref().and_then(Polish::gain) {
@@ -382,7 +387,7 @@ impl AdaptiveEvolution {
         }
     }
 
-    /// All members in their units, and their costs; the best one first.
+    /// All members in their units and their costs, the best one first.
     #[must_use]
     pub fn members(&self) -> (Vec<Vec<f64>>, &[f64]) {
         (

@@ -128,7 +128,7 @@ fn nonsense_is_refused() {
     assert!(o.tell(&[1.0]).is_err());
 }
 
-/// A memory that only large scales have succeeded in draws large scales; weights count.
+/// A memory in which only large scales have succeeded draws large scales; weights count.
 #[test]
 fn memory_learns_what_succeeds() {
     let mut memory = Memory::new(2);
@@ -155,7 +155,7 @@ fn memory_learns_what_succeeds() {
         scales.iter().all(|s| *s > 0.0 && *s <= 1.0)
             && rates.iter().all(|r| (0.0..=1.0).contains(r))
     );
-    // A rate that has only succeeded at zero stays there.
+    // A cell in which only a rate of zero has succeeded keeps that rate.
     for _ in 0..2 {
         memory.learn(&[success(0.5, 0.0, 1.0)]);
     }
@@ -164,7 +164,8 @@ fn memory_learns_what_succeeds() {
 }
 
 proptest! {
-    /// Points stay inside; storing after any batch changes nothing that follows; the best never gets worse.
+    /// Points stay inside; storage after any batch does not change the rest of the run; the best
+    /// cost never rises.
     #[test]
     fn stays_inside_and_continues_from_storage(n in 1usize..4, seed: u64, store_every in 1usize..10, wall in 0.0..12.0f64) {
         let bounds = vec![Interval::new(-5.0, 10.0); n];

@@ -1,58 +1,63 @@
-//! Three elements through two or three pressures of a cuff, driven by a flow.
+//! Three-element Windkessel fitted to two or three cuff pressures, with a given flow.
 //!
-//! The pressure of a flow is `R (s Q + (1 − s) y)` with R = R1 + R2, s = R1/R and y the periodic response of
-//! `τ dy/dt = Q − y`, τ = R2 C. Systolic, diastolic and mean pressure determine R, τ and s; without the mean, s is what it
-//! usually is, and its uncertainty goes into the others.
+//! The pressure is `R (s Q + (1 − s) y)`, where R = R1 + R2, s = R1/R and y is the periodic
+//! solution of `τ dy/dt = Q − y` with τ = R2 C. Systolic, diastolic and mean pressure determine R,
+//! τ and s. Without the mean, s takes its usual value, and the uncertainty of that value enters the
+//! other results.
 
 use super::AfterloadError;
 
-/// R1 over R2 where nothing measured separates them: 5 to 7 % of the total in adults (Murgo et al. 1980, Circulation 62:105).
+/// R1 over R2 if no measurement separates them: 5 to 7 % of the total in adults (Murgo et al. 1980,
+/// Circulation 62:105).
 pub const USUAL_SHARE: f64 = 0.06;
-/// Its standard deviation.
+/// Standard deviation of that share.
 const SHARE_SD: f64 = 0.02;
-/// Shares that are sought.
+/// Range of shares in the search.
 const SHARES: (f64, f64) = (0.005, 0.35);
-/// Time constants that are sought, ms.
+/// Range of time constants in the search, ms.
 const TAU_MS: (f64, f64) = (50.0, 50_000.0);
-/// Standard deviation of a cuff's pressure where none is stated, mmHg.
+/// Standard deviation of a cuff pressure if none is stated, mmHg.
 pub const CUFF_SD_MMHG: f64 = 4.0;
-/// Relative standard deviation of the flow's size.
+/// Relative standard deviation of the magnitude of the flow.
 const FLOW_SD: f64 = 0.08;
 
-/// Pressures of a cuff.
+/// Pressures measured by a cuff.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cuff {
-    /// Systolic, mmHg.
+    /// Systolic pressure, mmHg.
     pub systolic_mmhg: f64,
-    /// Diastolic, mmHg.
+    /// Diastolic pressure, mmHg.
     pub diastolic_mmhg: f64,
-    /// Mean, mmHg, where it was measured.
+    /// Mean pressure, mmHg; `None` if it was not measured.
     pub mean_mmhg: Option<f64>,
-    /// Standard deviation of each, mmHg.
+    /// Standard deviation of each pressure, mmHg; [`CUFF_SD_MMHG`] if `None`.
     pub sd_mmhg: Option<f64>,
 }
 
-/// A load through a cuff's pressures.
+/// Three-element Windkessel that reproduces the cuff pressures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CuffFit {
     /// R1, R2 (mmHg s/mL), C (mL/mmHg), R2 C (s).
     pub values: [f64; 4],
-    /// Their standard deviations: of the cuff, of the flow's size, and of R1's share where that was assumed.
+    /// Standard deviations of `values`, due to the cuff, the magnitude of the flow and, if it was
+    /// assumed, R1's share.
     pub sd: [f64; 4],
-    /// Whether R1 is a usual share of R2: without a mean pressure, or where none goes with it.
+    /// Whether R1 is the usual share of R2, because no mean pressure was given or none of the
+    /// shares in the search fits it.
     pub assumed_share: bool,
-    /// The load's pressure at the flow's samples, mmHg.
+    /// Pressure of the load at the samples of the flow, mmHg.
     pub pressure_mmhg: Vec<f64>,
     /// Mean flow, mL/s.
     pub mean_flow_ml_per_s: f64,
 }
 
-/// Finds the load.
-/// - `flow_ml_per_s`: one cycle out of the heart, samples `step_ms` apart
+/// Finds the three elements that reproduce the cuff pressures.
+///
+/// - `flow_ml_per_s`: one cycle of flow out of the heart, samples `step_ms` apart
 ///
 /// # Errors
-/// [`AfterloadError`] for a flow that does not eject, pressures out of order, or pressures that no load has with this flow.
-/// Verified by `a_cuff_gives_back_the_load_it_was_taken_from`.
+/// [`AfterloadError`] if the flow does not eject, the pressures are out of order, or no load has
+/// these pressures with this flow. Verified by `a_cuff_gives_back_the_load_it_was_taken_from`.
 pub fn fit_cuff(
     flow_ml_per_s: &[f64],
     step_ms: f64,
@@ -109,7 +114,7 @@ pub fn fit_cuff(
     let best = solve(systolic, diastolic, mean, usual).ok_or_else(refused)?;
     let values = elements(best);
     let sd_mmhg = cuff.sd_mmhg.unwrap_or(CUFF_SD_MMHG);
-    // Half a standard deviation to both sides, so that few of them fall out of order.
+    // Half a standard deviation to either side keeps the pressures in order in almost all cases.
     let h = 0.5;
     let moved = |d: [f64; 4]| {
         let share = usual + d[3] * SHARE_SD;
@@ -135,7 +140,8 @@ pub fn fit_cuff(
         let down = moved(down).unwrap_or(values);
         (0..4).for_each(|i| variance[i] += ((up[i] - down[i]) / (2.0 * h)).powi(2));
     }
-    // A larger flow divides both resistances and multiplies the compliance; their product stays.
+    // A larger flow divides both resistances and multiplies the compliance; their product does not
+    // change.
     (0..3).for_each(|i| variance[i] += (FLOW_SD * values[i]).powi(2));
     Ok(CuffFit {
         values,
@@ -146,7 +152,7 @@ pub fn fit_cuff(
     })
 }
 
-/// R1, R2, C, τ in s from R, s, τ in ms.
+/// Converts R, s and τ in ms to R1, R2, C and τ in s.
 fn elements([total, share, tau_ms]: [f64; 3]) -> [f64; 4] {
     let (r1, r2) = (share * total, (1.0 - share) * total);
     [r1, r2, tau_ms * 1e-3 / r2, tau_ms * 1e-3]
@@ -159,7 +165,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Periodic response of `τ dy/dt = Q − y` to a flow that is constant over each step.
+    /// Periodic solution of `τ dy/dt = Q − y` for a flow that is constant over each step.
     fn response(&self, tau_ms: f64) -> Vec<f64> {
         let decay = (-self.step_ms / tau_ms).exp();
         let run = |start: f64| -> Vec<f64> {
@@ -192,7 +198,7 @@ impl Problem<'_> {
             })
     }
 
-    /// R and τ for a share: highest over lowest pressure falls with τ.
+    /// R and τ for a given share. The ratio of highest to lowest pressure falls with τ.
     fn with_share(&self, systolic: f64, diastolic: f64, share: f64) -> Option<[f64; 3]> {
         let wanted = systolic / diastolic;
         let ratio = |log_tau: f64| {
@@ -203,7 +209,8 @@ impl Problem<'_> {
         Some([diastolic / self.extremes(share, tau_ms).0, share, tau_ms])
     }
 
-    /// R from the mean; then the share for which the τ of the diastolic pressure has the systolic one too.
+    /// R from the mean pressure, then the share at which the τ of the diastolic pressure also gives
+    /// the systolic one.
     fn with_mean(&self, systolic: f64, diastolic: f64, mean: f64) -> Option<[f64; 3]> {
         let total = mean / self.mean_flow;
         let tau_of = |share: f64| {
@@ -221,7 +228,7 @@ impl Problem<'_> {
     }
 }
 
-/// Root of a function that rises; none where it does not change its sign.
+/// Root of a rising function; `None` if it does not change its sign.
 fn bisect(low: f64, high: f64, f: impl Fn(f64) -> f64) -> Option<f64> {
     let (mut low, mut high) = (low, high);
     if !(f(low) <= 0.0 && f(high) >= 0.0) {

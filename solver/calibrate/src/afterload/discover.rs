@@ -1,4 +1,5 @@
-//! What three elements miss in a record: candidates refitted jointly, compared, and added while the record asks for them.
+//! Search for effects that three elements miss in a record. Candidates are refitted jointly,
+//! compared, and added as long as the evidence supports them.
 
 use super::AfterloadError;
 use super::effects::{EFFECTS, Effect, HIDDEN};
@@ -11,16 +12,16 @@ use super::simulate::{Start, pressure};
 use crate::least_squares::Fit;
 use crate::normal;
 
-/// What may be set of a search.
+/// Settings of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiscoverySettings {
-    /// Names of the candidates; all where empty.
+    /// Names of the candidates; all effects if empty.
     pub effects: Vec<String>,
-    /// Fall of BIC that a name needs.
+    /// Fall of BIC required to name an effect.
     pub threshold: f64,
-    /// Most effects that are added.
+    /// Largest number of effects to add.
     pub most: usize,
-    /// Probability that a strength's interval covers.
+    /// Probability that the interval of a strength covers the truth.
     pub confidence_level: f64,
 }
 
@@ -35,120 +36,120 @@ impl Default for DiscoverySettings {
     }
 }
 
-/// Share of the held-out misfit (rms) that an effect has to take away.
+/// Relative fall of the held-out misfit (rms) that an effect must bring.
 const LEAST_HELD_OUT_FALL: f64 = 0.03;
-/// A fitted value this near to an end of its range, over the range's width, lies outside of what is plausible.
+/// A fitted value within this share of its range from an end counts as implausible.
 const AT_END: f64 = 1e-3;
-/// How many of the best candidates are tried in pairs.
+/// Number of best candidates that are tried in pairs.
 const PAIRED: usize = 4;
-/// Evidence below which one effect passes for another.
+/// Evidence below which one effect can be mistaken for another.
 const CONFUSED: f64 = 6.0;
 
-/// One candidate added to a model, refitted with everything.
+/// One candidate added to a model, with all parameters refitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// Which.
+    /// Effect that was added.
     pub effect: &'static Effect,
-    /// Fall of BIC against the model that it was added to.
+    /// Fall of BIC against the model without the candidate.
     pub delta_bic: f64,
-    /// Probability among all candidates of its stage, the nameless and nothing.
+    /// Probability among all candidates of the stage, the nameless competitor and no effect.
     pub probability: f64,
-    /// Misfit with it, mmHg.
+    /// Misfit with the candidate, root of the mean square, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// Its parameters by name: value and interval, in the name's unit.
+    /// Its parameters: name, value and interval, in the unit of the name.
     pub strength: Vec<(&'static str, f64, Option<[f64; 2]>)>,
-    /// R1, R2, C beside it.
+    /// R1, R2 (mmHg s/mL) and C (mL/mmHg) of the refit.
     pub three: [f64; 3],
-    /// Why it is not named, where it is not.
+    /// Reason why the candidate is not named; `None` if it may be.
     pub refused: Option<String>,
 }
 
-/// An effect that was added.
+/// An effect that the search accepted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// Which.
+    /// Accepted effect.
     pub effect: &'static Effect,
-    /// Fall of BIC with it against the final model without it.
+    /// Fall of BIC of the final model against the same model without the effect.
     pub delta_bic: f64,
-    /// Its parameters in the final model: name, value, interval.
+    /// Its parameters in the final model: name, value and interval.
     pub strength: Vec<(&'static str, f64, Option<[f64; 2]>)>,
 }
 
-/// The candidates beside one model.
+/// Candidates for addition to one model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stage {
-    /// Effects that the model has already.
+    /// Names of the effects that the model already contains.
     pub with: Vec<&'static str>,
     /// Candidates, best first.
     pub candidates: Vec<Candidate>,
-    /// The competitor without a name.
+    /// Nameless competitor of the candidates.
     pub nameless: Nameless,
     /// Probability that nothing is missing.
     pub none_probability: f64,
-    /// Probability of the competitor without a name.
+    /// Probability of the nameless competitor.
     pub nameless_probability: f64,
-    /// Effective number of samples.
+    /// Effective number of samples and correlations of the residuals.
     pub worth: Worth,
 }
 
-/// Misfits, root of the mean square, mmHg.
+/// Misfits before and after the search, root of the mean square, mmHg.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gap {
-    /// Three elements, all samples.
+    /// Misfit of three elements over all samples.
     pub before_mmhg: f64,
-    /// Final model, all samples.
+    /// Misfit of the final model over all samples.
     pub after_mmhg: f64,
-    /// Three elements on samples held out of their fit.
+    /// Misfit of three elements over samples held out of their fit.
     pub held_out_before_mmhg: f64,
-    /// Final model on samples held out of its fit.
+    /// Misfit of the final model over samples held out of its fit.
     pub held_out_after_mmhg: f64,
-    /// Whether whole beats were held out, not blocks of a beat.
+    /// Whether whole beats were held out, rather than blocks of a beat.
     pub by_beat: bool,
-    /// Number of parts held out in turn.
+    /// Number of parts that were held out in turn.
     pub n_folds: usize,
 }
 
-/// What passes for an accepted effect in this record.
+/// An effect that could be mistaken for an accepted one in this record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Confusable {
-    /// The accepted effect.
+    /// Name of the accepted effect.
     pub accepted: &'static str,
-    /// What leaves as little in its traces.
+    /// Name of the other effect, which fits the accepted effect's traces almost as well.
     pub other: &'static str,
-    /// Evidence that would tell them apart; infinite where the equations are the same is never reached: zero.
+    /// Evidence that would distinguish the two; zero if their equations are the same.
     pub delta_bic: f64,
-    /// What would tell them apart.
+    /// Measurement that would distinguish them.
     pub separated_by: &'static str,
 }
 
-/// What was found.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Discovery {
-    /// Each search, the first from the three elements.
+    /// Stages of the search; the first starts from the three elements.
     pub stages: Vec<Stage>,
-    /// What was added.
+    /// Effects of the final model.
     pub accepted: Vec<Found>,
-    /// What passes for it.
+    /// Effects that could be mistaken for an accepted one.
     pub confusable: Vec<Confusable>,
-    /// What this record, or any, cannot show: name and reason.
+    /// Effects that this record, or any record, cannot show: name and reason.
     pub not_identifiable: Vec<(&'static str, String)>,
-    /// What remains that every beat repeats and no candidate explains.
+    /// Remaining discrepancy that every beat repeats and no candidate explains.
     pub unexplained: Option<Nameless>,
-    /// The gap before and after.
+    /// Misfits before and after the search.
     pub gap: Gap,
-    /// R1, R2, C (mmHg s/mL, mL/mmHg) of three elements.
+    /// R1, R2 (mmHg s/mL) and C (mL/mmHg) of the three elements alone.
     pub before: [f64; 3],
-    /// R1, R2, C of the final model.
+    /// R1, R2 (mmHg s/mL) and C (mL/mmHg) of the final model.
     pub after: [f64; 3],
-    /// Pressure of three elements at the record's samples, mmHg.
+    /// Pressure of the three elements at the samples of the record, mmHg.
     pub pressure_before_mmhg: Vec<f64>,
-    /// Pressure of the final model.
+    /// Pressure of the final model at the samples of the record, mmHg.
     pub pressure_after_mmhg: Vec<f64>,
     /// Effective number of samples of the final model's residuals.
     pub worth: Worth,
 }
 
-/// A fitted model.
+/// A model with its fit.
 #[derive(Clone)]
 struct Fitted {
     effects: Vec<&'static Effect>,
@@ -161,10 +162,10 @@ struct Search<'a> {
     effects: Vec<&'static Effect>,
 }
 
-/// Searches.
+/// Searches a record for effects that three elements miss.
 ///
 /// # Errors
-/// [`AfterloadError`] when a minimisation cannot begin.
+/// [`AfterloadError`] if a minimisation cannot start.
 pub fn discover(
     record: &Record,
     settings: &DiscoverySettings,
@@ -193,7 +194,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// A model with one more effect, from the model's optimum and all the effect's starts.
+    /// Adds one effect to a model and refits it from the model's optimum with all starts of the
+    /// effect.
     fn with(&self, model: &Fitted, effect: &'static Effect) -> Result<Fitted, AfterloadError> {
         let mut effects = model.effects.clone();
         effects.push(effect);
@@ -213,7 +215,7 @@ impl<'a> Search<'a> {
         Ok(Fitted { effects, fit })
     }
 
-    /// The same effects fitted from the three elements on, one after the other.
+    /// Adds effects to the three elements one after the other, with a refit after each.
     fn anew(&self, base: &Fitted, effects: &[&'static Effect]) -> Result<Fitted, AfterloadError> {
         effects
             .iter()
@@ -261,7 +263,8 @@ impl<'a> Search<'a> {
         self.conclude(base, model, stages)
     }
 
-    /// All candidates beside a model; the best one that may be named.
+    /// Compares all candidates for addition to a model; also returns the best one that may be
+    /// named.
     fn stage(&self, model: &Fitted) -> Result<(Stage, Option<Fitted>), AfterloadError> {
         let mut tried = Vec::new();
         for effect in self
@@ -335,7 +338,8 @@ impl<'a> Search<'a> {
         Ok((stage, best))
     }
 
-    /// Two effects that show only together: the best of those that need a second one, each with each other.
+    /// The best pair of effects that show only together. Each of the best candidates is paired with
+    /// every other effect.
     fn pair(&self, model: &Fitted, stage: &Stage) -> Result<Option<Fitted>, AfterloadError> {
         if stage.nameless.delta_bic < self.settings.threshold {
             return Ok(None);
@@ -369,7 +373,7 @@ impl<'a> Search<'a> {
         Ok(best.map(|b| b.1))
     }
 
-    /// Whether the named effects explain the record better than harmonics do that have no name.
+    /// Whether the named effects explain the record better than nameless harmonics.
     fn beats_nameless(&self, base: &Fitted, model: &Fitted) -> Result<bool, AfterloadError> {
         if model.effects.is_empty() {
             return Ok(true);
@@ -397,7 +401,7 @@ impl<'a> Search<'a> {
         gain + n_of(without) as f64 * n_effective.ln()
     }
 
-    /// Why a candidate is not named.
+    /// Reason why a candidate is not named; `None` if it may be.
     fn refused(
         &self,
         with: &Fitted,
@@ -434,7 +438,7 @@ impl<'a> Search<'a> {
         Ok(None)
     }
 
-    /// Misfit on the samples that each of the fits did not see, mmHg.
+    /// Misfit over the samples held out of each fit, mmHg.
     fn held_out(&self, model: &Fitted, folds: &Folds) -> Result<f64, AfterloadError> {
         let mut sum = 0.0;
         for fold in 0..folds.n {
@@ -452,7 +456,8 @@ impl<'a> Search<'a> {
         Ok((sum / self.record.n_samples() as f64).sqrt())
     }
 
-    /// Drops what the final model does not need, and exchanges effects for others that fit better.
+    /// Drops effects that the final model does not need, and exchanges effects for others that fit
+    /// better.
     fn exchange(&self, base: &Fitted, mut model: Fitted) -> Result<Fitted, AfterloadError> {
         if model.effects.len() < 2 {
             return Ok(model);
@@ -479,7 +484,8 @@ impl<'a> Search<'a> {
         Ok(model)
     }
 
-    /// The parameters of one effect with intervals of the linearised model, for the effective number of samples.
+    /// Parameters of one effect, with intervals of the linearised model for the effective number of
+    /// samples.
     fn strength(
         &self,
         model: &Fitted,
@@ -578,13 +584,15 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Evidence that noise-free pressure of a model would give against another one fitted to it, at the record's misfit.
+    /// Evidence from a model's noise-free pressure against another model fitted to it, at the
+    /// misfit of the record; `left_over` is the sum of squares of that fit.
     fn evidence_of(&self, left_over: f64, model: &Fitted, n_effective: f64) -> f64 {
         let own = Scale::new(self.record).variance(model.fit.sum_of_squares);
         n_effective * (left_over / self.record.n_samples() as f64 / own).ln_1p()
     }
 
-    /// Which effects pass for the accepted ones: fitted to noise-free pressure of the final model in their place.
+    /// Effects that could be mistaken for the accepted ones. Each is fitted in place of an accepted
+    /// effect to the noise-free pressure of the final model.
     fn confusable(
         &self,
         model: &Fitted,
@@ -636,7 +644,8 @@ impl<'a> Search<'a> {
         Ok(found)
     }
 
-    /// What no record shows, and what this one would not show at a typical strength.
+    /// Effects that no record shows, and those that this record would not show at a typical
+    /// strength.
     fn not_identifiable(
         &self,
         model: &Fitted,

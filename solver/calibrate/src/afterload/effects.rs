@@ -1,40 +1,41 @@
-//! What may be missing from three elements: each entry is a term of the load or of the measurement.
+//! Catalogue of effects beyond three elements: each is a term of the load or of the measurement.
 
 use super::parameters::{Parameter, at};
 
-/// Of the arteries, of the measurement, or of either.
+/// Origin of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// The arteries: the model is changed.
+    /// The effect belongs to the arteries: the model is changed.
     Physiology,
-    /// The measurement: the data are to be corrected.
+    /// The effect belongs to the measurement: the data should be corrected.
     Artefact,
-    /// Both look the same in flow and pressure.
+    /// Flow and pressure do not show whether the arteries or the measurement cause the effect.
     Either,
 }
 
-/// A candidate.
+/// An effect that a search may add.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effect {
-    /// Name in files and tables; that of the heart's catalogue where it is the same effect.
+    /// Name in files and tables; the same name as in the heart's catalogue if the effect is the
+    /// same.
     pub name: &'static str,
-    /// Of the arteries or of the measurement.
+    /// Origin of the effect.
     pub kind: Kind,
-    /// What it is, in one sentence.
+    /// Meaning, in one sentence.
     pub meaning: &'static str,
-    /// The equation as it is computed.
+    /// Equation as computed.
     pub equation: &'static str,
-    /// Literature.
+    /// Literature source.
     pub source: &'static str,
-    /// What else has exactly the same traces.
+    /// Names of effects with exactly the same traces.
     pub same_as: &'static [&'static str],
-    /// What would tell it from the others.
+    /// Measurement that would distinguish the effect from others.
     pub separated_by: &'static str,
-    /// Its parameters.
+    /// Parameters that the effect adds.
     pub parameters: &'static [Parameter],
 }
 
-/// All candidates.
+/// Effects that a search tries.
 pub const EFFECTS: [Effect; 10] = [
     Effect {
         name: "wave_reflection",
@@ -246,7 +247,7 @@ pub const EFFECTS: [Effect; 10] = [
     },
 ];
 
-/// What flow and pressure at one site cannot show even in principle, and why.
+/// Effects that flow and pressure at one site cannot show even in principle, with the reason.
 pub const HIDDEN: [(&str, &str); 4] = [
     (
         "voigt_wall",

@@ -1,18 +1,22 @@
-//! The flow of a volume: what the ventricle loses while its aortic valve is open and its mitral valve closed.
+//! Aortic flow from the volume that the ventricle loses while its aortic valve is open and its
+//! mitral valve closed.
 
 use super::AfterloadError;
 
-/// Ejection begins where the volume has fallen by this share of the stroke volume and ends where this share is left: the valves'
-/// leaks and a frame's noise on the plateaus are no flow.
+/// Share of the stroke volume by which the volume falls before ejection starts, and which is left
+/// when it ends. Leaks of the valves and noise on the plateaus are therefore not taken for flow.
 const PLATEAU: f64 = 0.002;
 
-/// Flow out of the heart over one cycle, mL/s: −dV/dt from the largest volume to the smallest after it, never below zero, zero
-/// elsewhere, and as much in all as the volume falls by.
+/// Flow out of the heart over one cycle, mL/s.
+///
+/// It is −dV/dt from the largest volume to the smallest after it, never negative, and zero
+/// elsewhere. Its integral equals the fall of the volume.
+///
 /// - `volume_ml`: one periodic cycle, samples `step_ms` apart
 ///
 /// # Errors
-/// [`AfterloadError`] for fewer than 20 samples, one that is not finite, or a volume that does not fall. Verified by
-/// `flow_is_what_the_volume_loses`.
+/// [`AfterloadError`] if there are fewer than 20 samples, one is not finite, or the volume does not
+/// fall. Verified by `flow_is_what_the_volume_loses`.
 pub fn ejected(volume_ml: &[f64], step_ms: f64) -> Result<Vec<f64>, AfterloadError> {
     let n = volume_ml.len();
     if n < 20 {
@@ -45,7 +49,7 @@ pub fn ejected(volume_ml: &[f64], step_ms: f64) -> Result<Vec<f64>, AfterloadErr
             highest_ml_per_s: 0.0,
         });
     }
-    // Back from the end of ejection to its beginning: the last time that the volume is at its plateau.
+    // Walk back from the end of ejection to the last time that the volume is at its plateau.
     let length = (highest..highest + n)
         .position(|i| i % n == lowest)
         .unwrap_or(0);
@@ -88,7 +92,7 @@ mod tests {
         assert!((flow.iter().sum::<f64>() * 1e-3 - 80.0).abs() < 1e-9);
         assert!((flow[210] / (80.0 * 0.5 * PI / 0.3) - 1.0).abs() < 0.01);
         assert!(flow[500] == 0.0 && flow[10] == 0.0);
-        // A cycle that is cut elsewhere has the same flow.
+        // A cycle cut at another time has the same flow.
         let turned: Vec<f64> = (0..800).map(|i| volume[(i + 200) % 800]).collect();
         let turned = ejected(&turned, 1.0).unwrap();
         assert!((0..800).all(|i| (turned[i] - flow[(i + 200) % 800]).abs() < 1e-9));

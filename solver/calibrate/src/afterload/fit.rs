@@ -1,4 +1,4 @@
-//! The three-element Windkessel of a record.
+//! Fit of a three-element Windkessel to a record.
 
 use super::noise;
 use super::problem::Problem;
@@ -9,16 +9,18 @@ use crate::least_squares::{Fit, Settings};
 use crate::profile_interval::Profile;
 use crate::{Interval, normal};
 
-/// Half width of an interval over the value beyond which a parameter is poorly determined.
+/// Ratio of an interval's half-width to the value beyond which a parameter is poorly determined.
 const POOR: f64 = 0.3;
 
-/// Fits R1, R2, C and the pressure on the compliance at the beginning by least squares over all pressure samples.
+/// Fits R1, R2, C and the initial pressure of the compliance by least squares over all pressure
+/// samples.
 ///
-/// Intervals are those of the profile: all values with which the others can be fitted so that the sum of squares rises by
-/// less than z² residual variances, counted for the effective number of samples.
+/// Intervals come from the profile: all values at which the other parameters can be fitted so that
+/// the sum of squares rises by less than z² residual variances, for the effective number of
+/// samples.
 ///
 /// # Errors
-/// [`AfterloadError`] when the level makes no sense or the minimisation fails.
+/// [`AfterloadError`] if the confidence level is invalid or the minimisation fails.
 pub fn fit_windkessel(
     record: &Record,
     settings: WindkesselFitSettings,
@@ -42,13 +44,13 @@ pub fn fit_windkessel(
     let x = &fit.parameters;
     let values = problem.values(x);
     let errors = fit.standard_errors();
-    // Of a logarithm: times the value.
+    // The error of a logarithm times the value is the error of the value.
     let error = |k: usize, scale: f64| errors[k].map(|e| e * scale * inflation.sqrt());
     let own = |k: usize| -> Map { Box::new(move |y: &[f64]| (k, y.to_vec())) };
     let r1 = profiles.estimate(x[0], error(0, 1.0), &own(0), |u| u);
     let r2 = profiles.estimate(x[1], error(1, x[1].exp()), &own(1), f64::exp);
     let compliance = profiles.estimate(x[2], error(2, x[2].exp()), &own(2), f64::exp);
-    // With ln τ = ln R2 + ln C in the place of ln C.
+    // ln τ = ln R2 + ln C replaces ln C as coordinate.
     let tau_map: Map = Box::new(|y: &[f64]| {
         let mut y = y.to_vec();
         y[2] -= y[1];
@@ -83,7 +85,7 @@ pub fn fit_windkessel(
     })
 }
 
-/// The compliance's pressure at the first sample of a periodic start.
+/// Pressure of the compliance at the first sample, for a periodic start.
 fn first_pc(residuals: &[f64], record: &Record, r1: f64) -> f64 {
     let flow = record.flow[record
         .flow_time_s
@@ -92,7 +94,7 @@ fn first_pc(residuals: &[f64], record: &Record, r1: f64) -> f64 {
     residuals[0] + record.pressure[0] - r1 * flow
 }
 
-/// From coordinates with the profiled one among them: its position, and the fit's own coordinates.
+/// Maps coordinates that contain the profiled quantity to its index and the fit's own coordinates.
 type Map = Box<dyn Fn(&[f64]) -> (usize, Vec<f64>)>;
 
 struct Profiles<'a> {
@@ -103,7 +105,8 @@ struct Profiles<'a> {
 }
 
 impl Profiles<'_> {
-    /// Value, error and interval of one quantity; `natural` takes the coordinate to the quantity.
+    /// Value, error and interval of one quantity; `natural` converts the coordinate to the
+    /// quantity.
     fn estimate(
         &self,
         best: f64,
@@ -114,7 +117,8 @@ impl Profiles<'_> {
         let x = &self.fit.parameters;
         let bounds = self.problem.bounds();
         let (k, _) = map(x);
-        // The optimum in the profile's coordinates: only the profiled one may differ.
+        // Optimum in the profile's coordinates, which differ from the fit's only in the profiled
+        // one.
         let mut start = x.clone();
         start[k] = best;
         let limits = if (best - x[k]).abs() > 0.0 {
@@ -163,7 +167,8 @@ impl Profiles<'_> {
     }
 }
 
-/// Correlations of the estimates of R1, R2, C by the linearised model, in this order of pairs: R1-R2, R1-C, R2-C.
+/// Correlations of the estimates of R1, R2 and C by the linearised model, in the order R1-R2, R1-C,
+/// R2-C.
 fn correlations(problem: &Problem<'_>, x: &[f64]) -> [Option<f64>; 3] {
     let n = problem.n_coordinates();
     let columns: Vec<Vec<f64>> = (0..n)

@@ -1,27 +1,27 @@
-//! Agreement on samples that a fit did not see.
+//! Division of a record into parts that are held out of a fit in turn.
 
 use super::noise::Worth;
 use super::record::Record;
 
-/// Most parts that are held out in turn.
+/// Largest number of parts.
 const MOST_FOLDS: usize = 5;
-/// Parts of a record with few beats.
+/// Number of parts of a record with few beats.
 const BLOCK_FOLDS: usize = 4;
-/// A block is at least this long \[ms\], and three correlation times of the residuals.
+/// Shortest block \[ms\]; a block also spans at least three correlation times of the residuals.
 const SHORTEST_BLOCK_MS: f64 = 40.0;
 
-/// How a record is divided.
+/// Division of a record into folds.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Folds {
-    /// The fold of each sample.
+    /// Fold of each sample.
     pub(super) of: Vec<usize>,
     pub(super) n: usize,
-    /// Whether folds are beats, or blocks within the beat.
+    /// Whether folds are whole beats, rather than blocks within a beat.
     pub(super) by_beat: bool,
 }
 
 impl Folds {
-    /// Beats where there are at least three, else blocks of a beat.
+    /// Divides the record by beats if there are at least three, else by blocks within the beat.
     pub(super) fn new(record: &Record, worth: &Worth) -> Self {
         let time = &record.pressure_time_s;
         if record.n_beats() >= 3 {
@@ -47,7 +47,7 @@ impl Folds {
         }
     }
 
-    /// Which samples a fit sees while this fold is held out.
+    /// Samples that enter the fit while this fold is held out.
     pub(super) fn seen(&self, fold: usize) -> Vec<bool> {
         self.of.iter().map(|f| *f != fold).collect()
     }

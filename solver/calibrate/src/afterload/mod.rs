@@ -1,8 +1,10 @@
-//! The afterload of a measured flow and pressure: three elements with intervals, and what they miss.
+//! Afterload from a measured flow and pressure: three elements with intervals, and effects beyond
+//! them.
 //!
-//! Source of the three elements: Westerhof et al. 2009, Med Biol Eng Comput 47:131; that they are determined before step 1:
-//! Jung et al. 2022, section 2.1, after Marx et al. 2020, Phil Trans A 378:20190342. The flow is taken as it was measured,
-//! linear between its samples, and drives the load; the pressure is fitted by least squares.
+//! Sources: Westerhof et al. 2009, Med Biol Eng Comput 47:131 for the three elements; Jung et al.
+//! 2022, section 2.1, after Marx et al. 2020, Phil Trans A 378:20190342, for their determination
+//! before step 1. The measured flow, linear between its samples, drives the load, and the pressure
+//! is fitted by least squares.
 
 mod cuff;
 mod discover;
@@ -34,46 +36,46 @@ pub use simulate::{Start, simulate};
 
 use crate::least_squares::LeastSquaresError;
 
-/// Why a record cannot be fitted.
+/// Reasons why a record cannot be fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AfterloadError {
-    /// Times and values of different number, or too few.
+    /// Times and values differ in number or are too few.
     #[error(
         "the {trace} has {n_times} times and {n_values} values, but must have at least 20 of each, as many of both"
     )]
     Samples {
-        /// Which trace.
+        /// Name of the trace.
         trace: &'static str,
         /// Number of times.
         n_times: usize,
         /// Number of values.
         n_values: usize,
     },
-    /// A sample that is not finite, or a time not after the one before.
+    /// A sample is not finite, or its time does not exceed the previous one.
     #[error(
         "sample {idx} of the {trace} at {time_ms} ms is {value}: values must be finite, times increase"
     )]
     Sample {
-        /// Which trace.
+        /// Name of the trace.
         trace: &'static str,
-        /// Position of the sample.
+        /// Index of the sample.
         idx: usize,
-        /// Its time.
+        /// Time of the sample, ms.
         time_ms: f64,
-        /// Its value.
+        /// Value of the sample.
         value: f64,
     },
-    /// Too few pressures where flow was measured.
+    /// Too few pressure samples lie within the time of the flow.
     #[error("{n_samples} pressure samples lie where flow was measured, but at least 20 are needed")]
     Overlap {
-        /// Number of pressure samples within the flow's time.
+        /// Number of pressure samples within the time of the flow.
         n_samples: usize,
         /// First and last time of the flow.
         flow_ms: [f64; 2],
         /// First and last time of the pressure.
         pressure_ms: [f64; 2],
     },
-    /// A flow that does not eject.
+    /// The flow does not eject.
     #[error(
         "the flow lies between {lowest_ml_per_s} and {highest_ml_per_s} mL/s: nothing is ejected"
     )]
@@ -83,30 +85,30 @@ pub enum AfterloadError {
         /// Largest flow.
         highest_ml_per_s: f64,
     },
-    /// Pressures of a cuff that are not in order.
+    /// Cuff pressures are out of order.
     #[error(
         "cuff pressures {systolic_mmhg}/{diastolic_mmhg} (mean {mean_mmhg:?}) mmHg are not in order: diastolic, mean, systolic"
     )]
     Cuff {
-        /// Systolic.
+        /// Systolic pressure.
         systolic_mmhg: f64,
-        /// Diastolic.
+        /// Diastolic pressure.
         diastolic_mmhg: f64,
-        /// Mean.
+        /// Mean pressure, if given.
         mean_mmhg: Option<f64>,
     },
-    /// Pressures that no load has with this flow.
+    /// No load has these pressures with this flow.
     #[error("no three elements have {systolic_mmhg}/{diastolic_mmhg} mmHg with this flow")]
     NoLoad {
-        /// Systolic.
+        /// Systolic pressure.
         systolic_mmhg: f64,
-        /// Diastolic.
+        /// Diastolic pressure.
         diastolic_mmhg: f64,
     },
-    /// A setting that makes no sense.
+    /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// The level.
+        /// Confidence level given.
         level: f64,
     },
     /// The minimisation failed.
@@ -114,12 +116,12 @@ pub enum AfterloadError {
     LeastSquares(#[from] LeastSquaresError),
 }
 
-/// What may be set of a fit.
+/// Settings of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindkesselFitSettings {
-    /// What the compliance's pressure is at the beginning.
+    /// Pressure of the compliance at the beginning.
     pub start: Start,
-    /// Probability that an interval covers, dimensionless.
+    /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
 }
 
@@ -132,30 +134,30 @@ impl Default for WindkesselFitSettings {
     }
 }
 
-/// How well the record determines a quantity.
+/// Precision with which the record determines a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Determined {
-    /// The interval's half width is at most 30 % of the value.
+    /// The half-width of the interval is at most 30 % of the value.
     #[default]
     Well,
-    /// It is wider.
+    /// The half-width of the interval exceeds 30 % of the value.
     Poorly,
-    /// At least one end does not exist within the limits of the fit.
+    /// At least one end of the interval does not exist within the limits of the fit.
     Not,
 }
 
-/// One fitted quantity in its unit.
+/// One fitted quantity, in its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Estimate {
     /// Best value.
     pub value: f64,
     /// Standard error of the linearised model, for the effective number of samples.
     pub standard_error: Option<f64>,
-    /// Lower end of the profile's interval; none if the record sets none.
+    /// Lower end of the profile's interval; `None` if the record sets none.
     pub lower: Option<f64>,
-    /// Upper end of the profile's interval; none if the record sets none.
+    /// Upper end of the profile's interval; `None` if the record sets none.
     pub upper: Option<f64>,
-    /// What the interval says.
+    /// Precision according to the interval.
     pub determined: Determined,
 }
 
@@ -168,22 +170,22 @@ pub struct WindkesselFit {
     pub r2: Estimate,
     /// Compliance, mL/mmHg.
     pub compliance: Estimate,
-    /// R2 C, s.
+    /// Time constant R2 C, s.
     pub time_constant: Estimate,
     /// Pressure of the compliance at the first pressure sample, mmHg.
     pub start: Estimate,
-    /// Probability that an interval covers.
+    /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
-    /// Correlations of the estimates R1-R2, R1-C, R2-C.
+    /// Correlations of the estimates: R1-R2, R1-C, R2-C.
     pub correlations: [Option<f64>; 3],
     /// Number of pressure samples.
     pub n_samples: usize,
     /// Root of the mean squared residual, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// What the residuals are worth.
+    /// Effective number of samples and correlations of the residuals.
     pub worth: Worth,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
-    /// Model less measured pressure at the record's samples, mmHg.
+    /// Model minus measured pressure at the samples of the record, mmHg.
     pub residuals_mmhg: Vec<f64>,
 }

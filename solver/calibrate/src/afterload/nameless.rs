@@ -1,4 +1,5 @@
-//! The competitor without a name: whatever pressure every beat repeats, as harmonics of the beat.
+//! Nameless competitor of the effects: any pressure that every beat repeats, as harmonics of the
+//! beat.
 
 use super::AfterloadError;
 use super::noise::Scale;
@@ -7,32 +8,32 @@ use super::record::Record;
 use crate::least_squares::{self, Fit};
 use nalgebra::{DMatrix, DVector};
 
-/// Numbers of harmonics that compete.
+/// Numbers of harmonics to compare.
 const HARMONICS: [usize; 5] = [2, 4, 6, 9, 12];
 
-/// What the discrepancy goes with.
+/// Relation between the discrepancy and a measured quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dependence {
-    /// On what.
+    /// Name of the quantity.
     pub on: &'static str,
-    /// Share of its variance that a cubic of that explains.
+    /// Share of the discrepancy's variance that a cubic of the quantity explains.
     pub share: f64,
 }
 
-/// A discrepancy without a name.
+/// A discrepancy that no named effect explains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nameless {
-    /// Fall of BIC against the model that it was added to.
+    /// Fall of BIC against the model without it.
     pub delta_bic: f64,
     /// Number of harmonics of the beat.
     pub n_harmonics: usize,
-    /// Its size, root of the mean square, mmHg.
+    /// Magnitude, root of the mean square, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// Misfit that remains with it, mmHg.
+    /// Misfit that remains with it, root of the mean square, mmHg.
     pub remaining_mmhg: f64,
-    /// Time after the flow's upstroke where it is largest, ms.
+    /// Time after the upstroke of the flow at which it is largest, ms.
     pub largest_at_ms: f64,
-    /// What it goes with, most telling first.
+    /// Quantities that explain it, the largest share first.
     pub depends_on: Vec<Dependence>,
 }
 
@@ -52,7 +53,7 @@ fn basis(record: &Record, counts: &[bool], n_harmonics: usize) -> DMatrix<f64> {
     columns.qr().q()
 }
 
-/// The load and as many harmonics, fitted jointly.
+/// Joint fit of the load and its harmonics.
 pub(super) struct NamelessFit {
     pub(super) fit: Fit,
     pub(super) n_harmonics: usize,
@@ -70,7 +71,8 @@ impl NamelessFit {
     }
 }
 
-/// Fits with each number of harmonics that the effective number of samples allows; the one with the lowest BIC.
+/// Fits each number of harmonics that the effective number of samples allows, and returns the fit
+/// with the lowest BIC.
 pub(super) fn fit(
     problem: &Problem<'_>,
     from: &Fit,
@@ -78,7 +80,7 @@ pub(super) fn fit(
 ) -> Result<NamelessFit, AfterloadError> {
     let mut best: Option<(f64, NamelessFit)> = None;
     for n_harmonics in HARMONICS {
-        // More coefficients than that are a drawing, not a model.
+        // More coefficients than this would merely trace the record.
         if n_harmonics > HARMONICS[0] && 4 * n_harmonics > n_effective as usize {
             break;
         }
@@ -101,7 +103,7 @@ pub(super) fn fit(
         .1)
 }
 
-/// What the discrepancy looks like and goes with.
+/// Describes the discrepancy and the quantities that it depends on.
 pub(super) fn describe(
     problem: &Problem<'_>,
     model: &Fit,
@@ -111,7 +113,8 @@ pub(super) fn describe(
     let record = problem.record;
     let n = record.n_samples();
     let basis = basis(record, &vec![true; n], found.n_harmonics);
-    // Of the model as it stands: beside the harmonics its own parameters would be free to drift.
+    // Residuals of the fixed model are used, because beside the harmonics its parameters could
+    // drift.
     let r = DVector::from_vec(problem.all_residuals(&model.parameters));
     let discrepancy = -(&basis * basis.tr_mul(&r));
     let largest = discrepancy.iamax();

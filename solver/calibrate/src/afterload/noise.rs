@@ -1,15 +1,17 @@
-//! How many independent samples coloured residuals are worth.
+//! Effective number of independent samples in coloured residuals.
 
 use super::record::Record;
 
-/// Lags that count: up to so many correlation times (Sokal 1997, in Functional Integration, NATO ASI B 361:131).
+/// Number of correlation times up to which lags count (Sokal 1997, in Functional Integration, NATO
+/// ASI B 361:131).
 const WINDOW: f64 = 5.0;
 
-/// What no lumped load follows, whatever its elements: part of the misfit in every comparison, over the pulse pressure.
-/// The four-element fit published with the human record (Stergiopulos et al. 1999) leaves 5 %.
+/// Misfit that no lumped load removes, over the pulse pressure; it enters the misfit in every
+/// comparison. The published four-element fit of the human record (Stergiopulos et al. 1999) leaves
+/// 5 %.
 const TOLERANCE_OF_PULSE: f64 = 0.02;
 
-/// Compares fits of one record by their sums of squares.
+/// Comparison of fits of one record by their sums of squares.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scale {
     n_samples: f64,
@@ -25,39 +27,42 @@ impl Scale {
         }
     }
 
-    /// Mean square with what no load follows, mmHg².
+    /// Mean square of the residuals plus the misfit that no load removes, mmHg².
     pub(super) fn variance(&self, sum_of_squares: f64) -> f64 {
         sum_of_squares / self.n_samples + self.tolerance
     }
 
-    /// Fall of BIC: the model with `more` parameters against that without.
+    /// Fall of BIC of a model with `more` additional parameters.
     pub(super) fn delta_bic(&self, without: f64, with: f64, more: usize, n_effective: f64) -> f64 {
         n_effective * (self.variance(without) / self.variance(with)).ln()
             - more as f64 * n_effective.ln()
     }
 }
 
-/// What the residuals of a fit are worth.
+/// Correlations and effective number of samples of a fit's residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Worth {
-    /// Correlation time of the residuals, ms: so far apart they are independent, twice over.
+    /// Correlation time of the residuals, ms. Residuals twice as far apart are independent.
     pub correlation_time_ms: f64,
-    /// Correlation of the residuals of one beat with those of the others at the same phase; none for one beat.
+    /// Correlation between the residuals of neighbouring beats at the same phase; `None` for one
+    /// beat.
     pub beat_correlation: Option<f64>,
     /// Effective number of samples.
     pub n_effective: f64,
 }
 
 impl Worth {
-    /// Samples over the effective number: by how much variances of estimates are larger than for independent residuals.
+    /// Number of samples over the effective number, the factor by which variances of estimates
+    /// exceed those for independent residuals.
     #[must_use]
     pub fn inflation(&self, n_samples: usize) -> f64 {
         n_samples as f64 / self.n_effective
     }
 }
 
-/// Integrated autocorrelation within beats, and the design effect of beats that miss alike: a misfit which every beat
-/// repeats is seen once, not once a beat (Kish 1965, Survey Sampling, section 5.4).
+/// Computes the integrated autocorrelation within beats and the design effect of beats with similar
+/// misfits. A misfit that every beat repeats is observed once, not once per beat (Kish 1965, Survey
+/// Sampling, section 5.4).
 pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
     let n = residuals.len();
     let span = record.pressure_time_s[n - 1] - record.pressure_time_s[0];

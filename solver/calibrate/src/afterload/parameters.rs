@@ -1,6 +1,6 @@
-//! Parameters of the load with all that may be added to the three elements.
+//! Parameters of the load: the three elements and all additions.
 
-/// Positions in [`Values`]; the four of the three-element Windkessel first.
+/// Indices into [`Values`]; the four of the three-element Windkessel come first.
 pub(super) mod at {
     pub const R1: usize = 0;
     pub const R2: usize = 1;
@@ -20,25 +20,26 @@ pub(super) mod at {
     pub const CATHETER_PERIOD: usize = 15;
     pub const CATHETER_DAMPING: usize = 16;
     pub const TRAVEL: usize = 17;
-    /// How many there are.
+    /// Number of parameters.
     pub const N: usize = 18;
 }
 
-/// All parameters in s, mL, mmHg; zero is off for those of effects.
+/// All parameters in s, mL and mmHg; zero turns an effect off.
 pub(super) type Values = [f64; at::N];
 
 /// A parameter that an effect adds to the three elements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Key in files, with the unit.
+    /// Key in files, which names the unit.
     pub name: &'static str,
     pub(super) position: usize,
-    /// From the internal unit (s, mL, mmHg) to that of the name.
+    /// Factor from the internal unit (s, mL, mmHg) to the unit of the name.
     pub(super) factor: f64,
-    /// Plausible values in the internal unit; a fit stays inside.
+    /// Plausible range in the internal unit; a fit stays inside.
     pub(super) range: (f64, f64),
-    /// Where fits start, in the internal unit.
+    /// Starting values of fits, in the internal unit.
     pub(super) starts: &'static [f64],
-    /// Size below which the effect is not named, in the internal unit; zero where the parameter says nothing of that.
+    /// Magnitude below which the effect is not named, in the internal unit; zero for a parameter
+    /// that does not decide this.
     pub(super) smallest: f64,
 }

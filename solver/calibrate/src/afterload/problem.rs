@@ -1,4 +1,4 @@
-//! Least squares of a load with any terms over a record, or over a part of it.
+//! Least squares problem of a load with any effects, over a record or a part of it.
 
 use super::AfterloadError;
 use super::effects::Effect;
@@ -8,13 +8,13 @@ use super::simulate::{Start, pressure};
 use crate::Interval;
 use crate::least_squares::{self, Fit, Settings};
 
-/// Number of coordinates of the three elements with a free start; one less with a periodic one.
+/// Number of coordinates of the three elements with a free start; a periodic start has one less.
 pub(super) const N_BASE: usize = 4;
-/// Decades that R2 and C may be away from what the record's means suggest.
+/// Decades by which R2 and C may differ from the guess by the means of the record.
 const DECADES: f64 = 2.5;
-/// Time constants R2 C to start from \[s\].
+/// Starting values of the time constant R2 C \[s\].
 const TIME_CONSTANTS_S: [f64; 3] = [0.6, 1.5, 4.0];
-/// Fits are close enough at these; the default ones cost twice the time.
+/// Tolerances that suffice here; the default ones take twice the time.
 pub(super) const TOLERANCE: Settings = Settings {
     cost_tolerance: 1e-9,
     step_tolerance: 1e-8,
@@ -22,12 +22,13 @@ pub(super) const TOLERANCE: Settings = Settings {
     difference_step: 1e-5,
 };
 
-/// Coordinates: R1, ln R2, ln C, start (unless periodic), then the parameters of the terms.
+/// Coordinates are R1, ln R2, ln C, the start (unless periodic), then the parameters of the
+/// effects.
 pub(super) struct Problem<'a> {
     pub(super) record: &'a Record,
     pub(super) start: Start,
     pub(super) effects: Vec<&'static Effect>,
-    /// Which samples count.
+    /// Whether each sample counts.
     pub(super) counts: Vec<bool>,
 }
 
@@ -75,7 +76,7 @@ impl<'a> Problem<'a> {
         values
     }
 
-    /// Model less measured pressure at every sample.
+    /// Model minus measured pressure at every sample.
     pub(super) fn all_residuals(&self, x: &[f64]) -> Vec<f64> {
         let model = pressure(self.record, &self.values(x), self.start);
         model
@@ -85,7 +86,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// The same where samples count.
+    /// Model minus measured pressure at the samples that count.
     pub(super) fn residuals(&self, x: &[f64]) -> Vec<f64> {
         self.all_residuals(x)
             .into_iter()
@@ -116,7 +117,7 @@ impl<'a> Problem<'a> {
         bounds
     }
 
-    /// Mean pressure over mean flow, where the flow has one.
+    /// Mean pressure over mean flow, where a mean flow below 2 % of the largest flow counts as 2 %.
     fn resistance_guess(&self) -> f64 {
         let record = self.record;
         let mean_pressure = record.pressure.iter().sum::<f64>() / record.n_samples() as f64;
@@ -148,7 +149,7 @@ impl<'a> Problem<'a> {
         TIME_CONSTANTS_S.iter().map(of).collect()
     }
 
-    /// The best of fits from these starts.
+    /// Best of the fits from these starts.
     pub(super) fn fit_from(
         &self,
         starts: &[Vec<f64>],
@@ -177,7 +178,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The three elements alone, from several time constants.
+    /// Fit of the three elements alone, from several time constants.
     pub(super) fn fit_base(&self, settings: Settings) -> Result<Fit, AfterloadError> {
         self.fit_from(&self.base_starts(), settings)
     }

@@ -1,15 +1,15 @@
-//! A record of aortic flow and pressure: checked, with its beats.
+//! Validated record of aortic flow and pressure, divided into beats.
 
 use super::AfterloadError;
 
-/// Fewest samples of either trace.
+/// Smallest number of samples of either trace.
 const FEWEST_SAMPLES: usize = 20;
-/// Swing of the flow over its largest value below which nothing is ejected.
+/// Range of the flow over its largest value below which nothing is ejected.
 const LEAST_SWING: f64 = 0.2;
-/// Time after an upstroke within which no other one is sought \[s\].
+/// Time after an upstroke during which no other one is detected \[s\].
 const REFRACTORY_S: f64 = 0.2;
 
-/// Flow and pressure on one clock; each keeps its own sampling.
+/// Flow and pressure on one clock, each with its own sampling.
 ///
 /// The flow is linear between its samples, so that pressures at other times need no resampling.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,18 +20,18 @@ pub struct Record {
     pub(super) pressure: Vec<f64>,
     /// Times of the flow's upstrokes \[s\].
     pub(super) upstrokes_s: Vec<f64>,
-    /// Usual time between upstrokes, or the record's length where there is one \[s\].
+    /// Median time between upstrokes, or the length of a record with one beat \[s\].
     pub(super) cycle_s: f64,
     n_dropped: usize,
 }
 
 impl Record {
-    /// A record of flow (mL/s) and pressure (mmHg) at times of one clock (ms). Pressures outside the flow's time by more
-    /// than its usual interval are left out.
+    /// Creates a record of flow (mL/s) and pressure (mmHg) at times on one clock (ms). Pressure
+    /// samples farther outside the time of the flow than its usual interval are dropped.
     ///
     /// # Errors
-    /// [`AfterloadError`] for traces that are too short, not finite, not in order, without an ejection, or whose times
-    /// hardly overlap.
+    /// [`AfterloadError`] if the traces are too short, not finite or not in order, contain no
+    /// ejection, or hardly overlap in time.
     pub fn new(
         flow_time_ms: &[f64],
         flow_ml_per_s: &[f64],
@@ -67,7 +67,8 @@ impl Record {
                 highest_ml_per_s: highest,
             });
         }
-        // Counted from the pressure's first sample, so that clocks that began long ago lose no digits.
+        // Times count from the first pressure sample, so that clocks that started long ago lose no
+        // digits.
         let zero = pressure_time_ms[kept[0]];
         let seconds = |t: &f64| (t - zero) * 1e-3;
         let flow_time_s: Vec<f64> = flow_time_ms.iter().map(seconds).collect();
@@ -98,7 +99,7 @@ impl Record {
         self.pressure.len()
     }
 
-    /// The pressure samples in use: time since the first of them, ms, and pressure, mmHg.
+    /// Pressure samples in use: time since the first of them, ms, and pressure, mmHg.
     #[must_use]
     pub fn pressure_samples(&self) -> Vec<(f64, f64)> {
         std::iter::zip(&self.pressure_time_s, &self.pressure)
@@ -106,7 +107,7 @@ impl Record {
             .collect()
     }
 
-    /// Number of pressure samples left out, where no flow was measured.
+    /// Number of pressure samples dropped because no flow was measured at their time.
     #[must_use]
     pub fn n_dropped(&self) -> usize {
         self.n_dropped
@@ -118,7 +119,7 @@ impl Record {
         self.upstrokes_s.len().max(1)
     }
 
-    /// Usual time from upstroke to upstroke, ms; the record's length where it holds one beat.
+    /// Usual time between upstrokes, ms; the length of the record if it holds one beat.
     #[must_use]
     pub fn cycle_ms(&self) -> f64 {
         1e3 * self.cycle_s
@@ -137,7 +138,7 @@ impl Record {
         self.flow_time_s[i] - self.flow_time_s[i - 1]
     }
 
-    /// Highest less lowest pressure, mmHg.
+    /// Highest minus lowest pressure, mmHg.
     #[must_use]
     pub fn pulse_pressure_mmhg(&self) -> f64 {
         let (low, high) = range(&self.pressure);
@@ -152,14 +153,15 @@ impl Record {
                 .all(|(q, p)| (q - p).abs() < 1e-6)
     }
 
-    /// The beat of a time, from 0: what lies before the second upstroke belongs to the first beat.
+    /// Index of the beat at a time. Times before the second upstroke belong to beat 0.
     pub(super) fn beat_of(&self, time_s: f64) -> usize {
         self.upstrokes_s
             .partition_point(|onset| *onset <= time_s)
             .saturating_sub(1)
     }
 
-    /// Time since the upstroke over the usual cycle; before the first upstroke counted back from it.
+    /// Time since the upstroke over the usual cycle, in [0, 1). Times before the first upstroke
+    /// count back from it.
     pub(super) fn phase_of(&self, time_s: f64) -> f64 {
         let onset = self
             .upstrokes_s
@@ -169,7 +171,7 @@ impl Record {
         ((time_s - onset) / self.cycle_s).rem_euclid(1.0)
     }
 
-    /// The same record with other pressures, as many.
+    /// The same record with other pressures, one per pressure sample.
     pub(super) fn with_pressure(&self, pressure: Vec<f64>) -> Self {
         Self {
             pressure,
@@ -201,7 +203,7 @@ fn check(trace: &'static str, time_ms: &[f64], values: &[f64]) -> Result<(), Aft
     Ok(())
 }
 
-/// Times at which the flow rises through the middle between its median and its largest value.
+/// Times at which the flow rises through the midpoint between its median and its largest value.
 fn upstrokes(time_s: &[f64], flow: &[f64]) -> Vec<f64> {
     let (base, top) = (median(flow.iter().copied()), range(flow).1);
     let level = base + 0.5 * (top - base);

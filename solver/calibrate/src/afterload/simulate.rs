@@ -1,8 +1,9 @@
-//! The load's pressure for a measured flow that is linear between its samples.
+//! Pressure of the load for a measured flow that is linear between its samples.
 //!
-//! States: pressure Pa of the (proximal) compliance, creep x, flow q through the junction, pressure Pb of the distal
-//! compliance, flow through the parallel inertance. Those of terms that are off stand still. A linear load advances by the
-//! matrix exponential, exact for such a flow; a pressure-dependent compliance by Runge and Kutta's fourth-order method.
+//! States: pressure Pa of the (proximal) compliance, creep x, flow q through the junction, pressure
+//! Pb of the distal compliance, and flow through the parallel inertance. States of effects that are
+//! off stay constant. A linear load advances by the matrix exponential, which is exact for such a
+//! flow. A pressure-dependent compliance advances by the fourth-order Runge–Kutta method.
 
 use super::effects::Effect;
 use super::parameters::{Values, at};
@@ -11,7 +12,7 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 
 /// Number of states.
 const N: usize = 5;
-/// States, flow, its slope, one.
+/// Number of states plus flow, its slope and a constant.
 const AUGMENTED: usize = N + 3;
 const PA: usize = 0;
 const CREEP: usize = 1;
@@ -23,43 +24,44 @@ const LONGEST_STEP_S: f64 = 1.5e-3;
 
 /// Smallest impedance of a tube \[mmHg s/mL\].
 const LEAST_IMPEDANCE: f64 = 1e-3;
-/// Times that the first cycle is run through before a tube's record begins.
+/// Number of runs through the first cycle before the record behind a tube starts.
 const TUBE_CYCLES: usize = 3;
 
 type State = [f64; N];
 
-/// What the pressure of the compliance is at the record's beginning.
+/// Pressure of the compliance at the beginning of the record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Start {
-    /// Fitted: the record may begin anywhere, and drift.
+    /// The pressure is fitted, so that the record may start anywhere and drift.
     #[default]
     Free,
-    /// That of the periodic steady state of the record's first cycle.
+    /// The pressure is that of the periodic steady state of the record's first cycle.
     Periodic,
 }
 
-/// Times of flow and pressure samples in one order, with the flow.
+/// Times of flow and pressure samples in one sequence, with the flow.
 struct Grid {
     time_s: Vec<f64>,
     flow: Vec<f64>,
-    /// Slope of the flow by central differences, linear between.
+    /// Slope of the flow by central differences, linear between samples.
     slope: Vec<f64>,
-    /// Position of each pressure sample.
+    /// Index of each pressure sample in the grid.
     sample: Vec<usize>,
 }
 
-/// Two times closer than this are one \[s\].
+/// Largest distance between two times that count as equal \[s\].
 const SAME_S: f64 = 1e-8;
 
 impl Grid {
-    /// Pressure samples moved back by the lag: what they show happened then.
+    /// Builds the grid, with pressure samples moved back by the lag to the time of the event they
+    /// show.
     fn new(record: &Record, lag_s: f64) -> Self {
         let knots = &record.flow_time_s;
         let moved: Vec<f64> = record.pressure_time_s.iter().map(|t| t - lag_s).collect();
         let n = knots.len() + moved.len();
         let mut time_s: Vec<f64> = Vec::with_capacity(n);
         let mut sample = Vec::with_capacity(moved.len());
-        // The load begins with the first pressure, wherever the flow's samples do.
+        // The load starts at the first pressure sample, wherever the flow starts.
         let mut k = knots.partition_point(|t| *t < moved[0] - SAME_S);
         for t in &moved {
             while k < knots.len() && knots[k] < t - SAME_S {
@@ -109,7 +111,7 @@ fn central_slopes(time: &[f64], value: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The load's equations at one set of parameters.
+/// Equations of the load at one set of parameters.
 struct Load<'a> {
     p: &'a Values,
     mean_pressure: f64,
@@ -120,7 +122,7 @@ impl Load<'_> {
         self.p[at::JUNCTION_INERTANCE] > 0.0
     }
 
-    /// Slopes of all states.
+    /// Time derivatives of all states.
     fn rates(&self, x: &State, flow: f64) -> State {
         let p = self.p;
         let mut rates = [0.0; N];
@@ -142,7 +144,8 @@ impl Load<'_> {
         if share > 0.0 {
             rates[CREEP] = (x[PA] - x[CREEP]) / p[at::CREEP_TIME];
         }
-        // What the tube's wave brings is part of the flow; what the compliance sends back is not.
+        // The wave that arrives through the tube is part of the flow; the wave that the compliance
+        // sends back is not.
         let back = if p[at::TRAVEL] > 0.0 {
             0.5 * x[PA] / p[at::R1].max(LEAST_IMPEDANCE)
         } else {
@@ -156,7 +159,7 @@ impl Load<'_> {
         rates
     }
 
-    /// The states that are not Pa and have a term.
+    /// States other than Pa whose effect is on.
     fn others(&self) -> Vec<usize> {
         let p = self.p;
         let on = [
@@ -171,20 +174,21 @@ impl Load<'_> {
             .collect()
     }
 
-    /// Pressures count from Pa, so that they move with it while it is not periodic.
+    /// Whether a state is a pressure counted from Pa, so that it moves with Pa while Pa is not
+    /// periodic.
     fn counted_from_pa(state: usize) -> bool {
         state == CREEP || state == PB
     }
 }
 
-/// Advances the states over steps of few different lengths.
+/// Integrator of the states. It expects few different step lengths.
 struct Stepper<'a> {
     load: Load<'a>,
-    /// The matrix of a linear load.
+    /// Matrix of a linear load; `None` for a pressure-dependent compliance.
     matrix: Option<SMatrix<f64, AUGMENTED, AUGMENTED>>,
     /// Whether Pa is the only state that moves.
     alone: bool,
-    /// Its exponentials, by step length in ns.
+    /// Exponentials of the matrix, by step length in ns.
     exponentials: Vec<(i64, SMatrix<f64, N, AUGMENTED>)>,
 }
 
@@ -221,7 +225,8 @@ impl<'a> Stepper<'a> {
             return self.runge_kutta(x, flow, slope, dt);
         };
         if self.alone {
-            // One decay: its integrals are at hand, and samples of any spacing cost alike.
+            // A single exponential decay is integrated in closed form, so that the spacing of
+            // samples costs nothing.
             let (rate, gain, constant) = (-matrix[(PA, PA)], matrix[(PA, N)], matrix[(PA, N + 2)]);
             let reached = -(-rate * dt).exp_m1() / rate;
             let mut next = *x;
@@ -265,7 +270,7 @@ impl<'a> Stepper<'a> {
         x
     }
 
-    /// Over the grid's steps up to a position; `seen` gets each state.
+    /// Advances over the steps of the grid up to index `to`; `seen` receives each state.
     fn run(
         &mut self,
         grid: &Grid,
@@ -283,8 +288,9 @@ impl<'a> Stepper<'a> {
         x
     }
 
-    /// All states at the beginning: those beside Pa (and Pa itself for a periodic start) as the first cycle leaves them.
-    /// One cycle from zero and one from each unit give the affine map whose fixed point they are.
+    /// All states at the beginning. Those other than Pa (and Pa itself for a periodic start) repeat
+    /// after the first cycle. One cycle from a guess and one from each unit change give the affine
+    /// map whose fixed point they are.
     fn start(&mut self, grid: &Grid, cycle_s: f64, start: Start) -> State {
         let pa = self.load.p[at::START];
         let mut unknown = self.load.others();
@@ -324,7 +330,7 @@ impl<'a> Stepper<'a> {
                 }
             })
         };
-        // Near the solution, for the nonlinear load's sake.
+        // A guess near the solution keeps the linearisation of the nonlinear load accurate.
         let guess = DVector::from_fn(m, |i, _| if unknown[i] == PA { pa } else { 0.0 });
         let from_guess = after(&guess);
         let mut matrix = DMatrix::identity(m, m);
@@ -342,18 +348,19 @@ impl<'a> Stepper<'a> {
     }
 }
 
-/// A load behind a tube: pressure Pa at each of the grid's times, as it arrives at the tube's beginning, and the states.
+/// A load behind a tube. Its runs return the states and the pressure Pa at each time of the grid.
 struct Tube<'a> {
     record: &'a Record,
     grid: &'a Grid,
     travel: f64,
     impedance: f64,
-    /// Pa at the grid's times of the run before, by which the time before the record is filled.
+    /// Pa at the times of the grid in the previous run, which fills the time before the record.
     cycle_before: Option<Vec<f64>>,
 }
 
 impl Tube<'_> {
-    /// Pa at a time, from this run's beginning or from the cycle before, moved to join it.
+    /// Pa at a time, from this run or, before its beginning, from the previous cycle shifted to
+    /// join it.
     fn pa(&self, so_far: &[f64], t: f64) -> f64 {
         let grid = self.grid;
         let first = grid.time_s[0];
@@ -395,7 +402,7 @@ impl Tube<'_> {
     }
 }
 
-/// States at the grid's times, with Pa as it arrives at the beginning of the tube.
+/// States at the times of the grid, with Pa as it arrives at the beginning of the tube.
 fn through_tube(
     record: &Record,
     values: &Values,
@@ -439,7 +446,7 @@ fn through_tube(
     states
 }
 
-/// Linear between samples, the last value beyond.
+/// Linear interpolation between samples, constant beyond them.
 fn interpolated(time: &[f64], value: &[f64], t: f64) -> f64 {
     let i = time.partition_point(|x| *x <= t);
     if i == 0 || i == time.len() {
@@ -448,11 +455,11 @@ fn interpolated(time: &[f64], value: &[f64], t: f64) -> f64 {
     value[i - 1] + (value[i] - value[i - 1]) * (t - time[i - 1]) / (time[i] - time[i - 1])
 }
 
-/// Pressure at each of the record's pressure samples, mmHg, for the record's flow.
+/// Pressure at each pressure sample of the record, mmHg, for the flow of the record.
 ///
 /// - `three`: R1, R2 (mmHg s/mL) and C (mL/mmHg)
 /// - `start_mmhg`: pressure of the compliance at the first pressure sample
-/// - `terms`: effects, each with its parameters in the units of their names and their order
+/// - `terms`: effects with their parameters, in the units and the order of their names
 #[must_use]
 pub fn simulate(
     record: &Record,
@@ -471,7 +478,7 @@ pub fn simulate(
     pressure(record, &values, Start::Free)
 }
 
-/// Pressure at each of the record's pressure samples \[mmHg\].
+/// Pressure at each pressure sample of the record \[mmHg\].
 pub(super) fn pressure(record: &Record, values: &Values, start: Start) -> Vec<f64> {
     let grid = Grid::new(record, values[at::LAG]);
     let mean_pressure = record.pressure.iter().sum::<f64>() / record.pressure.len() as f64;
@@ -508,8 +515,8 @@ pub(super) fn pressure(record: &Record, values: &Values, start: Start) -> Vec<f6
     p
 }
 
-/// The damped oscillator's answer, exact for a pressure that is linear between its samples; at rest at the beginning on
-/// the first straight line.
+/// Response of the damped oscillator, exact for a pressure that is linear between its samples. At
+/// the beginning the oscillator follows the first straight line at rest.
 fn catheter(time_s: &[f64], p: &[f64], period_s: f64, damping: f64) -> Vec<f64> {
     let w = std::f64::consts::TAU / period_s;
     // States: y, y', p, slope.

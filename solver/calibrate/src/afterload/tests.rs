@@ -8,7 +8,7 @@ fn effect(name: &str) -> &'static Effect {
     EFFECTS.iter().find(|e| e.name == name).unwrap()
 }
 
-/// Beats of half a sine, 300 ms of 800 ms, with a backflow when the valve closes.
+/// Beats with half a sine of ejection over 300 ms of 800 ms, and a backflow when the valve closes.
 fn ejections(n_beats: usize, step_ms: f64) -> (Vec<f64>, Vec<f64>) {
     let n = (800.0 * n_beats as f64 / step_ms) as usize;
     let time: Vec<f64> = (0..=n).map(|i| i as f64 * step_ms).collect();
@@ -20,7 +20,7 @@ fn ejections(n_beats: usize, step_ms: f64) -> (Vec<f64>, Vec<f64>) {
     (time.clone(), time.iter().map(at).collect())
 }
 
-/// A record whose pressure is that of a load.
+/// A record with the simulated pressure of a load.
 fn made(n_beats: usize, three: [f64; 3], terms: &[(&Effect, &[f64])]) -> Record {
     let (time, flow) = ejections(n_beats, 4.0);
     let blank = Record::new(&time, &flow, &time, &vec![80.0; time.len()]).unwrap();
@@ -44,7 +44,8 @@ fn human() -> [(Vec<f64>, Vec<f64>); 2] {
     ])
 }
 
-/// The reference values are least squares with exact integration for a flow that is linear between its samples.
+/// The reference values come from least squares with exact integration, for a flow that is linear
+/// between its samples.
 #[test]
 fn the_human_record_has_its_reference_values() {
     let [q, p] = human();
@@ -65,7 +66,8 @@ fn the_human_record_has_its_reference_values() {
     );
 }
 
-/// The reference is near when samples are paired by their position, 5 ms apart, whatever their stamps.
+/// The reference values come close if samples are paired by index, 5 ms apart, regardless of their
+/// time stamps.
 #[test]
 fn the_porcine_record_has_its_reference_values_when_paired_by_position() {
     let [q, p] = example([
@@ -89,7 +91,8 @@ fn the_porcine_record_has_its_reference_values_when_paired_by_position() {
 
 #[test]
 fn a_ramp_of_flow_has_its_closed_form() {
-    // C dP/dt = a t − P/R2 from P0: P = R2 a (t − τ) + (P0 + R2 a τ) e^(−t/τ), at samples of any spacing.
+    // C dP/dt = a t − P/R2 from P0: P = R2 a (t − τ) + (P0 + R2 a τ) e^(−t/τ), at samples of any
+    // spacing.
     let time: Vec<f64> = (0..60)
         .map(|i| 7.0 * f64::from(i) + 0.05 * f64::from(i * i))
         .collect();
@@ -103,7 +106,7 @@ fn a_ramp_of_flow_has_its_closed_form() {
     }
 }
 
-/// A complex number, as much as impedances need.
+/// A complex number with the operations that impedances need.
 #[derive(Clone, Copy)]
 struct Z(f64, f64);
 
@@ -127,7 +130,8 @@ fn real(x: f64) -> Z {
     Z(x, 0.0)
 }
 
-/// Impedance of the load with each linear effect, from circuit theory, against the simulated answer to a sine.
+/// The simulated response to a sine agrees with the impedance of each linear effect from circuit
+/// theory.
 #[test]
 fn linear_effects_have_their_impedance() {
     let [r1, r2, c] = LOAD;
@@ -146,7 +150,7 @@ fn linear_effects_have_their_impedance() {
     let (share, tau) = (0.6, 0.15);
     let creep =
         real(1.0 - share).plus(real(share).times(real(1.0).plus(jw.times(real(tau))).inverse()));
-    // A tube of impedance R1 and delay T that ends in R1 + (R2 | C): reflected with e^(−2jωT).
+    // A tube of impedance R1 and delay T that ends in R1 + (R2 | C) reflects with e^(−2jωT).
     let travel = 0.05;
     let load = real(r1).plus(plain);
     let gamma = load
@@ -210,7 +214,8 @@ fn linear_effects_have_their_impedance() {
     }
 }
 
-/// Why a shift of either zero is not told from an outflow pressure: the same pressure to round-off.
+/// A shift of either zero gives the same pressure as an outflow pressure to round-off, so that the
+/// two cannot be distinguished.
 #[test]
 fn outflow_pressure_and_shifted_zeros_are_one() {
     let (time, flow) = ejections(2, 5.0);
@@ -222,7 +227,8 @@ fn outflow_pressure_and_shifted_zeros_are_one() {
         .map(|p| p + 12.0)
         .collect();
     let more: Vec<f64> = flow.iter().map(|q| q + 20.0).collect();
-    // Q + q0 into R1 and R2: an outflow pressure of R2 q0 and a shift of R1 q0 beside it, together (R1 + R2) q0.
+    // Q + q0 into R1 and R2 acts as an outflow pressure of R2 q0 plus a shift of R1 q0, together
+    // (R1 + R2) q0.
     let flow_shifted = simulate(&blank(&more), LOAD, 85.0, &[]);
     let q0 = 20.0;
     let as_outflow = simulate(
@@ -267,7 +273,7 @@ fn a_periodic_start_returns_after_its_cycle() {
     let (time, flow) = ejections(1, 4.0);
     let periodic = {
         let mut pc = 85.0;
-        // Ten time constants of the same cycle.
+        // Ten time constants of the same cycle reach the periodic state.
         for _ in 0..20 {
             let blank = Record::new(&time, &flow, &time, &vec![80.0; time.len()]).unwrap();
             pc = *simulate(&blank, LOAD, pc, &[]).last().unwrap();
@@ -284,7 +290,7 @@ fn a_periodic_start_returns_after_its_cycle() {
     ] {
         assert!((found / truth - 1.0).abs() < 1e-3, "{found} {truth}");
     }
-    // A record that is still on its way to the periodic state does not have one.
+    // A record that has not yet reached the periodic state does not fit a periodic start.
     assert!(
         fit_windkessel(&record, settings)
             .unwrap()
@@ -295,7 +301,7 @@ fn a_periodic_start_returns_after_its_cycle() {
 
 #[test]
 fn little_flow_does_not_determine_the_peripheral_resistance() {
-    // What flows out flows back: the mean says nothing about R2, and diastole is too short for it.
+    // All outflow returns: the mean says nothing about R2, and diastole is too short for it.
     let (time, flow) = ejections(1, 4.0);
     let mean = flow.iter().sum::<f64>() / flow.len() as f64;
     let flow: Vec<f64> = flow.iter().map(|q| q - mean).collect();
@@ -355,7 +361,7 @@ fn pressures_without_flow_are_left_out() {
     );
 }
 
-/// Noise that needs no generator: two incommensurate sines of half a millimetre of mercury.
+/// Deterministic noise: two incommensurate sines of half a millimetre of mercury.
 fn noise(i: usize) -> f64 {
     0.5 * ((i as f64 * 1.7).sin() + (i as f64 * 0.61).cos())
 }
@@ -422,7 +428,7 @@ fn an_outflow_pressure_is_not_told_from_a_shifted_zero() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(8))]
 
-    /// Known loads come back, whatever the two samplings; intervals hold them.
+    /// The fit recovers known loads for any two samplings, and the intervals cover them.
     #[test]
     fn loads_are_recovered(r1 in 0.02..0.12f64, r2 in 0.4..3.0f64, tau in 0.6..3.0f64, step in 3.0..9.0f64, late in 0.0..4.0f64) {
         let (time, flow) = ejections(2, 5.0);

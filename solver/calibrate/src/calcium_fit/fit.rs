@@ -1,4 +1,4 @@
-//! The fit: what is minimised over what, and from where.
+//! Bounds, starts and minimisation of the calcium fit, and the conclusions from its intervals.
 
 use super::{CalciumFit, Estimate, RiceParameters, TimeConstants};
 use crate::least_squares::{self, Fit, LeastSquaresError};
@@ -6,20 +6,20 @@ use crate::profile_interval::Profile;
 use crate::{Interval, normal};
 use serde::{Deserialize, Serialize};
 
-/// Asymmetries to start from; the mean time constant follows from each and the time of the peak.
+/// Asymmetries to start from; each gives the mean time constant together with the time of the peak.
 const STARTS: [f64; 3] = [0.01, 0.5, 0.9];
-/// Largest asymmetry: one time constant 199 times the other.
+/// Largest asymmetry, at which one time constant is 199 times the other.
 const LARGEST_ASYMMETRY: f64 = 0.98;
-/// Below this asymmetry the time constants are equal to a thousandth.
+/// Asymmetry below which the time constants are equal to a thousandth.
 const EQUAL: f64 = 1e-6;
 
-/// What may be set of a calcium fit.
+/// Settings of a calcium fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CalciumFitSettings {
-    /// Time of activation on the trace's clock, ms.
+    /// Time of activation on the clock of the trace, ms.
     pub activation_ms: f64,
-    /// Probability that an interval covers, dimensionless.
+    /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
 }
 
@@ -32,10 +32,10 @@ impl Default for CalciumFitSettings {
     }
 }
 
-/// Why a trace cannot be fitted.
+/// Reasons why a trace cannot be fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalciumFitError {
-    /// Times and values of different number, or too few.
+    /// Times and values differ in number or are too few.
     #[error(
         "the trace has {n_times} times and {n_values} values, but must have at least 8 of each, as many of both"
     )]
@@ -45,19 +45,19 @@ pub enum CalciumFitError {
         /// Number of values.
         n_values: usize,
     },
-    /// A sample that is not finite, or a time not after the one before.
+    /// A sample is not finite, or its time does not exceed the previous one.
     #[error(
         "sample {idx} at {time_ms} ms is {calcium_um} µM: values must be finite, times increase"
     )]
     Sample {
         /// Position of the sample.
         idx: usize,
-        /// Its time.
+        /// Time of the sample, ms.
         time_ms: f64,
-        /// Its value.
+        /// Value of the sample, µM.
         calcium_um: f64,
     },
-    /// Nothing rises, or what rises does not fall again.
+    /// The trace does not rise, or does not fall again after its rise.
     #[error(
         "the trace does not rise and fall after activation at {activation_ms} ms: its largest value is at {peak_ms} ms"
     )]
@@ -67,10 +67,10 @@ pub enum CalciumFitError {
         /// Time of the largest value.
         peak_ms: f64,
     },
-    /// A setting that makes no sense.
+    /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// The level.
+        /// Confidence level given.
         level: f64,
     },
     /// The minimisation failed.
@@ -78,14 +78,14 @@ pub enum CalciumFitError {
     LeastSquares(#[from] LeastSquaresError),
 }
 
-/// A trace; parameters in two kinds of coordinates.
+/// A trace, with residuals in two kinds of coordinates.
 pub(super) struct Problem<'a> {
     /// Times after activation, ms.
     times_ms: Vec<f64>,
     calcium_um: &'a [f64],
 }
 
-/// Parameters by resting and peak calcium, mean time constant and asymmetry.
+/// Parameters from resting and peak calcium, mean time constant and asymmetry.
 fn from_asymmetry(x: &[f64]) -> RiceParameters {
     let half_gap = x[3].max(0.0).sqrt();
     RiceParameters {
@@ -96,7 +96,7 @@ fn from_asymmetry(x: &[f64]) -> RiceParameters {
     }
 }
 
-/// Parameters by resting and peak calcium and both time constants.
+/// Parameters from resting and peak calcium and both time constants.
 fn from_time_constants(x: &[f64]) -> RiceParameters {
     RiceParameters {
         ca_res_um: x[0],
@@ -141,10 +141,11 @@ impl Problem<'_> {
 
 /// Fits Rice's transient to a trace.
 ///
-/// - `times_ms`, `calcium_um`: as measured, of any spacing; the beat's samples before activation belong to it
+/// - `times_ms`, `calcium_um`: samples at any spacing, including those of the beat before
+///   activation
 ///
 /// # Errors
-/// [`CalciumFitError`] when the trace holds no transient.
+/// [`CalciumFitError`] if the trace holds no transient.
 pub fn fit_calcium(
     times_ms: &[f64],
     calcium_um: &[f64],
@@ -185,7 +186,7 @@ pub fn fit_calcium(
     }
 }
 
-/// The peak's time after activation, once the trace is one.
+/// Checks that the trace is a transient and returns the time of its peak after activation.
 fn check(
     times_ms: &[f64],
     calcium_um: &[f64],
@@ -228,13 +229,13 @@ fn check(
     Ok(peak_ms - activation_ms)
 }
 
-/// Where the parameters may lie, from what the trace spans.
+/// Bounds of the parameters, from the range of the trace.
 fn bounds(times_ms: &[f64], calcium_um: &[f64]) -> [Interval; 4] {
     let lowest = calcium_um.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = calcium_um.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let range = highest - lowest;
     let duration = times_ms[times_ms.len() - 1].max(times_ms[times_ms.len() - 1] - times_ms[0]);
-    // Concentrations of the model are positive, even where a background was subtracted from the trace.
+    // Concentrations of the model are positive even if a background was subtracted from the trace.
     let least = 1e-6 * highest;
     [
         Interval::new(
@@ -247,7 +248,7 @@ fn bounds(times_ms: &[f64], calcium_um: &[f64]) -> [Interval; 4] {
     ]
 }
 
-/// Intervals, and what they say of the time constants.
+/// Computes the intervals and what they imply for the time constants.
 fn conclude(
     problem: &Problem<'_>,
     bounds: &[Interval; 4],
@@ -316,7 +317,7 @@ fn conclude(
         parameters.tau_cd_ms,
     ];
     let tau_errors = match time_constants {
-        // Both columns of derivatives are the same.
+        // The two columns of derivatives are equal.
         TimeConstants::Equal => vec![None; 4],
         _ => problem
             .by_time_constants(&both, &tau_bounds)?

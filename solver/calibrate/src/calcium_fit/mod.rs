@@ -1,14 +1,18 @@
-//! Rice's four parameters from a measured calcium transient, with intervals and what the trace does not tell.
+//! Rice's four parameters from a measured calcium transient, with intervals and their limits.
 //!
-//! Source: Jung et al. 2022, Appendix B.3: least squares over all samples (their minimiser is Powell's; ours is
-//! Levenberg and Marquardt's, which also gives errors). The transient does not change when its two time constants are
-//! exchanged, so that they cannot be fitted as such where they are close: both act alike there. The fit runs over their
-//! mean m and their asymmetry u instead, τ = m (1 ± √u) with u from 0, in which the curve is smooth at equal constants too.
-//! A trace that is narrower than any transient of its rise and decay pushes u against 0: both constants come out equal.
+//! Source: Jung et al. 2022, Appendix B.3: least squares over all samples. The paper minimises by
+//! Powell's method; this module uses Levenberg–Marquardt, which also gives errors.
 //!
-//! Intervals are the linearised ones and those of the profile (all values with which the other parameters can be fitted
-//! so that the sum of squares rises by less than z² residual variances). Both take residuals as independent of each
-//! other; [`CalciumFit::residual_correlation`] tells whether they are.
+//! The transient does not change when its two time constants are exchanged, and both act alike
+//! where they are close. They can therefore not be fitted directly. The fit runs over their mean m
+//! and their asymmetry u, τ = m (1 ± √u) with u ≥ 0, in which the curve is smooth at equal
+//! constants too. A trace narrower than any transient of its rise and decay presses u against 0, so
+//! that both constants come out equal.
+//!
+//! Intervals are given from the linearised model and from the profile (all values at which the
+//! other parameters can be fitted so that the sum of squares rises by less than z² residual
+//! variances). Both assume independent residuals; [`CalciumFit::residual_correlation`] shows
+//! whether they are.
 
 mod fit;
 #[cfg(test)]
@@ -18,7 +22,8 @@ mod transient;
 pub use fit::{CalciumFitError, CalciumFitSettings, fit_calcium};
 use serde::{Deserialize, Serialize};
 
-/// Rice's parameters as they are fitted here: the decay is the slower of the two, though the curve does not know.
+/// Rice's parameters as fitted here. The decay is taken to be the slower of the two processes,
+/// although the curve does not determine which is slower.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RiceParameters {
@@ -28,39 +33,40 @@ pub struct RiceParameters {
     /// Peak calcium, µM.
     #[serde(rename = "ca_max_uM")]
     pub ca_max_um: f64,
-    /// The longer time constant (or both), ms.
+    /// Longer time constant (or both), ms.
     pub tau_cr_ms: f64,
-    /// The shorter time constant (or both), ms.
+    /// Shorter time constant (or both), ms.
     pub tau_cd_ms: f64,
 }
 
-/// One fitted quantity in its unit.
+/// One fitted quantity, in its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Best value.
     pub value: f64,
-    /// Standard error of the linearised model; none where it does not hold, as for equal time constants.
+    /// Standard error of the linearised model; `None` where that model fails, as for equal time
+    /// constants.
     pub standard_error: Option<f64>,
-    /// Lower end of the profile's interval; none if the trace sets none within the limits.
+    /// Lower end of the profile's interval; `None` if the trace sets none within the limits.
     pub lower: Option<f64>,
-    /// Upper end of the profile's interval; none if the trace sets none within the limits.
+    /// Upper end of the profile's interval; `None` if the trace sets none within the limits.
     pub upper: Option<f64>,
 }
 
-/// What the trace tells about the two time constants.
+/// Extent to which the trace determines the two time constants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeConstants {
-    /// Two different ones: equal ones do not fit.
+    /// The constants differ: equal ones do not fit.
     Distinct,
-    /// Two different ones fit best, equal ones fit as well within the confidence level.
+    /// Different constants fit best, but equal ones fit as well within the confidence level.
     Indistinct,
-    /// Equal ones fit best.
+    /// Equal constants fit best.
     Equal,
 }
 
 impl TimeConstants {
-    /// A sentence for reports.
+    /// Explanation for reports, in one sentence.
     #[must_use]
     pub fn explanation(self) -> &'static str {
         match self {
@@ -83,7 +89,7 @@ impl TimeConstants {
 /// A fitted transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CalciumFit {
-    /// The parameters.
+    /// Best values of the parameters.
     pub parameters: RiceParameters,
     /// Resting calcium, µM.
     #[serde(rename = "ca_res_uM")]
@@ -91,23 +97,24 @@ pub struct CalciumFit {
     /// Peak calcium, µM.
     #[serde(rename = "ca_max_uM")]
     pub ca_max_um: Estimate,
-    /// The longer time constant, ms.
+    /// Longer time constant, ms.
     pub tau_cr_ms: Estimate,
-    /// The shorter time constant, ms.
+    /// Shorter time constant, ms.
     pub tau_cd_ms: Estimate,
-    /// The mean of both, ms: determined even where each of them is not.
+    /// Mean of both time constants, ms. It is determined even if the two are not.
     pub tau_mean_ms: Estimate,
-    /// What the trace tells about the two.
+    /// Extent to which the trace determines the two time constants.
     pub time_constants: TimeConstants,
-    /// Probability that an interval covers, dimensionless.
+    /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
     /// Number of samples.
     pub n_samples: usize,
     /// Root of the mean squared residual, µM.
     #[serde(rename = "root_mean_square_uM")]
     pub root_mean_square_um: f64,
-    /// Correlation of neighbouring residuals, dimensionless: near zero for noise; near one where the model misses the
-    /// trace's shape or the noise is smooth, and intervals are too narrow by about √((1 + ρ)/(1 − ρ)).
+    /// Correlation of neighbouring residuals, dimensionless. It is near zero for noise. It is near
+    /// one if the model misses the shape of the trace or the noise is smooth; intervals are then
+    /// too narrow by about √((1 + ρ)/(1 − ρ)).
     pub residual_correlation: f64,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,

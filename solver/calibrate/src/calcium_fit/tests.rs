@@ -1,4 +1,4 @@
-//! Fits of made traces with known truth.
+//! Fits of synthetic traces with known parameters.
 
 use super::*;
 use crate::normal;
@@ -51,7 +51,7 @@ fn an_exact_trace_gives_its_parameters_back() {
         (p.tau_cr_ms - 210.0).abs() < 1e-5 && (p.tau_cd_ms - 55.0).abs() < 1e-5,
         "{p:?}"
     );
-    // Exchanged, the curve and so the answer are the same.
+    // Exchanged time constants give the same curve and the same result.
     let exchanged = fitted(&truth(55.0, 210.0).transient_um(&times()));
     assert!((exchanged.parameters.tau_cr_ms - 210.0).abs() < 1e-5);
 }
@@ -68,12 +68,13 @@ fn activation_is_taken_off() {
     assert!((fit.parameters.tau_cr_ms - 180.0).abs() < 1e-5, "{fit:?}");
 }
 
-/// The refit of the paper's data has equal constants: a trace narrower than any transient pushes them together.
+/// Refitting the paper's data gives equal constants: a trace narrower than any transient presses
+/// them together.
 #[test]
 fn a_narrow_trace_has_equal_time_constants() {
     let narrow = |s: f64| {
         let x = s / 65.0;
-        // A gamma curve of a higher power: sharper than s e^{-s}.
+        // A gamma curve of a higher power, which is sharper than s e^{-s}.
         0.15 + 0.45 * (x / 2.0).powf(2.0) * (2.0 - x).exp()
     };
     let fit = fitted(&times().into_iter().map(narrow).collect::<Vec<_>>());
@@ -84,7 +85,7 @@ fn a_narrow_trace_has_equal_time_constants() {
         (None, None)
     );
     assert!(fit.tau_mean_ms.standard_error.is_some() && fit.tau_mean_ms.lower.is_some());
-    // What misses the shape is no noise.
+    // A misfit of the shape shows as correlated residuals, not as noise.
     assert!(fit.residual_correlation > 0.9, "{fit:?}");
     assert!(fit.time_constants.explanation().contains("equal"));
 }
@@ -97,14 +98,14 @@ fn equal_time_constants_in_noise_are_not_told_apart() {
         assert!(fit.residual_correlation.abs() < 0.35, "{fit:?}");
         n_equal += usize::from(fit.time_constants != TimeConstants::Distinct);
         n_covered += usize::from(covers(&fit.tau_mean_ms, 129.87));
-        // Each alone is far less sure than their mean.
+        // Each constant alone is far less certain than their mean.
         let width = |e: &Estimate| e.upper.unwrap() - e.lower.unwrap();
         assert!(
             width(&fit.tau_cr_ms) + width(&fit.tau_cd_ms) > 4.0 * width(&fit.tau_mean_ms),
             "{fit:?}"
         );
     }
-    // Equal constants are the edge of what is possible: half of the usual 5 % lie beyond.
+    // Equal constants are at the edge of the admissible range, so half of the usual 5 % lie beyond.
     assert!(n_equal >= 26 && n_covered >= 25, "{n_equal} {n_covered}");
 }
 
@@ -150,7 +151,7 @@ fn what_is_no_transient_is_refused_by_name() {
     assert!(refused(&t, &[0.1; 99]).contains("99 values"));
     let falling: Vec<f64> = t.iter().map(|s| (-s / 100.0).exp()).collect();
     assert!(refused(&t, &falling).contains("does not rise"));
-    // Neither what only falls nor what only rises is a transient, wherever activation is said to be.
+    // A trace that only falls or only rises is not a transient, wherever activation is set.
     let early = CalciumFitSettings {
         activation_ms: -20.0,
         ..CalciumFitSettings::default()

@@ -1,15 +1,16 @@
-//! The curve that is fitted.
+//! Rice's calcium transient.
 
 use super::RiceParameters;
 
-/// Below this relative distance of the rates the limit of equal ones is exact to round-off.
+/// Relative difference of the rates below which the limit of equal rates is exact to round-off.
 const EQUAL_RATES: f64 = 1e-9;
 
 impl RiceParameters {
-    /// Calcium in µM at times after activation in ms, the resting one before.
+    /// Calcium in µM at times in ms after activation; the resting value before activation.
     ///
-    /// Source: Jung et al. 2022, eq. A16 (Rice 2008), written as e^{−s/τ₁} (1 − e^{−s (1/τ₂ − 1/τ₁)}) over its peak, τ₁ the
-    /// longer time constant: symmetric in the two, and free of cancellation where they are close.
+    /// Source: Jung et al. 2022, eq. A16 (Rice 2008), written as e^{−s/τ₁} (1 − e^{−s (1/τ₂ −
+    /// 1/τ₁)}) over its peak, where τ₁ is the longer time constant. This form is symmetric in the
+    /// two constants and free of cancellation where they are close.
     #[must_use]
     pub fn transient_um(&self, times_ms: &[f64]) -> Vec<f64> {
         let (longer, shorter) = (
@@ -55,7 +56,8 @@ mod tests {
         .transient_um(&[s])[0]
     }
 
-    /// Equation A16, with β's exponents as in docs/models.md, for time constants far enough apart not to cancel.
+    /// Equation A16 as printed, with β's exponents as in docs/models.md, for time constants far
+    /// enough apart to avoid cancellation.
     #[test]
     fn equals_the_printed_equation() {
         for (tau_cr, tau_cd) in [(129.0, 60.0), (30.0, 190.0), (192.5, 26.0)] {

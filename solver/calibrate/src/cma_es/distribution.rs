@@ -1,11 +1,11 @@
-//! The sampling distribution of one run and its adaptation, in unit coordinates.
+//! Sampling distribution of one run and its adaptation, in unit coordinates.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
-/// Weights and rates that follow from dimension and population size.
+/// Weights and rates that follow from the dimension and the population size.
 pub(super) struct Rates {
-    /// Of the better half, the best one first; they sum to one.
+    /// Weights of the better half, the best one first; they sum to one.
     weights: Vec<f64>,
     /// Variance-effective number of parents.
     n_effective: f64,
@@ -14,7 +14,7 @@ pub(super) struct Rates {
     rank_one: f64,
     rank_mu: f64,
     damping: f64,
-    /// Expected length of a normal vector.
+    /// Expected length of a standard normal vector.
     length: f64,
 }
 
@@ -43,26 +43,26 @@ impl Rates {
     }
 }
 
-/// Mean, scale and shape of one run.
+/// Mean, scale and shape of the sampling distribution of one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Distribution {
     pub(super) mean: Vec<f64>,
     pub(super) sigma: f64,
-    /// Column by column.
+    /// Covariance, column by column.
     covariance: Vec<f64>,
     path_sigma: Vec<f64>,
     path_covariance: Vec<f64>,
     n_updates: usize,
 }
 
-/// Axes of the covariance: its eigenvectors, and the roots of its eigenvalues.
+/// Axes of the covariance: its eigenvectors and the square roots of its eigenvalues.
 pub(super) struct Axes {
     vectors: DMatrix<f64>,
     lengths: DVector<f64>,
 }
 
 impl Axes {
-    /// A step of the distribution from standard normal numbers.
+    /// Converts standard normal numbers to a step of the distribution.
     pub(super) fn step(&self, normal: &[f64]) -> Vec<f64> {
         let scaled = DVector::from_iterator(
             normal.len(),
@@ -71,7 +71,7 @@ impl Axes {
         (&self.vectors * scaled).as_slice().to_vec()
     }
 
-    /// A step's directions at unit variance: its product with the covariance's inverse root.
+    /// Scales a step to unit variance: its product with the inverse square root of the covariance.
     fn whiten(&self, step: &DVector<f64>) -> DVector<f64> {
         let along = self.vectors.tr_mul(step);
         &self.vectors * along.zip_map(&self.lengths, |a, l| a / l)
@@ -102,19 +102,19 @@ impl Distribution {
 
     pub(super) fn axes(&self) -> Axes {
         let eigen = SymmetricEigen::new(self.covariance());
-        // Rounding may leave an eigenvalue below zero where an axis has shrunk to nothing.
+        // Rounding may leave an eigenvalue below zero on an axis that has shrunk to nothing.
         Axes {
             vectors: eigen.eigenvectors,
             lengths: eigen.eigenvalues.map(|v| v.max(1e-30).sqrt()),
         }
     }
 
-    /// Mean variance of a coordinate of a sample.
+    /// Mean variance of a sample's coordinates.
     pub(super) fn mean_variance(&self) -> f64 {
         self.sigma * self.sigma * self.covariance().trace() / self.mean.len() as f64
     }
 
-    /// Largest standard deviation of a coordinate.
+    /// Largest standard deviation of a sample's coordinates.
     pub(super) fn largest_deviation(&self) -> f64 {
         self.sigma * self.covariance().diagonal().max().sqrt()
     }
@@ -127,7 +127,7 @@ impl Distribution {
         let ranked = || rates.weights.iter().zip(steps);
         let mean_step = ranked().fold(DVector::zeros(n), |sum, (w, step)| sum + *w * vector(step));
         for (mean, step) in self.mean.iter_mut().zip(mean_step.iter()) {
-            // Penalties turn the mean back; further than this it need not go.
+            // Penalties push the mean back, so that it need not go further than this.
             *mean = (*mean + self.sigma * step).clamp(-0.1, 1.1);
         }
         let gain = |rate: f64| (rate * (2.0 - rate) * rates.n_effective).sqrt();

@@ -1,4 +1,4 @@
-//! The optimiser: what it asks for, what it makes of the answers, when runs and all of it end.
+//! State machine of CMA-ES: its batches, its restarts and its end.
 
 use super::distribution::{Axes, Distribution, Rates};
 use crate::population::{PopulationError, check, scale, unit_guesses};
@@ -11,23 +11,25 @@ use serde::{Deserialize, Serialize};
 /// Ratio of axes at which a run ends.
 const WORST_CONDITION: f64 = 1e7;
 
-/// What may be set of the strategy.
+/// Settings of the strategy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Candidates of a generation of the first run; 4 + ⌊3 ln D⌋ if none. Each restart doubles them.
+    /// Number of candidates per generation of the first run; 4 + ⌊3 ln D⌋ if `None`. Each restart
+    /// doubles it.
     pub n_candidates: Option<usize>,
-    /// Standard deviation at each run's start, as a fraction of the intervals.
+    /// Standard deviation at the start of each run, as a fraction of the intervals.
     pub first_deviation: f64,
-    /// A run ends when its best costs have not changed by more than this fraction over many generations, dimensionless.
+    /// A run ends when its best costs have changed by at most this fraction over many generations,
+    /// dimensionless.
     pub tol: f64,
-    /// Added to that bound, in the cost's unit.
+    /// Added to that threshold, in the cost's unit.
     pub atol: f64,
-    /// A run ends when no coordinate's standard deviation is larger, as a fraction of its interval.
+    /// A run ends when no coordinate's standard deviation exceeds this fraction of its interval.
     pub step_tolerance: f64,
-    /// It ends when so many runs have ended at the best cost (to a thousandth).
+    /// The optimisation ends when this number of runs has ended at the best cost (to a thousandth).
     pub n_agreeing_runs: usize,
-    /// No generation begins after so many evaluations.
+    /// No generation starts after this number of evaluations.
     pub max_evaluations: usize,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -97,33 +99,34 @@ impl Settings {
     }
 }
 
-/// Why the optimisation ended.
+/// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
     /// Enough runs ended at the best cost.
     Agreement,
-    /// The largest number of evaluations was made.
+    /// The largest number of evaluations was reached.
     Evaluations,
 }
 
-/// CMA-ES with restarts; serialise it after any [`CmaEs::tell`] to go on from there bit for bit.
+/// CMA-ES with restarts. The state can be serialised after any [`CmaEs::tell`] and continues bit
+/// for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CmaEs {
     settings: Settings,
     bounds: Vec<Interval>,
-    /// Positions of the parameters whose intervals have a width.
+    /// Indices of the parameters whose intervals have a width.
     free: Vec<usize>,
     /// Starts of the first runs, in unit coordinates.
     guesses: Vec<Vec<f64>>,
     distribution: Distribution,
     run: usize,
-    /// Generation of the run.
+    /// Generation within the run.
     generation: usize,
-    /// Best cost of each of the run's last generations.
+    /// Best cost of each of the last generations of the run.
     #[serde(with = "crate::storage::costs")]
     history: Vec<f64>,
-    /// The best cost of each run that has ended.
+    /// Best cost of each run that has ended.
     #[serde(with = "crate::storage::costs")]
     run_costs: Vec<f64>,
     #[serde(with = "crate::storage::cost")]
@@ -136,10 +139,11 @@ pub struct CmaEs {
 }
 
 impl CmaEs {
-    /// Begins at the first guess, or the middle of the box; further guesses (shape (any, D)) are starts of restarts.
+    /// Starts at the first guess, or at the middle of the box. Further guesses, shape (any, D), are
+    /// the starts of the restarts.
     ///
     /// # Errors
-    /// [`PopulationError`] when the box, a setting or a guess makes no sense.
+    /// [`PopulationError`] if the box, a setting or a guess is invalid.
     pub fn new(
         bounds: &[Interval],
         guesses: &[Vec<f64>],
@@ -151,7 +155,8 @@ impl CmaEs {
             .filter(|i| bounds[*i].width() > 0.0)
             .collect();
         if free.is_empty() {
-            // Nothing can move: the first coordinate is sampled without an effect, until the costs agree.
+            // Nothing can move: the first coordinate is sampled without an effect until the costs
+            // agree.
             free.push(0);
         }
         let guesses: Vec<Vec<f64>> = unit_guesses(guesses, bounds, usize::MAX)?
@@ -180,7 +185,7 @@ impl CmaEs {
         })
     }
 
-    /// Candidates of a generation of the current run.
+    /// Number of candidates per generation of the current run.
     fn n_candidates(&self) -> usize {
         let first = self
             .settings
@@ -189,7 +194,7 @@ impl CmaEs {
         first << self.run.min(10)
     }
 
-    /// The steps of a generation, in units of sigma.
+    /// Steps of a generation, in units of sigma.
     fn steps(&self, axes: &Axes) -> Vec<Vec<f64>> {
         let generation = ((self.run as u64) << 32) | self.generation as u64;
         (0..self.n_candidates())
@@ -204,7 +209,7 @@ impl CmaEs {
             .collect()
     }
 
-    /// Where a step leads, which may lie beyond the box.
+    /// Position that a step leads to, which may lie outside the box.
     fn sample(&self, step: &[f64]) -> Vec<f64> {
         self.distribution
             .mean
@@ -214,7 +219,7 @@ impl CmaEs {
             .collect()
     }
 
-    /// The point of the box that a sample is evaluated at, in the parameters' units.
+    /// Point of the box at which a sample is evaluated, in the parameters' units.
     fn point(&self, sample: &[f64]) -> Vec<f64> {
         let mut unit = vec![0.5; self.bounds.len()];
         for (position, value) in self.free.iter().zip(sample) {
@@ -235,10 +240,11 @@ impl CmaEs {
             .collect()
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`PopulationError`] when the number of costs differs or the optimisation has ended.
+    /// [`PopulationError`] if the number of costs differs or the optimisation has ended.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         if self.is_ended() {
             return Err(PopulationError::Ended);
@@ -294,7 +300,7 @@ impl CmaEs {
         Ok(())
     }
 
-    /// Steps from the best to the worst, by cost and by distance beyond the bounds.
+    /// Orders steps from best to worst, by cost and by distance beyond the bounds.
     fn rank(&self, steps: Vec<Vec<f64>>, costs: &[f64]) -> Vec<Vec<f64>> {
         let mut finite: Vec<f64> = costs.iter().copied().filter(|c| c.is_finite()).collect();
         finite.sort_by(f64::total_cmp);
@@ -345,13 +351,13 @@ impl CmaEs {
         self.distribution = Distribution::new(mean, self.settings.first_deviation);
     }
 
-    /// Whether nothing is asked any more.
+    /// Whether the optimisation has ended.
     #[must_use]
     pub fn is_ended(&self) -> bool {
         self.ending.is_some()
     }
 
-    /// Why it ended, once it has.
+    /// Reason for the end; `None` while the optimisation continues.
     #[must_use]
     pub fn ending(&self) -> Option<Ending> {
         self.ending
@@ -363,13 +369,13 @@ impl CmaEs {
         &self.run_costs
     }
 
-    /// Evaluations told so far.
+    /// Number of evaluations so far.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations
     }
 
-    /// The best parameters so far, in their units, and their cost.
+    /// Best parameters so far, in their units, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
         (self.point(&self.best), self.best_cost)

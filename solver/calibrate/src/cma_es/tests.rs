@@ -33,7 +33,8 @@ fn finds_a_valley_s_end() {
     assert!(o.run_costs().len() >= 2);
 }
 
-/// An ellipsoid of axes 1 to 1000, turned: without its covariance a strategy needs far more evaluations.
+/// A rotated ellipsoid with axes 1 to 1000: without its covariance a strategy needs far more
+/// evaluations.
 #[test]
 fn adapts_to_a_turned_ellipsoid() {
     let n = 6;
@@ -61,7 +62,7 @@ fn adapts_to_a_turned_ellipsoid() {
     );
 }
 
-/// A minimum in the box's corner, one on a face, and one inside.
+/// The minimum lies in a corner of the box, on a face and inside.
 #[test]
 fn bounds_are_reached_exactly() {
     let f = |x: &[f64]| {
@@ -72,7 +73,7 @@ fn bounds_are_reached_exactly() {
     };
     let o = finish(start(3, Settings::default()), f);
     let (x, _) = o.best();
-    // At x0 = 10: 2 (x2 - 2) + 5 = 0.
+    // At x0 = 10 the condition is 2 (x2 - 2) + 5 = 0.
     assert_eq!((x[0], x[1]), (10.0, -5.0));
     assert!((x[2] + 0.5).abs() < 1e-4, "{x:?}");
 }
@@ -162,7 +163,8 @@ fn nonsense_is_refused() {
 }
 
 proptest! {
-    /// Points stay inside; storing after any batch changes nothing that follows; the best never gets worse.
+    /// Points stay inside; storage after any batch does not change the rest of the run; the best
+    /// cost never rises.
     #[test]
     fn stays_inside_and_continues_from_storage(n in 1usize..4, seed: u64, store_every in 1usize..10, wall in 0.0..12.0f64) {
         let bounds = vec![Interval::new(-5.0, 10.0); n];

@@ -1,4 +1,4 @@
-//! The optimiser: what it asks for, what it makes of the answers, when it ends.
+//! State machine of differential evolution: its batches, its updates and its end.
 
 use super::{Settings, Updating};
 use crate::polish::Polish;
@@ -10,73 +10,77 @@ use crate::{Interval, latin_hypercube};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-/// Where the optimisation stands.
+/// Stage of an optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// The first population is asked for.
+    /// [`DifferentialEvolution::ask`] returns the first population.
     FirstPopulation,
-    /// Generations are asked for.
+    /// [`DifferentialEvolution::ask`] returns trials of a generation.
     Evolution,
-    /// The best member is polished.
+    /// A local search polishes the best member.
     Polish,
-    /// It is over.
+    /// The optimisation has ended, and no more points are requested.
     Ended,
 }
 
-/// Why the generations ended.
+/// Reason for the end of the generations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// The costs' spread fell below the tolerance.
+    /// The spread of the costs fell below the tolerance.
     Converged,
-    /// The largest number of generations was made.
+    /// The largest number of generations was reached.
     Generations,
 }
 
-/// The result of an optimisation that has ended.
+/// Result of an optimisation that has ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// Best parameters, in their units.
     pub parameters: Vec<f64>,
-    /// Their cost; infinite if no evaluation succeeded.
+    /// Cost of the best parameters; infinite if no evaluation succeeded.
     #[serde(with = "crate::storage::cost")]
     pub cost: f64,
-    /// Why the generations ended.
+    /// Reason for the end of the generations.
     pub ending: Ending,
-    /// Generations after the first population.
+    /// Number of generations after the first population.
     pub n_generations: usize,
-    /// All evaluations: members × (generations + 1) + (D + 1) × gradients of the polish.
+    /// Number of evaluations: members × (generations + 1) + (D + 1) × gradients of the polish.
     pub n_evaluations: usize,
-    /// Those of the polish.
+    /// Number of evaluations of the polish.
     pub n_polish_evaluations: usize,
-    /// Whether the polish found a lower cost, and the parameters are its.
+    /// Whether the polish found a lower cost; [`Self::parameters`] are then its result.
     pub polished: bool,
 }
 
-/// Differential evolution; serialise it after any [`DifferentialEvolution::tell`] to go on from there bit for bit.
+/// Differential evolution. The state can be serialised after any [`DifferentialEvolution::tell`]
+/// and continues bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DifferentialEvolution {
     settings: Settings,
     bounds: Vec<Interval>,
-    /// Members in unit coordinates, shape (members, D); the best one first once all are evaluated.
+    /// Members in unit coordinates, shape (members, D); the best one is first once all are
+    /// evaluated.
     population: Vec<Vec<f64>>,
     #[serde(with = "crate::storage::costs")]
     costs: Vec<f64>,
     stage: Stage,
-    /// The generation that is asked for, from 1; 0 is the first population.
+    /// Generation requested next, counted from 1; 0 is the first population.
     generation: usize,
-    /// The member whose trial is asked for next (immediate updating).
+    /// Member whose trial is requested next (immediate updating).
     candidate: usize,
     n_evaluations: usize,
     ending: Option<Ending>,
     polish: Option<Polish>,
-    /// The trials under way, so that they are made once; not stored, since they follow from the rest.
+    /// Trials under way, kept so that they are computed once. They follow from the rest and are not
+    /// stored.
     #[serde(skip)]
     pending: Pending,
 }
 
-/// Trials that follow from the rest of the state, so that having made them or not is no difference between two states.
+/// Cached trials. They follow from the rest of the state, so that two states with and without them
+/// are equal.
 #[derive(Debug, Clone, Default)]
 struct Pending(Vec<Vec<f64>>);
 
@@ -87,10 +91,11 @@ impl PartialEq for Pending {
 }
 
 impl DifferentialEvolution {
-    /// Begins with a Latin hypercube in the box; guesses (shape (any, D)) replace its first members, cut to the box.
+    /// Starts from a Latin hypercube in the box. Guesses, shape (any, D), are clamped to the box
+    /// and replace its first members.
     ///
     /// # Errors
-    /// [`PopulationError`] when the box, a setting or a guess makes no sense.
+    /// [`PopulationError`] if the box, a setting or a guess is invalid.
     pub fn new(
         bounds: &[Interval],
         guesses: &[Vec<f64>],
@@ -121,7 +126,8 @@ impl DifferentialEvolution {
         })
     }
 
-    /// The points to evaluate next, each of length D, in the parameters' units and inside the box; empty at the end.
+    /// Points to evaluate next, each of length D, in the parameters' units and inside the box;
+    /// empty at the end.
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self.stage {
@@ -140,10 +146,11 @@ impl DifferentialEvolution {
         }
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`PopulationError`] when the number of costs differs or the optimisation has ended.
+    /// [`PopulationError`] if the number of costs differs or the optimisation has ended.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         if self.stage == Stage::Polish {
             return self.tell_polish(costs);
@@ -200,13 +207,13 @@ impl DifferentialEvolution {
         }
     }
 
-    /// Where the optimisation stands.
+    /// Present stage.
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Generations completed after the first population.
+    /// Number of generations completed after the first population.
     #[must_use]
     pub fn n_generations(&self) -> usize {
         match self.stage {
@@ -215,13 +222,14 @@ impl DifferentialEvolution {
         }
     }
 
-    /// Evaluations told so far, those of the polish included.
+    /// Number of evaluations so far, the polish included.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations + self.n_polish_evaluations()
     }
 
-    /// Standard deviation of the costs over their mean's magnitude, dimensionless: converged at `tol` or below.
+    /// Standard deviation of the costs over the magnitude of their mean, dimensionless. The
+    /// population has converged at `tol` or below.
     #[must_use]
     pub fn spread(&self) -> f64 {
         if self.costs.iter().any(|c| c.is_infinite()) {
@@ -230,7 +238,7 @@ impl DifferentialEvolution {
         population_standard_deviation(&self.costs) / (mean(&self.costs).abs() + f64::EPSILON)
     }
 
-    /// The best parameters so far, in their units, and their cost.
+    /// Best parameters so far, in their units, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
         match self.polish.as_ref().and_then(Polish::gain) {
@@ -239,8 +247,8 @@ impl DifferentialEvolution {
         }
     }
 
-    /// All members in their units, shape (members, D), and their costs; the best one first. Near-optimal members tell
-    /// what the data determine.
+    /// All members in their units, shape (members, D), and their costs, the best one first.
+    /// Near-optimal members show what the data determine.
     #[must_use]
     pub fn members(&self) -> (Vec<Vec<f64>>, &[f64]) {
         (
@@ -249,7 +257,7 @@ impl DifferentialEvolution {
         )
     }
 
-    /// The result, once the optimisation has ended.
+    /// Result, once the optimisation has ended.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         let ending = self.ending.filter(|_| self.stage == Stage::Ended)?;
@@ -276,7 +284,8 @@ impl DifferentialEvolution {
         scale(member, &self.bounds)
     }
 
-    /// The trials under way, made again if the state was stored since they were asked for.
+    /// Takes the trials under way, or computes them again if the state was stored since they were
+    /// requested.
     fn take_trials(&mut self) -> Vec<Vec<f64>> {
         if self.pending.0.is_empty() {
             self.make_trials()
@@ -285,7 +294,7 @@ impl DifferentialEvolution {
         }
     }
 
-    /// The points of the next batch in unit coordinates.
+    /// Points of the next batch, in unit coordinates.
     fn make_trials(&self) -> Vec<Vec<f64>> {
         match (self.stage, self.settings.updating) {
             (Stage::FirstPopulation, _) => self.population.clone(),
@@ -302,7 +311,7 @@ impl DifferentialEvolution {
         }
     }
 
-    /// One scale for the whole generation, drawn anew for each.
+    /// Mutation scale of the present generation.
     fn mutation_scale(&self) -> f64 {
         let [low, high] = self.settings.mutation;
         let u: f64 = generator(
@@ -314,7 +323,7 @@ impl DifferentialEvolution {
         low + (high - low) * u
     }
 
-    /// DE/best/1/bin for one member.
+    /// Trial of one member by DE/best/1/bin.
     fn trial(&self, candidate: usize, scale: f64) -> Vec<f64> {
         let position = [self.generation as u64, candidate as u64];
         let mut rng = generator(self.settings.seed, Purpose::Trials, position);
@@ -346,7 +355,7 @@ impl DifferentialEvolution {
         trial
     }
 
-    /// A trial that is no worse takes its member's place.
+    /// Replaces a member by its trial if the trial's cost is not higher.
     fn select(&mut self, i: usize, trial: Vec<f64>, cost: f64) -> bool {
         let accepted = cost <= self.costs[i];
         if accepted {

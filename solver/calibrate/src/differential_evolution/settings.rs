@@ -1,38 +1,39 @@
-//! What may be set of differential evolution.
+//! Settings of differential evolution.
 
 use crate::Interval;
 use crate::polish::LocalSearch;
 use crate::population::{PopulationError, check};
 use serde::{Deserialize, Serialize};
 
-/// When a better trial takes its member's place.
+/// Time at which a better trial replaces its member.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Updating {
-    /// At the end of the generation: a generation is one batch.
+    /// At the end of the generation, which is one batch.
     #[default]
     Deferred,
-    /// At once: a batch is one point.
+    /// At once; a batch is one point.
     Immediate,
 }
 
-/// Settings; defaults are `SciPy`'s, but for the updating.
+/// Settings of differential evolution; defaults are `SciPy`'s except for the updating.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// Members of the population for each parameter whose interval has a width.
     pub popsize: usize,
-    /// The mutation's scale is drawn from this interval once a generation, dimensionless.
+    /// Interval from which the mutation scale is drawn once per generation, dimensionless.
     pub mutation: [f64; 2],
     /// Probability that a parameter comes from the mutant, dimensionless.
     pub recombination: f64,
-    /// Converged when the costs' standard deviation is at most this fraction of their mean's magnitude, dimensionless.
+    /// The population has converged if the standard deviation of the costs is at most this fraction
+    /// of the magnitude of their mean, dimensionless.
     pub tol: f64,
-    /// Added to that bound, in the cost's unit.
+    /// Added to that threshold, in the cost's unit.
     pub atol: f64,
     /// Largest number of generations after the first population.
     pub maxiter: usize,
-    /// When a better trial takes its member's place.
+    /// Time at which a better trial replaces its member.
     pub updating: Updating,
     /// Local searches at the end, one after the other.
     pub polish: Vec<LocalSearch>,
@@ -57,7 +58,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Number of members for a box: `popsize` for each parameter with a width, at least five.
+    /// Number of members for a box: `popsize` for each parameter with a width, and at least five.
     #[must_use]
     pub fn n_members(&self, bounds: &[Interval]) -> usize {
         let n_free = bounds.iter().filter(|b| b.width() > 0.0).count();

@@ -9,7 +9,7 @@ fn sphere(x: &[f64]) -> f64 {
     x.iter().map(|v| v * v).sum()
 }
 
-/// A cost with an offset, so that the relative tolerance is met early, as a fit's residual does.
+/// A cost with an offset that meets the relative tolerance early, like the residual of a fit.
 fn offset(x: &[f64]) -> f64 {
     1.0 + x
         .windows(2)
@@ -35,7 +35,8 @@ fn start(n: usize, settings: Settings) -> DifferentialEvolution {
 
 #[test]
 fn evaluations_are_counted_as_in_the_paper() {
-    // D = 10: 150 for each population, 11 for each gradient of the polish (notes to Table 1).
+    // With D = 10, each population takes 150 evaluations and each gradient of the polish 11 (notes
+    // to Table 1).
     for updating in [Updating::Deferred, Updating::Immediate] {
         let settings = Settings {
             updating,
@@ -276,7 +277,8 @@ fn settings_are_read_with_defaults() {
 }
 
 proptest! {
-    /// Points stay inside; storing after any batch, failed evaluations included, changes nothing that follows.
+    /// Points stay inside; storage after any batch, including failed evaluations, does not change
+    /// the rest of the run.
     #[test]
     fn stays_inside_and_continues_from_storage(
         lower in -10.0..0.0f64, width in 1e-6..20.0f64, n in 1usize..5, seed: u64, immediate: bool, store_every in 1usize..40,

@@ -1,4 +1,4 @@
-//! The cost of an iteration: squared relative differences of its biomarkers to the measured ones.
+//! Cost of an iteration: squared relative differences between simulated and measured biomarkers.
 
 use super::FixedPointError;
 use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 /// One term of the cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Term {
-    /// Which biomarker.
+    /// Biomarker that the term compares.
     pub biomarker: Biomarker,
-    /// (clinical − simulated)/clinical, dimensionless; 1 where the simulation has no such biomarker.
+    /// (clinical − simulated)/clinical, dimensionless; 1 if the simulation lacks the biomarker.
     pub relative_difference: f64,
 }
 
@@ -19,14 +19,15 @@ pub struct Term {
 pub struct Cost {
     /// Sum of the squared relative differences.
     pub total: f64,
-    /// One term per measured biomarker, those of pressure first.
+    /// One term per measured biomarker, pressure first.
     pub terms: Vec<Term>,
 }
 
 impl Cost {
-    /// Sum of squared relative differences (Jung 2022, eqs. 12, 14; unweighted, over all measured biomarkers).
+    /// Sum of squared relative differences (Jung 2022, eqs. 12, 14; unweighted, over all measured
+    /// biomarkers).
     ///
-    /// A biomarker that the simulation could not give counts as missed by all of it.
+    /// A biomarker that the simulation could not give counts with a relative difference of 1.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers) -> Self {
         let terms: Vec<Term> = Biomarker::OF_COST
@@ -47,13 +48,13 @@ impl Cost {
     }
 }
 
-/// Weights of the squared relative differences in a misfit: by which of the iterations within the tolerance the best is
-/// chosen, and what space mapping lowers.
+/// Weights of the squared relative differences in a misfit, which selects the best iteration within
+/// the tolerance and which space mapping lowers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Weights([f64; Biomarker::OF_ORGAN.len()]);
 
 impl Default for Weights {
-    /// Those of the cost: then the misfit is the cost.
+    /// Weights of the cost, for which the misfit equals the cost.
     fn default() -> Self {
         Self(
             Biomarker::OF_ORGAN.map(|biomarker| if biomarker == Biomarker::Sv { 0.0 } else { 1.0 }),
@@ -62,8 +63,8 @@ impl Default for Weights {
 }
 
 impl Weights {
-    /// The same with another weight of one biomarker of [`Biomarker::OF_ORGAN`]: not negative, finite, dimensionless. Other
-    /// biomarkers have no weight.
+    /// Returns a copy with another weight for one biomarker of [`Biomarker::OF_ORGAN`]. Weights are
+    /// finite, not negative and dimensionless. Other biomarkers have no weight.
     #[must_use]
     pub fn with(mut self, biomarker: Biomarker, weight: f64) -> Self {
         let place = Biomarker::OF_ORGAN.iter().position(|b| *b == biomarker);
@@ -73,10 +74,10 @@ impl Weights {
         self
     }
 
-    /// The cost's weights with other values for the biomarkers of these keys.
+    /// The cost's weights, with other values for the biomarkers whose keys are given.
     ///
     /// # Errors
-    /// [`FixedPointError::UnknownBiomarker`] for a key that step 1 does not compare.
+    /// [`FixedPointError::UnknownBiomarker`] if step 1 does not compare a biomarker of that key.
     pub fn of(given: &BTreeMap<String, f64>) -> Result<Self, FixedPointError> {
         given
             .iter()
@@ -88,8 +89,8 @@ impl Weights {
             })
     }
 
-    /// One over the variance of each relative difference, from standard deviations in percent of the measured value by the
-    /// biomarkers' keys; a biomarker that is absent does not count.
+    /// One over the variance of each relative difference. The standard deviations are given per
+    /// biomarker key, in percent of the measured value; a biomarker without one has no weight.
     #[must_use]
     pub fn of_uncertainty_percent(uncertainty_percent: &BTreeMap<String, f64>) -> Self {
         let weight = |biomarker: Biomarker| {
@@ -100,8 +101,8 @@ impl Weights {
         Self(Biomarker::OF_ORGAN.map(|biomarker| weight(biomarker).unwrap_or(0.0)))
     }
 
-    /// (clinical − simulated)/clinical times the root of its weight, of each measured biomarker that has one; 1 for the
-    /// difference where the simulation has no such biomarker.
+    /// (clinical − simulated)/clinical times the root of the weight, for each measured biomarker
+    /// that has a weight. The difference is 1 if the simulation lacks the biomarker.
     #[must_use]
     pub fn residuals(&self, measured: &Biomarkers, simulated: &Biomarkers) -> Vec<f64> {
         let weighted = Biomarker::OF_ORGAN
@@ -125,7 +126,7 @@ impl Weights {
     }
 }
 
-/// (clinical − simulated)/clinical; 1, missed by all of it, where there is no finite one.
+/// (clinical − simulated)/clinical; 1 if the simulated value is missing or not finite.
 fn difference(clinical: f64, simulated: Option<f64>) -> f64 {
     simulated
         .map(|s| (clinical - s) / clinical)

@@ -1,14 +1,15 @@
-//! The decision after each iteration: go on with which parameters, or end with which quality.
+//! Decision after each iteration: the next parameters, or the end with a quality.
 //!
 //! ```text
-//! history ──► last one failed ──────────────► Ended FailedAt(k), best earlier iteration
-//!         ├─► last one no whole beat ───────► as failed, if there was a whole one before; else an iteration like any
-//!         │                                   other, but never the best
-//!         ├─► a cost within tolerance ──────► Ended Converged        (stop = first_converged)
-//!         ├─► three in a row did not help ──► Ended Stalled          (Converged if the best is within tolerance)
-//!         ├─► limit reached ────────────────► Ended LimitReached     (likewise)
-//!         └─► otherwise ────────────────────► Next(update of the last iteration)
-//! resumed ──► Next(update of the best stored iteration, under the new settings; what is stored is not asked for again)
+//! history ──► last simulation failed ───► Ended FailedAt(k), best earlier iteration
+//!         ├─► last beat not whole ──────► as failed after an earlier whole beat; else an ordinary
+//!         │                               iteration that is never the best
+//!         ├─► a cost within tolerance ──► Ended Converged      (stop = first_converged)
+//!         ├─► three without gain ───────► Ended Stalled        (Converged if within tolerance)
+//!         ├─► limit reached ────────────► Ended LimitReached   (Converged if within tolerance)
+//!         └─► otherwise ────────────────► Next(update of the last iteration)
+//! resumed ──► Next(update of the best stored iteration under the new settings, without
+//!             repeating stored simulations)
 //! ```
 
 use super::settings::{self, Stop};
@@ -18,22 +19,23 @@ use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
 use cardiotwin_vocabulary::step1_settings::Step1Settings;
 use serde::{Deserialize, Serialize};
 
-/// What a simulation gave.
+/// Outcome of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// It succeeded by the rules of docs/models.md.
+    /// The simulation succeeded by the rules of docs/models.md.
     Simulated(Biomarkers),
-    /// It reached the end of the cycle, but a valve did not open and close. Before the first whole beat its biomarkers,
-    /// as far as there are any, lead on; it is never the result. After one it is a failure.
+    /// The simulation reached the end of the cycle, but a valve did not open and close. Before the
+    /// first whole beat, the available biomarkers still drive the updates, but the iteration is
+    /// never the result. After a whole beat, this outcome counts as a failure.
     NoWholeBeat(Biomarkers),
-    /// It did not: aborted, or ended in a state that makes no sense.
+    /// The simulation aborted or ended in an invalid state.
     Failed,
 }
 
 impl Outcome {
-    /// Outcome of a beat that reached its end. Without a whole beat biomarkers of pressure alone count: hardly any volume
-    /// has moved.
+    /// Outcome of a beat that reached its end. Without a whole beat only biomarkers of pressure
+    /// count, because hardly any volume has moved.
     #[must_use]
     pub fn of(biomarkers: &Biomarkers, is_whole_beat: bool) -> Self {
         let of_organ = biomarkers.organ_alone();
@@ -45,32 +47,33 @@ impl Outcome {
     }
 }
 
-/// Parameters and what came of them.
+/// Parameters and the outcome of their simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Iteration {
-    /// What was simulated.
+    /// Simulated parameters.
     pub parameters: Step1Parameters,
-    /// What came of it.
+    /// Outcome of the simulation.
     pub outcome: Outcome,
 }
 
-/// Share of a parameter that makes no difference to a simulation.
+/// Relative difference of a parameter below which two simulations are the same.
 const HARDLY: f64 = 1e-4;
 
-/// Everything that was simulated so far.
+/// All simulations so far.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct History {
-    /// Parameters to begin with.
+    /// Initial parameters.
     pub initial: Step1Parameters,
-    /// All iterations, oldest first, those under earlier settings included.
+    /// All iterations, oldest first, including those under earlier settings.
     pub iterations: Vec<Iteration>,
-    /// How many of them were made under earlier settings: limit, stagnation and failure count from here on.
+    /// Number of iterations made under earlier settings. Limit, stagnation and failure count from
+    /// here.
     #[serde(default)]
     pub resumed_at: usize,
 }
 
 impl History {
-    /// A loop that begins.
+    /// A history without iterations.
     #[must_use]
     pub fn new(initial: Step1Parameters) -> Self {
         Self {
@@ -80,14 +83,14 @@ impl History {
         }
     }
 
-    /// The same iterations, to be continued under other settings.
+    /// The same history, to be continued under other settings.
     #[must_use]
     pub fn resumed(mut self) -> Self {
         self.resumed_at = self.iterations.len();
         self
     }
 
-    /// Whether these parameters, or such as hardly differ, were not simulated yet.
+    /// Whether no earlier iteration simulated these parameters or ones that hardly differ.
     #[must_use]
     pub fn lacks(&self, parameters: &Step1Parameters) -> bool {
         !self
@@ -96,7 +99,7 @@ impl History {
             .any(|i| i.parameters.close_to(parameters, HARDLY))
     }
 
-    /// Adds an iteration.
+    /// Appends an iteration.
     pub fn push(&mut self, parameters: Step1Parameters, outcome: Outcome) {
         self.iterations.push(Iteration {
             parameters,
@@ -105,132 +108,134 @@ impl History {
     }
 }
 
-/// How good the result is.
+/// Quality of the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quality {
     /// The best iteration's cost is within the tolerance.
     Converged,
-    /// Iterations stopped helping, or the update has nowhere new to go.
+    /// Iterations no longer lower the misfit, or the update gives no new parameters.
     Stalled,
-    /// The limit was reached.
+    /// The largest number of iterations was reached.
     LimitReached,
     /// The simulation of this iteration failed; the best earlier one is the result.
     FailedAt(usize),
 }
 
-/// Why the loop ended.
+/// Reason for the end of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// Cost within the tolerance.
+    /// The cost is within the tolerance.
     Tolerance,
-    /// Too many iterations in a row without improvement.
+    /// Too many iterations in a row brought no improvement.
     Stagnation,
-    /// The largest number of iterations was made.
+    /// The largest number of iterations was reached.
     Limit,
     /// A simulation failed.
     Failure,
-    /// The next parameters would be ones already simulated.
+    /// The next parameters were simulated before.
     NothingNew,
 }
 
-/// What follows from a history.
+/// Decision that follows from a history.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "decision")]
 pub enum Decision {
-    /// Simulate these.
+    /// The loop continues with these parameters.
     Next {
-        /// Parameters, inside their bounds.
+        /// Next parameters, inside their bounds.
         parameters: Step1Parameters,
-        /// Iteration that they are an update of; none for the initial ones.
+        /// Iteration that was updated; `None` for the initial parameters.
         from: Option<usize>,
     },
     /// The loop is over.
     Ended {
-        /// How good the result is.
+        /// Quality of the result.
         quality: Quality,
-        /// Why it ended.
+        /// Reason for the end.
         because: Ending,
-        /// Within the bounds, the iteration of lowest misfit within the tolerance, else that of lowest cost; none if no
-        /// simulation succeeded there.
+        /// Among the iterations within the bounds, the one with the lowest misfit within the
+        /// tolerance, else the one with the lowest cost. `None` if no simulation succeeded there.
         best: Option<usize>,
     },
 }
 
-/// What is wrong with what [`decide`] was given.
+/// Invalid input to [`decide`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FixedPointError {
-    /// A setting that makes no sense.
+    /// A setting outside its range.
     #[error("setting {key} is {value}, but must be {expected}")]
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What it must be.
+        /// Expected range.
         expected: &'static str,
     },
-    /// An interval that makes no sense.
+    /// An interval of a parameter whose ends are not positive, finite and in order.
     #[error(
         "bounds of {parameter} are {lower} to {upper}, but must be positive, finite and in order"
     )]
     Bounds {
-        /// Parameter.
+        /// Parameter with these bounds.
         parameter: Step1Parameter,
         /// Lower end.
         lower: f64,
         /// Upper end.
         upper: f64,
     },
-    /// A parameter that step 1 does not update.
+    /// A name that is not one of step 1's parameters.
     #[error("step1 names parameter {name}; expected one of {}", Step1Parameter::KEYS.join(", "))]
     UnknownParameter {
-        /// Its name.
+        /// Name found.
         name: String,
     },
-    /// A biomarker that step 1 does not compare.
+    /// A key that is not one of step 1's biomarkers.
     #[error("step1.weights names biomarker {name}; expected one of {}", Biomarker::ORGAN_KEYS.join(", "))]
     UnknownBiomarker {
-        /// Its name.
+        /// Key found.
         name: String,
     },
-    /// A start that no ratio can move.
+    /// An initial value that the ratios of the update cannot move.
     #[error("initial {parameter} is {value}, but must be positive and finite")]
     Initial {
-        /// Parameter.
+        /// Parameter with this initial value.
         parameter: Step1Parameter,
-        /// Its value.
+        /// Value found.
         value: f64,
     },
-    /// A measured biomarker of pressure is missing, or one has the wrong sign.
+    /// A measured biomarker of pressure is missing, or a measured biomarker has the wrong sign.
     #[error("measured {biomarker} is {value:?}, but must be {expected}")]
     Measured {
-        /// Biomarker.
+        /// Biomarker concerned.
         biomarker: Biomarker,
-        /// Its value, if any.
+        /// Measured value, if any.
         value: Option<f64>,
-        /// What it must be.
+        /// Expected sign of the value.
         expected: &'static str,
     },
-    /// More stored iterations than there are.
+    /// The loop was resumed after more iterations than are stored.
     #[error("the loop was resumed at iteration {resumed_at}, but only {n_iterations} are stored")]
     ResumedAt {
-        /// As told.
+        /// Number of iterations said to precede the rerun.
         resumed_at: usize,
-        /// Number of iterations.
+        /// Number of stored iterations.
         n_iterations: usize,
     },
 }
 
-/// What to do after everything simulated so far: a pure function, so that a replay decides alike.
+/// Decides what follows from everything simulated so far. It is a pure function, so that a replay
+/// makes the same decisions.
 ///
-/// Updates are eqs. 13 and 15 of Jung et al. 2022, each ratio raised to the damping; a ratio that does not
-/// exist (no measured volume, a biomarker that the simulation could not give) leaves its parameter as it is.
+/// Updates are eqs. 13 and 15 of Jung et al. 2022 with each ratio raised to the damping. A
+/// parameter whose ratio does not exist (no measured volume, or a biomarker that the simulation
+/// could not give) keeps its value.
 ///
 /// # Errors
-/// [`FixedPointError`] when settings, measured biomarkers or the initial parameters make no sense; never because of
-/// what a simulation gave.
+/// [`FixedPointError`] if the settings, measured biomarkers or initial parameters are invalid;
+/// outcomes of simulations never cause an error.
 pub fn decide(
     settings: &Step1Settings,
     measured: &Biomarkers,
@@ -239,8 +244,11 @@ pub fn decide(
     Ok(Run::new(settings, measured, history)?.decide())
 }
 
-/// How the loop ends where another rule finds the next parameters, if it ends here: as [`decide`], but a failed simulation
-/// is one that did not help, since that rule can turn back from it.
+/// The end of a loop in which another rule proposes the next parameters, or `None` while it
+/// continues.
+///
+/// It differs from [`decide`] in that a failed simulation counts as one without improvement,
+/// because such a rule can turn back from it.
 ///
 /// # Errors
 /// As for [`decide`].
@@ -252,7 +260,7 @@ pub fn ended(
     Ok(Run::new(settings, measured, history)?.ended(true))
 }
 
-/// How the loop ends where that rule has nothing new to try.
+/// The end of a loop whose other rule proposes nothing new.
 ///
 /// # Errors
 /// As for [`decide`].
@@ -264,8 +272,11 @@ pub fn nothing_new(
     Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
-/// How the loop ends where that rule's next parameters promise too little, under space mapping with the automatic stop: the best
-/// iteration is within the tolerance, and the promised misfit is not lower than its own by [`PROMISED_FRACTION`].
+/// The end of a loop whose other rule promises too little, or `None` while it continues.
+///
+/// This applies to space mapping with the automatic stop. The loop ends if the best iteration is
+/// within the tolerance and the promised misfit is not lower than its misfit by
+/// [`PROMISED_FRACTION`].
 ///
 /// - `promised_misfit`: weighted misfit that the rule expects of its next parameters
 ///
@@ -286,11 +297,12 @@ pub fn content(
     Ok(ends.then(|| run.ending(Quality::Converged, Ending::Tolerance)))
 }
 
-/// Fraction of the misfit that another simulation must promise to take away: a fifth, some three times the error of the
-/// promise from the second simulation on.
+/// Fraction of the misfit that another simulation must promise to remove. A fifth is about three
+/// times the error of the promise from the second simulation on.
 pub const PROMISED_FRACTION: f64 = 0.2;
 
-/// Biomarkers of each iteration that count: none where it failed or lost the whole beat that there was before.
+/// Biomarkers of each iteration; `None` if it failed or lost the whole beat of an earlier
+/// iteration.
 fn told(history: &History) -> impl Iterator<Item = Option<&Biomarkers>> {
     let mut is_early = true;
     history.iterations.iter().map(move |i| match &i.outcome {
@@ -341,9 +353,9 @@ struct Run<'a> {
     settings: &'a Step1Settings,
     measured: &'a Biomarkers,
     history: &'a History,
-    /// Cost of each iteration, none where it failed or lost the whole beat that there was before.
+    /// Cost of each iteration; `None` if it failed or lost the whole beat of an earlier iteration.
     costs: Vec<Option<f64>>,
-    /// Likewise the misfit with the settings' weights.
+    /// Misfit of each iteration with the settings' weights; `None` as for `costs`.
     misfits: Vec<Option<f64>>,
 }
 
@@ -400,7 +412,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether the loop is over; `forgiving`: a failed simulation is one that did not help.
+    /// Ends the loop if a stop rule applies. With `forgiving`, a failed simulation counts as one
+    /// without improvement.
     fn ended(&self, forgiving: bool) -> Option<Decision> {
         let n = self.history.iterations.len();
         let resumed_at = self.history.resumed_at;
@@ -417,8 +430,8 @@ impl<'a> Run<'a> {
             .then(|| self.ending(Quality::LimitReached, Ending::Limit))
     }
 
-    /// Among the first `n` iterations within the bounds that of lowest misfit within the tolerance; where none is, that of
-    /// lowest cost; the first one of equals.
+    /// Index of the best of the first `n` iterations: whole beats within the bounds, with the
+    /// lowest misfit within the tolerance, else with the lowest cost. The first of equals is taken.
     fn best(&self, n: usize) -> Option<usize> {
         self.lowest(n, |i| {
             self.is_whole(i) && self.settings.admits(&self.history.iterations[i].parameters)
@@ -445,7 +458,8 @@ impl<'a> Run<'a> {
             .map(|x| x.0)
     }
 
-    /// How many iterations at the end did not lower the best misfit by the asked fraction.
+    /// Number of last iterations in a row that did not lower the best misfit by the required
+    /// fraction.
     fn without_improvement(&self, forgiving: bool) -> usize {
         let resumed_at = self.history.resumed_at;
         let mut best = self.best(resumed_at).and_then(|b| self.misfits[b]);
@@ -456,7 +470,7 @@ impl<'a> Run<'a> {
                 in_a_row += usize::from(forgiving);
                 continue;
             };
-            // The first whole beat is a gain whatever it costs.
+            // The first whole beat is a gain at any cost.
             if self.is_whole(i) && !is_whole {
                 (is_whole, best) = (true, None);
             }
@@ -467,14 +481,16 @@ impl<'a> Run<'a> {
         in_a_row
     }
 
-    /// The next parameters and the iteration that they update, or how it ends if everything on the way is stored.
+    /// The next parameters and the iteration that they update, or the quality of the end if every
+    /// proposal is stored already.
     fn next(&self) -> Result<(Step1Parameters, Option<usize>), Quality> {
         let iterations = &self.history.iterations;
         let n = iterations.len();
         let mut from = if n > self.history.resumed_at {
             Some(n - 1)
         } else {
-            // Resumed: from the best; if none lies within the new bounds, from the best of all, moved into them.
+            // A resumed loop starts from the best iteration. If none lies within the new bounds, it
+            // starts from the best of all, clamped to the bounds.
             self.best(n).or_else(|| self.lowest(n, |_| true))
         };
         for _ in 0..=n {
@@ -488,7 +504,8 @@ impl<'a> Run<'a> {
             else {
                 return Ok((proposal, from));
             };
-            // What is stored is not simulated again: go on from it as if it had just been.
+            // A stored iteration is not simulated again: the loop continues from it as if it were
+            // new.
             if self.costs[stored].is_none() {
                 return Err(Quality::FailedAt(stored));
             }

@@ -1,10 +1,10 @@
-//! The update rule's pairs of parameter and biomarker.
+//! Pairs of parameter and biomarker in the update rule.
 
 use cardiotwin_vocabulary::biomarkers::Biomarker;
 use cardiotwin_vocabulary::step1::Step1Parameter;
 
-/// The biomarker whose ratio drives the update of a parameter, and the exponent of measured/simulated (Jung et al. 2022,
-/// eqs. 13 and 15).
+/// Biomarker whose ratio drives the update of a parameter, and the exponent of measured/simulated
+/// (Jung et al. 2022, eqs. 13 and 15).
 #[must_use]
 pub fn driver(parameter: Step1Parameter) -> (Biomarker, f64) {
     match parameter {

@@ -1,9 +1,10 @@
 //! Step 1: the fixed point at the organ scale, as a pure function of its history.
 //!
-//! Source: Jung et al. 2022, Mathematics 10(5):823, section 2.3.1, eqs. 12-15; stop and failure rules are documented in
-//! docs/models.md, `fixed-point`. [`decide`] is told everything that was simulated so far and answers with the next
-//! parameters or the end. It keeps nothing, so a store can replay it, and a rerun with other settings
-//! ([`History::resumed_at`]) goes on from what was simulated before without repeating it.
+//! Source: Jung et al. 2022, Mathematics 10(5):823, section 2.3.1, eqs. 12-15; docs/models.md,
+//! `fixed-point`, describes the rules for stops and failures. [`decide`] takes everything simulated
+//! so far and returns the next parameters or the end. It holds no state, so that a store can replay
+//! it. A rerun with other settings ([`History::resumed_at`]) continues from earlier simulations
+//! without repeating them.
 
 mod cost;
 mod decision;

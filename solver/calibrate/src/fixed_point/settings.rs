@@ -1,21 +1,22 @@
-//! Checks of step 1's settings, and the rules that follow from the way of updating.
+//! Checks of step 1's settings, and the stop rule and weights that follow from the kind of update.
 
 use super::{FixedPointError, Weights};
 use cardiotwin_vocabulary::step1::Step1Parameter;
 use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 
-/// When the loop is content.
+/// Rule by which the loop ends with success.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stop {
-    /// At the first iteration whose cost is within the tolerance, as in the paper.
+    /// The first iteration whose cost is within the tolerance ends the loop, as in the paper.
     FirstConverged,
-    /// Within the tolerance, and another rule's next parameters promise little: see [`super::content`].
+    /// The cost is within the tolerance and the next parameters of another rule promise little: see
+    /// [`super::content`].
     NoPromise,
-    /// Goes on to the limit (or stagnation) and takes the best iteration.
+    /// The loop runs to the limit or to stagnation and takes the best iteration.
     BestOfLimit,
 }
 
-/// The rule that ends the loop. [`Update::Auto`] counts as the fixed point.
+/// Selects the rule that ends the loop. [`Update::Auto`] counts as the fixed point.
 pub(super) fn stop(settings: &Step1Settings) -> Stop {
     match (settings.stop, settings.update) {
         (StopRule::Auto, Update::SpaceMapping) => Stop::NoPromise,
@@ -24,10 +25,10 @@ pub(super) fn stop(settings: &Step1Settings) -> Stop {
     }
 }
 
-/// Weights by which the best iteration is chosen. The fixed point has none: its misfit is the cost.
+/// Weights that select the best iteration. The fixed point has none: its misfit is the cost.
 ///
 /// # Errors
-/// [`FixedPointError::UnknownBiomarker`] for a key that step 1 does not compare.
+/// [`FixedPointError::UnknownBiomarker`] if step 1 does not compare a biomarker of that key.
 pub(super) fn weights(settings: &Step1Settings) -> Result<Weights, FixedPointError> {
     match settings.update {
         Update::SpaceMapping => Weights::of(&settings.weights),
@@ -35,10 +36,10 @@ pub(super) fn weights(settings: &Step1Settings) -> Result<Weights, FixedPointErr
     }
 }
 
-/// Looks for settings that make no sense.
+/// Checks the settings.
 ///
 /// # Errors
-/// [`FixedPointError`] naming the setting, its value and what it must be.
+/// [`FixedPointError`] with the setting, its value and the expected range.
 pub fn validate(settings: &Step1Settings) -> Result<(), FixedPointError> {
     let setting = |key, value: f64, ok: bool, expected| {
         if ok {

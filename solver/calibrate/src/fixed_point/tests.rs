@@ -16,7 +16,8 @@ fn measured() -> Biomarkers {
     }
 }
 
-/// A heart in which every biomarker is a power of its parameter: contraction of the fixed point is 1 − exponent.
+/// A heart in which every biomarker is a power of its parameter: the fixed point contracts by 1 −
+/// exponent.
 fn heart(p: &Step1Parameters, exponent: f64) -> Biomarkers {
     let d = Step1Parameters::default();
     let x = |q: Step1Parameter| (p.get(q) / d.get(q)).powf(exponent);
@@ -31,7 +32,7 @@ fn heart(p: &Step1Parameters, exponent: f64) -> Biomarkers {
     }
 }
 
-/// Asks and tells until the end, refusing to be asked for the same parameters twice.
+/// Runs the loop to its end and fails if the same parameters are requested twice.
 fn run(
     settings: &Step1Settings,
     measured: &Biomarkers,
@@ -200,7 +201,8 @@ fn cost_is_the_sum_of_squared_relative_differences() {
     let cost = Cost::of(&m, &s);
     assert!((cost.total - (0.01 + 0.04)).abs() < 1e-12);
     assert!((cost.terms[1].relative_difference + 0.2).abs() < 1e-12);
-    // What a simulation cannot give counts as missed entirely, and the loop still has a finite cost.
+    // A biomarker that the simulation cannot give counts with a difference of 1, and the cost is
+    // finite.
     let none = Cost::of(
         &m,
         &Biomarkers {
@@ -225,7 +227,7 @@ fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance(
         })
     };
     let mut history = History::new(Step1Parameters::default());
-    // Costs 0.25, 0, 0.04; stroke volume off by 0, 40, 5 %.
+    // Costs are 0.25, 0 and 0.04; the stroke volume is off by 0, 40 and 5 %.
     for (k, outcome) in [beat(60.0, 100.0), beat(120.0, 60.0), beat(96.0, 95.0)]
         .into_iter()
         .enumerate()
@@ -261,7 +263,7 @@ fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance(
         Some(2),
         "0.04 + 0.05² < 0.4²"
     );
-    // The first one has a lower misfit still, but not the tolerance.
+    // The first iteration has a still lower misfit but is outside the tolerance.
     assert_eq!(
         best(&[(Biomarker::PMax, 0.01), (Biomarker::Sv, 9.0)]),
         Some(2)
@@ -298,7 +300,7 @@ fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
     assert_eq!((at_once.1, at_once.3), (Quality::FailedAt(0), None));
 }
 
-/// A heart whose valves stay shut while the stress is small: pressure alone has biomarkers.
+/// A heart whose valves stay shut while the stress is small: it has biomarkers of pressure only.
 fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Step1Parameters) -> Outcome {
     move |_, p| {
         let beat = heart(p, 0.8);
@@ -332,7 +334,7 @@ fn early_beats_without_open_valves_lead_on_by_their_pressure() {
         history.iterations[best.unwrap()].outcome,
         Outcome::Simulated(_)
     ));
-    // Pressure updates its parameters; what has no biomarker stays.
+    // Pressure updates its parameters; parameters without a biomarker do not change.
     let second = history.iterations[1].parameters;
     assert!(second.tanh.smax_ref_kpa > 60.0);
     assert_eq!(
@@ -343,7 +345,7 @@ fn early_beats_without_open_valves_lead_on_by_their_pressure() {
 
 #[test]
 fn a_beat_without_open_valves_is_never_the_result() {
-    // All of its pressure is met, and volume is not measured: the cost alone would call it converged.
+    // All pressures match and volume is not measured: the cost alone would report convergence.
     let only_pressure = Biomarkers {
         tau_vd_ms: None,
         tau_vr_ms: None,
@@ -361,7 +363,8 @@ fn a_beat_without_open_valves_is_never_the_result() {
         (Quality::Stalled, Ending::NothingNew, None)
     );
 
-    // Three in a row that gain nothing end the loop, and the first whole beat is a gain whatever it costs.
+    // Three iterations in a row without gain end the loop; the first whole beat is a gain at any
+    // cost.
     let far = |k: usize| Biomarkers {
         p_max_mmhg: Some(if k == 3 { 400.0 } else { 90.0 }),
         ..measured()
@@ -435,7 +438,8 @@ fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
     let resumed = history.clone().resumed();
 
     let same = decide(&Step1Settings::default(), &measured(), &resumed).unwrap();
-    // Under the same settings the way leads to the failed parameters again, so there is nothing to do.
+    // Under the same settings the update leads to the failed parameters again, so nothing is left
+    // to try.
     assert_eq!(
         same,
         Decision::Ended {
@@ -533,7 +537,7 @@ fn three_in_a_row_without_improvement_stall() {
         deaf,
     );
     assert_eq!((quality, because), (Quality::Stalled, Ending::Stagnation));
-    // 0.88, 0.95 and 0.87 are all above 0.95 times the best before.
+    // Misfits 0.88, 0.95 and 0.87 all exceed 0.95 times the best misfit before.
     assert_eq!((history.iterations.len(), best), (5, Some(4)));
 }
 
@@ -636,7 +640,8 @@ fn a_history_survives_storage() {
 }
 
 proptest! {
-    /// Whatever simulations give, the loop ends, stays in its bounds, asks for nothing twice, and names the best.
+    /// For any simulation results, the loop ends, stays within its bounds, requests no parameters
+    /// twice and reports the best iteration.
     #[test]
     fn any_simulation_comes_to_an_end(
         values in prop::collection::vec((0.0..3.0f64, -3.0..3.0f64, 0u8..12), 40),

@@ -1,9 +1,10 @@
-//! What the data determine of fitted parameters: profiles of the cost, and the spread of near-optimal sets.
+//! Identifiability of fitted parameters: profiles of the cost, and the spread of near-optimal sets.
 //!
-//! A set of parameters is near-optimal when its cost is below a threshold above the best one's. [`Profile`] finds, for
-//! each parameter, the values with which a near-optimal set exists, all others fitted anew (Raue et al. 2009,
-//! Bioinformatics 25:1923); [`near_optimal`] looks at sets that are there already, such as the results of several seeds.
-//! Both say which parameters are determined, which are sloppy, and which the data press against a bound.
+//! A set of parameters is near-optimal when its cost exceeds the best cost by less than a
+//! threshold. [`Profile`] finds, for each parameter, the values at which a near-optimal set exists
+//! after all other parameters are fitted again (Raue et al. 2009, Bioinformatics 25:1923).
+//! [`near_optimal`] examines existing sets, such as the results of several seeds. Both report which
+//! parameters are determined, which are sloppy, and which the data press against a bound.
 
 mod profile;
 mod spread;
@@ -16,26 +17,28 @@ pub use profile::{Profile, ProfileEnd, ProfiledParameter};
 use serde::{Deserialize, Serialize};
 pub use spread::{NearOptimal, ParameterSpread, near_optimal};
 
-/// What is near-optimal, what is determined, and how hard the profiles try.
+/// Thresholds for near-optimal sets and determined parameters, and the effort of the profiles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Near-optimal costs lie at most this above the best, in the cost's unit, or:
+    /// Largest rise of a near-optimal cost above the best cost, in the cost's unit. The larger of
+    /// this and [`Self::relative_rise`] counts.
     pub absolute_rise: f64,
-    /// at most this fraction of the best above it, dimensionless; the larger of the two counts.
+    /// Largest rise of a near-optimal cost, as a fraction of the best cost, dimensionless.
     pub relative_rise: f64,
-    /// A parameter is determined when its near-optimal values fill at most this fraction of its interval.
+    /// A parameter is determined if its near-optimal values fill at most this fraction of its
+    /// interval.
     pub determined_fraction: f64,
-    /// First step of a profile, as a fraction of the interval; each next one is twice as long.
+    /// First step of a profile, as a fraction of the interval; each further step is twice as long.
     pub first_step: f64,
-    /// A profile's end is known to this fraction of the interval.
+    /// Precision of a profile's end, as a fraction of the interval.
     pub precision: f64,
-    /// Refitting the others at one value of a profile.
+    /// Settings of the refit of the other parameters at one value of a profile.
     pub refit: lbfgsb::Settings,
 }
 
 impl Default for Settings {
-    /// For costs that sum squared relative differences: 0.01 is one biomarker off by 10 %.
+    /// Suits costs that sum squared relative differences: 0.01 is one biomarker off by 10 %.
     fn default() -> Self {
         Self {
             absolute_rise: 0.01,
@@ -55,7 +58,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Largest near-optimal cost above a best one.
+    /// Largest cost that counts as near-optimal, given the best cost.
     #[must_use]
     pub fn threshold(&self, best_cost: f64) -> f64 {
         best_cost + self.absolute_rise.max(self.relative_rise * best_cost.abs())
@@ -106,7 +109,7 @@ pub enum Bound {
     Upper,
 }
 
-/// What the data say of a parameter.
+/// Extent to which the data determine a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mark {
@@ -114,14 +117,15 @@ pub enum Mark {
     Determined,
     /// Near-optimal values fill much of the interval.
     Sloppy,
-    /// Near-optimal values fill a small part of the interval, and the best one is its end: the data would have it beyond.
+    /// Near-optimal values fill a small part of the interval and the best one lies at an end of it:
+    /// the data would place the parameter beyond the bound.
     AtBound,
 }
 
-/// A best value this close to a bound, as a fraction of the interval, sits on it.
+/// A best value within this distance of a bound, as a fraction of the interval, counts as on it.
 const ON_BOUND: f64 = 1e-3;
 
-/// Which bound a value sits on.
+/// The bound that a value lies on, if any.
 fn bound_of(value: f64, interval: Interval) -> Option<Bound> {
     let near = ON_BOUND * interval.width();
     match value {
@@ -141,40 +145,40 @@ fn mark(best: f64, near_optimal: Interval, interval: Interval, settings: &Settin
     }
 }
 
-/// What is wrong with what was to be looked at.
+/// Invalid input to an identifiability analysis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentifiabilityError {
-    /// The box makes no sense.
+    /// The box is empty, or an interval is not finite and in order.
     #[error(transparent)]
     Interval(#[from] IntervalError),
-    /// A setting that makes no sense.
+    /// A setting outside its range.
     #[error("setting {key} is {value}, but must be a fraction or, for a rise, not negative")]
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
     },
-    /// Parameters of another dimension than the box.
+    /// A set with another number of parameters than the box.
     #[error("a set has {n_parameters} parameters, but the box has {n_bounds}")]
     Dimension {
-        /// Parameters of the set.
+        /// Number of parameters of the set.
         n_parameters: usize,
         /// Number of intervals.
         n_bounds: usize,
     },
-    /// No set, or a best cost that is not finite.
+    /// No set was given, or the best cost is not finite.
     #[error("there is no set with a finite cost to begin with")]
     NoBest,
-    /// Another number of costs than points were asked for.
+    /// The number of costs differs from the number of points requested.
     #[error("{n_costs} costs were told for {n_points} points")]
     Costs {
-        /// Costs told.
+        /// Number of costs given.
         n_costs: usize,
-        /// Points asked.
+        /// Number of points requested.
         n_points: usize,
     },
-    /// A refit refused its start or its costs.
+    /// A refit rejected its start or its costs.
     #[error("the refit of the other parameters failed")]
     Refit(#[from] LbfgsbError),
 }

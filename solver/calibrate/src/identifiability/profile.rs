@@ -1,4 +1,4 @@
-//! Profiles of all parameters at once, by ask and tell.
+//! Profiles of all parameters at once, through an ask-and-tell interface.
 
 use super::{Bound, IdentifiabilityError, Mark, Settings, bound_of, mark};
 use crate::Interval;
@@ -9,32 +9,32 @@ use serde::{Deserialize, Serialize};
 /// Longest step of a profile, as a fraction of the interval.
 const LONGEST_STEP: f64 = 0.25;
 
-/// Where a profile ends on one side.
+/// End of a profile on one side.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProfileEnd {
-    /// Beyond this value no near-optimal set was found, in the parameter's unit.
+    /// No near-optimal set was found beyond this value, which is in the parameter's unit.
     Value(f64),
     /// Near-optimal sets exist up to the bound.
     Bound,
 }
 
-/// One parameter's profile.
+/// Profile of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ProfiledParameter {
-    /// Position of the parameter.
+    /// Index of the parameter.
     pub parameter: usize,
     /// Its best value, in its unit.
     pub best: f64,
-    /// Lower end of its near-optimal values.
+    /// Lower end of the near-optimal values.
     pub lower: ProfileEnd,
-    /// Upper end of its near-optimal values.
+    /// Upper end of the near-optimal values.
     pub upper: ProfileEnd,
-    /// Share of the interval that they fill, dimensionless.
+    /// Share of the interval that the near-optimal values fill, dimensionless.
     pub share: f64,
-    /// The bound that the best value sits on.
+    /// Bound that the best value lies on, if any.
     pub bound: Option<Bound>,
-    /// What the data say of it.
+    /// Extent to which the data determine the parameter.
     pub mark: Mark,
 }
 
@@ -43,41 +43,44 @@ pub struct ProfiledParameter {
 struct Walk {
     parameter: usize,
     side: Bound,
-    /// The outermost value with a near-optimal set, and that set's other parameters.
+    /// Outermost value for which a near-optimal set was found; `others` is the rest of that set.
     inside: f64,
     others: Vec<f64>,
-    /// The innermost value without one.
+    /// Innermost value for which none was found.
     outside: Option<f64>,
     step: f64,
-    /// The value that is being tried, and the refit of the others there.
+    /// Value under trial; `refit` fits the other parameters there.
     value: f64,
     refit: Option<Lbfgsb>,
     end: Option<f64>,
 }
 
-/// Profiles of all parameters that have an interval with a width, each a walk to either side; a batch holds the points
-/// of all walks. Serialise it after any [`Profile::tell`] to go on from there bit for bit.
+/// Profiles of all parameters whose interval has a width.
 ///
-/// A walk's value counts as near-optimal as soon as one such set is found, so that refits end early inside. Refits are
-/// local: an end is the end of what is connected to the best set.
+/// Each profile is a walk to either side of the best value, and a batch holds the points of all
+/// walks. The state can be serialised after any [`Profile::tell`] and continues bit for bit.
+///
+/// A walk's value counts as near-optimal as soon as one near-optimal set is found there, so that
+/// refits inside the profile end early. Refits are local: an end is the end of the region connected
+/// to the best set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     settings: Settings,
     bounds: Vec<Interval>,
-    /// The best set, in unit coordinates.
+    /// Best set, in unit coordinates.
     best: Vec<f64>,
     best_cost: f64,
     walks: Vec<Walk>,
-    /// A set that is better than the best one it began with, in the parameters' units.
+    /// A set better than the initial one, in the parameters' units, with its cost.
     better: Option<(Vec<f64>, f64)>,
     n_evaluations: usize,
 }
 
 impl Profile {
-    /// Begins at the best set of a fit, in the parameters' units.
+    /// Starts at the best set of a fit, which is given in the parameters' units.
     ///
     /// # Errors
-    /// [`IdentifiabilityError`] when box, set, cost or settings make no sense.
+    /// [`IdentifiabilityError`] if the box, set, cost or settings are invalid.
     pub fn new(
         best: &[f64],
         best_cost: f64,
@@ -138,10 +141,11 @@ impl Profile {
             .collect()
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`IdentifiabilityError`] when the number of costs differs.
+    /// [`IdentifiabilityError`] if the number of costs differs from the number of points.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), IdentifiabilityError> {
         let n_points = self.ask().len();
         if costs.len() != n_points {
@@ -173,7 +177,7 @@ impl Profile {
         let Some(refit) = &mut walk.refit else {
             return Ok(());
         };
-        // Without other parameters there is nothing to refit: the one cost decides.
+        // Without other parameters there is nothing to refit, and the single cost decides.
         let (near_optimal, ended) = if walk.others.is_empty() {
             (costs[0] <= self.settings.threshold(self.best_cost), true)
         } else {
@@ -195,7 +199,7 @@ impl Profile {
         self.advance(walk)
     }
 
-    /// The next value of a walk, or its end.
+    /// Moves a walk to its next value, or records its end.
     fn advance(&self, walk: &mut Walk) -> Result<(), IdentifiabilityError> {
         let (limit, sign) = match walk.side {
             Bound::Lower => (0.0, -1.0),
@@ -228,7 +232,7 @@ impl Profile {
         Ok(())
     }
 
-    /// The points of a walk's refit, in the parameters' units.
+    /// Points of a walk's refit, in the parameters' units.
     fn points(&self, walk: &Walk) -> Vec<Vec<f64>> {
         let Some(refit) = &walk.refit else {
             return Vec::new();
@@ -253,14 +257,14 @@ impl Profile {
         self.walks.iter().all(|w| w.end.is_some())
     }
 
-    /// Evaluations told so far.
+    /// Number of evaluations so far.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations
     }
 
-    /// A better set than the one it began with, in the parameters' units, and its cost: the fit had not ended at its
-    /// minimum.
+    /// A better set than the initial one, in the parameters' units, and its cost. It exists if the
+    /// fit had not reached its minimum.
     #[must_use]
     pub fn better(&self) -> Option<(&[f64], f64)> {
         self.better
@@ -268,7 +272,7 @@ impl Profile {
             .map(|(set, cost)| (set.as_slice(), *cost))
     }
 
-    /// The profiles of all parameters with a width, once all walks have ended.
+    /// Profiles of all parameters with a width, once all walks have ended.
     #[must_use]
     pub fn outcome(&self) -> Option<Vec<ProfiledParameter>> {
         self.walks
@@ -277,7 +281,7 @@ impl Profile {
             .collect()
     }
 
-    /// The profiles as far as they have come: a walk that has not ended stands where its outermost near-optimal set is.
+    /// Profiles in their present state: an unfinished walk ends at its outermost near-optimal set.
     #[must_use]
     pub fn so_far(&self) -> Vec<ProfiledParameter> {
         let end = |walk: &Walk| walk.end.unwrap_or(walk.inside);

@@ -1,11 +1,11 @@
-//! The spread of sets that are near-optimal already: results of several seeds or guesses, or an optimiser's members.
+//! Spread of sets that are already near-optimal, such as results of several seeds or guesses.
 
 use super::{Bound, IdentifiabilityError, Mark, Settings, bound_of, mark};
 use crate::Interval;
 use crate::statistics::{mean, standard_deviation};
 use serde::{Deserialize, Serialize};
 
-/// One parameter over the near-optimal sets.
+/// Spread of one parameter over the near-optimal sets.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ParameterSpread {
     /// Value of the best set, in the parameter's unit.
@@ -16,38 +16,39 @@ pub struct ParameterSpread {
     pub maximum: f64,
     /// Mean value.
     pub mean: f64,
-    /// Sample standard deviation; none for a single set.
+    /// Sample standard deviation; `None` for a single set.
     pub standard_deviation: Option<f64>,
-    /// Share of the interval between smallest and largest, dimensionless.
+    /// Share of the interval between the smallest and the largest value, dimensionless.
     pub share: f64,
-    /// The bound that the best value sits on.
+    /// Bound that the best value lies on, if any.
     pub bound: Option<Bound>,
-    /// What the sets say of it.
+    /// Extent to which the sets determine the parameter.
     pub mark: Mark,
 }
 
-/// The near-optimal ones of some sets.
+/// Near-optimal sets among those given.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NearOptimal {
     /// Cost of the best set.
     pub best_cost: f64,
     /// Largest cost that counts as near-optimal.
     pub threshold: f64,
-    /// Sets below it: a single one tells nothing about the spread.
+    /// Number of sets up to the threshold. A single one says nothing about the spread.
     pub n_near_optimal: usize,
-    /// Sets that were given.
+    /// Number of sets given.
     pub n_sets: usize,
-    /// One for each parameter.
+    /// Spread of each parameter, in the order of the box.
     pub parameters: Vec<ParameterSpread>,
 }
 
-/// Looks at sets of parameters (in their units) and their costs.
+/// Finds the near-optimal sets and the spread of their parameters, which are in their units.
 ///
-/// Members of a converged population are no sample of what is near-optimal: they have closed in on one set. Results of
-/// several seeds, or all that an optimiser has evaluated, are.
+/// The members of a converged population do not sample the near-optimal region, because they have
+/// closed in on one set. Results of several seeds, or all points that an optimiser has evaluated,
+/// do.
 ///
 /// # Errors
-/// [`IdentifiabilityError`] when the box or a set makes no sense, or no cost is finite.
+/// [`IdentifiabilityError`] if the box or a set is invalid, or no cost is finite.
 pub fn near_optimal(
     sets: &[(Vec<f64>, f64)],
     bounds: &[Interval],

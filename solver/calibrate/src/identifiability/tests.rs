@@ -44,7 +44,8 @@ fn value(end: ProfileEnd) -> f64 {
     }
 }
 
-/// A tilted quadratic valley: the profile of x² + 2ρxy + y² is (1 - ρ²) x², wider than the cost with y held.
+/// A tilted quadratic valley: the profile of x² + 2ρxy + y² is (1 - ρ²) x², wider than the cost
+/// with y held.
 #[test]
 fn ends_of_a_correlated_quadratic() {
     let rho = 0.9;
@@ -64,7 +65,8 @@ fn ends_of_a_correlated_quadratic() {
     }
 }
 
-/// x and y act as their product only; z is determined; the data want w beyond its bound; v does nothing.
+/// x and y act only through their product; z is determined; the data push w beyond its bound; v has
+/// no effect.
 #[test]
 fn marks_of_four_kinds() {
     let f = |x: &[f64]| {
@@ -245,7 +247,7 @@ fn spread_of_results() {
 }
 
 proptest! {
-    /// Storing after any batch changes nothing that follows.
+    /// Storage after any batch does not change the rest of the run.
     #[test]
     fn continues_from_storage(a in 0.2..3.0f64, b in -0.9..0.9f64, store_every in 1usize..5) {
         let f = |x: &[f64]| a * x[0] * x[0] + b * x[0] * x[1] + x[1] * x[1];

@@ -1,4 +1,5 @@
-//! Line search of Moré and Thuente 1994 (ACM Trans. Math. Softw. 20:286), as in MINPACK-2's `dcsrch` and `dcstep`.
+//! Line search of Moré and Thuente 1994 (ACM Trans. Math. Softw. 20:286), as in MINPACK-2's
+//! `dcsrch` and `dcstep`.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +8,7 @@ const F_TOLERANCE: f64 = 1e-3;
 const G_TOLERANCE: f64 = 0.9;
 const X_TOLERANCE: f64 = 0.1;
 
-/// A point on the line: step, value, slope.
+/// A point on the line: step, value and slope.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Point {
     step: f64,
@@ -15,10 +16,10 @@ struct Point {
     slope: f64,
 }
 
-/// What follows from an evaluation.
+/// Consequence of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Verdict {
-    /// The step is good, or the best to be had.
+    /// The step is good, or no better one can be found.
     Accept,
     /// Evaluate at [`LineSearch::step`].
     Evaluate,
@@ -40,7 +41,7 @@ pub(super) struct LineSearch {
 }
 
 impl LineSearch {
-    /// Begins at a value with a negative slope and a first step within (0, `max_step`].
+    /// Starts from a value with a negative slope, with a first step within (0, `max_step`].
     pub(super) fn new(value: f64, slope: f64, step: f64, max_step: f64) -> Self {
         let initial = Point {
             step: 0.0,
@@ -61,12 +62,12 @@ impl LineSearch {
         }
     }
 
-    /// The step to evaluate.
+    /// Step to evaluate.
     pub(super) fn step(&self) -> f64 {
         self.step
     }
 
-    /// After an evaluation without a finite value: half the step, and never so far again.
+    /// Halves the step after a value that was not finite, and never goes that far again.
     pub(super) fn shrink(&mut self) {
         *self = Self::new(
             self.initial.value,
@@ -76,7 +77,7 @@ impl LineSearch {
         );
     }
 
-    /// Judges value and slope at [`Self::step`], and chooses the next step.
+    /// Judges value and slope at [`Self::step`] and chooses the next step.
     pub(super) fn advance(&mut self, value: f64, slope: f64) -> Verdict {
         let (step, test_slope) = (self.step, F_TOLERANCE * self.initial.slope);
         let [low, high] = self.interval;
@@ -94,7 +95,7 @@ impl LineSearch {
         }
         let trial = Point { step, value, slope };
         if !self.second_stage && value <= self.best.value && value > enough {
-            // In the first stage the search goes on an auxiliary function with a better interval.
+            // In the first stage the search uses an auxiliary function with a better interval.
             let lower = |p: Point| Point {
                 value: p.value - p.step * test_slope,
                 slope: p.slope - test_slope,
@@ -178,7 +179,8 @@ impl LineSearch {
             }
             self.best = p;
         }
-        // A cubic through values that rounding made equal has no extremum: stay at the best point, which ends the search.
+        // A cubic through values that rounding made equal has no extremum. The search then stays at
+        // the best point, which ends it.
         self.step = if next.is_finite() {
             next
         } else {
@@ -186,7 +188,8 @@ impl LineSearch {
         };
     }
 
-    /// Third case: lower value, slope of the same sign and smaller, so the cubic may have no minimum ahead.
+    /// Third case: the value is lower and the slope has the same sign and is smaller, so that the
+    /// cubic may have no minimum ahead.
     fn step_of_smaller_slope(&self, p: Point) -> f64 {
         let x = self.best;
         let (theta, scale) = cubic_terms(x, p);

@@ -1,10 +1,11 @@
-//! The quadratic model of L-BFGS-B: its matrix, its Cauchy point within the box, its minimum on the free variables.
+//! Quadratic model of L-BFGS-B: its matrix, its Cauchy point within the box, and its minimum over
+//! the free variables.
 
 use crate::Interval;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Steps and changes of the gradient that the matrix is made of, oldest first, and the scale of its beginning.
+/// Steps and changes of the gradient that build the matrix, oldest first, and its initial scale.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
     pairs: Vec<(Vec<f64>, Vec<f64>)>,
@@ -30,7 +31,8 @@ impl Memory {
         self.theta = 1.0;
     }
 
-    /// Adds a step and the gradient's change along it; `curvature` is their product, positive.
+    /// Adds a step and the change of the gradient along it; `curvature` is their product and
+    /// positive.
     pub(super) fn push(&mut self, step: Vec<f64>, change: Vec<f64>, curvature: f64) {
         self.theta = change.iter().map(|y| y * y).sum::<f64>() / curvature;
         if self.pairs.len() == self.max_pairs {
@@ -39,7 +41,7 @@ impl Memory {
         self.pairs.push((step, change));
     }
 
-    /// The BFGS matrix of the pairs, begun from theta times the identity: the compact form, multiplied out.
+    /// BFGS matrix of the pairs, from theta times the identity: the compact form, multiplied out.
     fn matrix(&self, n: usize) -> DMatrix<f64> {
         let mut b = DMatrix::from_diagonal_element(n, n, self.theta);
         for (s, y) in &self.pairs {
@@ -55,9 +57,11 @@ impl Memory {
     }
 }
 
-/// The minimiser of the model within the box, along the projected gradient and then on the free variables.
+/// Minimiser of the model within the box, along the projected gradient and then over the free
+/// variables.
 ///
-/// None if the model is not positive definite in floating point, so that the memory must be dropped.
+/// `None` if the model is not positive definite in floating point, so that the memory must be
+/// dropped.
 pub(super) fn minimiser(
     x: &[f64],
     g: &[f64],
@@ -72,7 +76,8 @@ pub(super) fn minimiser(
     subspace_minimum(x, g, bounds, &b, cauchy)
 }
 
-/// Algorithm CP of the source: first minimum of the model along the bent path of steepest descent.
+/// Algorithm CP of the source: the first minimum of the model along the bent path of steepest
+/// descent.
 fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> Option<Vec<f64>> {
     let n = x.len();
     let gradient = DVector::from_column_slice(g);
@@ -112,7 +117,7 @@ fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> 
             bounds[i].lower - x[i]
         };
         d[i] = 0.0;
-        // Variables that meet their bounds at the same time leave together.
+        // Variables that reach their bounds at the same time are fixed together.
         while let Some(j) = breaks.next_if(|j| times[*j] <= reached) {
             z[j] = if d[j] > 0.0 {
                 bounds[j].upper - x[j]
@@ -125,8 +130,9 @@ fn cauchy_point(x: &[f64], g: &[f64], bounds: &[Interval], b: &DMatrix<f64>) -> 
     Some((0..n).map(|i| bounds[i].clamp(x[i] + z[i])).collect())
 }
 
-/// Minimum of the model over the variables that the Cauchy point leaves free, projected into the box; if the
-/// projection is no direction of descent, cut back to the box instead (Morales and Nocedal 2011).
+/// Minimum of the model over the variables that the Cauchy point leaves free, projected into the
+/// box. If the projection is not a direction of descent, the step is cut back to the box instead
+/// (Morales and Nocedal 2011).
 fn subspace_minimum(
     x: &[f64],
     g: &[f64],

@@ -1,4 +1,4 @@
-//! The optimiser: what it asks for, what it makes of the answers, when it ends.
+//! State machine of L-BFGS-B: its batches, its updates and its end.
 
 use super::line_search::{LineSearch, Verdict};
 use super::model::{Memory, minimiser};
@@ -6,13 +6,13 @@ use crate::storage::worst_if_not_finite;
 use crate::{Interval, IntervalError};
 use serde::{Deserialize, Serialize};
 
-/// Length of the step of a finite difference.
+/// Step length of a finite difference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DifferenceStep {
-    /// In the parameters' own units, as `SciPy`'s default of 1e-8.
+    /// Length in the parameters' own units, as `SciPy`'s default of 1e-8.
     Absolute(f64),
-    /// As a fraction of each interval's width: for costs with noise of their own, such as an integrator's.
+    /// Fraction of each interval's width, for costs with numerical noise such as an integrator's.
     OfWidth(f64),
 }
 
@@ -20,17 +20,19 @@ pub enum DifferenceStep {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Number of pairs that the matrix is made of.
+    /// Number of pairs that build the matrix.
     pub n_pairs: usize,
-    /// Ends when an iteration lowers the cost by less than this times the largest of both costs and one, dimensionless.
+    /// The search ends when an iteration lowers the cost by less than this times the largest of
+    /// both costs and one, dimensionless.
     pub cost_tolerance: f64,
-    /// Ends when no component of the projected gradient is larger, cost per parameter's unit.
+    /// The search ends when no component of the projected gradient exceeds this, cost per
+    /// parameter's unit.
     pub gradient_tolerance: f64,
     /// Step of the finite differences.
     pub step: DifferenceStep,
     /// Largest number of iterations.
     pub max_iterations: usize,
-    /// No iteration begins after so many evaluations.
+    /// No iteration starts after this number of evaluations.
     pub max_evaluations: usize,
     /// Largest number of steps in one line search.
     pub max_line_search: usize,
@@ -50,36 +52,36 @@ impl Default for Settings {
     }
 }
 
-/// Why the optimisation ended.
+/// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
     /// The projected gradient vanishes.
     Gradient,
-    /// The cost does not fall any more.
+    /// The cost no longer falls.
     Cost,
     /// The line search finds no lower cost even along the gradient.
     LineSearch,
-    /// Too many iterations.
+    /// The largest number of iterations was reached.
     Iterations,
-    /// Too many evaluations.
+    /// The largest number of evaluations was reached.
     Evaluations,
     /// The cost at the start is not finite.
     StartNotFinite,
 }
 
 impl Ending {
-    /// Whether the result is a minimum to the tolerances.
+    /// Whether the result is a minimum within the tolerances.
     #[must_use]
     pub fn is_success(self) -> bool {
         matches!(self, Self::Gradient | Self::Cost)
     }
 }
 
-/// What is wrong with what the optimiser was given.
+/// Invalid input to the optimiser.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LbfgsbError {
-    /// The box makes no sense.
+    /// The box is empty, or an interval is not finite and in order.
     #[error(transparent)]
     Interval(#[from] IntervalError),
     /// The start has another dimension than the box.
@@ -90,15 +92,15 @@ pub enum LbfgsbError {
         /// Number of intervals.
         n_bounds: usize,
     },
-    /// Another number of costs than points were asked for.
+    /// The number of costs differs from the number of points requested.
     #[error("{n_costs} costs were told for {n_points} points")]
     Costs {
-        /// Costs told.
+        /// Number of costs given.
         n_costs: usize,
-        /// Points asked.
+        /// Number of points requested.
         n_points: usize,
     },
-    /// Nothing is being asked any more.
+    /// Costs were given after the end of the optimisation.
     #[error("costs were told after the optimisation had ended")]
     Ended,
 }
@@ -111,10 +113,10 @@ enum Phase {
     Ended(Ending),
 }
 
-/// A line search under way from the current point.
+/// A line search in progress from the current point.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Search {
-    /// Minimiser of the model: the point of step one.
+    /// Minimiser of the model, which is the point at step one.
     target: Vec<f64>,
     direction: Vec<f64>,
     line: LineSearch,
@@ -122,13 +124,13 @@ struct Search {
     n_steps: usize,
 }
 
-/// Bounded limited-memory quasi-Newton minimisation; its state can be stored between [`Lbfgsb::tell`] and the next
-/// [`Lbfgsb::ask`], and continues bit for bit.
+/// Bounded limited-memory quasi-Newton minimisation. The state can be stored between
+/// [`Lbfgsb::tell`] and the next [`Lbfgsb::ask`] and continues bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lbfgsb {
     settings: Settings,
     bounds: Vec<Interval>,
-    /// The current point; at the start the one to begin with.
+    /// Current point; initially the start.
     x: Vec<f64>,
     #[serde(with = "crate::storage::cost")]
     cost: f64,
@@ -140,10 +142,10 @@ pub struct Lbfgsb {
 }
 
 impl Lbfgsb {
-    /// Begins at a point, which is cut to the box.
+    /// Starts at a point, which is clamped to the box.
     ///
     /// # Errors
-    /// [`LbfgsbError`] when the box makes no sense or has another dimension than the start.
+    /// [`LbfgsbError`] if the box is invalid or its dimension differs from the start's.
     pub fn new(
         start: &[f64],
         bounds: &[Interval],
@@ -169,7 +171,8 @@ impl Lbfgsb {
         })
     }
 
-    /// The points to evaluate next, shape (D + 1, D): a trial and its D differences. Empty once the optimisation ended.
+    /// Points to evaluate next, shape (D + 1, D): a trial and its D differences. Empty once the
+    /// optimisation has ended.
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         let Some(trial) = self.trial() else {
@@ -185,10 +188,11 @@ impl Lbfgsb {
         points
     }
 
-    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    /// Takes the costs of the points that [`Self::ask`] returned, in the same order. Costs that are
+    /// not finite count as infinite.
     ///
     /// # Errors
-    /// [`LbfgsbError`] when the number of costs differs or the optimisation has ended.
+    /// [`LbfgsbError`] if the number of costs differs or the optimisation has ended.
     pub fn tell(&mut self, costs: &[f64]) -> Result<(), LbfgsbError> {
         let trial = self.trial().ok_or(LbfgsbError::Ended)?;
         if costs.len() != trial.len() + 1 {
@@ -203,7 +207,7 @@ impl Lbfgsb {
             .map(|i| {
                 let step = self.shifted(i, trial[i]) - trial[i];
                 let slope = (costs[i + 1] - cost) / step;
-                // A failed difference or an interval without width: this direction is left alone.
+                // A failed difference, or an interval without width, leaves this direction unused.
                 if slope.is_finite() { slope } else { 0.0 }
             })
             .collect();
@@ -215,7 +219,7 @@ impl Lbfgsb {
         Ok(())
     }
 
-    /// Why it ended, once it did.
+    /// Reason for the end; `None` while the optimisation continues.
     #[must_use]
     pub fn ending(&self) -> Option<Ending> {
         match self.phase {
@@ -224,7 +228,7 @@ impl Lbfgsb {
         }
     }
 
-    /// The best point so far, and its cost.
+    /// Best point so far and its cost.
     #[must_use]
     pub fn best(&self) -> (&[f64], f64) {
         (&self.x, self.cost)
@@ -236,7 +240,7 @@ impl Lbfgsb {
         &self.gradient
     }
 
-    /// Number of evaluations told: a multiple of D + 1.
+    /// Number of evaluations so far, a multiple of D + 1.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         self.n_evaluations
@@ -265,14 +269,16 @@ impl Lbfgsb {
         (0..self.x.len()).map(along).collect()
     }
 
-    /// A coordinate moved by the difference's step, to the other side where it would leave the box.
+    /// Moves a coordinate by the step of the difference, to the other side if it would leave the
+    /// box.
     fn shifted(&self, i: usize, x: f64) -> f64 {
         let bounds = self.bounds[i];
         let step = match self.settings.step {
             DifferenceStep::Absolute(h) => h,
             DifferenceStep::OfWidth(fraction) => fraction * bounds.width(),
         };
-        // A step that vanishes beside the coordinate is replaced by one of half its digits, as in SciPy.
+        // As in SciPy, a step that vanishes beside the coordinate is replaced by one of half its
+        // digits.
         let step = if x + step == x {
             f64::EPSILON.sqrt() * x.abs().max(1.0)
         } else {
@@ -315,7 +321,7 @@ impl Lbfgsb {
             .fold(0.0, f64::max)
     }
 
-    /// Begins an iteration: a direction of descent and a line search along it.
+    /// Starts an iteration: a direction of descent and a line search along it.
     fn iterate(&mut self) -> Phase {
         loop {
             if let Some(search) = self.new_search() {
@@ -355,7 +361,7 @@ impl Lbfgsb {
         })
     }
 
-    /// How far a direction may be followed within the box.
+    /// Largest step along a direction within the box.
     fn room(&self, direction: &[f64]) -> f64 {
         let of = |i: usize| match direction[i] {
             d if d > 0.0 => (self.bounds[i].upper - self.x[i]) / d,
@@ -389,7 +395,8 @@ impl Lbfgsb {
             if search.n_steps < self.settings.max_line_search {
                 return Phase::Searching(search);
             }
-            // No point on the line is good: without the memory the direction is the gradient's.
+            // No point on the line is good. Without the memory, the direction is along the
+            // gradient.
             if self.memory.is_empty() {
                 return Phase::Ended(Ending::LineSearch);
             }

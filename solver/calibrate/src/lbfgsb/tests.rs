@@ -74,7 +74,7 @@ fn rosenbrock_valley_is_followed() {
 
 #[test]
 fn a_minimum_beyond_a_bound_is_found_on_it() {
-    // The unbounded minimum is (1, 1); with x0 <= 0.5 it is (0.5, 0.25).
+    // The unbounded minimum is (1, 1); for x0 <= 0.5 it is (0.5, 0.25).
     let bounds = [Interval::new(-2.0, 0.5), Interval::new(-2.0, 2.0)];
     let o = run(&[-1.0, 1.5], &bounds, Settings::default(), rosenbrock);
     assert!(o.ending().unwrap().is_success());
@@ -98,7 +98,8 @@ fn a_start_at_the_minimum_costs_one_gradient() {
 
 #[test]
 fn failures_on_the_way_halve_the_step() {
-    // The first step from the wall of a steep valley leads into a region where the cost cannot be computed.
+    // The first step from the wall of a steep valley leads to a region where the cost cannot be
+    // computed.
     let f = |x: &[f64]| {
         if x[0] > 2.0 {
             f64::NAN

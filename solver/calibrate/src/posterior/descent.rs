@@ -1,39 +1,44 @@
-//! Levenberg-Marquardt descent of half the sum of squares of residuals and of the distance from a point of the prior.
+//! Levenberg–Marquardt descent of half the sum of squares of the residuals and of the distance from
+//! a point of the prior.
 //!
-//! Derivatives are found by differences, and from step to step by Broyden's update: differences are taken anew where a step
-//! does not keep what it promised, and before a descent counts as ended.
+//! Derivatives come from finite differences and, from step to step, from Broyden's update.
+//! Differences are taken again if a step falls short of its promise, and before a descent counts as
+//! ended.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::{Evaluated, Target};
 
-/// Step of a difference, in standard deviations of the prior: above the roughness of a simulated beat.
+/// Step of a difference, in standard deviations of the prior. It must exceed the roughness of a
+/// simulated beat.
 const DIFFERENCE: f64 = 0.02;
 /// Largest change of a coordinate in one step.
 const LONGEST: f64 = 1.0;
-/// A descent ends where the next step promises less.
+/// Promised gain of the next step below which a descent ends.
 const GAIN: f64 = 0.1;
-/// It ends, too, where so many tries …
+/// Number of tries over which [`GAIN_OF_TRIES`] counts.
 const TRIES: usize = 8;
-/// … have gained less together: a posterior's typical points lie n/2 above its mode.
+/// A descent also ends if the last [`TRIES`] tries together gained less than this. The typical
+/// points of a posterior lie n/2 above its mode.
 const GAIN_OF_TRIES: f64 = 0.3;
-/// Damping at first, over the curvature of the prior.
+/// Initial damping, relative to the diagonal of the Hessian.
 const DAMPING: f64 = 0.1;
-/// Largest damping: a descent that would need more has no way to go.
+/// Largest damping. A descent that would need more has nowhere to go.
 const MOST_DAMPING: f64 = 1e5;
-/// Shares of the promised gain: below, derivatives are taken anew; above, the next step is damped less.
+/// Shares of the promised gain: below the first, derivatives are taken again; above the second, the
+/// next step is damped less.
 const KEPT: [f64; 2] = [0.25, 0.75];
 
-/// Where a posterior is highest.
+/// Mode of a posterior, where its density is highest.
 #[derive(Debug, Clone)]
 pub struct Mode {
-    /// Standard coordinates.
+    /// Mode in standard coordinates.
     pub u: Vec<f64>,
     /// Residuals at the mode.
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the residuals, shape (residuals, parameters).
     pub(super) jacobian: DMatrix<f64>,
-    /// How often the model was asked.
+    /// Number of evaluations of the model.
     pub evaluations: usize,
 }
 
@@ -49,9 +54,10 @@ impl Mode {
             .sum::<f64>()
     }
 
-    /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right.
+    /// Sum of squares left by data and prior, over its expected value. It is about 1 if the model,
+    /// the prior and the errors are right.
     ///
-    /// - `error_factor`: by which the residuals' standard deviations were enlarged
+    /// - `error_factor`: factor by which the standard deviations of the residuals were enlarged
     #[must_use]
     pub fn left(&self, error_factor: f64) -> f64 {
         let squares = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
@@ -60,9 +66,9 @@ impl Mode {
     }
 }
 
-/// A posterior's mode near a point; none where the model has no answer there.
+/// Mode of a posterior near a point; `None` if the model has no result at the start.
 ///
-/// - `start`: standard coordinates
+/// - `start`: point in standard coordinates
 #[must_use]
 pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Option<Mode> {
     let found = target.at(start)?;
@@ -84,27 +90,27 @@ pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Optio
     })
 }
 
-/// What a descent compromises between.
+/// Perturbations that a descent trades off: errors of the data and a point of the prior.
 pub(super) struct Aim {
-    /// Added to the residuals.
+    /// Errors added to the residuals.
     pub(super) errors: Vec<f64>,
-    /// The point of the prior, standard coordinates.
+    /// Point of the prior, in standard coordinates.
     pub(super) prior: Vec<f64>,
 }
 
-/// A descent and how often it asked the model.
+/// A descent that counts the evaluations of the model.
 pub(super) struct Descent<'a, Q> {
     pub(super) target: &'a Target<'a, Q>,
     pub(super) aim: Aim,
     pub(super) evaluations: usize,
 }
 
-/// Where a descent ended.
+/// End of a descent.
 pub(super) struct End<Q> {
     pub(super) u: Vec<f64>,
     pub(super) found: Evaluated<Q>,
     pub(super) jacobian: DMatrix<f64>,
-    /// Whether the last step gained little, not that the limit was reached.
+    /// Whether the last step gained little, rather than that the limit of steps was reached.
     pub(super) converged: bool,
 }
 
@@ -123,14 +129,15 @@ impl<Q> Descent<'_, Q> {
         )
     }
 
-    /// Half the sum of squares.
+    /// Half the sum of squares of the perturbed residuals and of the distance from the prior's
+    /// point.
     pub(super) fn height(&self, u: &[f64], residuals: &[f64]) -> f64 {
         let (data, prior) = self.parts(u, residuals);
         0.5 * (data.norm_squared() + prior.norm_squared())
     }
 
-    /// The damped step from `u`, cut where it changes a coordinate by more than `longest`, and what it promises to gain; none
-    /// where its matrix has no factor.
+    /// The damped step from `u` and its promised gain; `None` if its matrix has no factorisation.
+    /// The step is shortened if it changes a coordinate by more than `longest`.
     pub(super) fn step(
         &self,
         u: &[f64],
@@ -149,10 +156,10 @@ impl<Q> Descent<'_, Q> {
         Some((step, gain))
     }
 
-    /// Descends from `u`, where the model has said `found`.
+    /// Descends from `u`, where the model returned `found`.
     ///
-    /// - `jacobian`: one to begin with; found by differences where there is none
-    /// - `max_steps`: tries included that gain nothing
+    /// - `jacobian`: initial derivatives; computed by differences if `None`
+    /// - `max_steps`: limit of tries, including those without gain
     pub(super) fn from(
         &mut self,
         mut u: Vec<f64>,
@@ -212,7 +219,7 @@ impl<Q> Descent<'_, Q> {
                 if !fresh {
                     jacobian = self.differences(&u, &found.residuals);
                 }
-                // Broyden's update of differences at hand is no worse than they are.
+                // After fresh differences, Broyden's update is no worse than they are.
                 fresh = !fresh;
             } else {
                 fresh = false;
@@ -221,7 +228,7 @@ impl<Q> Descent<'_, Q> {
                 }
             }
         }
-        // What was damped is made up for.
+        // An undamped last step makes up for the damping.
         if let Some((step, _)) = self
             .step(&u, &found.residuals, &jacobian, 0.0, f64::INFINITY)
             .filter(|_| converged)
@@ -242,11 +249,12 @@ impl<Q> Descent<'_, Q> {
         })
     }
 
-    /// Derivatives of the residuals by one-sided differences, to the other side where one has no answer.
+    /// Derivatives of the residuals by one-sided differences; the other side is used where the
+    /// model has no result.
     fn differences(&mut self, u: &[f64], residuals: &[f64]) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(residuals.len(), u.len());
         for j in 0..u.len() {
-            // Inwards, where the prior is dense and models mostly have an answer.
+            // Inwards first, where the prior is dense and most models have a result.
             let inwards = if u[j] > 0.0 { -DIFFERENCE } else { DIFFERENCE };
             let side = [inwards, -inwards].into_iter().find_map(|step| {
                 let mut moved = u.to_vec();

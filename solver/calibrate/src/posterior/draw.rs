@@ -1,4 +1,4 @@
-//! A draw of the posterior by randomised maximum likelihood.
+//! Draws from a posterior by randomised maximum likelihood.
 
 use rand::Rng;
 use rand_pcg::Pcg64;
@@ -8,29 +8,32 @@ use super::descent::{Aim, Descent, End, Mode};
 use crate::normal::quantile;
 use crate::random::{Purpose, generator};
 
-/// Halvings of the way from the mode to where a linear model would have a draw.
+/// Number of halvings of the way from the mode to the draw that a linear model predicts.
 const HALVINGS: i32 = 6;
 
-/// Standard deviations beyond which what a draw leaves is not what errors and prior let expect.
+/// Number of standard deviations above its expected value at which the final height of a draw
+/// counts as too high.
 const FARTHEST: f64 = 3.0;
 
 /// A draw of a posterior.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw<Q> {
-    /// Standard coordinates.
+    /// Draw in standard coordinates.
     pub u: Vec<f64>,
-    /// What the model says there.
+    /// Further quantities of the model at the draw.
     pub seen: Q,
-    /// Whether the descent ended by itself, and where errors and prior let expect it.
+    /// Whether the descent ended by itself, at a height that errors and prior make plausible.
     pub converged: bool,
-    /// How often the model was asked.
+    /// Number of evaluations of the model.
     pub evaluations: usize,
 }
 
-/// The draw of a seed and an index: a descent from a point of the prior, or from nearer to the mode where the model has no
-/// answer there. Begun near the mode, all draws would be of its valley, and others that serve alike would be missed. A descent
-/// that ends higher than errors and prior let expect is begun again, from where a linear model would have the draw, then from
-/// the mode. None where their matrices have no factors.
+/// The draw with a seed and an index; `None` if no descent has a matrix with a factorisation.
+///
+/// The draw is a descent from a point of the prior, or from closer to the mode if the model has no
+/// result there. Starts near the mode would confine all draws to its valley and miss other valleys
+/// with equal misfit. If the descent ends higher than errors and prior make plausible, it is
+/// repeated from the draw that a linear model predicts, and then from the mode.
 #[must_use]
 pub fn draw<Q>(
     target: &Target<'_, Q>,
@@ -53,7 +56,8 @@ pub fn draw<Q>(
         evaluations: 0,
     };
     let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY)?;
-    // Of a linear model, half the added χ² of the data, and the cross term with what the mode leaves.
+    // For a linear model: half of the χ² that the errors add to the data, and the cross term with
+    // the residuals at the mode.
     let m = mode.residuals.len() as f64;
     let left: f64 = mode.residuals.iter().map(|r| r * r).sum();
     let farthest = mode.height() + 0.5 * m + FARTHEST * (0.5 * m + left).sqrt();

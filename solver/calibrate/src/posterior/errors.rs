@@ -1,11 +1,11 @@
-//! Gaussian errors of a trace that are correlated in time.
+//! Gaussian errors of a trace with correlation in time.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Variance that keeps a covariance from being singular, over the variance of a sample.
+/// Variance that keeps a covariance from being singular, relative to the variance of a sample.
 const NUGGET: f64 = 1e-6;
 
-/// A measured trace at equal distances in time, and the covariance of its errors.
+/// A measured trace with equidistant samples, and the covariance of its errors.
 #[derive(Debug, Clone)]
 pub struct TraceErrors {
     measured: Vec<f64>,
@@ -13,10 +13,12 @@ pub struct TraceErrors {
 }
 
 impl TraceErrors {
-    /// None for an empty trace, or a covariance that is none.
+    /// Creates the errors of a trace; `None` for an empty trace or a covariance that is not
+    /// positive definite.
     ///
-    /// - `measured`: samples
-    /// - `covariance`: of the errors of two samples, by their indices; the unit is that of `measured`, squared
+    /// - `measured`: samples of the trace
+    /// - `covariance`: covariance of the errors of two samples, given their indices, in the squared
+    ///   unit of `measured`
     #[must_use]
     pub fn new(measured: &[f64], covariance: impl Fn(usize, usize) -> f64) -> Option<Self> {
         let n = measured.len();
@@ -32,8 +34,8 @@ impl TraceErrors {
         })
     }
 
-    /// Differences of a simulated trace to the measured one, transformed so that errors are independent and of standard
-    /// deviation 1; as many as samples.
+    /// Differences between a simulated and the measured trace, transformed so that the errors are
+    /// independent with standard deviation 1. There is one per sample.
     #[must_use]
     pub fn residuals(&self, simulated: &[f64]) -> Vec<f64> {
         let differences = simulated
@@ -41,7 +43,7 @@ impl TraceErrors {
             .zip(&self.measured)
             .map(|(simulated, measured)| simulated - measured);
         let mut values = DVector::from_iterator(self.measured.len(), differences);
-        // The factor's diagonal is positive, so that this always has a solution.
+        // The factor's diagonal is positive, so that a solution always exists.
         self.factor
             .l_dirty()
             .solve_lower_triangular_mut(&mut values);

@@ -1,13 +1,16 @@
-//! How sure a fit is: draws from the posterior distribution of parameters, given data with Gaussian errors.
+//! Uncertainty of a fit: draws from the posterior distribution of parameters, given data with
+//! Gaussian errors.
 //!
-//! Randomised maximum likelihood (Kitanidis 1995, Water Resour. Res. 31:2411; Oliver, He and Reynolds 1996; Chen and Oliver
-//! 2012, Math. Geosci. 44:1): each draw is the best compromise between data that errors of their distribution were added to,
-//! and a draw of the prior. Draws are of the posterior where the model is linear, and near it where it is not: how near shows
-//! in the share of true values that intervals of simulated data hold (docs/step3.md). Draws do not depend on each other, so
-//! that none is needed to forget where another began, and whoever owns the model makes them in parallel or not.
+//! The method is randomised maximum likelihood (Kitanidis 1995, Water Resour. Res. 31:2411; Oliver,
+//! He and Reynolds 1996; Chen and Oliver 2012, Math. Geosci. 44:1): each draw is the best
+//! compromise between the data with random errors added and a draw from the prior. The draws follow
+//! the posterior exactly if the model is linear, and approximately if it is not. The share of true
+//! values that the intervals cover for simulated data shows the quality of the approximation
+//! (docs/step3.md). Draws are independent: there is no burn-in, and the caller can compute them in
+//! parallel.
 //!
-//! Each parameter is transformed so that its prior is standard normal ([`TruncatedNormal`]): then bounds need no care, and a
-//! direction of which the data say nothing costs nothing.
+//! Each parameter is transformed so that its prior is standard normal ([`TruncatedNormal`]). Bounds
+//! then need no special treatment, and a direction without information in the data costs nothing.
 
 mod descent;
 mod draw;
@@ -19,26 +22,27 @@ pub use draw::{Draw, draw};
 pub use errors::TraceErrors;
 pub use prior::TruncatedNormal;
 
-/// What a model says of parameters.
+/// Result of the model at given parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluated<Q> {
-    /// Differences to the data, independent and of standard deviation 1 where the model is right.
+    /// Differences from the data, independent with standard deviation 1 if the model is right.
     pub residuals: Vec<f64>,
-    /// Quantities whose distribution is wanted, too.
+    /// Further quantities whose distribution is wanted.
     pub seen: Q,
 }
 
-/// The model and what is known without data.
+/// The model and the prior.
 #[derive(Clone, Copy)]
 pub struct Target<'a, Q> {
-    /// Of each parameter.
+    /// Prior of each parameter.
     pub prior: &'a [TruncatedNormal],
-    /// From parameters, in their own coordinates; none where the model has no answer, which counts as impossible.
+    /// The model as a function of the parameters in their own coordinates; `None` if it has no
+    /// result, which counts as impossible.
     pub model: &'a (dyn Fn(&[f64]) -> Option<Evaluated<Q>> + Sync),
 }
 
 impl<Q> Target<'_, Q> {
-    /// Parameters in their own coordinates.
+    /// Converts standard coordinates to parameters in their own coordinates.
     #[must_use]
     pub fn parameters(&self, u: &[f64]) -> Vec<f64> {
         u.iter()
@@ -47,7 +51,7 @@ impl<Q> Target<'_, Q> {
             .collect()
     }
 
-    /// The coordinates in which the prior is standard normal.
+    /// Converts parameters to the coordinates in which the prior is standard normal.
     #[must_use]
     pub fn standard(&self, parameters: &[f64]) -> Vec<f64> {
         parameters

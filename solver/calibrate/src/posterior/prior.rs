@@ -1,29 +1,29 @@
-//! A normal distribution within bounds, and the coordinate in which it is standard normal.
+//! Normal distribution within bounds, and the coordinate in which it is standard normal.
 
 use crate::Interval;
 use crate::normal::quantile;
 use crate::space_mapping::Prior;
 
-/// Largest magnitude of the standard coordinate: one in 10¹⁵ lies beyond.
+/// Largest magnitude of the standard coordinate, beyond which lies a probability of 10⁻¹⁵.
 const FARTHEST: f64 = 8.0;
 
 /// A normal distribution, cut off at bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TruncatedNormal {
     normal: Prior,
-    /// Where the parameter lies.
+    /// Interval of the parameter.
     pub interval: Interval,
-    /// Probabilities that the normal distribution without bounds stays below each of them.
+    /// Probabilities below each bound under the normal distribution without bounds.
     below: [f64; 2],
 }
 
-/// The probability that a standard normal number stays below `z`.
+/// Probability that a standard normal variable stays below `z`.
 fn cumulative(z: f64) -> f64 {
     0.5 * libm::erfc(-z / std::f64::consts::SQRT_2)
 }
 
 impl TruncatedNormal {
-    /// `normal` within `interval`, of which it has to have some probability.
+    /// Restricts `normal` to `interval`, in which it must have some probability.
     #[must_use]
     pub fn new(normal: Prior, interval: Interval) -> Self {
         let below = [interval.lower, interval.upper]
@@ -35,7 +35,8 @@ impl TruncatedNormal {
         }
     }
 
-    /// The parameter at which the distribution has the share of probability below it that a standard normal one has below `u`.
+    /// Parameter below which the distribution has the same probability as the standard normal one
+    /// below `u`.
     #[must_use]
     pub fn from_standard(&self, u: f64) -> f64 {
         let [low, high] = self.below;
@@ -44,7 +45,7 @@ impl TruncatedNormal {
             .clamp(self.normal.centre + self.normal.width * z)
     }
 
-    /// The inverse of [`Self::from_standard`]; a value on a bound is eight standard deviations out.
+    /// Inverse of [`Self::from_standard`]. A value on a bound maps to eight standard deviations.
     #[must_use]
     pub fn to_standard(&self, x: f64) -> f64 {
         let [low, high] = self.below;
@@ -52,7 +53,7 @@ impl TruncatedNormal {
         quantile(share.clamp(0.0, 1.0)).clamp(-FARTHEST, FARTHEST)
     }
 
-    /// The value that the distribution stays below with this probability.
+    /// Value that the parameter stays below with this probability.
     #[must_use]
     pub fn quantile(&self, probability: f64) -> f64 {
         self.from_standard(quantile(probability))

@@ -86,7 +86,7 @@ fn a_linear_model_has_the_posterior_of_the_closed_form() {
         mean(&difference).abs() < 0.1
             && (standard_deviation(&difference) / 2.0_f64.sqrt() - 1.0).abs() < 0.06
     );
-    // The datum is 1 where prior and error let expect it within √2.01.
+    // The datum is 1, while prior and error make values within √2.01 plausible.
     let left = mode(&target, &[0.0, 0.0], 30).expect("a mode").left(1.0);
     assert!((left - 1.0 / 2.01).abs() < 1e-3, "{left}");
     // χ² of one degree of freedom has a long tail.
@@ -95,7 +95,7 @@ fn a_linear_model_has_the_posterior_of_the_closed_form() {
 
 #[test]
 fn intervals_of_a_curved_model_hold_true_values_as_often_as_they_say() {
-    // The truth is drawn from the prior and measured through a curve, again and again.
+    // The truth is repeatedly drawn from the prior and measured through a curve.
     let prior = wide(2);
     let truths =
         [0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95].map(crate::normal::quantile);
@@ -195,7 +195,8 @@ fn a_model_without_an_answer_is_left_out_and_the_same_seed_draws_the_same() {
 
 #[test]
 fn draws_are_of_both_valleys_that_serve_alike() {
-    // Data tell the magnitude alone, so that half of the posterior lies on each side; the mode is that of one.
+    // The data determine only the magnitude, so that half of the posterior lies on each side; the
+    // mode is on one of them.
     let prior = wide(2);
     let model = |x: &[f64]| {
         let residuals = vec![(x[0].abs() - 1.5) / 0.2, (x[1] - 0.3) / 0.5];
@@ -225,7 +226,8 @@ fn correlated_errors_are_worth_fewer_samples() {
     let covariance = |i: usize, j: usize| 4.0 * (-0.1 * i.abs_diff(j) as f64).exp();
     let errors = TraceErrors::new(&[10.0; 50], covariance).expect("a covariance");
     assert_eq!(errors.residuals(&[10.0; 50]), vec![0.0; 50]);
-    // A shift by one standard deviation counts 1ᵀ C⁻¹ 1, for an Ornstein-Uhlenbeck process 1 + (n − 1) (1 − r)/(1 + r).
+    // A shift by one standard deviation counts 1ᵀ C⁻¹ 1, which is 1 + (n − 1) (1 − r)/(1 + r) for an
+    // Ornstein–Uhlenbeck process.
     let found: f64 = errors.residuals(&[12.0; 50]).iter().map(|r| r * r).sum();
     let r = (-0.1_f64).exp();
     assert!(

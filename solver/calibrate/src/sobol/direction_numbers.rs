@@ -1,31 +1,34 @@
 //! Joe and Kuo's direction numbers of the Sobol sequence, the first 128 dimensions.
 //!
-//! Source: the file new-joe-kuo-6.21201 (search criterion D(6)) of S. Joe and F. Y. Kuo 2008, Constructing Sobol
-//! sequences with better two-dimensional projections, SIAM J. Sci. Comput. 30:2635. Its licence:
+//! Source: the file new-joe-kuo-6.21201 (search criterion D(6)) of S. Joe and F. Y. Kuo 2008,
+//! Constructing Sobol sequences with better two-dimensional projections, SIAM J. Sci. Comput.
+//! 30:2635. Its licence:
 //!
 //! Copyright (c) 2008, Frances Y. Kuo and Stephen Joe. All rights reserved.
 //!
-//! Redistribution and use in source and binary forms, with or without modification, are permitted provided that the
-//! following conditions are met: Redistributions of source code must retain the above copyright notice, this list of
-//! conditions and the following disclaimer. Redistributions in binary form must reproduce the above copyright notice,
-//! this list of conditions and the following disclaimer in the documentation and/or other materials provided with the
-//! distribution. Neither the names of the copyright holders nor the names of the University of New South Wales and the
-//! University of Waikato and its contributors may be used to endorse or promote products derived from this software
-//! without specific prior written permission.
+//! Redistribution and use in source and binary forms, with or without modification, are permitted
+//! provided that the following conditions are met: Redistributions of source code must retain the
+//! above copyright notice, this list of conditions and the following disclaimer. Redistributions in
+//! binary form must reproduce the above copyright notice, this list of conditions and the following
+//! disclaimer in the documentation and/or other materials provided with the distribution. Neither
+//! the names of the copyright holders nor the names of the University of New South Wales and the
+//! University of Waikato and its contributors may be used to endorse or promote products derived
+//! from this software without specific prior written permission.
 //!
-//! THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS "AS IS" AND ANY EXPRESS OR IMPLIED WARRANTIES, INCLUDING, BUT NOT
-//! LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO
-//! EVENT SHALL THE COPYRIGHT HOLDERS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR
-//! CONSEQUENTIAL DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE, DATA,
-//! OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER IN CONTRACT, STRICT
-//! LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF THE USE OF THIS SOFTWARE, EVEN IF
-//! ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
+//! THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS "AS IS" AND ANY EXPRESS OR IMPLIED
+//! WARRANTIES, INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS
+//! FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDERS BE LIABLE FOR
+//! ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR CONSEQUENTIAL DAMAGES (INCLUDING, BUT
+//! NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE, DATA, OR PROFITS; OR
+//! BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER IN CONTRACT,
+//! STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF THE USE
+//! OF THIS SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
 
-/// One dimension: the primitive polynomial's coefficients as bits, the leading and the last one included, and the first
-/// direction numbers, as many as the polynomial's degree.
+/// One dimension: the coefficients of the primitive polynomial as bits, including the leading and
+/// the last one, and as many first direction numbers as the polynomial's degree.
 pub(super) type Dimension = (u32, &'static [u32]);
 
-/// Dimensions 2 to 128; the first one has no polynomial, all its direction numbers are 1.
+/// Dimensions 2 to 128. The first dimension has no polynomial, and all its direction numbers are 1.
 #[rustfmt::skip]
 pub(super) const DIMENSIONS: [Dimension; 127] = [
     (3, &[1]),

@@ -1,21 +1,21 @@
-//! What is wrong with what a sensitivity analysis was given.
+//! Errors of a sensitivity analysis.
 
 use crate::IntervalError;
 
-/// What is wrong with a design or with the outputs to analyse.
+/// Invalid design or outputs of a sensitivity analysis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SobolError {
-    /// The box makes no sense.
+    /// The box is empty, or an interval is not finite and in order.
     #[error(transparent)]
     Interval(#[from] IntervalError),
-    /// More dimensions than there are direction numbers for, or none.
+    /// No dimensions, or more than the table of direction numbers has.
     #[error(
         "a Sobol sequence of {n_dimensions} dimensions was asked for, but must have 1 to {largest}"
     )]
     Dimensions {
-        /// Dimensions asked for.
+        /// Number of dimensions requested.
         n_dimensions: usize,
-        /// Most that there are.
+        /// Largest number of dimensions.
         largest: usize,
     },
     /// More points than the sequence has.
@@ -23,9 +23,9 @@ pub enum SobolError {
         "{n_points} points were asked for, but the sequence ends after {largest}; skip or sample fewer"
     )]
     Points {
-        /// Points asked for, those skipped included.
+        /// Number of points requested, including those skipped.
         n_points: u64,
-        /// Most that there are.
+        /// Number of points of the sequence.
         largest: u64,
     },
     /// Values that do not fill complete rows, or rows that do not fill complete blocks.
@@ -36,37 +36,37 @@ pub enum SobolError {
     Incomplete {
         /// Number of values.
         n_values: usize,
-        /// Outputs of a row.
+        /// Number of outputs per row.
         n_outputs: usize,
-        /// Rows of a block.
+        /// Number of rows per block.
         rows_per_block: usize,
     },
     /// Too few blocks for a variance.
     #[error("{n_blocks} complete blocks were given, but an analysis needs at least 2")]
     TooFewBlocks {
-        /// Complete blocks.
+        /// Number of complete blocks.
         n_blocks: usize,
     },
-    /// A confidence level that is none.
+    /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// The level.
+        /// Confidence level given.
         level: f64,
     },
-    /// A mark for each row is needed.
+    /// The number of marked samples differs from the number of rows.
     #[error("{n_marks} samples are marked, but there are {n_rows} rows")]
     Marks {
-        /// Marks given.
+        /// Number of marked samples.
         n_marks: usize,
-        /// Rows of values.
+        /// Number of rows of values.
         n_rows: usize,
     },
-    /// Nothing is left to take the means of.
+    /// No sample is physiological, so that there are no means to replace the excluded ones.
     #[error(
         "none of {n_rows} samples is physiological, so that nothing can replace those excluded"
     )]
     NonePhysiological {
-        /// Rows of values.
+        /// Number of rows of values.
         n_rows: usize,
     },
 }

@@ -1,36 +1,38 @@
-//! The paper's rule for samples that are not physiological: means of those that are take the place of their biomarkers.
+//! The paper's rule for non-physiological samples: means over the physiological samples replace
+//! their biomarkers.
 //!
-//! Source: Jung et al. 2022, section 2.4. A sample that was computed but breaks a constraint tells nothing about the
-//! biomarkers' variation, yet the design has no gaps; one that could not be computed at all is left to
-//! [`analyse`](super::analyse), which drops it pair by pair.
+//! Source: Jung et al. 2022, section 2.4. A sample that was computed but violates a constraint
+//! carries no information about the variation of the biomarkers, but the design must not have gaps.
+//! A sample that could not be computed is left to [`analyse`](super::analyse), which drops it
+//! pairwise.
 
 use super::error::SobolError;
 use serde::{Deserialize, Serialize};
 
-/// What became of a sample.
+/// Status of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sample {
-    /// Computed, and within all constraints.
+    /// The sample was computed and satisfies all constraints.
     Physiological,
-    /// Computed, but outside a constraint.
+    /// The sample was computed but violates a constraint.
     Excluded,
-    /// Not computed.
+    /// The sample could not be computed.
     Failed,
 }
 
-/// What the rule replaced, and by what.
+/// Result of the replacement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Exclusion {
-    /// Rows that were replaced.
+    /// Number of rows that were replaced.
     pub n_excluded: usize,
-    /// Rows that failed.
+    /// Number of rows that failed.
     pub n_failed: usize,
-    /// Rows that were given.
+    /// Number of rows given.
     pub n_rows: usize,
     /// Mean of each output over the physiological samples, in its unit.
     pub means: Vec<f64>,
-    /// Their standard deviation (divisor n), in its unit.
+    /// Standard deviation of each output over the physiological samples (divisor n), in its unit.
     pub standard_deviations: Vec<f64>,
 }
 
@@ -42,9 +44,12 @@ impl Exclusion {
     }
 }
 
-/// Replaces the excluded samples' outputs by the physiological ones' means, and makes failed ones not a number.
+/// Replaces the outputs of excluded samples by the means over the physiological ones, and those of
+/// failed samples by NaN.
 ///
-/// - `values`: shape (rows, outputs), row by row; `samples`: one for each row
+/// - `values`: shape (rows, outputs), row by row
+/// - `samples`: status of each row
+/// [`SobolError`] if values and samples do not match, or no sample is physiological.
 ///
 /// # Errors
 /// [`SobolError`] when values and samples do not fit, or no sample is physiological.
@@ -72,7 +77,8 @@ pub fn replace_excluded(
             .chunks_exact(n_outputs)
             .zip(samples)
             .filter(|(_, s)| **s == Sample::Physiological);
-        // A biomarker that a physiological sample does not have (a level it never reaches) is no part of the mean.
+        // A biomarker that a physiological sample lacks (a level it never reaches) does not enter
+        // the mean.
         let (sum, n) = rows
             .map(|(row, _)| row[output])
             .filter(|v| v.is_finite())

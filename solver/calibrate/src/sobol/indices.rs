@@ -1,14 +1,17 @@
 //! First-order, total and second-order Sobol indices of several outputs, with bootstrap intervals.
 //!
-//! Source: Saltelli et al. 2010, Comput. Phys. Commun. 181:259 (first order, total), Saltelli 2002, Comput. Phys. Commun.
-//! 145:280 (second order), on outputs reduced by their mean and standard deviation over all rows, as `SALib.analyze.sobol`
-//! computes them. The resamples are `SALib`'s for the same seed, so that its half-widths come out too.
+//! Source: Saltelli et al. 2010, Comput. Phys. Commun. 181:259 (first order, total) and Saltelli
+//! 2002, Comput. Phys. Commun. 145:280 (second order), on outputs standardised by their mean and
+//! standard deviation over all rows, as in `SALib.analyze.sobol`. The resamples equal `SALib`'s for
+//! the same seed, so that the half-widths agree too.
 //!
-//! The bootstrap draws whole blocks. All indices are ratios of sums over blocks, so each block's products are made once,
-//! and all resamples of all indices are one matrix product: how often each resample draws each block, times products.
+//! The bootstrap draws whole blocks. All indices are ratios of sums over blocks. Each block's
+//! products are therefore computed once, and all resamples of all indices are one matrix product:
+//! the counts of blocks per resample times these products.
 //!
-//! A value that is not finite is a failed sample. It takes its block out of those indices that need it, and out of no
-//! other: each index is that of the blocks which have all of its rows, its variance included.
+//! A value that is not finite is a failed sample. It removes its block only from the indices that
+//! need it. Each index, including its variance, is computed from the blocks that have all of its
+//! rows.
 
 use super::error::SobolError;
 use super::numpy_random::NumpyRandom;
@@ -18,15 +21,15 @@ use crate::normal;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// What may be set of an analysis; defaults are `SALib`'s, with a fixed seed.
+/// Settings of an analysis; defaults are `SALib`'s, with a fixed seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AnalysisSettings {
     /// Number of bootstrap resamples; fewer than two give no intervals.
     pub n_resamples: usize,
-    /// Probability that an interval covers, dimensionless.
+    /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
-    /// Seed of the resamples; `SALib` takes 0 for none and draws otherwise.
+    /// Seed of the resamples. `SALib` treats 0 as no seed and then draws other resamples.
     pub seed: u64,
 }
 
@@ -45,37 +48,40 @@ impl Default for AnalysisSettings {
 pub struct Index {
     /// The estimate.
     pub value: f64,
-    /// Half of the interval's width around it: the resamples' standard deviation times the normal quantile.
+    /// Half-width of the interval: the standard deviation of the resamples times the normal
+    /// quantile; `None` with fewer than two resamples.
     pub half_width: Option<f64>,
-    /// Blocks that it is made of.
+    /// Number of blocks that the index is computed from.
     pub n_blocks: usize,
 }
 
 /// The second-order index of a pair.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairIndex {
-    /// The parameters' positions, the smaller one first.
+    /// Indices of the two parameters, the smaller one first.
     pub parameters: [usize; 2],
-    /// Their index; none as in [`OutputIndices::first`].
+    /// Their index; `None` under the conditions of [`OutputIndices::first`].
     pub index: Option<Index>,
 }
 
 /// The indices of one output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputIndices {
-    /// Rows whose value is not finite.
+    /// Number of rows whose value is not finite.
     pub n_failed_rows: usize,
-    /// Mean of the finite values, in the output's unit; none without one.
+    /// Mean of the finite values, in the output's unit; `None` if there are none.
     pub mean: Option<f64>,
-    /// Their standard deviation (divisor n); an output that does not vary has no indices.
+    /// Standard deviation of the finite values (divisor n). An output that does not vary has no
+    /// indices.
     pub standard_deviation: Option<f64>,
-    /// First-order index of each parameter; none where fewer than two blocks have the rows, or the output does not vary.
+    /// First-order index of each parameter; `None` if fewer than two blocks have the rows, or the
+    /// output does not vary.
     pub first: Vec<Option<Index>>,
-    /// Total index of each parameter; none as for the first order.
+    /// Total index of each parameter; `None` under the conditions of [`Self::first`].
     pub total: Vec<Option<Index>>,
     /// Second-order index of each pair, in the order (0, 1), (0, 2) to (D - 2, D - 1).
     pub second: Vec<PairIndex>,
-    /// Total index of each resample and parameter, shape (resamples, D); not a number where there is none.
+    /// Total index per resample and parameter, shape (resamples, D); NaN where there is none.
     #[serde(skip)]
     pub(super) total_resamples: Vec<f64>,
 }
@@ -85,20 +91,21 @@ pub struct OutputIndices {
 pub struct Analysis {
     /// Number of parameters, D.
     pub n_parameters: usize,
-    /// Complete blocks that were given.
+    /// Number of complete blocks given.
     pub n_blocks: usize,
-    /// What was set.
+    /// Settings of the analysis.
     pub settings: AnalysisSettings,
-    /// One for each output, in their order.
+    /// Indices of each output, in the order of the values.
     pub outputs: Vec<OutputIndices>,
 }
 
-/// Sobol indices of outputs at the rows of a Saltelli design, or of its first blocks.
+/// Computes Sobol indices of outputs at the rows of a Saltelli design or of its first blocks.
 ///
-/// - `values`: shape (blocks × (2D + 2), outputs), row by row; not finite where a sample failed
+/// - `values`: shape (blocks × (2D + 2), outputs), row by row; not finite if a sample failed
 ///
 /// # Errors
-/// [`SobolError`] when the values do not fill complete blocks, fewer than two, or the confidence level is none.
+/// [`SobolError`] if the values do not fill complete blocks, there are fewer than two blocks, or
+/// the confidence level is not between 0 and 1.
 pub fn analyse(
     n_parameters: usize,
     n_outputs: usize,
@@ -137,7 +144,7 @@ pub fn analyse(
     })
 }
 
-/// How often each block counts, shape (1 + resamples, blocks): the first row is the estimate itself.
+/// Count of each block, shape (1 + resamples, blocks); the first row is for the estimate itself.
 fn weights(n_blocks: usize, settings: AnalysisSettings) -> DMatrix<f64> {
     let mut weights = DMatrix::zeros(1 + settings.n_resamples, n_blocks);
     weights.row_mut(0).fill(1.0);
@@ -182,7 +189,7 @@ fn analyse_output(
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, largest), v| {
             (v.min(least), v.max(largest))
         });
-    // What rounding leaves of a constant output is no variation.
+    // Variation of a constant output due to rounding does not count.
     let indices = if largest - least > 4.0 * f64::EPSILON * least.abs().max(largest.abs()) {
         output
             .iter_mut()
@@ -216,12 +223,13 @@ fn analyse_output(
     result
 }
 
-/// All pairs, the smaller position first.
+/// All pairs of parameters, the smaller index first.
 pub(super) fn pairs(n_parameters: usize) -> impl Iterator<Item = [usize; 2]> {
     (0..n_parameters).flat_map(move |j| (j + 1..n_parameters).map(move |k| [j, k]))
 }
 
-/// An index of its estimate and its resamples; resamples that hold no block with its rows do not count.
+/// An index from its estimate and its resamples. Resamples without a block that has its rows do not
+/// count.
 fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Index> {
     let (value, resamples) = (estimate_and_resamples[0], &estimate_and_resamples[1..]);
     if n_blocks < 2 || !value.is_finite() {
@@ -243,13 +251,14 @@ fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Inde
 }
 
 impl OutputIndices {
-    /// Sum of the first-order indices that there are: one minus it is what interactions explain.
+    /// Sum of the available first-order indices. One minus this sum is the share due to
+    /// interactions.
     #[must_use]
     pub fn sum_of_first(&self) -> f64 {
         self.first.iter().flatten().map(|i| i.value).sum()
     }
 
-    /// The second-order index of a pair in either order; none for a parameter with itself.
+    /// Second-order index of a pair in either order; `None` for a parameter with itself.
     #[must_use]
     pub fn second_of(&self, j: usize, k: usize) -> Option<Index> {
         let wanted = [j.min(k), j.max(k)];

@@ -1,8 +1,9 @@
 //! Variance-based sensitivity: Sobol points, the Saltelli design, indices with intervals, ranking.
 //!
-//! Points, design, indices and intervals equal `SALib`'s for the same settings and seeds. A sweep makes rows of blocks by
-//! [`SaltelliDesign`], computes its outputs wherever it likes, passes them through [`replace_excluded`] and
-//! [`analyse`]s any number of first blocks; [`Ranking`] tells which parameters to fit.
+//! Points, design, indices and intervals equal `SALib`'s for the same settings and seeds. A sweep
+//! generates rows of blocks from [`SaltelliDesign`], computes its outputs anywhere, passes them
+//! through [`replace_excluded`] and applies [`analyse`] to any number of first blocks. [`Ranking`]
+//! selects the parameters to fit.
 
 mod direction_numbers;
 mod error;

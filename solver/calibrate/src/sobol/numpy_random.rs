@@ -1,22 +1,23 @@
-//! `NumPy`'s default generator of a whole-number seed, so that scrambled points and bootstrap resamples are those of
-//! `SALib` for the same seed.
+//! `NumPy`'s default generator with an integer seed, which reproduces `SALib`'s scrambled points
+//! and bootstrap resamples for the same seed.
 //!
-//! Source: O'Neill 2014, PCG XSL RR 128/64; Lemire 2019, ACM Trans. Model. Comput. Simul. 29:3 (bounded numbers without
-//! division); the seed is spread by `NumPy`'s `SeedSequence` (O'Neill 2015, "Developing a `seed_seq` alternative").
-//! What is the same: `numpy.random.default_rng(seed).integers(bound)` for bounds below 2³². Nothing else is here.
+//! Source: O'Neill 2014, PCG XSL RR 128/64; Lemire 2019, ACM Trans. Model. Comput. Simul. 29:3
+//! (bounded numbers without division); the seed is spread by `NumPy`'s `SeedSequence` (O'Neill
+//! 2015, "Developing a `seed_seq` alternative"). Only
+//! `numpy.random.default_rng(seed).integers(bound)` for bounds below 2³² is reproduced.
 
 use rand::RngCore;
 use rand_pcg::Pcg64;
 
-/// Words of `SeedSequence`'s pool.
+/// Number of words of `SeedSequence`'s pool.
 const POOL: usize = 4;
 const XOR_SHIFT: u32 = 16;
 
-/// `numpy.random.default_rng(seed)`, for bounded whole numbers.
+/// `numpy.random.default_rng(seed)`, restricted to bounded integers.
 #[derive(Debug, Clone)]
 pub(super) struct NumpyRandom {
     pcg: Pcg64,
-    /// The upper half of the last 64 bits: numbers of 32 bits take the lower half first.
+    /// Upper half of the last 64 bits. A 32-bit number uses the lower half first.
     upper_half: Option<u32>,
 }
 
@@ -24,7 +25,7 @@ impl NumpyRandom {
     pub(super) fn new(seed: u64) -> Self {
         let words = seed_words(seed);
         let wide = |i: usize| u128::from(words[i]) | (u128::from(words[i + 1]) << 32);
-        // The first two words of 64 bits are the state, the next two the stream, high word first.
+        // The first two 64-bit words are the state, the next two the stream, high word first.
         Self {
             pcg: Pcg64::new((wide(0) << 64) | wide(2), (wide(4) << 64) | wide(6)),
             upper_half: None,
@@ -40,7 +41,7 @@ impl NumpyRandom {
         both as u32
     }
 
-    /// A whole number from 0 to below `bound`, each as likely.
+    /// An integer from 0 to below `bound`, with equal probabilities.
     pub(super) fn below(&mut self, bound: u32) -> u32 {
         let mut product = u64::from(self.next_u32()) * u64::from(bound);
         if (product as u32) < bound {
@@ -80,9 +81,9 @@ fn mix(x: u32, y: u32) -> u32 {
     mixed ^ (mixed >> XOR_SHIFT)
 }
 
-/// Eight words from a seed.
+/// Derives eight words from a seed.
 fn seed_words(seed: u64) -> [u32; 8] {
-    // A seed has at most two words here, fewer than the pool, which is filled up with zeros.
+    // A seed has at most two words, fewer than the pool, which is padded with zeros.
     let entropy = [seed as u32, (seed >> 32) as u32, 0, 0];
     let mut hash = Hash {
         constant: 0x43B0_D7E5,

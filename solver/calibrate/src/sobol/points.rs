@@ -1,38 +1,41 @@
-//! Points of the Sobol sequence, plain or scrambled, each on demand.
+//! Points of the Sobol sequence, plain or scrambled, with random access.
 //!
-//! Source: Sobol 1967, with Joe and Kuo's direction numbers, in the Gray code's order (Antonov and Saleev 1979).
-//! Scrambling is Matoušek's random linear one with a digital shift (Matoušek 1998, J. Complexity 14:527), 30 bits.
-//! The same as `scipy.stats.qmc.Sobol`, and so as `SALib.sample.sobol`, bit for bit: plain points, the first one (the
-//! origin) included; points after skipped ones; scrambled points of the same whole-number seed. `SALib`'s older
-//! `saltelli` sampler differs in what it skips alone: by default the least power of two that is at least the number of
-//! points and at least 16.
+//! Source: Sobol 1967, with Joe and Kuo's direction numbers, in Gray code order (Antonov and Saleev
+//! 1979). Scrambling is Matoušek's random linear one with a digital shift (Matoušek 1998, J.
+//! Complexity 14:527), 30 bits.
+//!
+//! Points equal those of `scipy.stats.qmc.Sobol`, and hence of `SALib.sample.sobol`, bit for bit:
+//! plain points including the first one (the origin), points after skipped ones, and scrambled
+//! points of the same integer seed. `SALib`'s older `saltelli` sampler differs only in the points
+//! it skips: by default the least power of two that is at least the number of points and at least
+//! 16.
 
 use super::direction_numbers::DIMENSIONS;
 use super::error::SobolError;
 use super::numpy_random::NumpyRandom;
 
-/// Bits of a coordinate, `SciPy`'s default.
+/// Number of bits of a coordinate, `SciPy`'s default.
 const N_BITS: usize = 30;
 
-/// A Sobol sequence; point `i` does not need the points before it.
+/// A Sobol sequence. Point `i` can be computed without the points before it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SobolPoints {
-    /// Direction numbers as fractions of 2³⁰, for each dimension.
+    /// Direction numbers of each dimension, as fractions of 2³⁰.
     directions: Vec<[u32; N_BITS]>,
-    /// The digital shift, which is also the first point; zero without scrambling.
+    /// Digital shift, which is also the first point; zero without scrambling.
     shift: Vec<u32>,
 }
 
 impl SobolPoints {
-    /// Most dimensions of a sequence.
+    /// Largest number of dimensions.
     pub const LARGEST_DIMENSION: usize = DIMENSIONS.len() + 1;
     /// Number of points after which the sequence would repeat itself.
     pub const N_POINTS: u64 = 1 << N_BITS;
 
-    /// A sequence of so many dimensions; `scramble` is the seed of a scrambled one.
+    /// Creates a sequence of `n_dimensions`; `scramble` is the seed of a scrambled sequence.
     ///
     /// # Errors
-    /// [`SobolError::Dimensions`] for none or more than [`Self::LARGEST_DIMENSION`].
+    /// [`SobolError::Dimensions`] for zero dimensions or more than [`Self::LARGEST_DIMENSION`].
     pub fn new(n_dimensions: usize, scramble: Option<u64>) -> Result<Self, SobolError> {
         if !(1..=Self::LARGEST_DIMENSION).contains(&n_dimensions) {
             return Err(SobolError::Dimensions {
@@ -56,7 +59,7 @@ impl SobolPoints {
         self.shift.len()
     }
 
-    /// Point `idx` of the sequence, from 0, in the unit cube (0 included, 1 not).
+    /// Point `idx` of the sequence, from 0, in the half-open unit cube.
     ///
     /// # Errors
     /// [`SobolError::Points`] beyond the sequence's end.
@@ -66,13 +69,13 @@ impl SobolPoints {
         Ok(point)
     }
 
-    /// As [`Self::point`], into a slice that has a place for each dimension.
+    /// Writes point `idx` into a slice with one element per dimension, as [`Self::point`].
     ///
     /// # Errors
     /// [`SobolError::Points`] beyond the sequence's end.
     ///
     /// # Panics
-    /// When the slice has another length than the sequence has dimensions.
+    /// If the length of the slice differs from the number of dimensions.
     pub fn write_point(&self, idx: u64, point: &mut [f64]) -> Result<(), SobolError> {
         assert_eq!(
             point.len(),
@@ -98,14 +101,16 @@ impl SobolPoints {
         Ok(())
     }
 
-    /// Multiplies each dimension's direction numbers by a random lower triangular matrix over the two-element field, and
-    /// draws its shift. All shifts come first, then all matrices, their upper triangles included: the order of `SciPy`.
+    /// Multiplies the direction numbers of each dimension by a random lower triangular matrix over
+    /// the two-element field, and draws its shift. As in `SciPy`, all shifts are drawn first, then
+    /// all matrices including their upper triangles.
     fn scramble(&mut self, random: &mut NumpyRandom) {
         for shift in &mut self.shift {
             *shift = (0..N_BITS).fold(0, |digits, bit| digits | (random.bit() << bit));
         }
         for directions in &mut self.directions {
-            // Row p makes digit p, counted from the most significant one, of the digits up to p.
+            // Row p computes digit p, counted from the most significant one, from the digits up to
+            // p.
             let rows: [u32; N_BITS] = std::array::from_fn(|p| {
                 let row = (0..N_BITS).fold(0, |row, k| row | (random.bit() << (N_BITS - 1 - k)));
                 let up_to_diagonal = u32::MAX << (N_BITS - 1 - p);
@@ -121,7 +126,8 @@ impl SobolPoints {
     }
 }
 
-/// Direction numbers of one dimension, from 0, as fractions of 2³⁰ (Bratley and Fox 1988, ACM Trans. Math. Softw. 14:88).
+/// Direction numbers of one dimension, counted from 0, as fractions of 2³⁰ (Bratley and Fox 1988,
+/// ACM Trans. Math. Softw. 14:88).
 fn direction_numbers(dimension: usize) -> [u32; N_BITS] {
     let mut v = [1u32; N_BITS];
     if let Some((polynomial, first)) = dimension.checked_sub(1).map(|idx| DIMENSIONS[idx]) {
@@ -159,8 +165,8 @@ mod tests {
         assert_eq!(of(4), [0.375, 0.375, 0.625]);
     }
 
-    /// Each dimension's first 2^m points, scrambled or not, fill 2^m equal intervals with one point each; each pair of
-    /// the first two dimensions fills the boxes of every shape.
+    /// The first 2^m points of each dimension, scrambled or not, fill 2^m equal intervals with one
+    /// point each. The pair of the first two dimensions fills the boxes of every shape.
     #[test]
     fn points_are_a_net() {
         for scramble in [None, Some(3)] {
@@ -191,7 +197,8 @@ mod tests {
     }
 
     proptest! {
-        /// Neighbours in Gray code's order differ by one direction number: the recurrence that others walk along.
+        /// Neighbours in Gray code order differ by one direction number, the recurrence of other
+        /// implementations.
         #[test]
         fn random_access_agrees_with_the_recurrence(idx in 0u64..1 << 20, seed: u64) {
             let points = SobolPoints::new(5, Some(seed)).unwrap();

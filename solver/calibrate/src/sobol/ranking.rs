@@ -1,31 +1,33 @@
-//! Which parameters matter most: ranking by the sum of total indices over the outputs, and how sure its ranks are.
+//! Ranking of parameters by the sum of total indices over the outputs, with intervals of the ranks.
 //!
-//! Source: Jung et al. 2022, section 3.1, which takes the nine first of 21 to step 2. Ranks close to each other exchange
-//! places from one resample to the next, so that each comes with its interval.
+//! Source: Jung et al. 2022, section 3.1, which passes the first nine of 21 parameters to step 2.
+//! Close ranks exchange places from one resample to the next; each rank therefore has an interval.
 
 use super::indices::Analysis;
 use crate::normal;
 use serde::{Deserialize, Serialize};
 
-/// One parameter's place.
+/// Rank of one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ranked {
-    /// Position of the parameter.
+    /// Index of the parameter.
     pub parameter: usize,
-    /// Sum of its total indices over the outputs, dimensionless.
+    /// Sum of the parameter's total indices over the outputs, dimensionless.
     pub sum_of_totals: f64,
-    /// Half of the interval's width around the sum, by the bootstrap.
+    /// Half-width of the sum's interval, from the bootstrap; `None` with fewer than two resamples.
     pub half_width: Option<f64>,
-    /// Outputs with a total index of this parameter.
+    /// Number of outputs with a total index of this parameter.
     pub n_outputs: usize,
-    /// Smallest and largest rank, from 1, between which the resamples' middle share (the confidence level) lies.
+    /// Smallest and largest rank, from 1, that enclose the middle share of the resamples given by
+    /// the confidence level; `None` without resamples.
     pub rank_interval: Option<[usize; 2]>,
-    /// Share of the resamples in which the parameter has rank 1, 2 to D; empty without resamples.
+    /// Share of the resamples in which the parameter has rank 1, 2, …, D; empty without resamples.
     pub rank_shares: Vec<f64>,
 }
 
 impl Ranked {
-    /// Share of the resamples in which the parameter is among the `n` first; none without resamples.
+    /// Share of the resamples in which the parameter is among the first `n`; `None` without
+    /// resamples.
     #[must_use]
     pub fn share_among_first(&self, n: usize) -> Option<f64> {
         (!self.rank_shares.is_empty())
@@ -33,15 +35,15 @@ impl Ranked {
     }
 }
 
-/// The parameters from the most to the least influential.
+/// Parameters from the most to the least influential.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ranking {
-    /// All parameters in their order: the first has rank 1.
+    /// All parameters in rank order; the first has rank 1.
     pub parameters: Vec<Ranked>,
 }
 
 impl Ranking {
-    /// Ranks the parameters of an analysis; outputs that do not vary have no say.
+    /// Ranks the parameters of an analysis. Outputs that do not vary are ignored.
     #[must_use]
     pub fn of(analysis: &Analysis) -> Self {
         let (n, n_resamples) = (analysis.n_parameters, analysis.settings.n_resamples);
@@ -92,7 +94,7 @@ impl Ranking {
         Self { parameters }
     }
 
-    /// Positions of the `n` most influential parameters, the most influential one first.
+    /// Indices of the `n` most influential parameters, the most influential first.
     #[must_use]
     pub fn select(&self, n: usize) -> Vec<usize> {
         self.parameters
@@ -102,7 +104,7 @@ impl Ranking {
             .collect()
     }
 
-    /// Rank of a parameter, from 1; none for a position that there is not.
+    /// Rank of a parameter, from 1; `None` if the index is out of range.
     #[must_use]
     pub fn rank_of(&self, parameter: usize) -> Option<usize> {
         self.parameters
@@ -112,14 +114,15 @@ impl Ranking {
     }
 }
 
-/// Positions from the largest to the smallest sum; equal ones keep their order.
+/// Indices from the largest to the smallest sum; equal sums keep their order.
 fn order(sums: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..sums.len()).collect();
     order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
     order
 }
 
-/// The narrowest ranks that leave at most half of what is outside the level below and half above; counts of resamples.
+/// Narrowest interval of ranks that leaves on each side at most half of the share outside `level`;
+/// `counts` holds the resamples per rank.
 fn rank_interval(counts: &[u32], level: f64) -> Option<[usize; 2]> {
     let n: u32 = counts.iter().sum();
     let outside = 0.5 * (1.0 - level) * f64::from(n);
@@ -142,7 +145,8 @@ mod tests {
     use super::*;
     use crate::Interval;
 
-    /// An additive function whose parameters' shares of the variance are known: 0.9, 0.1 of output one; equal in two.
+    /// An additive function with known shares of the variance: 0.9 and 0.1 of the first output,
+    /// equal shares of the second.
     fn analysis(n_resamples: usize) -> Analysis {
         let design = SaltelliDesign::new(
             &[Interval::new(0.0, 1.0); 4],
@@ -206,7 +210,7 @@ mod tests {
             (Some([1, 1]), Some(1.0))
         );
         assert_eq!(of(3).rank_interval, Some([4, 4]));
-        // 0.435 against 0.329, each with a half-width of some 0.05: mostly second.
+        // The sums are 0.435 and 0.329, each with a half-width of about 0.05: mostly second.
         assert!(of(0).share_among_first(2).unwrap() > 0.9);
         assert_eq!(of(0).share_among_first(3), Some(1.0));
     }

@@ -1,8 +1,9 @@
-//! The Saltelli design in complete blocks: each base point gives 2D + 2 rows, and any number of first blocks is a design
-//! of its own.
+//! Saltelli design in complete blocks. Each base point gives 2D + 2 rows, and any number of first
+//! blocks is a design itself.
 //!
-//! Source: Saltelli 2002, Comput. Phys. Commun. 145:280; rows and their order as in `SALib.sample.sobol` with second
-//! order: A, then A with one parameter from B after the other, then B with one parameter from A after the other, then B.
+//! Source: Saltelli 2002, Comput. Phys. Commun. 145:280. Rows and their order follow
+//! `SALib.sample.sobol` with second order: A, then A with each parameter in turn taken from B, then
+//! B with each parameter in turn taken from A, then B.
 
 use super::error::SobolError;
 use super::points::SobolPoints;
@@ -10,20 +11,20 @@ use crate::Interval;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// What may be set of a design.
+/// Settings of a design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DesignSettings {
-    /// Base points: a power of two keeps the sequence's balance.
+    /// Number of base points. A power of two keeps the balance of the sequence.
     pub n_blocks: usize,
-    /// First points of the sequence to leave out, `SALib`'s `skip_values`.
+    /// Number of first points of the sequence to skip, `SALib`'s `skip_values`.
     pub skip_points: u64,
-    /// Seed of a scrambled sequence; a plain one if none.
+    /// Seed of a scrambled sequence; `None` for a plain one.
     pub scramble: Option<u64>,
 }
 
 impl Default for DesignSettings {
-    /// The paper's size with `SALib`'s plain points.
+    /// The paper's size, with `SALib`'s plain points.
     fn default() -> Self {
         Self {
             n_blocks: 1024,
@@ -34,8 +35,9 @@ impl Default for DesignSettings {
 }
 
 impl DesignSettings {
-    /// A plain design that leaves out as many first points as `SALib`'s older `saltelli` sampler does by default: the
-    /// least power of two that is at least the number of blocks, and at least 16. The paper's, as far as it is known.
+    /// A plain design that skips as many first points as `SALib`'s older `saltelli` sampler does by
+    /// default: the least power of two that is at least the number of blocks and at least 16. As
+    /// far as known, the paper used this design.
     #[must_use]
     pub fn older_sampler(n_blocks: usize) -> Self {
         Self {
@@ -46,7 +48,7 @@ impl DesignSettings {
     }
 }
 
-/// A Saltelli design over a box; its rows are made on demand.
+/// A Saltelli design over a box, with rows computed on demand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SaltelliDesign {
     intervals: Vec<Interval>,
@@ -55,10 +57,10 @@ pub struct SaltelliDesign {
 }
 
 impl SaltelliDesign {
-    /// A design over one interval for each parameter.
+    /// Creates a design over one interval per parameter.
     ///
     /// # Errors
-    /// [`SobolError`] when the box makes no sense, or there are more parameters or points than the sequence has.
+    /// [`SobolError`] if the box is invalid, or parameters or points exceed the sequence.
     pub fn new(intervals: &[Interval], settings: DesignSettings) -> Result<Self, SobolError> {
         Interval::validate(intervals)?;
         let points = SobolPoints::new(2 * intervals.len(), settings.scramble)?;
@@ -84,7 +86,7 @@ impl SaltelliDesign {
         self.intervals.len()
     }
 
-    /// Rows of a block, 2D + 2.
+    /// Number of rows per block, 2D + 2.
     #[must_use]
     pub fn rows_per_block(&self) -> usize {
         rows_per_block(self.n_parameters())
@@ -102,17 +104,19 @@ impl SaltelliDesign {
         self.n_blocks() * self.rows_per_block()
     }
 
-    /// Whether the sequence's balance is kept: a power of two of blocks, and none or at least as large a power of two of
-    /// points left out.
+    /// Whether the balance of the sequence is kept. The number of blocks must be a power of two,
+    /// and the number of skipped points zero or a power of two at least as large.
     #[must_use]
     pub fn is_balanced(&self) -> bool {
         let (n, skip) = (self.settings.n_blocks as u64, self.settings.skip_points);
         n.is_power_of_two() && (skip == 0 || (skip.is_power_of_two() && skip >= n))
     }
 
-    /// The rows of some blocks, each of length D, in the parameters' units; blocks beyond the last are left out.
+    /// Rows of a range of blocks, each of length D, in the parameters' units. Blocks beyond the
+    /// last are omitted.
     ///
-    /// Refused: making the whole first. A chunk of a sweep asks for its own blocks, on whatever machine it runs.
+    /// The whole design is never built first: each chunk of a sweep computes its own blocks, on
+    /// whatever machine it runs.
     #[must_use]
     pub fn rows(&self, blocks: Range<usize>) -> Vec<Vec<f64>> {
         let blocks = blocks.start.min(self.n_blocks())..blocks.end.min(self.n_blocks());
@@ -129,7 +133,7 @@ impl SaltelliDesign {
         self.points
             .write_point(self.settings.skip_points + block as u64, &mut point)
             .expect("the number of points was checked when the design was made");
-        // SALib scales in this order; another one moves the last digit.
+        // SALib scales in this order; another order changes the last digit.
         let scale = |u: f64, i: &Interval| u * (i.upper - i.lower) + i.lower;
         let a: Vec<f64> = point[..n]
             .iter()
@@ -153,7 +157,7 @@ impl SaltelliDesign {
     }
 }
 
-/// Rows of a block of so many parameters.
+/// Number of rows per block for this number of parameters.
 pub(super) fn rows_per_block(n_parameters: usize) -> usize {
     2 * n_parameters + 2
 }
@@ -181,7 +185,8 @@ mod tests {
     }
 
     proptest! {
-        /// Chunks of blocks, put together, are the whole, and a smaller design is a larger one's beginning.
+        /// Concatenated chunks of blocks give the whole design, and a smaller design is the
+        /// beginning of a larger one.
         #[test]
         fn chunks_are_parts_of_the_whole(n in 1usize..6, cut in 0usize..16, skip in 0u64..40, seed: Option<u64>) {
             let of = |n_blocks| design(n, DesignSettings { n_blocks, skip_points: skip, scramble: seed });
@@ -192,7 +197,7 @@ mod tests {
             prop_assert_eq!(parts, whole);
         }
 
-        /// Each row takes each parameter from A or B, and lies inside the box.
+        /// Each row takes each parameter from A or B and lies inside the box.
         #[test]
         fn rows_are_crossed(n in 1usize..6, block in 0usize..64, seed: Option<u64>) {
             let design = design(n, DesignSettings { n_blocks: 64, skip_points: 0, scramble: seed });

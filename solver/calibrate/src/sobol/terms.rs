@@ -1,24 +1,25 @@
-//! Each block's contributions to the sums that indices are ratios of.
+//! Contributions of each block to the sums whose ratios are the indices.
 
 use super::indices::pairs;
 use super::saltelli::rows_per_block;
 use nalgebra::DMatrix;
 use std::collections::HashMap;
 
-/// Contributions of blocks, and which of them hold which index's rows.
+/// Contributions of the blocks, and the set of blocks that has the rows of each index.
 ///
-/// Indices are counted: D of first order, D totals, then the pairs.
+/// The order of indices is D of first order, D totals, then the pairs.
 pub(super) struct Terms {
-    /// Shape (blocks, 3 × sets + indices): for each set of blocks its membership, the sum and the sum of squares of A and
-    /// B; then each index's numerator, zero in blocks that do not hold its rows.
+    /// Shape (blocks, 3 × sets + indices). Each set of blocks has three columns: membership, and
+    /// the sum and the sum of squares of A and B. Then each index has its numerator, which is zero
+    /// in blocks without its rows.
     values: DMatrix<f64>,
-    /// The set of blocks of each index.
+    /// Set of blocks of each index.
     set_of: Vec<usize>,
     /// Number of blocks of each set.
     n_blocks: Vec<usize>,
 }
 
-/// One block's standardised output.
+/// Standardised output of one block.
 struct Block<'a> {
     rows: &'a [f64],
     n_parameters: usize,
@@ -43,14 +44,14 @@ impl Block<'_> {
         self.rows[1 + self.n_parameters + parameter]
     }
 
-    /// All numerators; not a number where a row of the index failed.
+    /// All numerators; NaN if a row of the index failed.
     fn numerators(&self) -> impl Iterator<Item = f64> {
         let (a, b, n) = (self.a(), self.b(), self.n_parameters);
         let first = move |j: usize| b * (self.ab(j) - a);
         let total = move |j: usize| 0.5 * (a - self.ab(j)).powi(2);
         let second =
             move |[j, k]: [usize; 2]| (self.ba(j) * self.ab(k) - a * b) - first(j) - first(k);
-        // B has no part in a total's numerator, but in the variance that it is divided by.
+        // B does not enter the numerator of a total index, but its variance.
         let total = move |j| if b.is_finite() { total(j) } else { f64::NAN };
         (0..n)
             .map(first)
@@ -60,7 +61,7 @@ impl Block<'_> {
 }
 
 impl Terms {
-    /// From one standardised output, blocks of 2D + 2 rows.
+    /// Builds the terms from one standardised output with blocks of 2D + 2 rows.
     pub(super) fn new(n_parameters: usize, output: &[f64]) -> Self {
         let rows_per_block = rows_per_block(n_parameters);
         let n_blocks = output.len() / rows_per_block;
@@ -77,7 +78,8 @@ impl Terms {
                 numerators[(row, column)] = value;
             }
         }
-        // Indices whose rows failed in the same blocks, mostly none, share their sums over A and B.
+        // Indices whose rows failed in the same blocks, mostly in none, share their sums over A and
+        // B.
         let mut sets: HashMap<Vec<bool>, usize> = HashMap::new();
         let mut members: Vec<Vec<bool>> = Vec::new();
         let set_of: Vec<usize> = (0..n_indices)
@@ -113,12 +115,13 @@ impl Terms {
         }
     }
 
-    /// Number of blocks that an index is made of.
+    /// Number of blocks that an index is computed from.
     pub(super) fn n_blocks(&self, index: usize) -> usize {
         self.n_blocks[self.set_of[index]]
     }
 
-    /// All indices for each row of weights, shape (rows of weights, indices); not a number where no block counts.
+    /// All indices for each row of weights, shape (rows of weights, indices); NaN where no block
+    /// counts.
     pub(super) fn indices(&self, weights: &DMatrix<f64>) -> DMatrix<f64> {
         let sums = weights * &self.values;
         let first_numerator = 3 * self.n_blocks.len();
@@ -127,7 +130,7 @@ impl Terms {
             let n = sums[(row, set)];
             let mean = sums[(row, set + 1)] / (2.0 * n);
             let variance = sums[(row, set + 2)] / (2.0 * n) - mean * mean;
-            // As in SALib, no variance in A and B gives zero.
+            // As in SALib, an index is zero if A and B do not vary.
             if variance <= f64::EPSILON {
                 0.0
             } else {

@@ -1,4 +1,4 @@
-//! Indices of functions whose indices are known, failures, prefixes.
+//! Functions with known indices, failed rows and prefixes of designs.
 
 use super::*;
 use crate::Interval;
@@ -73,7 +73,8 @@ fn ishigami_s_indices() {
     );
 }
 
-/// Saltelli and Sobol 1995: Vi = 1/(3 (1 + ai)²), V = Π(1 + Vi) - 1, total of i = Vi Π(others' 1 + V).
+/// Saltelli and Sobol 1995: Vi = 1/(3 (1 + ai)²), V = Π(1 + Vi) - 1, total of i = Vi Π(others' 1 +
+/// V).
 #[test]
 fn sobol_s_g_function() {
     let a = [0.0, 0.5, 3.0, 9.0, 99.0];
@@ -97,7 +98,8 @@ fn sobol_s_g_function() {
     }
 }
 
-/// A failed row leaves the indices that do not need it as they are over all blocks, and the others as over the rest.
+/// A failed row does not change the indices that do not need it. The other indices equal those over
+/// the remaining blocks.
 #[test]
 fn failures_are_dropped_pairwise() {
     let design = design(Interval::new(-PI, PI), 3, 64);
@@ -120,7 +122,8 @@ fn failures_are_dropped_pairwise() {
         output.total.iter().map(|i| n(*i)).collect::<Vec<_>>(),
         [64, 63, 64]
     );
-    // AB of the second parameter belongs to all pairs of it; BA of a pair's first parameter to that pair.
+    // AB of the second parameter belongs to all its pairs; BA of a pair's first parameter belongs
+    // only to that pair.
     assert_eq!(
         output.second.iter().map(|p| n(p.index)).collect::<Vec<_>>(),
         [63, 64, 63]
@@ -133,12 +136,12 @@ fn failures_are_dropped_pairwise() {
         .collect();
     let rest = &analyse(3, 1, &without, settings).unwrap().outputs[0];
     let whole = &analyse(3, 1, &values, settings).unwrap().outputs[0];
-    // Totals do not depend on the mean that is subtracted: equal to rounding.
+    // Totals do not depend on the mean that is subtracted and are equal to rounding.
     assert!((value(output.total[1]) - value(rest.total[1])).abs() < 1e-13);
     for p in [0, 2] {
         assert!((value(output.total[p]) - value(whole.total[p])).abs() < 1e-13);
     }
-    // The others depend on it weakly.
+    // The other indices depend on it weakly.
     assert!((value(output.first[1]) - value(rest.first[1])).abs() < 5e-3);
     assert!(
         output
@@ -175,7 +178,7 @@ fn an_output_without_enough_blocks_or_variation_has_no_indices() {
         );
         assert!(output.second.len() == 3 && output.second.iter().all(|p| p.index.is_none()));
     }
-    // A parameter whose rows failed in all blocks but one.
+    // The rows of one parameter failed in all blocks but one.
     let mut failed = values.clone();
     for block in 1..8 {
         failed[block * 8 + 1] = f64::NAN;
@@ -187,7 +190,7 @@ fn an_output_without_enough_blocks_or_variation_has_no_indices() {
     assert!(output.first[1].is_some() && output.second_of(1, 2).is_some());
 }
 
-/// Each number of first blocks gives the analysis of the smaller design.
+/// Any number of first blocks gives the analysis of the smaller design.
 #[test]
 fn a_prefix_is_a_design() {
     let whole = design(Interval::new(-PI, PI), 3, 64);
@@ -202,7 +205,7 @@ fn a_prefix_is_a_design() {
     }
 }
 
-/// Outputs side by side are analysed as each alone, in its own units.
+/// Several outputs are analysed independently, each in its own units.
 #[test]
 fn outputs_do_not_meet() {
     let design = design(Interval::new(-PI, PI), 3, 32);
@@ -253,7 +256,8 @@ fn intervals_cover() {
                 .count()
         })
         .sum();
-    // Sobol points are more even than the independent ones that the bootstrap assumes, so it errs to the safe side.
+    // Sobol points are more even than the independent points that the bootstrap assumes, so that it
+    // errs on the safe side.
     assert!(covered as f64 >= 0.95 * 2.0 * n_designs as f64, "{covered}");
 }
 

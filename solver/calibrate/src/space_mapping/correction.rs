@@ -1,23 +1,26 @@
-//! What the cheap model's biomarkers are multiplied by.
+//! Correction factors for the biomarkers of the cheap model.
 
 use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use nalgebra::{DMatrix, DVector};
 
-/// Ridge of the correction's slopes, as the square of a step of the logarithms: what two runs that lie closer than this say
-/// of a slope is mostly the roughness of both models.
+/// Ridge for the slopes of the correction, as the square of a step in the logarithms. For two runs
+/// closer than this, a slope mostly reflects the roughness of both models.
 const RIDGE: f64 = 0.1 * 0.1;
-/// Largest logarithm of a correction.
+/// Largest magnitude of a correction's logarithm.
 const LARGEST: f64 = 2.0;
 
 /// Number of biomarkers.
 pub(super) const N: usize = Biomarker::OF_ORGAN.len();
 
-/// ln(expensive/cheap) of each biomarker, none where either lacks it.
+/// ln(expensive/cheap) of each biomarker; `None` if either model lacks it.
 pub(super) fn logarithms(expensive: &Biomarkers, cheap: &Biomarkers) -> [Option<f64>; N] {
     Biomarker::OF_ORGAN.map(|biomarker| expensive.ratio_to(cheap, biomarker).map(f64::ln))
 }
 
-/// Correction by biomarker: exp(d + s·(x − x_b)), d the base's or between it and what is expected, s through all runs as well as the ridge lets it.
+/// Correction of each biomarker, exp(d + s·(x − x_b)).
+///
+/// d is the logarithm of the base's factor, or a value between it and the expected one. s fits all
+/// runs as far as the ridge allows.
 #[derive(Debug, Clone)]
 pub(super) struct Correction {
     base: Vec<f64>,
@@ -26,7 +29,7 @@ pub(super) struct Correction {
 }
 
 impl Correction {
-    /// Before any run: what is expected of one, as logarithms.
+    /// The correction before any run, from the logarithms of the expected factors.
     pub(super) fn expected(n_parameters: usize, expected: [f64; N]) -> Self {
         Self {
             base: vec![0.0; n_parameters],
@@ -35,10 +38,11 @@ impl Correction {
         }
     }
 
-    /// From the runs' logarithms of parameters and of factors.
+    /// The correction from the logarithms of the runs' parameters and factors.
     ///
-    /// `weights`: how much the base's own factor counts, by biomarker; 1 makes it exact there. The rest, and what the base
-    /// lacks, is as expected.
+    /// `weights` is the weight of the base's own factor per biomarker; 1 makes the correction exact
+    /// at the base. The remaining weight, and biomarkers that the base lacks, use the expected
+    /// factor.
     pub(super) fn of(
         base: usize,
         runs: &[(Vec<f64>, [Option<f64>; N])],
@@ -88,7 +92,7 @@ impl Correction {
         }
     }
 
-    /// The cheap model's biomarkers at `x`, corrected.
+    /// The corrected biomarkers of the cheap model at `x`.
     pub(super) fn apply(&self, x: &[f64], cheap: &Biomarkers) -> Biomarkers {
         let mut corrected = *cheap;
         for (j, biomarker) in Biomarker::OF_ORGAN.into_iter().enumerate() {
@@ -103,7 +107,7 @@ impl Correction {
         corrected
     }
 
-    /// The factors at the base, by biomarker.
+    /// Factors at the base, by biomarker.
     pub(super) fn factors(&self) -> [f64; N] {
         self.at_base.map(|d| d.clamp(-LARGEST, LARGEST).exp())
     }

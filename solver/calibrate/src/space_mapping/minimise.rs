@@ -1,4 +1,4 @@
-//! The corrected cheap model's best parameters in a box.
+//! Minimisation of the corrected cheap model within a box.
 
 use crate::cma_es::{self, CmaEs};
 use crate::least_squares::{self, Settings};
@@ -6,23 +6,25 @@ use crate::{Interval, latin_hypercube};
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 
-/// How a search goes.
+/// Method and effort of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Effort {
-    /// Local searches by gradients.
+    /// Local gradient searches.
     Gradients {
-        /// Points of a Latin hypercube that are looked at before the local searches begin.
+        /// Number of points of a Latin hypercube evaluated before the local searches.
         points: usize,
-        /// Local searches from the best of them, beside the one from the start.
+        /// Number of local searches from the best of these points, in addition to the one from the
+        /// start.
         best: usize,
         /// Limits of a local search.
         local: Settings,
     },
-    /// Evolution of a population from the start, for a model that is rough and has many parameters; then one local search.
+    /// Evolution of a population from the start, then one local search; for a rough model with many
+    /// parameters.
     Evolution {
-        /// Evaluations after which no generation begins.
+        /// Number of evaluations after which no generation starts.
         evaluations: usize,
-        /// Candidates of a generation.
+        /// Number of candidates per generation.
         candidates: usize,
         /// Standard deviation of the first generation over the widths of the intervals.
         deviation: f64,
@@ -31,7 +33,7 @@ pub enum Effort {
     },
 }
 
-/// The lowest sum of squares found, and how often the model was asked. `None` where none is finite.
+/// The lowest sum of squares found and the number of evaluations; `None` if no sum is finite.
 pub(super) fn minimise(
     residuals: &dyn Fn(&[f64]) -> Vec<f64>,
     start: &[f64],
@@ -99,7 +101,7 @@ pub(super) fn minimise(
     (best.map(|(_, x)| x), asked.get())
 }
 
-/// The best member of a population that begins at `start`; none where the settings make no sense.
+/// Best member of a population that starts at `start`; `None` if the settings are invalid.
 fn evolve(
     cost: &dyn Fn(&[f64]) -> f64,
     start: &[f64],

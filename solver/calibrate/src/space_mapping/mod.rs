@@ -1,10 +1,12 @@
-//! A cheap model, corrected to the expensive one's runs so far, proposes the next parameters: step 1's other update, and
-//! step 3's only one.
+//! Space mapping: a cheap model, corrected to the runs of the expensive one, proposes the next
+//! parameters.
 //!
-//! Sources: space mapping, Bandler et al. 1994, IEEE Trans. Microwave Theory Tech. 42:2536, in its form with output
-//! correction; that correction's change with the parameters from all runs, as in manifold mapping, Echeverría and Hemker
-//! 2005, Comput. Methods Appl. Math. 5:107; the trust region of approximation management, Alexandrov et al. 1998, Struct.
-//! Optim. 15:16. Equations are in docs/step1.md. [`propose()`] is told all runs and answers alike for the same ones.
+//! It is the alternative update of step 1 and the only update of step 3. Sources: space mapping,
+//! Bandler et al. 1994, IEEE Trans. Microwave Theory Tech. 42:2536, in its form with output
+//! correction; the dependence of the correction on the parameters from all runs as in manifold
+//! mapping, Echeverría and Hemker 2005, Comput. Methods Appl. Math. 5:107; the trust region of
+//! approximation management, Alexandrov et al. 1998, Struct. Optim. 15:16. Equations are in
+//! docs/step1.md. [`propose()`] takes all runs, and equal runs lead to equal proposals.
 
 mod correction;
 mod minimise;

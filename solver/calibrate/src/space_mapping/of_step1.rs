@@ -1,4 +1,4 @@
-//! Space mapping of step 1: its six parameters as logarithms within what hearts have.
+//! Space mapping of step 1: logarithms of its six parameters within physiological ranges.
 
 use super::{Effort, Nearness, Problem, Run, propose};
 use crate::fixed_point::{Outcome, Weights, driver};
@@ -8,7 +8,8 @@ use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
 use cardiotwin_vocabulary::step1_settings::{Bounds, Step1Settings};
 use serde::{Deserialize, Serialize};
 
-/// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
+/// Largest change of a parameter's logarithm in the first corrected step, in which the correction
+/// rests on a single run.
 pub const FIRST_RADIUS: f64 = 1.0;
 
 /// The model is rough at a thousandth; more precise steps are not worth their beats.
@@ -31,34 +32,35 @@ const NEARNESS: Nearness = Nearness {
 /// A simulation of step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step1Run {
-    /// What was simulated.
+    /// Simulated parameters.
     pub parameters: Step1Parameters,
-    /// What came of it.
+    /// Outcome of the simulation.
     pub outcome: Outcome,
-    /// Misfit of the corrected cheap model there, where a proposal led to it.
+    /// Misfit of the corrected cheap model at these parameters; `None` if no proposal led to them.
     pub predicted_misfit: Option<f64>,
 }
 
-/// Everything that a proposal of step 1 follows from.
+/// Input of a proposal of step 1.
 #[derive(Debug, Clone, Copy)]
 pub struct Step1Problem<'a> {
-    /// What is to be reached.
+    /// Target biomarkers.
     pub measured: &'a Biomarkers,
     /// All runs, oldest first.
     pub runs: &'a [Step1Run],
-    /// Initial guess: frozen parameters have its values.
+    /// Initial guess, which gives the values of frozen parameters.
     pub initial: &'a Step1Parameters,
     /// Bounds and frozen parameters.
     pub settings: &'a Step1Settings,
     /// Weights of the biomarkers.
     pub weights: &'a Weights,
-    /// As [`Problem::expected`].
+    /// Expected correction factors, as in [`Problem::expected`].
     pub expected: [f64; Biomarker::OF_ORGAN.len()],
-    /// For the points from which searches start.
+    /// Seed of the starting points of searches.
     pub seed: u64,
 }
 
-/// Interval in which a proposal looks for a parameter, cut by the settings' bounds: what hearts have.
+/// Interval in which a proposal searches for a parameter, from physiological values; the settings'
+/// bounds restrict it further.
 #[must_use]
 pub fn plausible(parameter: Step1Parameter) -> Bounds {
     let (lower, upper) = match parameter {
@@ -72,12 +74,12 @@ pub fn plausible(parameter: Step1Parameter) -> Bounds {
     Bounds { lower, upper }
 }
 
-/// The next parameters of step 1, with the proposal that they are of; as [`propose()`].
+/// The next parameters of step 1 and their proposal, by [`propose()`].
 pub fn propose_step1(
     problem: &Step1Problem<'_>,
     cheap: &dyn Fn(&Step1Parameters) -> Outcome,
 ) -> Option<(Step1Parameters, super::Proposal)> {
-    // What no measured biomarker speaks of stays, as with the fixed point.
+    // As in the fixed point, parameters keep their value if no measured biomarker depends on them.
     let moves = |p: &Step1Parameter| {
         !problem.settings.is_frozen(*p) && problem.measured.get(driver(*p).0).is_some()
     };
@@ -127,7 +129,7 @@ pub fn propose_step1(
 
 fn interval(parameter: Step1Parameter, settings: &Step1Settings) -> Interval {
     let (inner, outer) = (plausible(parameter), settings.bounds_of(parameter));
-    // The interval is one of logarithms.
+    // The interval is for logarithms, so that the lower bound must be positive.
     let outer_lower = outer.lower.max(1e-9);
     let (mut lower, mut upper) = (inner.lower.max(outer_lower), inner.upper.min(outer.upper));
     if lower > upper {

@@ -1,4 +1,4 @@
-//! The next parameters from all runs so far.
+//! Proposal of the next parameters from all runs so far.
 
 use super::correction::{Correction, logarithms};
 use super::minimise::{Effort, minimise};
@@ -8,29 +8,29 @@ use crate::fixed_point::{Cost, Outcome, Weights};
 use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use serde::{Deserialize, Serialize};
 
-/// Relative difference of each biomarker where the cheap model cannot even end its beat.
+/// Relative difference assigned to each biomarker if the cheap model cannot finish its beat.
 const FAILED: f64 = 3.0;
 
 /// A run of the expensive model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// What was simulated.
+    /// Simulated point, as logarithms of the parameters.
     pub x: Vec<f64>,
-    /// What came of it.
+    /// Outcome of the simulation.
     pub outcome: Outcome,
-    /// Residuals that no biomarker holds, as [`Trial::also`].
+    /// Residuals outside the biomarkers, as [`Trial::also`].
     pub also: Vec<f64>,
-    /// Misfit of the corrected cheap model there, where a proposal led to it.
+    /// Misfit of the corrected cheap model at the point; `None` if no proposal led to it.
     pub predicted_misfit: Option<f64>,
 }
 
 /// A beat of the cheap model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// What came of it.
+    /// Outcome of the beat.
     pub outcome: Outcome,
-    /// Residuals that no biomarker holds, over their standard deviations: as many of each beat, failed ones too. The
-    /// correction adds their difference at the best run.
+    /// Residuals outside the biomarkers, over their standard deviations. Their number is the same
+    /// for every beat, including failed ones. The correction adds their difference at the best run.
     pub also: Vec<f64>,
 }
 
@@ -43,84 +43,90 @@ impl From<Outcome> for Trial {
     }
 }
 
-/// What is known of a parameter without any run: a normal distribution of its logarithm.
+/// Prior knowledge of a parameter: a normal distribution of its logarithm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prior {
-    /// Mean.
+    /// Mean of the logarithm.
     pub centre: f64,
-    /// Standard deviation.
+    /// Standard deviation of the logarithm.
     pub width: f64,
 }
 
-/// Weights of the squared distance of the logarithms from where a search begins: chooses among parameters that serve alike.
+/// Weights of the squared distance, in logarithms, from the start of a search. They select among
+/// parameters with equal misfit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Nearness {
-    /// From the start, before the first run.
+    /// Weight of the distance from the start, before the first run.
     pub at_first: f64,
-    /// From the best run.
+    /// Weight of the distance from the best run.
     pub of_best: f64,
 }
 
-/// Everything that a proposal follows from. A point is the logarithms of the moving parameters' magnitudes.
+/// Input of a proposal. A point holds the logarithms of the magnitudes of the moving parameters.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
-    /// What is to be reached.
+    /// Target biomarkers.
     pub measured: &'a Biomarkers,
     /// Weights of the squared relative differences.
     pub weights: &'a Weights,
     /// All runs, oldest first.
     pub runs: &'a [Run],
-    /// Where to begin without a run.
+    /// Starting point if there are no runs.
     pub start: &'a [f64],
-    /// Where to look, by parameter.
+    /// Search interval of each parameter.
     pub intervals: &'a [Interval],
-    /// What holds parameters that the biomarkers do not determine, by parameter; empty for none.
+    /// Priors of the parameters, which hold those that the biomarkers do not determine; empty for
+    /// none.
     pub prior: &'a [Prior],
-    /// What holds parameters near the start or the best run.
+    /// Weights that hold parameters near the start or the best run.
     pub nearness: Nearness,
-    /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::OF_ORGAN`].
+    /// Factors of the cheap model's biomarkers expected before any run, in the order of
+    /// [`Biomarker::OF_ORGAN`].
     pub expected: [f64; Biomarker::OF_ORGAN.len()],
-    /// How far from its measurement, as a logarithm, the best run's biomarker speaks for half of its factor, and what is
-    /// expected for the other half; infinite: the best run alone speaks.
+    /// Distance of the best run's biomarker from its measurement, as a logarithm, at which its own
+    /// factor and the expected one count half each. If infinite, only the best run's factor counts.
     pub reach: [f64; Biomarker::OF_ORGAN.len()],
-    /// How far the first corrected step may go: largest change of a logarithm.
+    /// Largest change of a logarithm in the first corrected step.
     pub first_radius: f64,
-    /// How hard the search tries.
+    /// Method and effort of the search.
     pub effort: Effort,
-    /// For the points from which searches start.
+    /// Seed of the starting points of searches.
     pub seed: u64,
 }
 
-/// The next point.
+/// A proposed point.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// To be simulated next.
+    /// Point to simulate next.
     pub x: Vec<f64>,
-    /// What the corrected cheap model gives there.
+    /// Biomarkers of the corrected cheap model at the point.
     pub biomarkers: Biomarkers,
-    /// Its cost.
+    /// Cost of these biomarkers.
     pub cost: f64,
-    /// Its misfit by the weights: what was minimised, but for prior and nearness.
+    /// Weighted misfit of these biomarkers: the minimised sum without prior and nearness.
     pub misfit: f64,
-    /// The run that the correction is exact at, and the step is measured from; none before the first of use.
+    /// Run at which the correction is exact and from which the step is measured; `None` before the
+    /// first useful run.
     pub base: Option<usize>,
-    /// Largest change of a parameter's logarithm from there that was allowed.
+    /// Largest change of a parameter's logarithm that the trust region allowed.
     pub radius: Option<f64>,
-    /// Largest change that was made.
+    /// Largest change of a parameter's logarithm that was made.
     pub step: Option<f64>,
     /// Factors of the cheap model's biomarkers at the base.
     pub correction: Vec<(Biomarker, f64)>,
-    /// Beats of the cheap model.
+    /// Number of beats of the cheap model.
     pub cheap_beats: usize,
 }
 
-/// What to simulate next: a pure function, if `cheap` is one. None when nothing is left to try.
+/// Proposes the next point to simulate; `None` if nothing is left to try. The function is pure if
+/// `cheap` is.
 ///
-/// Before the first run the optimum of the cheap model times what is expected; then that of the cheap model times the
-/// correction, which makes it exact at the best run once that is near the measurement ([`Problem::reach`]), within the trust
-/// region around that run. A run without a whole beat leads
-/// on until there is a whole one, by the biomarkers that it has; one that failed shortens the step. Where no run is of use,
-/// the start is next.
+/// Before the first run, the proposal is the optimum of the cheap model times the expected factors.
+/// Afterwards it is the optimum of the cheap model times the correction, within the trust region
+/// around the best run; the correction is exact at the best run if that is near the measurement
+/// ([`Problem::reach`]). Runs without a whole beat guide the search by their available biomarkers
+/// until there is a whole beat. A failed run shortens the step. If no run is useful, the start is
+/// next.
 pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Trial) -> Option<Proposal> {
     let search = Search::new(problem, cheap);
     match search.base() {
@@ -133,7 +139,7 @@ pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Trial) -> Option
 struct Search<'a> {
     problem: &'a Problem<'a>,
     cheap: &'a dyn Fn(&[f64]) -> Trial,
-    /// Misfit of each run; none where it failed.
+    /// Misfit of each run; `None` if it failed.
     misfits: Vec<Option<f64>>,
 }
 
@@ -144,7 +150,8 @@ fn found(outcome: &Outcome) -> Option<&Biomarkers> {
     }
 }
 
-/// What makes the cheap model's other residuals exact at a run; nothing where the cheap model cannot end its beat.
+/// Shift that makes the cheap model's other residuals exact at a run; empty if the cheap model
+/// cannot finish its beat.
 fn shift(run: &Run, trial: &Trial) -> Vec<f64> {
     let of_ended = found(&trial.outcome).is_some();
     if of_ended {
@@ -158,7 +165,7 @@ fn shift(run: &Run, trial: &Trial) -> Vec<f64> {
     }
 }
 
-/// Residuals and what is added to them; nothing is added beyond the end of `shift`.
+/// Adds the shift to the residuals; residuals beyond the end of `shift` do not change.
 fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
     let shift = shift.iter().copied().chain(std::iter::repeat(0.0));
     residuals
@@ -190,7 +197,8 @@ impl<'a> Search<'a> {
         self.problem.expected.map(f64::ln)
     }
 
-    /// How much the base's own factor of each biomarker counts, 1 for all: less, the farther it lies from what is measured.
+    /// Weight of the base's own factor per biomarker. It is 1 for a biomarker that meets the
+    /// measurement and falls with the distance from it.
     fn weights_of_base(&self, base: usize) -> [f64; super::correction::N] {
         let found = found(&self.problem.runs[base].outcome);
         std::array::from_fn(|j| {
@@ -206,7 +214,7 @@ impl<'a> Search<'a> {
         matches!(self.problem.runs[run].outcome, Outcome::Simulated(_))
     }
 
-    /// The best whole run, else the best of those that ended.
+    /// Index of the best whole run, or else of the best run that ended.
     fn base(&self) -> Option<usize> {
         let best = |whole: bool| {
             (0..self.misfits.len())
@@ -217,7 +225,8 @@ impl<'a> Search<'a> {
         best(true).or_else(|| best(false)).map(|(run, _)| run)
     }
 
-    /// The box, cut to a radius around a point; one outside of the box draws the step back into it.
+    /// The box, restricted to a radius around a point. A point outside the box draws the step back
+    /// into it.
     fn around(&self, centre: &[f64], radius: f64) -> Vec<Interval> {
         let cut = |(whole, x): (&Interval, &f64)| {
             Interval::new(whole.clamp(x - radius), whole.clamp(x + radius))
@@ -232,7 +241,7 @@ impl<'a> Search<'a> {
             .collect()
     }
 
-    /// The best of the corrected cheap model in a box, with what it promises.
+    /// Optimum of the corrected cheap model in a box, with its promise.
     fn best(
         &self,
         correction: &Correction,
@@ -313,7 +322,8 @@ impl<'a> Search<'a> {
         let is_whole = |run: usize| self.is_whole(run);
         let radius = trust::radius(runs, &self.misfits, self.problem.first_radius, &is_whole);
         let centre = &runs[base].x;
-        // Runs of another kind than the base say little of its surroundings.
+        // Runs with a whole beat say little about the surroundings of a base without one, and vice
+        // versa.
         let used: Vec<usize> = (0..runs.len())
             .filter(|i| self.is_whole(*i) == self.is_whole(base) && self.misfits[*i].is_some())
             .collect();
@@ -362,7 +372,7 @@ impl<'a> Search<'a> {
         Some(proposal)
     }
 
-    /// No run ended: the start, then points between it and the first run.
+    /// Proposal if no run ended: the start, then points between it and the first run.
     fn without_any(&self) -> Option<Proposal> {
         let Problem {
             measured,

@@ -19,7 +19,8 @@ fn biomarkers(values: [f64; 6]) -> Biomarkers {
     found
 }
 
-/// A heart whose biomarkers are powers of all parameters; `rows` are the exponents, `scale` what it has at the guess.
+/// A heart whose biomarkers are powers of all parameters; `rows` holds the exponents and `scale`
+/// the values at the guess.
 fn heart(p: &Step1Parameters, scale: [f64; 6], rows: [[f64; 6]; 6]) -> Biomarkers {
     let guess = Step1Parameters::default();
     let x = Step1Parameter::ALL.map(|q| (p.get(q) / guess.get(q)).ln());
@@ -28,7 +29,7 @@ fn heart(p: &Step1Parameters, scale: [f64; 6], rows: [[f64; 6]; 6]) -> Biomarker
 }
 
 const SCALE: [f64; 6] = [95.0, 1.4, -1.1, 380.0, 60.0, 90.0];
-/// Mostly each biomarker by its own parameter.
+/// Each biomarker depends mostly on its own parameter.
 const ROWS: [[f64; 6]; 6] = [
     [0.6, -0.1, 0.0, 0.1, 0.2, 0.0],
     [0.5, -0.7, 0.0, 0.0, 0.0, 0.0],
@@ -42,7 +43,7 @@ fn cheap(p: &Step1Parameters) -> Outcome {
     Outcome::Simulated(heart(p, SCALE, ROWS))
 }
 
-/// Stronger, steeper, and coupled otherwise than the cheap one.
+/// A stronger and steeper heart, with other couplings than the cheap one.
 fn expensive(p: &Step1Parameters) -> Outcome {
     let scale = [70.0, 1.0, -0.9, 420.0, 75.0, 70.0];
     let mut rows = ROWS;
@@ -92,7 +93,7 @@ fn cost(run: &Step1Run) -> f64 {
 #[test]
 fn the_cheap_model_itself_is_solved_at_once() {
     let (runs, proposals) = run(2, &Step1Settings::default(), &|_, p| cheap(p));
-    // Far within the tolerance of 0.1: nearness to the guess leaves a little.
+    // The cost is far within the tolerance of 0.1; nearness to the guess leaves a small remainder.
     assert!(cost(&runs[0]) < 2e-2, "{proposals:?}");
     assert!((proposals[0].cost - cost(&runs[0])).abs() < 1e-9);
     assert_eq!((proposals[0].base, proposals[1].base), (None, Some(0)));
@@ -106,7 +107,7 @@ fn another_model_is_solved_in_a_few_runs_and_the_correction_is_exact_at_its_base
         costs[0] > 0.05 && costs[1] < 0.02 && costs[2] < costs[1] && costs[4] < 1e-3,
         "{costs:?}"
     );
-    // Slopes from all runs: what was predicted comes to hold.
+    // Slopes from all runs make the predictions accurate.
     assert!(
         (proposals[4].cost - costs[4]).abs() < 1e-3,
         "{costs:?} {:?}",
@@ -222,7 +223,7 @@ fn if_nothing_runs_the_initial_guess_is_next_and_in_the_end_there_is_nothing_lef
     }
 }
 
-/// The aortic valve opens once the pressure passes that of the aorta.
+/// The aortic valve opens once the pressure exceeds the aortic pressure.
 fn shut_below(p: &Step1Parameters, pressure: f64) -> Outcome {
     let Outcome::Simulated(found) = expensive(p) else {
         panic!()
@@ -321,7 +322,7 @@ fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expect
         found.set(Biomarker::OF_ORGAN[0], Some(value));
         Outcome::Simulated(found)
     };
-    // Twice the cheap model's value at the start; 1.2 times is expected.
+    // The measured factor is 2 at the start; 1.2 is expected.
     let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
     let run = Run {
         x: vec![0.0],
@@ -424,8 +425,8 @@ fn the_radius_follows_what_predictions_were_worth() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever comes back: parameters within the bounds, numbers that are numbers, the best run as the base, and alike
-    /// for the same history.
+    /// For any results of simulations, parameters are finite and within the bounds, the best run is
+    /// the base, and equal histories give equal proposals.
     #[test]
     fn proposals_make_sense_whatever_comes_back(
         answers in prop::collection::vec((0u8..4, prop::array::uniform6(0.3f64..3.0)), 1..5),
@@ -452,7 +453,7 @@ proptest! {
         prop_assert_eq!(runs.len(), answers.len());
         for (i, (proposal, run)) in proposals.iter().zip(&runs).enumerate() {
             prop_assert!(proposal.cost.is_finite());
-            // A fallback to the initial guess is cut to the bounds, too.
+            // A fallback to the initial guess is clamped to the bounds too.
             prop_assert!(settings.admits(&run.parameters), "{:?}", run.parameters);
             if let (Some(step), Some(radius), false) = (proposal.step, proposal.radius, narrow) {
                 prop_assert!(step <= radius + 1e-9, "{step} > {radius}");

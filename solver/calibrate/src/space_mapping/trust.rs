@@ -1,19 +1,21 @@
-//! How far the next parameters may lie from the best run: as far as predictions held.
+//! Trust region: the distance from the best run over which predictions held.
 
 use super::Run;
 use crate::fixed_point::Outcome;
 
 /// Smallest and largest radius.
 const RANGE: [f64; 2] = [0.02, 2.0];
-/// A step that gains less than this share of what was predicted was too long …
+/// Share of the predicted gain below which a step was too long.
 const POOR: f64 = 0.25;
-/// … and one that gains more than this share may be longer.
+/// Share of the predicted gain above which the next step may be longer.
 const GOOD: f64 = 0.75;
 
-/// The radius after the last of `runs`, beginning with `first`; `misfits` are theirs, none where a run failed.
+/// Radius after the last of `runs`, starting from `first`. `misfits` are those of the runs, `None`
+/// if a run failed.
 ///
-/// Shrinks to half the length of a step that gained little, to a quarter of one that ended without a whole beat; grows to
-/// twice the length of one that kept what it promised.
+/// The radius shrinks to half the length of a step that gained little, and to a quarter of the
+/// length of one that failed or lost the whole beat. It grows to twice the length of a step that
+/// kept its promise.
 pub(super) fn radius(
     runs: &[Run],
     misfits: &[Option<f64>],
@@ -41,7 +43,7 @@ pub(super) fn radius(
             (Outcome::Simulated(_), Some(_)) if !is_whole(base) => first,
             (Outcome::NoWholeBeat(_), Some(_)) if !is_whole(base) => radius,
             (Outcome::Simulated(_), Some(misfit)) => {
-                // A run that nobody predicted says nothing of predictions.
+                // A run without a prediction says nothing about predictions.
                 let Some(predicted) = runs[last].predicted_misfit else {
                     continue;
                 };

@@ -1,4 +1,4 @@
-//! Cases and labels from files.
+//! Reads cases and labels from files.
 
 use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
@@ -7,16 +7,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use toml::Value;
 
-/// What is hidden in a case.
+/// Hidden effects of a case.
 #[derive(Debug, Clone)]
 pub struct Label {
     /// Names of the effects.
     pub effects: Vec<String>,
     /// `none`, `at the limit`, `weak`, `moderate`, `strong`.
     pub band: String,
-    /// Whether the data can hardly resolve it.
+    /// Whether the data can hardly resolve the effects.
     pub hard: bool,
-    /// Whether there is a gap that the catalogue does not have.
+    /// Whether the case has a gap outside the catalogue.
     pub off_catalogue: bool,
 }
 
@@ -36,12 +36,13 @@ pub fn cases(folder: &Path) -> Result<Vec<String>, String> {
     Ok(ids)
 }
 
-/// Numbers of those `dev-NNN` by which the search was made. All other cases were set aside.
+/// Numbers of the `dev-NNN` cases with which the search was developed. All other cases were set
+/// aside.
 const DEVELOPMENT: [u16; 24] = [
     1, 6, 7, 8, 11, 13, 15, 16, 19, 20, 21, 25, 26, 27, 29, 30, 31, 33, 34, 39, 40, 43, 45, 46,
 ];
 
-/// One of the two parts of the cases.
+/// Selects one of the two parts of the cases.
 pub fn part(ids: &[String], part: &str) -> Result<Vec<String>, String> {
     let wanted = match part {
         "development" => true,
@@ -88,7 +89,8 @@ fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
     Ok(columns)
 }
 
-/// One patient's folder. Where the file says from how many frames the volume was interpolated, as many samples are taken.
+/// Reads one patient's folder. If the file states the number of frames from which the volume was
+/// interpolated, the same number of samples is taken.
 pub fn measured(folder: &Path) -> Result<Measured, String> {
     let file = folder.join("patient.toml");
     let patient: Value =
@@ -125,7 +127,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
         )
     };
     let wall = need(&["anatomy", "wall_volume_mL"])?;
-    // As uncertain as the command takes them.
+    // Uncertainties as in the command line program.
     let given = |keys: &[&str], share: f64| {
         get(keys).map(|value| Uncertain {
             value,
@@ -174,7 +176,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
     })
 }
 
-/// Labels by case; empty where the folder has none.
+/// Labels by case; empty if the folder has none.
 pub fn labels(folder: &Path) -> Result<BTreeMap<String, Label>, String> {
     let path = folder.join("labels.json");
     if !path.exists() {

@@ -1,9 +1,14 @@
-//! Runs the search on a folder of cases and, where it has labels, scores it:
-//! `evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N] [--out FILE]`.
+//! Runs the search on a folder of cases and scores it if the folder has labels.
 //!
-//! One JSON line a case on standard output, the table on standard error. With `--out` the lines go to a file instead; cases
-//! that it has already are not searched again, so that a command that was stopped goes on. `--part development` takes those 24 cases of
-//! the development set by which the search was made, `--part aside` all others.
+//! ```text
+//! evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]
+//!     [--out FILE]
+//! ```
+//!
+//! It writes one JSON line per case to standard output and the table to standard error. With
+//! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
+//! stopped command can be continued. `--part development` selects the 24 cases with which the
+//! search was developed, `--part aside` all others.
 
 mod load;
 mod score;
@@ -63,7 +68,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Results of a file of lines; a last line that was cut off is not counted.
+/// Results from a file of lines; an incomplete last line is removed from the file.
 fn known(path: &Path) -> Result<Vec<(String, Discovery)>, String> {
     let Ok(text) = std::fs::read_to_string(path) else {
         return Ok(Vec::new());

@@ -1,11 +1,11 @@
-//! The figures of the search on labelled cases.
+//! Scores of the search on labelled cases.
 
 use crate::load::Label;
 use cardiotwin_discover::Discovery;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Effects that these data hardly tell apart: right up to the class.
+/// Effects that these data can hardly distinguish; a result may be right up to the class.
 const CLASSES: [&[&str]; 3] = [
     &["mitral_regurgitation", "ventricular_septal_defect"],
     &["passive_stiffening", "pericardial_constraint"],
@@ -19,7 +19,7 @@ fn same_class(a: &str, b: &str) -> bool {
             .any(|class| class.contains(&a) && class.contains(&b))
 }
 
-/// One case in words.
+/// One case as a line of text.
 pub fn line(id: &str, found: &Discovery, label: Option<&Label>, seconds: f64) -> String {
     let truth = label.map_or(String::new(), |l| {
         let off = if l.off_catalogue {
@@ -74,7 +74,7 @@ impl Share {
     }
 }
 
-/// The table.
+/// Scores of all cases as a table.
 pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) -> String {
     let names = [
         "singles, weak or better: right name first (accepted)",

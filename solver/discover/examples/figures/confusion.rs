@@ -1,4 +1,4 @@
-//! Confusion matrix: what is hidden against what is named first, one panel a set.
+//! Confusion matrix of hidden effects against the first named effect, one panel per set.
 
 use crate::Set;
 use crate::svg::{Anchor, Svg};
@@ -8,7 +8,7 @@ const CELL: f64 = 24.0;
 const LEFT: f64 = 200.0;
 const TOP: f64 = 200.0;
 
-/// The picture.
+/// Draws the confusion matrix.
 pub fn draw(sets: &[Set]) -> String {
     let names: Vec<String> = NAMES
         .iter()
@@ -72,7 +72,7 @@ pub fn draw(sets: &[Set]) -> String {
     svg.finish()
 }
 
-/// Blue where it is right, orange where it is not, by the share of the row.
+/// Colour of a cell: blue if right, orange if wrong, with the row's share as intensity.
 fn shade(share: f64, right: bool) -> String {
     let full = if right {
         (90.0, 150.0, 220.0)

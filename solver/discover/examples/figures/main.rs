@@ -1,5 +1,7 @@
-//! Draws what `evaluate --out` found on labelled sets: the confusion matrix and the power curves, as SVG, and prints the
-//! figures in words. `discover-evaluation.csv` beside them has a line for each case: `figures OUT_FOLDER NAME=CASES_DIR=RESULTS_FILE ...`.
+//! Draws results of `evaluate --out` on labelled sets: the confusion matrix and the power curves,
+//! as SVG. It prints the scores as text and writes one line per case to `discover-evaluation.csv`.
+//!
+//! `figures OUT_FOLDER NAME=CASES_DIR=RESULTS_FILE ...`
 
 mod confusion;
 mod power;
@@ -11,37 +13,38 @@ use std::process::ExitCode;
 
 /// One case that was searched.
 pub struct Case {
-    /// Its name.
+    /// Name of the case.
     pub id: String,
-    /// Hidden effects of the catalogue: name and size in multiples of the smallest meaningful one.
+    /// Hidden effects of the catalogue: name, and magnitude in multiples of the smallest meaningful
+    /// one.
     pub hidden: Vec<(String, f64)>,
-    /// Whether there is a gap that the catalogue lacks.
+    /// Whether the case has a gap outside the catalogue.
     pub off_catalogue: bool,
-    /// Whether the data can hardly resolve it.
+    /// Whether the data can hardly resolve the effects.
     pub hard: bool,
     /// Factor of the usual noise.
     pub noise: f64,
-    /// Fall of the misfit that the right effect makes, where it was computed.
+    /// Fall of the misfit by the right effect, if it was computed.
     pub visibility: Option<f64>,
-    /// Names that were added, the surest first.
+    /// Named effects, the most certain first.
     pub named: Vec<String>,
     /// Whether a gap without a name was reported.
     pub unexplained: bool,
 }
 
 impl Case {
-    /// The only hidden effect.
+    /// The hidden effect, if it is the only one.
     pub fn single(&self) -> Option<&(String, f64)> {
         (self.hidden.len() == 1).then(|| &self.hidden[0])
     }
 
-    /// Whether nothing at all is missing.
+    /// Whether nothing is missing.
     pub fn is_null(&self) -> bool {
         self.hidden.is_empty() && !self.off_catalogue
     }
 }
 
-/// A set of cases with its name in the pictures.
+/// A set of cases, with its name in the figures.
 pub struct Set {
     /// Name.
     pub name: String,
@@ -83,7 +86,7 @@ fn run() -> Result<(), String> {
     Ok(())
 }
 
-/// A line for each case.
+/// One CSV line per case.
 fn lines(sets: &[Set]) -> String {
     let mut out = "set,case,hidden,strength,noise,visibility,named,unexplained\n".to_owned();
     for set in sets {

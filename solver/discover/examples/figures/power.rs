@@ -1,11 +1,11 @@
-//! Detection rates against strength, noise and visibility, with intervals.
+//! Detection rates over strength, noise and visibility, with intervals.
 
 use crate::svg::{Anchor, Svg};
 use crate::{Case, Set};
 use cardiotwin_validation::hidden::NAMES;
 use std::fmt::Write;
 
-/// Effects that these data hardly tell apart.
+/// Effects that these data can hardly distinguish.
 const CLASSES: [[&str; 2]; 3] = [
     ["mitral_regurgitation", "ventricular_septal_defect"],
     ["passive_stiffening", "pericardial_constraint"],
@@ -39,7 +39,7 @@ impl Rate {
         self.hits as f64 / self.of.max(1) as f64
     }
 
-    /// Interval of 95 % (Wilson 1927).
+    /// 95 % interval (Wilson 1927).
     fn interval(self) -> (f64, f64) {
         let (n, p, z) = (self.of.max(1) as f64, self.share(), 1.96);
         let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
@@ -78,7 +78,7 @@ fn right_class(case: &Case) -> bool {
         .is_some_and(|(truth, _)| case.named.first().is_some_and(|n| same_class(n, truth)))
 }
 
-/// A plot's frame: the rate from 0 to 1 over an axis from 0 to 1.
+/// Frame of a plot: the rate from 0 to 1 over an axis from 0 to 1.
 struct Frame {
     x: f64,
     y: f64,
@@ -101,7 +101,7 @@ impl Frame {
         svg.text((self.x, self.y - 7.0), 12.0, Anchor::Start, 0.0, title);
     }
 
-    /// Points with intervals, joined.
+    /// Draws points with intervals, joined by lines.
     fn curve(&self, svg: &mut Svg, points: &[(f64, Rate)], colour: &str) {
         let points: Vec<&(f64, Rate)> = points.iter().filter(|(_, r)| r.of > 0).collect();
         for pair in points.windows(2) {
@@ -120,7 +120,7 @@ impl Frame {
     }
 }
 
-/// The picture: rates over visibility for each set, then for each effect over its strength.
+/// Draws the rates over visibility for each set, then those of each effect over its strength.
 pub fn draw(sets: &[Set]) -> String {
     let (columns, w, h) = (4, 180.0, 110.0);
     let rows = NAMES.len().div_ceil(columns);
@@ -272,7 +272,7 @@ fn band(case: &Case) -> Option<usize> {
     BANDS.iter().rposition(|(_, low)| seen >= *low)
 }
 
-/// The figures in words, as Markdown.
+/// The scores as a Markdown table.
 pub fn table(sets: &[Set]) -> String {
     let mut out = String::from("| set | figure | |\n|---|---|---|\n");
     for set in sets {

@@ -1,4 +1,4 @@
-//! A few shapes.
+//! Basic SVG shapes.
 
 use std::fmt::Write;
 
@@ -9,19 +9,19 @@ pub struct Svg {
     body: String,
 }
 
-/// Where a text stands relative to its point.
+/// Position of a text relative to its point.
 #[derive(Clone, Copy)]
 pub enum Anchor {
-    /// To its right.
+    /// To the right of the point.
     Start,
-    /// Around it.
+    /// Centred on the point.
     Middle,
-    /// To its left.
+    /// To the left of the point.
     End,
 }
 
 impl Svg {
-    /// An empty picture \[px\].
+    /// An empty picture of this size \[px\].
     pub fn new(width: f64, height: f64) -> Self {
         Self {
             width,
@@ -30,7 +30,7 @@ impl Svg {
         }
     }
 
-    /// A filled rectangle.
+    /// Adds a filled rectangle.
     pub fn rect(&mut self, x: f64, y: f64, w: f64, h: f64, fill: &str) {
         let _ = writeln!(
             self.body,
@@ -38,7 +38,7 @@ impl Svg {
         );
     }
 
-    /// A line.
+    /// Adds a line.
     pub fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
         let _ = writeln!(
             self.body,
@@ -47,7 +47,7 @@ impl Svg {
         );
     }
 
-    /// A disc.
+    /// Adds a disc.
     pub fn disc(&mut self, (x, y): (f64, f64), r: f64, fill: &str) {
         let _ = writeln!(
             self.body,
@@ -55,7 +55,7 @@ impl Svg {
         );
     }
 
-    /// A text; `turn` in degrees around its point.
+    /// Adds a text, turned around its point by `turn` degrees.
     pub fn text(&mut self, (x, y): (f64, f64), size: f64, anchor: Anchor, turn: f64, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
@@ -74,7 +74,7 @@ impl Svg {
         );
     }
 
-    /// The file.
+    /// Returns the SVG file.
     pub fn finish(self) -> String {
         let (w, h) = (self.width, self.height);
         format!(

@@ -1,4 +1,5 @@
-//! A folder of patients: `patients/ID/patient.toml` with its traces, `cohort.toml`, `labels.json`.
+//! Writes a folder of patients: `patients/ID/patient.toml` with its traces, `cohort.toml`,
+//! `labels.json`.
 
 use crate::visibility::Visibility;
 use cardiotwin_validation::{Case, PlannedCase};
@@ -52,14 +53,14 @@ pub fn write(folder: &Path, id: &str, case: &Case) -> Result<(), String> {
     put(&own.join("patient.toml"), &patient)
 }
 
-/// `labels.json`, written anew with each case.
+/// The file `labels.json`, which is rewritten with each case.
 pub struct Labels {
     path: PathBuf,
     all: Value,
 }
 
 impl Labels {
-    /// Those of a folder, or none yet.
+    /// Reads the labels of a folder, or starts with none.
     pub fn open(folder: &Path, same: bool, seed: u64) -> Result<Self, String> {
         std::fs::create_dir_all(folder)
             .map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
@@ -98,12 +99,12 @@ impl Labels {
         Ok(Self { path, all })
     }
 
-    /// Whether a case is there.
+    /// Whether a case has been entered.
     pub fn has(&self, id: &str) -> bool {
         self.all["cases"].get(id).is_some()
     }
 
-    /// Whether a case is there of which nobody knows what it shows.
+    /// Whether a case has been entered without its visibility.
     pub fn lacks_visibility(&self, id: &str) -> bool {
         self.has(id) && self.all["cases"][id].get("visibility").is_none()
     }
@@ -127,7 +128,7 @@ impl Labels {
         self.write()
     }
 
-    /// Enters what a case shows and writes the file.
+    /// Enters the visibility of a case and writes the file.
     pub fn see(&mut self, id: &str, seen: &Visibility) -> Result<(), String> {
         let label = &mut self.all["cases"][id];
         let nothing = label["effects"].as_array().is_none_or(Vec::is_empty);

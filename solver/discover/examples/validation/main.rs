@@ -1,10 +1,15 @@
-//! Makes folders of test patients with known hidden effects, in the patient format, with `labels.json`:
-//! `validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N] [--jobs N]
-//! [--no-visibility]`.
+//! Generates folders of test patients with known hidden effects, in the patient format, with
+//! `labels.json`.
 //!
-//! `other` is the independent closed loop of `solver/validation`, `same` the model that is fitted (inverse crime, and
-//! labelled so). Cases that the folder has already are kept: a command that was stopped goes on. The visibility of each case,
-//! which takes fits, is entered last, or left to a later call.
+//! ```text
+//! validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N]
+//!     [--seed N] [--jobs N] [--no-visibility]
+//! ```
+//!
+//! `other` is the independent closed loop of `solver/validation`, `same` is the model that is
+//! fitted (an inverse crime, and labelled as such). Existing cases of the folder are kept, so that
+//! a stopped command can be continued. The visibility of each case, which requires fits, is entered
+//! last or left to a later call.
 
 mod folder;
 #[path = "../evaluate/load.rs"]

@@ -1,4 +1,5 @@
-//! How much of a hidden effect the data can show: the fitted model on noise-free data, without and with the right effects.
+//! Visibility of a hidden effect: the misfit of the fitted model on noise-free data, without and
+//! with the right effects.
 
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
@@ -12,12 +13,12 @@ use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
 use cardiotwin_validation::{Case, Side};
 
-/// What the fits say.
+/// Misfits of the fits.
 #[derive(Debug, Clone, Copy)]
 pub struct Visibility {
-    /// Fall of the misfit when the right effects are added; the side data and priors included.
+    /// Fall of the misfit when the right effects are added, including side data and priors.
     pub delta_chi2: f64,
-    /// Misfit of the data that is left: what the fitted model lacks beside the effects.
+    /// Remaining misfit of the data, due to differences of the fitted model besides the effects.
     pub left_chi2: f64,
 }
 
@@ -49,7 +50,7 @@ fn side(side: &Side) -> SideData {
     }
 }
 
-/// The case as the search gets it, without its noise.
+/// The case as given to the search, without its noise.
 pub fn noise_free(case: &Case) -> Measured {
     Measured {
         cycle_ms: case.cycle_ms,

@@ -1,14 +1,15 @@
-//! Many cells at once.
+//! The membrane model for many cells at once.
 
 use super::table::{INSTANTANEOUS, LEFT, OPEN_POTASSIUM, Row, Table};
 use super::{Parameters, State, calcium_slope};
 use rayon::prelude::*;
 
-/// The membrane model for one time step.
+/// The membrane model with a fixed time step.
 ///
-/// Gates follow their exact solution at the potential of the step's beginning (Rush, Larsen 1978, IEEE Trans. Biomed.
-/// Eng. 25, 389), so that none limits the step; potential and calcium are forward Euler. First order in time. While the
-/// potential changes fast, rates are taken at the middle of the step instead.
+/// Gates follow their exact solution at the potential of the step's beginning (Rush, Larsen 1978,
+/// IEEE Trans. Biomed. Eng. 25, 389), so that none of them limits the step. Potential and calcium
+/// use the forward Euler method. The method is of first order in time. While the potential changes
+/// fast, rates are evaluated at the middle of the step instead.
 #[derive(Debug, Clone)]
 pub struct Membrane {
     parameters: Parameters,
@@ -18,7 +19,7 @@ pub struct Membrane {
 }
 
 impl Membrane {
-    /// For steps of `step_ms`.
+    /// The model for steps of `step_ms`.
     #[must_use]
     pub fn new(parameters: Parameters, step_ms: f64) -> Self {
         let table = Table::new(&parameters, step_ms);
@@ -30,19 +31,19 @@ impl Membrane {
         }
     }
 
-    /// The step, ms.
+    /// Time step \[ms\].
     #[must_use]
     pub fn step_ms(&self) -> f64 {
         self.step_ms
     }
 
-    /// Capacitance, µF/cm².
+    /// Membrane capacitance \[µF/cm²\].
     #[must_use]
     pub fn capacitance_uf_cm2(&self) -> f64 {
         self.parameters.capacitance_uf_cm2
     }
 
-    /// One step of one cell with its potential, gates m, h, j, d, f, X, and calcium.
+    /// Advances one cell by one step, with its potential, gates m, h, j, d, f, X, and calcium.
     #[inline]
     fn advance(&self, v: &mut f64, gates: [&mut f64; 6], ca_mm: &mut f64) {
         let row = self.table.at(*v);
@@ -66,7 +67,7 @@ impl Membrane {
         *v += self.step_ms * slope;
     }
 
-    /// dV/dt, mV/ms, and the slow inward current, µA/cm².
+    /// dV/dt \[mV/ms\] and the slow inward current \[µA/cm²\].
     #[inline]
     fn slope(&self, v: f64, gates: &[f64; 6], ca_mm: f64, row: &Row) -> (f64, f64) {
         let p = &self.parameters;
@@ -78,22 +79,24 @@ impl Membrane {
     }
 }
 
-/// A cell whose potential changes faster than this, mV/ms, gets a midpoint: in the upstroke a first-order step of
-/// 0.025 ms is off by more than 1 mV, and few cells are in their upstroke at any time.
+/// Rate of the potential above which a cell uses the midpoint \[mV/ms\]. In the upstroke, a
+/// first-order step of 0.025 ms has an error of more than 1 mV, and few cells are in their upstroke
+/// at any time.
 const FAST_MV_MS: f64 = 2.0;
 
-/// States of many cells, an array for each variable.
+/// States of many cells, with one array per variable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cells {
-    /// Transmembrane potentials, mV.
+    /// Transmembrane potentials \[mV\].
     pub v_mv: Vec<f64>,
     /// Gates m, h, j, d, f, X.
     pub gates: [Vec<f64>; 6],
-    /// Intracellular calcium, mM.
+    /// Intracellular calcium \[mM\].
     pub ca_mm: Vec<f64>,
 }
 
-/// Cells that one thread takes at a time. Cells are independent: the result does not depend on it.
+/// Number of cells that a thread takes at once. Cells are independent, so that the result does not
+/// depend on it.
 const CHUNK: usize = 2048;
 
 impl Cells {
@@ -117,13 +120,13 @@ impl Cells {
         }
     }
 
-    /// How many.
+    /// Number of cells.
     #[must_use]
     pub fn len(&self) -> usize {
         self.v_mv.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no cells.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.v_mv.is_empty()
@@ -145,13 +148,13 @@ impl Cells {
         }
     }
 
-    /// One step of all cells, in rayon's pool where there are many.
+    /// Advances all cells by one step, in rayon's pool if there are many.
     pub fn step(&mut self, membrane: &Membrane) {
         let [m, h, j, d, f, x] = &mut self.gates;
         let part = |v: &mut [f64], g: [&mut [f64]; 6], ca: &mut [f64]| {
             let [m, h, j, d, f, x] = g;
             let n = v.len();
-            // one length for all: no bounds check inside
+            // Equal slice lengths let the compiler omit bounds checks.
             let (m, h, j) = (&mut m[..n], &mut h[..n], &mut j[..n]);
             let (d, f, x, ca) = (&mut d[..n], &mut f[..n], &mut x[..n], &mut ca[..n]);
             for i in 0..n {
@@ -237,7 +240,8 @@ mod tests {
         assert!((many.v_mv[0] - state.v_mv).abs() < 1e-3);
     }
 
-    /// The potential at 1.6 ms of a cell that starts depolarised at −50 mV, and at 20 ms, by steps of `step_ms`.
+    /// Potentials at 1.6 ms and at 20 ms of a cell that starts depolarised at −50 mV, with steps of
+    /// `step_ms`.
     fn potentials(step_ms: f64) -> [f64; 2] {
         let membrane = Membrane::new(Parameters::default(), step_ms);
         let mut cell = Cells::new(
@@ -259,7 +263,8 @@ mod tests {
     fn the_method_is_of_first_order_and_better_in_the_upstroke() {
         let fine = [1.0 / 1280.0, 1.0 / 2560.0].map(potentials);
         let errors = |at: usize| {
-            // the reference by extrapolation; the switch of two gates at -40 mV keeps the upstroke from second order
+            // Reference by extrapolation. Because two gates switch at −40 mV, the upstroke does not
+            // reach second order.
             let exact = if at == 0 {
                 (4.0 * fine[1][0] - fine[0][0]) / 3.0
             } else {

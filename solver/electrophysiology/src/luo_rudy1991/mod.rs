@@ -1,8 +1,9 @@
 //! The membrane model of Luo and Rudy 1991 (LR1): eight states, six currents.
 //!
-//! Source: Luo, Rudy 1991, "A model of the ventricular cardiac action potential. Depolarization, repolarization, and their
-//! interaction", Circ. Res. 68, 1501, Table 1 and text, in the form curated in the CellML repository (constants as in
-//! [`Parameters::default`]). Reversal potentials follow from the concentrations; the paper prints them rounded.
+//! Source: Luo, Rudy 1991, "A model of the ventricular cardiac action potential. Depolarization,
+//! repolarization, and their interaction", Circ. Res. 68, 1501, Table 1 and text, in the form
+//! curated in the CellML repository (constants as in [`Parameters::default`]). Reversal potentials
+//! are computed from the concentrations; the paper gives rounded values.
 
 pub mod cells;
 pub mod paced;
@@ -10,36 +11,36 @@ mod table;
 
 pub use paced::Stimulus;
 
-/// Constants of the model; defaults are the paper's.
+/// Constants of the model, with the paper's values as defaults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
-    /// Membrane capacitance, µF/cm².
+    /// Membrane capacitance \[µF/cm²\].
     pub capacitance_uf_cm2: f64,
-    /// Fast sodium conductance, mS/cm².
+    /// Fast sodium conductance \[mS/cm²\].
     pub g_na: f64,
-    /// Slow inward (calcium) conductance, mS/cm².
+    /// Slow inward (calcium) conductance \[mS/cm²\].
     pub g_si: f64,
-    /// Time-dependent potassium conductance at 5.4 mM of extracellular potassium, mS/cm².
+    /// Time-dependent potassium conductance at 5.4 mM of extracellular potassium \[mS/cm²\].
     pub g_k: f64,
-    /// Time-independent potassium conductance at 5.4 mM of extracellular potassium, mS/cm².
+    /// Time-independent potassium conductance at 5.4 mM of extracellular potassium \[mS/cm²\].
     pub g_k1: f64,
-    /// Plateau potassium conductance, mS/cm².
+    /// Plateau potassium conductance \[mS/cm²\].
     pub g_kp: f64,
-    /// Background conductance, mS/cm².
+    /// Background conductance \[mS/cm²\].
     pub g_b: f64,
-    /// Reversal potential of the background current, mV.
+    /// Reversal potential of the background current \[mV\].
     pub e_b_mv: f64,
-    /// Permeability of the time-dependent potassium channel to sodium over that to potassium.
+    /// Ratio of the time-dependent potassium channel's permeability to sodium to that to potassium.
     pub pr_na_k: f64,
-    /// Extracellular potassium, mM.
+    /// Extracellular potassium \[mM\].
     pub k_o_mm: f64,
-    /// Intracellular potassium, mM.
+    /// Intracellular potassium \[mM\].
     pub k_i_mm: f64,
-    /// Extracellular sodium, mM.
+    /// Extracellular sodium \[mM\].
     pub na_o_mm: f64,
-    /// Intracellular sodium, mM.
+    /// Intracellular sodium \[mM\].
     pub na_i_mm: f64,
-    /// Temperature, K.
+    /// Temperature \[K\].
     pub temperature_k: f64,
 }
 
@@ -64,7 +65,8 @@ impl Default for Parameters {
     }
 }
 
-/// Gas constant, J/(kmol K), and Faraday's constant, C/mol, as in the CellML repository's file.
+/// Gas constant \[J/(kmol K)\] and Faraday's constant \[C/mol\], as in the CellML repository's
+/// file.
 const GAS: f64 = 8314.0;
 const FARADAY: f64 = 96_484.6;
 
@@ -73,26 +75,26 @@ impl Parameters {
         GAS * self.temperature_k / FARADAY
     }
 
-    /// Reversal potential of the fast sodium current, mV (the paper prints 54.4).
+    /// Reversal potential of the fast sodium current \[mV\] (the paper gives 54.4).
     #[must_use]
     pub fn e_na_mv(&self) -> f64 {
         self.rt_over_f_mv() * (self.na_o_mm / self.na_i_mm).ln()
     }
 
-    /// Reversal potential of the time-dependent potassium current, mV (the paper prints −77).
+    /// Reversal potential of the time-dependent potassium current \[mV\] (the paper gives −77).
     #[must_use]
     pub fn e_k_mv(&self) -> f64 {
         let out = self.k_o_mm + self.pr_na_k * self.na_o_mm;
         self.rt_over_f_mv() * (out / (self.k_i_mm + self.pr_na_k * self.na_i_mm)).ln()
     }
 
-    /// Reversal potential of the other potassium currents, mV.
+    /// Reversal potential of the other potassium currents \[mV\].
     #[must_use]
     pub fn e_k1_mv(&self) -> f64 {
         self.rt_over_f_mv() * (self.k_o_mm / self.k_i_mm).ln()
     }
 
-    /// Current through the time-dependent potassium channel with its gate X wide open, µA/cm².
+    /// Current through the time-dependent potassium channel with its gate X fully open \[µA/cm²\].
     fn open_potassium(&self, v: f64) -> f64 {
         let xi = if v > -100.0 {
             2.837 * 0.04 * relative_growth(0.04 * (v + 77.0)) / (0.04 * (v + 35.0)).exp()
@@ -102,7 +104,7 @@ impl Parameters {
         self.g_k * (self.k_o_mm / 5.4).sqrt() * xi * (v - self.e_k_mv())
     }
 
-    /// Currents that depend on the potential alone, I_K1 + I_Kp + I_b, µA/cm².
+    /// Currents that depend only on the potential, I_K1 + I_Kp + I_b \[µA/cm²\].
     fn instantaneous(&self, v: f64) -> f64 {
         let e_k1 = self.e_k1_mv();
         let above = v - e_k1;
@@ -115,13 +117,14 @@ impl Parameters {
         i_k1 + i_kp + self.g_b * (v - self.e_b_mv)
     }
 
-    /// Slow inward current, µA/cm²; its reversal potential has calcium in mM.
+    /// Slow inward current \[µA/cm²\]. Its reversal potential takes calcium in mM.
     fn slow_inward(&self, v: f64, d: f64, f: f64, ca_mm: f64) -> f64 {
         self.g_si * d * f * (v - (7.7 - 13.0287 * ca_mm.ln()))
     }
 
-    /// Time derivatives of all states, per ms, with a stimulus in µA/cm² (positive depolarises). The batched solver
-    /// [`cells::Cells`] takes the same terms from a table; this is what it is tested against.
+    /// Time derivatives of all states per ms, with a stimulus \[µA/cm²\] that depolarises if
+    /// positive. The batched solver [`cells::Cells`] takes the same terms from a table and is
+    /// tested against this function.
     #[must_use]
     pub fn slope(&self, x: &State, stimulus_ua_cm2: f64) -> State {
         let gates = gates(x.v_mv);
@@ -142,7 +145,7 @@ impl Parameters {
     }
 }
 
-/// d`Ca`/dt, mM/ms, with the slow inward current in µA/cm².
+/// d`Ca`/dt \[mM/ms\], for a slow inward current in µA/cm².
 fn calcium_slope(ca_mm: f64, i_si: f64) -> f64 {
     -1e-4 * i_si + 0.07 * (1e-4 - ca_mm)
 }
@@ -150,7 +153,7 @@ fn calcium_slope(ca_mm: f64, i_si: f64) -> f64 {
 /// State of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// Transmembrane potential, mV.
+    /// Transmembrane potential \[mV\].
     pub v_mv: f64,
     /// Activation of the sodium channel.
     pub m: f64,
@@ -164,11 +167,11 @@ pub struct State {
     pub f: f64,
     /// Activation of the time-dependent potassium channel.
     pub x: f64,
-    /// Intracellular calcium, mM. Only this model's own: contraction gets its calcium elsewhere.
+    /// Intracellular calcium of this model \[mM\]. The contraction model has its own calcium.
     pub ca_mm: f64,
 }
 
-/// Where a gate goes at a fixed potential, and how fast.
+/// Steady value and time constant of a gate at a fixed potential.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Gate {
     steady: f64,

@@ -1,21 +1,21 @@
-//! Where a tissue begins: a single cell at rest, or in the periodic state of its heart rate.
+//! Initial states of tissue: a single cell at rest, or in the periodic state at a heart rate.
 
 use super::cells::{Cells, Membrane};
 use super::{Parameters, State, gates};
 
-/// A rectangular current.
+/// A rectangular stimulus current.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stimulus {
-    /// µA/cm², positive depolarises.
+    /// Current \[µA/cm²\]; a positive one depolarises.
     pub current_ua_cm2: f64,
-    /// Begin, ms.
+    /// Start of the current \[ms\].
     pub start_ms: f64,
-    /// Length, ms.
+    /// Duration of the current \[ms\].
     pub length_ms: f64,
 }
 
 impl Default for Stimulus {
-    /// 25.5 µA/cm² for 2 ms, as stored with the model in the CellML repository, at once.
+    /// 25.5 µA/cm² for 2 ms from time zero, as stored with the model in the CellML repository.
     fn default() -> Self {
         Self {
             current_ua_cm2: 25.5,
@@ -26,7 +26,8 @@ impl Default for Stimulus {
 }
 
 impl Stimulus {
-    /// Charge that flows within a step from `t_ms`, µA ms/cm²: over 1 µF/cm² the same number in mV. Exact for any step.
+    /// Charge within a step from `t_ms` \[µA ms/cm²\]. With 1 µF/cm², the number is a potential in
+    /// mV. The value is exact for any step.
     #[must_use]
     pub fn charge(&self, t_ms: f64, step_ms: f64) -> f64 {
         let from = t_ms.max(self.start_ms);
@@ -35,12 +36,13 @@ impl Stimulus {
     }
 }
 
-/// The cell at rest: no state changes.
+/// State of a cell at rest, in which all derivatives vanish.
 #[must_use]
 pub fn rest(parameters: &Parameters) -> State {
     let at = |v: f64| {
         let [m, h, j, d, f, x] = gates(v).map(|gate| gate.steady);
-        // calcium balances the slow inward current: a contraction, as the current is tiny at rest
+        // Calcium balances the slow inward current. The fixed-point iteration is a contraction,
+        // because the current is tiny at rest.
         let mut ca_mm = 2e-4;
         for _ in 0..100 {
             ca_mm = 1e-4 - 1e-4 / 0.07 * parameters.slow_inward(v, d, f, ca_mm);
@@ -56,7 +58,7 @@ pub fn rest(parameters: &Parameters) -> State {
             ca_mm,
         }
     };
-    // the membrane's current rises through zero between these
+    // The membrane current has a zero between these potentials.
     let (mut low, mut high) = (-95.0, -75.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -69,7 +71,7 @@ pub fn rest(parameters: &Parameters) -> State {
     at(0.5 * (low + high))
 }
 
-/// The state of a cell just before a stimulus, after `n_beats` from `state`, each of `cycle_ms`.
+/// State of a cell just before a stimulus, after `n_beats` of `cycle_ms` that start from `state`.
 #[must_use]
 pub fn paced(
     membrane: &Membrane,
@@ -105,7 +107,7 @@ mod tests {
             slope.v_mv.abs() < 1e-9 && slope.ca_mm.abs() < 1e-12,
             "{slope:?}"
         );
-        // stable, too: a disturbance goes
+        // The state is also stable: a perturbation decays.
         let membrane = Membrane::new(p, 0.025);
         let mut cell = Cells::new(
             1,

@@ -1,17 +1,17 @@
-//! What depends on the potential alone, tabulated for one time step.
+//! Tabulated terms that depend only on the potential, for one time step.
 
 use super::{Parameters, gates};
 
-/// Grid of the table, mV. −40, where two gates change their law, is one of its points.
+/// Grid of the table \[mV\]. It contains −40 mV, where two gates change their equations.
 const LOWEST_MV: f64 = -120.0;
 const HIGHEST_MV: f64 = 80.0;
 const PER_MV: f64 = 20.0;
 
-/// Steady values of the six gates, what is left of a deviation after a step, exp(−Δt/τ), instantaneous currents, and the
-/// potassium current with its gate open, µA/cm².
+/// Steady values of the six gates, remaining fraction of a deviation after a step, exp(−Δt/τ),
+/// instantaneous currents, and the potassium current with its gate open \[µA/cm²\].
 pub(super) type Row = [f64; 14];
 
-/// Index of the first remaining fraction, and of the two currents.
+/// Indices of the first remaining fraction and of the two currents.
 pub(super) const LEFT: usize = 6;
 pub(super) const INSTANTANEOUS: usize = 12;
 pub(super) const OPEN_POTASSIUM: usize = 13;
@@ -36,7 +36,8 @@ impl Table {
         }
     }
 
-    /// By linear interpolation; without the table where the potential leaves it. Not-a-number stays what it is.
+    /// Row by linear interpolation, or computed directly outside the table. Not-a-number gives
+    /// not-a-number.
     #[inline]
     pub(super) fn at(&self, v: f64) -> Row {
         let place = (v - LOWEST_MV) * PER_MV;

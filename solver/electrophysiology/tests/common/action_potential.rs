@@ -1,4 +1,4 @@
-//! The single cell beside Myokit's (`reference/luo_rudy1991.py`, data in `tests/data`).
+//! Comparison of the single cell with Myokit (`reference/luo_rudy1991.py`, data in `tests/data`).
 
 use cardiotwin_electrophysiology::luo_rudy1991::paced::{Stimulus, paced, rest};
 use cardiotwin_electrophysiology::{Cells, Membrane, Parameters};
@@ -9,7 +9,7 @@ const STIMULUS: Stimulus = Stimulus {
     length_ms: 2.0,
 };
 
-/// Columns t (ms), V (mV), Ca (mM).
+/// Columns t \[ms\], V \[mV\], Ca \[mM\].
 pub fn reference(name: &str) -> Vec<[f64; 3]> {
     let file = format!(
         "{}/tests/data/luo-rudy-1991-{name}.csv",
@@ -24,7 +24,7 @@ pub fn reference(name: &str) -> Vec<[f64; 3]> {
     .collect()
 }
 
-/// The last of `n_beats` from rest, at each step: t, V, Ca.
+/// The last of `n_beats` from rest, with t, V, Ca at each step.
 pub fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
     let parameters = Parameters::default();
     let membrane = Membrane::new(parameters.clone(), step_ms);
@@ -57,7 +57,7 @@ pub fn at(rows: &[[f64; 3]], t: f64, column: usize) -> f64 {
     a[column] + (t - a[0]) / (b[0] - a[0]) * (b[column] - a[column])
 }
 
-/// When the potential first rises through a level, and when it last falls through one.
+/// Time at which the potential first rises through a level.
 fn rises(rows: &[[f64; 3]], level: f64) -> f64 {
     let i = rows
         .windows(2)
@@ -83,26 +83,28 @@ fn apd90(rows: &[[f64; 3]]) -> f64 {
     falls(rows, peak - 0.9 * (peak - resting)) - rises(rows, -40.0)
 }
 
-/// How far the cell is from the reference.
+/// Differences between the cell and the reference.
 #[derive(Debug, Clone, Copy)]
 pub struct Difference {
-    /// Largest, mV, until 1 ms before the upstroke and from 2 ms after it.
+    /// Largest difference of the potential until 1 ms before the upstroke and from 2 ms after it
+    /// \[mV\].
     pub away_mv: f64,
-    /// Largest, mV, from 1 to 2 ms after the upstroke, where the action potential peaks.
+    /// Largest difference of the potential from 1 to 2 ms after the upstroke, where the action
+    /// potential peaks \[mV\].
     pub peak_mv: f64,
-    /// Of the upstroke, ms.
+    /// Difference of the upstroke's time \[ms\].
     pub upstroke_ms: f64,
-    /// Duration at 90 % repolarisation of the reference, ms.
+    /// Duration at 90 % repolarisation in the reference \[ms\].
     pub apd90_ms: f64,
-    /// Of that duration, ms.
+    /// Difference of this duration \[ms\].
     pub apd90_off_ms: f64,
-    /// Of the potential before the stimulus, mV.
+    /// Difference of the potential before the stimulus \[mV\].
     pub rest_mv: f64,
-    /// Largest of intracellular calcium, over the reference's largest.
+    /// Largest difference of intracellular calcium, relative to the reference's maximum.
     pub calcium: f64,
 }
 
-/// Compares the last of `n_beats`.
+/// Compares the last of `n_beats` with the reference.
 pub fn compare(name: &str, cycle_ms: f64, n_beats: usize, step_ms: f64) -> Difference {
     let (expected, found) = (reference(name), simulated(cycle_ms, n_beats, step_ms));
     assert!(expected.len() > 600, "{name}: {} rows", expected.len());

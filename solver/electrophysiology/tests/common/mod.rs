@@ -4,7 +4,8 @@ use cardiotwin_linalg::vec3::{Vec3, any_perpendicular, cross, unit};
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::tet_mesh::Frame;
 
-/// A block with a corner in the origin, in cells of six tetrahedra around a diagonal, all of tag 1.
+/// A block with a corner at the origin, in cells of six tetrahedra around a diagonal, all with tag
+/// 1.
 pub fn block(n: [usize; 3], lengths_mm: [f64; 3], fibre: Vec3) -> TetMesh {
     let id = |i: [usize; 3]| (i[0] + (n[0] + 1) * (i[1] + (n[1] + 1) * i[2])) as u32;
     let mut mesh = TetMesh::default();

@@ -1,10 +1,11 @@
-//! Nodes in groups, each of which becomes a node of the next coarser level.
+//! Aggregation of nodes. Each aggregate becomes a node of the next coarser level.
 
 use crate::Pattern;
 
-/// The group of each row of `pattern`, and the number of groups: a root with all its neighbours where none of them is
-/// taken, then what is left over with the neighbouring group that it shares most with. Columns without a row, ghosts, are left
-/// out: groups end at the border of a rank.
+/// Group of each row of `pattern`, and the number of groups. A node without grouped neighbours
+/// becomes a root and forms a group with all its neighbours; remaining nodes join the group that
+/// contains most of their neighbours. Columns without a row (ghosts) are left out, so
+/// that groups end at the border of a rank.
 ///
 /// Source: Vaněk, Mandel and Brezina 1996, Computing 56:179, algorithm 5.1.
 pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
@@ -27,7 +28,7 @@ pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
     }
     let of_roots = group.clone();
     for node in (0..n).filter(|node| of_roots[*node] == FREE) {
-        // Neighbours' groups with the number of neighbours in each; the first of the largest wins.
+        // Neighbouring groups with their numbers of neighbours; the first of the largest is taken.
         let mut counts: Vec<(u32, u32)> = vec![];
         for other in around(node) {
             let of = of_roots[other];
@@ -45,7 +46,7 @@ pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
             });
         group[node] = match most {
             Some((g, _)) => g,
-            // Without a neighbour in a group: a part of the mesh of its own.
+            // No neighbour is in a group: a disconnected part of the mesh.
             None => {
                 n_groups += 1;
                 n_groups - 1

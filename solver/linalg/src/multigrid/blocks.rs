@@ -1,12 +1,13 @@
-//! Sparse matrices of small dense blocks in single precision: the matrices of the levels, and the prolongations between them.
+//! Sparse matrices of small dense blocks in single precision: the levels' matrices and the
+//! prolongations between levels.
 
 use crate::Pattern;
 use crate::prefetch;
 
-/// A dense block: `C` columns of `W` numbers, of which the last may be padding, zero.
+/// A dense block of `C` columns with `W` numbers each, the last of which may be zero padding.
 pub(super) type Block<const W: usize, const C: usize> = [[f32; W]; C];
 
-/// Blocks where `pattern` says. Columns are padded to what vector registers hold.
+/// Blocks on a pattern, with columns padded to the width of vector registers.
 #[derive(Debug, Clone)]
 pub(super) struct Blocks<const W: usize, const C: usize> {
     pub(super) pattern: Pattern,
@@ -14,7 +15,7 @@ pub(super) struct Blocks<const W: usize, const C: usize> {
 }
 
 impl<const W: usize, const C: usize> Blocks<W, C> {
-    /// Without rows.
+    /// A matrix without rows.
     pub(super) fn empty() -> Self {
         Self {
             pattern: Pattern {
@@ -25,7 +26,7 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         }
     }
 
-    /// Without rows, with room for so many and their blocks.
+    /// A matrix without rows, with capacity for `n_rows` rows and `n_blocks` blocks.
     pub(super) fn with_capacity(n_rows: usize, n_blocks: usize) -> Self {
         let mut row_start = Vec::with_capacity(n_rows + 1);
         row_start.push(0);
@@ -38,7 +39,7 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         }
     }
 
-    /// Gives room for more blocks back.
+    /// Releases unused capacity.
     pub(super) fn shrink(&mut self) {
         self.pattern.column.shrink_to_fit();
         self.blocks.shrink_to_fit();
@@ -113,7 +114,7 @@ impl<const W: usize, const C: usize> Row<W, C> {
         self.blocks.clear();
     }
 
-    /// The block of a column, a new one of zeros where there was none.
+    /// The block of a column, inserted as zeros if it does not exist.
     pub(super) fn at(&mut self, column: u32) -> &mut Block<W, C> {
         let k = match self.columns.iter().position(|c| *c == column) {
             Some(k) => k,
@@ -130,7 +131,7 @@ impl<const W: usize, const C: usize> Row<W, C> {
         self.columns.len()
     }
 
-    /// Columns with their blocks, in the order in which they came.
+    /// Columns with their blocks, in the order of insertion.
     pub(super) fn iter(&self) -> impl Iterator<Item = (u32, &Block<W, C>)> {
         self.columns.iter().copied().zip(&self.blocks)
     }
@@ -139,7 +140,7 @@ impl<const W: usize, const C: usize> Row<W, C> {
         &mut self.blocks
     }
 
-    /// Appends the row to `to`, columns ascending.
+    /// Appends the row to `to`, with ascending columns.
     pub(super) fn append_to(&self, to: &mut Blocks<W, C>) {
         let mut order: Vec<usize> = (0..self.columns.len()).collect();
         order.sort_unstable_by_key(|k| self.columns[*k]);
@@ -151,7 +152,8 @@ impl<const W: usize, const C: usize> Row<W, C> {
     }
 }
 
-/// Inverse of a symmetric positive definite block of `B` rows, in double precision; of its diagonal alone where it is not.
+/// Inverse of a symmetric positive definite block with `B` rows, computed in double precision. If
+/// the block is not positive definite, only its diagonal is inverted.
 pub(super) fn inverse<const W: usize, const B: usize>(block: &Block<W, B>) -> Block<W, B> {
     let matrix =
         nalgebra::SMatrix::<f64, B, B>::from_fn(|i, j| f64::from(block[j][i] + block[i][j]) * 0.5);

@@ -1,7 +1,8 @@
-//! From a level to the next coarser one: the smoothed prolongation, and the matrix between its columns.
+//! Construction of the next coarser level: the smoothed prolongation and the Galerkin matrix.
 //!
-//! Columns are numbers of groups over all ranks. Each rank makes the rows of its own nodes; of others it needs the prolongation of
-//! its ghosts, and what nodes of neighbours add to its groups.
+//! Columns are numbers of groups over all ranks. Each rank computes the rows of its own nodes. From
+//! other ranks it needs the prolongation of its ghosts, and the contributions of their nodes to its
+//! groups.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +10,9 @@ use super::blocks::{Block, Blocks, Row, add_times, add_transposed_times};
 use super::halo::{Halo, owner_of};
 use crate::parallel::Communicator;
 
-/// `(I − ω D⁻¹ A) T`, with `T` the groups' rigid motions: rows of own nodes.
+/// `(I − ω D⁻¹ A) T`, where `T` holds the rigid motions of the groups: rows of own nodes.
 ///
-/// - `group`, `tentative`: of all nodes held
+/// - `group`, `tentative`: for all nodes held
 pub(super) fn smoothed<const W: usize, const B: usize>(
     matrix: &Blocks<W, B>,
     inverses: &[Block<W, B>],
@@ -48,13 +49,13 @@ pub(super) fn smoothed<const W: usize, const B: usize>(
     out
 }
 
-/// A block's column and numbers, as they travel.
+/// Appends a block's column and values to a message.
 fn pack<const W: usize>(column: u32, block: &Block<W, 6>, to: &mut Vec<f64>) {
     to.push(f64::from(column));
     to.extend(block.as_flattened().iter().map(|x| f64::from(*x)));
 }
 
-/// The block at the beginning of what travelled, and what follows it.
+/// Block at the beginning of a message, and the rest of the message.
 fn unpack<const W: usize>(from: &[f64]) -> (u32, Block<W, 6>, &[f64]) {
     let (own, rest) = from.split_at(1 + 6 * W);
     let mut block = [[0.0; W]; 6];
@@ -66,7 +67,7 @@ fn unpack<const W: usize>(from: &[f64]) -> (u32, Block<W, 6>, &[f64]) {
     (own[0] as u32, block, rest)
 }
 
-/// Rows of ghosts, in their order. Collective.
+/// Rows of the ghosts, in the order of the ghosts. Collective.
 fn of_ghosts<const W: usize>(
     comm: &dyn Communicator,
     halo: &Halo,
@@ -85,7 +86,7 @@ fn of_ghosts<const W: usize>(
         })
         .collect();
     let mut out = Blocks::empty();
-    // Ghosts follow the own nodes in the order of their owners.
+    // Ghosts follow the own nodes, in the order of their owners.
     for list in halo.exchange(comm, &lists) {
         let mut rest = &list[..];
         while let Some((n, blocks)) = rest.split_first() {
@@ -104,10 +105,10 @@ fn of_ghosts<const W: usize>(
 
 /// `Pᵀ A P`: rows of own groups. Collective.
 ///
-/// A row of `A P` lives no longer than what it adds to the groups that its node reaches: the whole product is several times as
-/// large as the result.
+/// A row of `A P` is discarded as soon as it has been added to the groups that its node reaches,
+/// because the whole product is several times as large as the result.
 ///
-/// - `first`: first group of each rank
+/// - `first`: number of the first group of each rank
 pub(super) fn galerkin<const W: usize, const B: usize>(
     comm: &dyn Communicator,
     halo: &Halo,

@@ -1,20 +1,23 @@
-//! What the ranks of a level exchange: values of ghosts, contributions to nodes of others, lists of any length.
+//! Exchanges between the ranks of a level: values of ghosts, contributions to other ranks' nodes,
+//! and lists of any length.
 
 use crate::Pattern;
 use crate::parallel::{Communicator, Layout, Neighbour};
 
-/// The nodes of a level over ranks. Each rank holds its own first, then ghosts, ascending by their numbers over all ranks, which
-/// run through the nodes of rank 0, then those of rank 1, and so on.
+/// Distribution of a level's nodes over the ranks. Each rank holds its own nodes first and then
+/// ghosts, in ascending order of their global numbers. Global numbers run through the nodes of rank
+/// 0, then those of rank 1, and so on.
 #[derive(Debug)]
 pub(super) struct Halo {
     pub(super) n_owned: usize,
     pub(super) n_local: usize,
-    /// Other ranks, ascending.
+    /// Numbers of the neighbouring ranks, ascending.
     ranks: Vec<usize>,
-    /// Own nodes that others hold, neighbour by neighbour, and ghosts likewise.
+    /// Own nodes that neighbours hold, grouped by neighbour, and ghosts in the same grouping.
     send: Vec<u32>,
     receive: Vec<u32>,
-    /// Exchanges within a buffer of the former, then the latter.
+    /// Exchanges within a buffer that holds `send` first and then `receive`, and in the opposite
+    /// direction.
     forth: Layout,
     back: Layout,
 }
@@ -64,7 +67,7 @@ impl Halo {
         self.ranks.is_empty()
     }
 
-    /// The neighbours' numbers.
+    /// Numbers of the neighbouring ranks.
     pub(super) fn neighbours(&self) -> &[usize] {
         &self.ranks
     }
@@ -79,7 +82,7 @@ impl Halo {
         })
     }
 
-    /// Ghosts become what their owners have: the first `width` of each node's numbers. Collective.
+    /// Copies the first `width` numbers of each node from the owners to the ghosts. Collective.
     pub(super) fn update<const W: usize>(
         &self,
         comm: &dyn Communicator,
@@ -100,7 +103,7 @@ impl Halo {
         }
     }
 
-    /// The same of numbers in double precision, `width` a node. Collective.
+    /// The same for numbers in double precision, `width` per node. Collective.
     pub(super) fn update_double(&self, comm: &dyn Communicator, width: usize, values: &mut [f64]) {
         if self.is_alone() {
             return;
@@ -113,7 +116,7 @@ impl Halo {
         }
     }
 
-    /// Adds what ghosts have to their owners' values, neighbour by neighbour. Collective.
+    /// Adds the ghosts' values to those of their owners, one neighbour after the other. Collective.
     pub(super) fn add_back<const W: usize>(
         &self,
         comm: &dyn Communicator,
@@ -138,7 +141,7 @@ impl Halo {
         }
     }
 
-    /// The buffer with values of `nodes` from place `first` on.
+    /// Buffer with the values of `nodes` from position `first` on.
     fn packed(
         &self,
         width: usize,
@@ -158,7 +161,7 @@ impl Halo {
         buffer
     }
 
-    /// Lists for the neighbours against theirs for this rank. Collective.
+    /// Sends a list to each neighbour and returns the lists received from them. Collective.
     pub(super) fn exchange(&self, comm: &dyn Communicator, lists: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.is_alone() {
             return vec![];
@@ -191,7 +194,8 @@ impl Halo {
     }
 }
 
-/// Exchanges within a buffer of all that is sent, then all that arrives, for numbers of both with each rank.
+/// Layout of exchanges within a buffer that holds everything sent first and then everything
+/// received, for the sizes of both with each rank.
 fn within_buffer(ranks: &[usize], sizes: &[[usize; 2]]) -> Layout {
     let sent: usize = sizes.iter().map(|[send, _]| send).sum();
     let all = sent + sizes.iter().map(|[_, receive]| receive).sum::<usize>();
@@ -219,7 +223,7 @@ fn within_buffer(ranks: &[usize], sizes: &[[usize; 2]]) -> Layout {
     }
 }
 
-/// How many nodes each rank owns, as the first number of each and of what follows the last. Collective.
+/// Number of the first node of each rank, followed by the number of all nodes. Collective.
 pub(super) fn first_numbers(comm: &dyn Communicator, n_owned: usize) -> Vec<u32> {
     let mut counts = vec![0.0; comm.n_ranks()];
     counts[comm.rank()] = n_owned as f64;
@@ -231,14 +235,14 @@ pub(super) fn first_numbers(comm: &dyn Communicator, n_owned: usize) -> Vec<u32>
     first
 }
 
-/// The rank of a node's number over all ranks.
+/// Owner of a node, by its global number.
 pub(super) fn owner_of(first: &[u32], node: u32) -> usize {
     first.partition_point(|f| *f <= node) - 1
 }
 
-/// The nodes of a matrix with own rows, whose columns are numbers over all ranks and whose pattern is symmetric over all ranks:
-/// the columns become places on this rank, and the ghosts' numbers are returned. What others need of this rank follows from the
-/// symmetry.
+/// Replaces the global column numbers of a matrix with own rows by local positions. Returns the
+/// layout and the global numbers of the ghosts. The pattern must be symmetric over all ranks,
+/// because the nodes to send to other ranks follow from the symmetry.
 pub(super) fn localised(pattern: &mut Pattern, first: &[u32], rank: usize) -> (Layout, Vec<u32>) {
     let (begin, end) = (first[rank], first[rank + 1]);
     let is_own = |c: u32| (begin..end).contains(&c);
@@ -281,7 +285,7 @@ pub(super) fn localised(pattern: &mut Pattern, first: &[u32], rank: usize) -> (L
     (layout, ghosts)
 }
 
-/// Where a rank, whose own nodes begin at number `begin`, holds a number.
+/// Local position of a global number, on a rank whose own nodes begin at number `begin`.
 pub(super) fn place_of(begin: u32, n_owned: usize, ghosts: &[u32], number: u32) -> u32 {
     match number.checked_sub(begin) {
         Some(own) if (own as usize) < n_owned => own,

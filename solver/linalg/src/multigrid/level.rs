@@ -1,4 +1,5 @@
-//! One level: its matrix, its smoother, and the way to the next coarser one.
+//! A level of the hierarchy, with its matrix, its smoother, and the transfer to the next coarser
+//! level.
 
 use faer::linalg::solvers::{Llt, Solve as _};
 use pulp::{Arch, Simd, WithSimd};
@@ -9,53 +10,56 @@ use super::coarsen::{galerkin, smoothed};
 use super::halo::{Halo, first_numbers, localised, place_of};
 use crate::parallel::{Communicator, Layout, Neighbour};
 
-/// Unknowns at which a level is solved directly.
+/// Number of unknowns below which a level is solved directly.
 const DIRECT: usize = 1500;
-/// Matrix products of a smoothing.
+/// Number of matrix products in a smoothing step.
 const DEGREE: usize = 2;
-/// The smoother damps eigenvalues down to this share of the largest.
+/// Share of the largest eigenvalue down to which the smoother damps.
 const SMOOTHED_SHARE: f32 = 0.1;
-/// Products with which the largest eigenvalue is estimated.
+/// Number of products for the estimate of the largest eigenvalue.
 const POWER_STEPS: usize = 15;
 
-/// A matrix of `B` by `B` blocks with Chebyshev's iteration on Jacobi's as smoother, and the prolongation from the next
-/// level, which has six unknowns a node: a rigid motion. `W` is `B` with padding. A rank holds rows of its own nodes.
+/// A matrix of `B` by `B` blocks, a Chebyshev–Jacobi smoother, and the prolongation from the next
+/// level, which has six unknowns per node (a rigid motion). `W` is `B` with padding. A rank holds
+/// the rows of its own nodes.
 #[derive(Debug)]
 pub(super) struct Level<const W: usize, const B: usize> {
     halo: Halo,
     matrix: Blocks<W, B>,
     inverses: Vec<Block<W, B>>,
-    /// Largest eigenvalue of the matrix with Jacobi's preconditioner.
+    /// Largest eigenvalue of the Jacobi-preconditioned matrix.
     largest: f32,
     prolongation: Blocks<W, 6>,
-    /// Of the nodes of the next level.
+    /// Distribution of the next level's nodes.
     below: Halo,
     arch: Arch,
 }
 
-/// What lies below a level.
+/// The coarser part of the hierarchy below a level.
 #[derive(Debug)]
 pub(super) enum Coarse {
-    /// Another level, and what lies below it.
+    /// A further level, and the hierarchy below it.
     Level(Box<(Level<8, 6>, Coarse)>),
-    /// A factorisation of the rows of all ranks, on each.
+    /// A factorisation of all ranks' rows, on each rank.
     Direct(Box<Factor>),
-    /// Nothing: a matrix without a factorisation, which the smoother above has to do without.
+    /// No coarser level, because the matrix has no factorisation; only the smoother of the level
+    /// above acts.
     Nothing,
 }
 
-/// A factorised matrix of all ranks.
+/// Factorisation of a matrix of all ranks.
 #[derive(Debug)]
 pub(super) struct Factor {
     factor: Llt<f64>,
-    /// Every rank's rows, for every other rank.
+    /// Exchange of every rank's rows with all other ranks.
     all: Halo,
-    /// Numbers over all ranks of the nodes that this rank holds, own ones first.
+    /// Global numbers of the nodes that this rank holds, own ones first.
     numbers: Vec<u32>,
     n_owned: usize,
 }
 
-/// The rigid motions of a node about a centre: its place, the centre, 1/mm for rotations.
+/// Rigid motions of a node about a centre. Arguments: position of the node, centre, and inverse
+/// length scale of rotations \[1/mm\].
 pub(super) type Rigid<'a, const W: usize> = dyn Fn(&[f64; 3], &[f64; 3], f64) -> Block<W, 6> + 'a;
 
 struct Product<'a, const W: usize, const C: usize, const V: usize>(
@@ -84,7 +88,8 @@ impl<const W: usize> WithSimd for Restriction<'_, W> {
 }
 
 impl<const W: usize, const B: usize> Level<W, B> {
-    /// The level of a matrix whose nodes, ghosts included, are at `places`, and all below. Collective.
+    /// Builds the level of a matrix whose nodes, including ghosts, are at `places`, and all levels
+    /// below. Collective.
     pub(super) fn new(
         comm: &dyn Communicator,
         layout: &Layout,
@@ -156,7 +161,8 @@ impl<const W: usize, const B: usize> Level<W, B> {
                 let mut places = centres;
                 places.resize(below.n_local, [0.0; 3]);
                 below.update_double(comm, 3, places.as_flattened_mut());
-                // A coarse node's unknowns are a translation and a rotation in units of its own level.
+                // Unknowns of a coarse node are a translation and a rotation, in units of its own
+                // level.
                 let of_node = move |place: &[f64; 3], centre: &[f64; 3], next_per_mm: f64| {
                     let [x, y, z]: [f32; 3] =
                         std::array::from_fn(|i| ((place[i] - centre[i]) * next_per_mm) as f32);
@@ -193,7 +199,8 @@ impl<const W: usize, const B: usize> Level<W, B> {
         self.inverses.len()
     }
 
-    /// One V-cycle from zero, for own nodes; what ghosts hold of the result is of no use. Collective.
+    /// One V-cycle from zero for own nodes; the values of ghosts in the result are undefined.
+    /// Collective.
     pub(super) fn cycle(
         &self,
         comm: &dyn Communicator,
@@ -219,7 +226,8 @@ impl<const W: usize, const B: usize> Level<W, B> {
         x
     }
 
-    /// Chebyshev's iteration; `residual` is that of `x`, before, and after where it `is_wanted`. Collective.
+    /// Chebyshev iteration. `residual` is the residual of `x` on entry, and also on return if it
+    /// `is_wanted`. Collective.
     ///
     /// Source: Saad 2003, Iterative Methods for Sparse Linear Systems, algorithm 12.1.
     fn smooth(
@@ -277,7 +285,7 @@ impl Coarse {
         }
     }
 
-    /// Of the right-hand side of own nodes the solution at all that are held. Collective.
+    /// Solution at all held nodes, for a right-hand side on own nodes. Collective.
     fn solve(&self, comm: &dyn Communicator, halo: &Halo, right: &[[f32; 8]]) -> Vec<[f32; 8]> {
         match self {
             Self::Level(level) => {
@@ -313,7 +321,7 @@ impl Factor {
     }
 }
 
-/// Power iteration from a fixed rough vector. Collective.
+/// Power iteration from a fixed irregular vector. Collective.
 fn largest_eigenvalue<const W: usize, const B: usize>(
     comm: &dyn Communicator,
     halo: &Halo,
@@ -359,7 +367,8 @@ fn largest_eigenvalue<const W: usize, const B: usize>(
     (size as f32).max(f32::MIN_POSITIVE)
 }
 
-/// Mean place of each group's nodes, and one over the mean radius of the groups of all ranks. Collective.
+/// Mean position of each group's nodes, and the inverse of the mean radius of all groups.
+/// Collective.
 fn centres(
     comm: &dyn Communicator,
     places: &[[f64; 3]],
@@ -390,8 +399,9 @@ fn centres(
     (centres, if radius > 0.0 { 1.0 / radius } else { 1.0 })
 }
 
-/// A dense factorisation of the rows of all ranks, on each of them; `None` where there is none. A hundred-thousandth of the
-/// diagonal is added, which holds rotations that a small group cannot make. Collective.
+/// Dense factorisation of all ranks' rows, on each rank; `None` if the matrix is not positive
+/// definite. A hundred-thousandth of the diagonal is added, because small groups do not determine
+/// all rotations. Collective.
 fn factorised(
     comm: &dyn Communicator,
     matrix: &Blocks<8, 6>,
@@ -416,7 +426,7 @@ fn factorised(
         n_local: n as usize,
         neighbours,
     });
-    // Row, column, block; one after the other.
+    // Row, column and values of each block, one block after the other.
     let mut entries = vec![];
     for (row, number) in own.iter().enumerate() {
         for slot in matrix.pattern.row(row) {

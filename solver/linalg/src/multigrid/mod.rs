@@ -1,12 +1,14 @@
-//! Algebraic multigrid for elasticity: smoothed aggregation with rigid motions.
+//! Algebraic multigrid for elasticity, by smoothed aggregation with rigid motions.
 //!
-//! A preconditioner for static problems, where what one node feels reaches through the whole body and Jacobi's method
-//! takes thousands of iterations. It is made of the stiffness `K` alone, without the product `G D Gᵀ` of a
-//! [`crate::CondensedMatrix`]: with a share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
-//! gradients on the whole tangent bridge, and has the narrow stencil that aggregation needs.
+//! This preconditioner is for static problems, in which the effect of one node extends through the
+//! whole body and a Jacobi preconditioner takes thousands of iterations. It is built from the
+//! stiffness `K` alone, without the product `G D Gᵀ` of a [`crate::CondensedMatrix`]. If a share of
+//! the bulk modulus is pointwise, `K` and the whole tangent are spectrally equivalent within a
+//! factor of the inverse of that share, which the conjugate gradients on the whole tangent can
+//! handle; and `K` has the narrow stencil that aggregation needs.
 //!
-//! Every level is spread over the ranks like the first; groups of nodes end at the border of a rank. The coarsest is factorised on
-//! each of them.
+//! Every level is distributed over the ranks like the first one, and groups of nodes end at the
+//! border of a rank. The coarsest level is factorised on each rank.
 //!
 //! Source: Vaněk, Mandel and Brezina 1996, Computing 56:179.
 
@@ -21,7 +23,7 @@ use self::level::{Coarse, Level};
 use crate::parallel::VectorLayout;
 use crate::{Pattern, Preconditioner};
 
-/// One V-cycle on a stiffness, as it was when this was made.
+/// A V-cycle for a stiffness; later changes of the stiffness have no effect.
 #[derive(Debug)]
 pub struct Multigrid {
     fine: Level<4, 3>,
@@ -31,8 +33,8 @@ pub struct Multigrid {
 impl Multigrid {
     /// Builds the levels. Collective.
     ///
-    /// - `pattern`, `block`: the stiffness, with the 3×3 block of each entry, row-major
-    /// - `points`: where the nodes are now, ghosts included, three numbers each
+    /// - `pattern`, `block`: the stiffness, with the 3×3 block of each entry as an array of rows
+    /// - `points`: current positions of the nodes, including ghosts, three numbers each
     #[must_use]
     pub fn new(
         space: VectorLayout<'_>,
@@ -71,7 +73,8 @@ impl Multigrid {
         Self { fine, coarse }
     }
 
-    /// Rows of the levels, finest first: this rank's, of the factorised one all.
+    /// Number of rows of each level, finest first: those of this rank, or all of them for the
+    /// factorised level.
     #[must_use]
     pub fn sizes(&self) -> Vec<usize> {
         let mut sizes = vec![3 * self.fine.n()];
@@ -83,7 +86,7 @@ impl Multigrid {
 impl Preconditioner for Multigrid {
     fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
         let n = 3 * self.fine.n();
-        // Scaled to one, so that nothing is too small for single precision.
+        // Scaled to a maximum of one, so that no value is too small for single precision.
         let mut largest = [r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()))];
         space.comm.max(&mut largest);
         let scale = if largest[0] > 0.0 {

@@ -1,20 +1,21 @@
-//! What went wrong on one rank, told to all.
+//! Agreement of all ranks on an error of one of them.
 
 use super::Communicator;
 
 /// An error of this rank or of another one.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Disagreement<E> {
-    /// This rank's own, where it is the first that failed.
+    /// Error of this rank, which is the lowest rank with an error.
     Here(E),
-    /// Another rank's, with its number.
+    /// Text of another rank's error, with the number of the rank.
     Elsewhere(String),
 }
 
-/// A result that is good on all ranks or on none: of several errors all ranks get that of the lowest. Collective.
+/// Returns a success on all ranks or on none. If several ranks have errors, all ranks get that of
+/// the lowest one. Collective.
 ///
 /// # Errors
-/// [`Disagreement`] on all ranks where one has an error.
+/// [`Disagreement`] on all ranks if one of them has an error.
 pub fn agree<T, E: std::error::Error>(
     comm: &dyn Communicator,
     result: Result<T, E>,
@@ -39,7 +40,7 @@ pub fn agree<T, E: std::error::Error>(
         .map_or_else(Vec::new, |error| chain(error).into_bytes());
     let mut length = [words.len() as f64];
     comm.sum(&mut length);
-    // Of all ranks one has words.
+    // Only one rank contributes a text.
     let mut bytes: Vec<f64> = words.into_iter().map(f64::from).collect();
     bytes.resize(length[0] as usize, 0.0);
     comm.sum(&mut bytes);

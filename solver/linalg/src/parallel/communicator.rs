@@ -1,48 +1,51 @@
-//! The one interface of global operations, and its single-process implementation.
+//! Interface of global operations, and its implementation for a single process.
 
 use std::sync::Arc;
 
 use super::Layout;
 
-/// Global operations of a group of ranks. Each is collective: all ranks call it in the same order. Reductions give every
-/// rank the same bits. No operation returns on a rank of a group that another rank has left by a failure: it unwinds.
+/// Global operations of a group of ranks. Every operation is collective: all ranks call it in the
+/// same order. Reductions give the same bits on every rank. If a rank has failed and left the
+/// group, operations on the other ranks do not return but unwind.
 pub trait Communicator: std::fmt::Debug + Send + Sync {
-    /// This rank.
+    /// Number of this rank.
     fn rank(&self) -> usize;
 
     /// Number of ranks.
     fn n_ranks(&self) -> usize;
 
-    /// Replaces each value by its sum over ranks, in the order of ranks.
+    /// Replaces each value by its sum over ranks, computed in the order of ranks.
     fn sum(&self, values: &mut [f64]);
 
-    /// Replaces each value by its largest over ranks; NaN on any rank gives NaN.
+    /// Replaces each value by its maximum over ranks; NaN if it is NaN on any rank.
     fn max(&self, values: &mut [f64]);
 
     /// Replaces each value by that of rank 0.
     fn broadcast(&self, values: &mut [f64]);
 
-    /// As [`Self::broadcast`], of what rank 0 wants next: it may have work of its own before, such as writing files.
+    /// [`Self::broadcast`] of rank 0's next command. Before it, rank 0 may have work of its own,
+    /// such as writing files.
     fn command(&self, values: &mut [f64]) {
         self.broadcast(values);
     }
 
-    /// As [`Self::command`], between tasks: the other ranks wait for it as long as it takes.
+    /// [`Self::command`] between tasks, for which the other ranks wait without a limit.
     fn order(&self, values: &mut [f64]) {
         self.command(values);
     }
 
-    /// Copies owned values, `width` a node, to the ranks that hold them as ghosts.
+    /// Copies owned values, `width` per node, to the ranks that hold the nodes as ghosts.
     fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]);
 
-    /// Values of all ranks, one rank after another, on rank 0; `None` elsewhere.
+    /// Values of all ranks in the order of ranks, on rank 0; `None` on other ranks.
     fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>>;
 
-    /// What rank 0 has for this rank; `parts` holds, on rank 0, an entry for each rank, and is not looked at elsewhere.
+    /// Values that rank 0 sends to this rank. On rank 0, `parts` has one entry for each rank; on
+    /// other ranks it is ignored.
     fn scatter(&self, parts: Vec<Vec<f64>>) -> Vec<f64>;
 }
 
-/// A communicator that several have.
+/// A communicator with shared ownership.
 impl<C: Communicator + ?Sized> Communicator for Arc<C> {
     fn rank(&self) -> usize {
         (**self).rank()
@@ -85,7 +88,7 @@ impl<C: Communicator + ?Sized> Communicator for Arc<C> {
     }
 }
 
-/// One process that holds everything.
+/// The communicator of a single process, which is its only rank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SingleProcess;
 

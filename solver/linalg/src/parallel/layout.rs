@@ -1,27 +1,27 @@
-//! Which nodes a rank holds, and vectors over them.
+//! Nodes of a rank, and vectors over them.
 
 use super::Communicator;
 
-/// What a rank exchanges with another one.
+/// Exchanges of a rank with another one.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Neighbour {
-    /// The other rank.
+    /// Number of the other rank.
     pub rank: usize,
     /// Own nodes that the other rank holds as ghosts, in the order of its `receive`.
     pub send: Vec<u32>,
-    /// Ghosts here that the other rank owns.
+    /// Ghosts on this rank that the other rank owns.
     pub receive: Vec<u32>,
 }
 
-/// Nodes of a rank: owned ones first, then ghosts. A rank computes every element that touches an owned node, so that rows
-/// of owned nodes are complete without communication.
+/// Nodes of a rank: owned ones first, then ghosts. A rank computes every element that touches an
+/// owned node, so that rows of owned nodes are complete without communication.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Layout {
-    /// Nodes owned by this rank.
+    /// Number of nodes that this rank owns.
     pub n_owned: usize,
-    /// Nodes held, with ghosts.
+    /// Number of nodes that this rank holds, including ghosts.
     pub n_local: usize,
-    /// Exchanges, in ascending order of ranks.
+    /// Exchanges with other ranks, in ascending order of ranks.
     pub neighbours: Vec<Neighbour>,
 }
 
@@ -37,35 +37,35 @@ impl Layout {
     }
 }
 
-/// Vectors over the nodes of all ranks, three numbers a node, owned nodes first.
+/// Vectors over the nodes of all ranks, with three numbers per node and owned nodes first.
 #[derive(Debug, Clone, Copy)]
 pub struct VectorLayout<'a> {
-    /// Global operations.
+    /// Communicator of the ranks.
     pub comm: &'a dyn Communicator,
     /// Nodes of this rank.
     pub layout: &'a Layout,
 }
 
 impl VectorLayout<'_> {
-    /// Numbers in a vector, with ghosts.
+    /// Length of a vector, including ghosts.
     #[must_use]
     pub fn len(&self) -> usize {
         3 * self.layout.n_local
     }
 
-    /// Whether this rank holds no node.
+    /// Whether this rank holds no nodes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.layout.n_local == 0
     }
 
-    /// Numbers of owned nodes.
+    /// Length of the owned part of a vector.
     #[must_use]
     pub fn n_owned(&self) -> usize {
         3 * self.layout.n_owned
     }
 
-    /// Scalar product over all ranks; collective.
+    /// Scalar product over all ranks. Collective.
     #[must_use]
     pub fn dot(&self, a: &[f64], b: &[f64]) -> f64 {
         let n = self.n_owned();
@@ -74,7 +74,7 @@ impl VectorLayout<'_> {
         sum[0]
     }
 
-    /// Several scalar products over all ranks, in one reduction; collective.
+    /// Several scalar products over all ranks in one reduction. Collective.
     #[must_use]
     pub fn dots<const N: usize>(&self, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
         let n = self.n_owned();
@@ -83,19 +83,19 @@ impl VectorLayout<'_> {
         sums
     }
 
-    /// Euclidean norm over all ranks; collective.
+    /// Euclidean norm over all ranks. Collective.
     #[must_use]
     pub fn norm(&self, a: &[f64]) -> f64 {
         self.dot(a, a).sqrt()
     }
 
-    /// Brings ghosts up to date with their owners; collective.
+    /// Updates ghosts with their owners' values. Collective.
     pub fn update(&self, values: &mut [f64]) {
         self.comm.update_ghosts(self.layout, 3, values);
     }
 }
 
-/// Scalar product with eight running sums: a fixed order that vectorises.
+/// Scalar product with eight partial sums, whose fixed order of summation can be vectorised.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
     let (b8, b_rest) = b.as_chunks::<8>();

@@ -1,28 +1,28 @@
-//! Lists of numbers in one message.
+//! Messages that contain several lists of numbers.
 
-/// A message under way: lists one after the other, each behind its length.
+/// A message under construction: lists one after the other, each preceded by its length.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MessageWriter {
-    /// What is sent.
+    /// Content of the message.
     pub numbers: Vec<f64>,
 }
 
 impl MessageWriter {
-    /// Adds numbers.
+    /// Appends a list of numbers.
     pub fn numbers(&mut self, values: &[f64]) -> &mut Self {
         self.numbers.push(values.len() as f64);
         self.numbers.extend_from_slice(values);
         self
     }
 
-    /// Adds indices.
+    /// Appends a list of indices.
     pub fn indices(&mut self, values: &[u32]) -> &mut Self {
         self.numbers.push(values.len() as f64);
         self.numbers.extend(values.iter().map(|k| f64::from(*k)));
         self
     }
 
-    /// Adds flags.
+    /// Appends a list of flags.
     pub fn flags(&mut self, values: &[bool]) -> &mut Self {
         self.numbers.push(values.len() as f64);
         self.numbers
@@ -31,41 +31,41 @@ impl MessageWriter {
     }
 }
 
-/// A message that arrived: lists are taken in the order in which they were added.
+/// A received message, from which lists are read in the order in which they were appended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MessageReader<'a> {
     rest: &'a [f64],
 }
 
 impl<'a> MessageReader<'a> {
-    /// The lists of [`MessageWriter::numbers`].
+    /// Reader for the content of [`MessageWriter::numbers`].
     #[must_use]
     pub fn new(numbers: &'a [f64]) -> Self {
         Self { rest: numbers }
     }
 
-    /// The next list.
+    /// Reads the next list of numbers.
     ///
     /// # Panics
-    /// Where there is none.
+    /// If there is no further list.
     pub fn numbers(&mut self) -> &'a [f64] {
         let (list, rest) = self.rest[1..].split_at(self.rest[0] as usize);
         self.rest = rest;
         list
     }
 
-    /// The same of indices.
+    /// Reads the next list of indices.
     ///
     /// # Panics
-    /// Where there is none.
+    /// If there is no further list.
     pub fn indices(&mut self) -> Vec<u32> {
         self.numbers().iter().map(|k| *k as u32).collect()
     }
 
-    /// The same of flags.
+    /// Reads the next list of flags.
     ///
     /// # Panics
-    /// Where there is none.
+    /// If there is no further list.
     pub fn flags(&mut self) -> Vec<bool> {
         self.numbers().iter().map(|flag| *flag != 0.0).collect()
     }

@@ -1,5 +1,5 @@
-//! Everything that is global: sums, halos, gathers. Code above this module runs unchanged on one process, on threads or on
-//! MPI ranks; an implementation of [`Communicator`] is all that differs.
+//! Global operations: sums, halos, gathers. Code above this module is the same for one process,
+//! threads and MPI ranks, which differ only in their implementation of [`Communicator`].
 
 mod agreement;
 mod communicator;

@@ -1,27 +1,28 @@
-//! What one rank holds of a mesh.
+//! The part of a mesh on one rank.
 
 use super::{Layout, MessageReader, MessageWriter, Neighbour};
 
-/// Not among the nodes of a rank.
+/// Marks a node that this rank does not hold.
 const ELSEWHERE: u32 = u32::MAX;
 
-/// Nodes and elements of a rank, in an order that follows that of the whole mesh.
+/// Nodes and elements of a rank, in the order of the whole mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// Number in the whole mesh of each node held: owned ones ascending, then ghosts by owner, ascending.
+    /// Global number of each node held: owned nodes in ascending order, then ghosts by owner, in
+    /// ascending order.
     pub nodes: Vec<u32>,
-    /// Number in the whole mesh of each element computed, ascending: those with a node that this rank owns.
+    /// Global numbers of the elements to compute, ascending: those with an owned node.
     pub elements: Vec<u32>,
-    /// Whether this rank speaks for the element: it owns the lowest of its nodes.
+    /// Whether this rank counts the element, because it owns the lowest of its nodes.
     pub speaks_for: Vec<bool>,
-    /// Owned nodes, ghosts, exchanges.
+    /// Owned nodes, ghosts and exchanges.
     pub layout: Layout,
-    /// Ghosts by number in the whole mesh, ascending, with their places here.
+    /// Global numbers of the ghosts, ascending, with their local positions.
     ghosts: Vec<(u32, u32)>,
 }
 
 impl Part {
-    /// All of a mesh.
+    /// The whole mesh on one rank.
     #[must_use]
     pub fn whole(n_nodes: usize, n_elements: usize) -> Self {
         Self {
@@ -33,12 +34,12 @@ impl Part {
         }
     }
 
-    /// The part of `rank`, where `owners` names the rank of each node.
+    /// The part of `rank`, where `owners` gives the rank of each node.
     #[must_use]
     pub fn of(rank: usize, owners: &[u32], tets: &[[u32; 4]]) -> Self {
         let own = |node: u32| owners[node as usize] as usize == rank;
         let (mut elements, mut speaks_for, mut ghosts) = (vec![], vec![], vec![]);
-        // Owned nodes that other ranks hold: those that share an element with one of theirs.
+        // Owned nodes that other ranks hold, because they share an element with one of their nodes.
         let mut sent: Vec<(u32, u32)> = vec![];
         for (e, tet) in tets
             .iter()
@@ -96,7 +97,7 @@ impl Part {
         }
     }
 
-    /// Where this rank holds a node of the whole mesh.
+    /// Local position of a node by its global number; `None` if this rank does not hold it.
     #[must_use]
     pub fn local(&self, node: u32) -> Option<u32> {
         let ghost = |at: usize| self.ghosts[at].1;
@@ -108,7 +109,7 @@ impl Part {
         })
     }
 
-    /// Where this rank holds a node of the whole mesh that it owns.
+    /// Local position of an owned node by its global number; `None` if this rank does not own it.
     #[must_use]
     pub fn owned(&self, node: u32) -> Option<u32> {
         self.owned_nodes()
@@ -117,13 +118,13 @@ impl Part {
             .map(|place| place as u32)
     }
 
-    /// Numbers in the whole mesh of the owned nodes.
+    /// Global numbers of the owned nodes.
     #[must_use]
     pub fn owned_nodes(&self) -> &[u32] {
         &self.nodes[..self.layout.n_owned]
     }
 
-    /// Writes the part for a rank that has no mesh; [`Self::unpack`] reads it.
+    /// Writes the part for a rank without the mesh; [`Self::unpack`] reads it.
     pub fn pack(&self, to: &mut MessageWriter) {
         to.indices(&self.nodes)
             .indices(&self.elements)
@@ -136,10 +137,10 @@ impl Part {
         }
     }
 
-    /// Reads what [`Self::pack`] wrote.
+    /// Reads a part that [`Self::pack`] wrote.
     ///
     /// # Panics
-    /// Where it is something else.
+    /// If the message holds other content.
     #[must_use]
     pub fn unpack(from: &mut MessageReader<'_>) -> Self {
         let (nodes, elements, speaks_for) = (from.indices(), from.indices(), from.flags());
@@ -158,7 +159,7 @@ impl Part {
         Self::with(nodes, elements, speaks_for, layout)
     }
 
-    /// Values of the nodes held, from those of the whole mesh, `width` a node.
+    /// Values of the nodes held, from those of the whole mesh with `width` values per node.
     #[must_use]
     pub fn take<T: Copy>(&self, width: usize, values: &[T]) -> Vec<T> {
         self.nodes

@@ -1,4 +1,5 @@
-//! Nodes to ranks: a cut of the mesh's graph by METIS (Karypis and Kumar 1998, SIAM J Sci Comput 20:359).
+//! Assignment of nodes to ranks, by a partition of the mesh's graph with METIS (Karypis and Kumar
+//! 1998, SIAM J Sci Comput 20:359).
 
 use std::sync::Mutex;
 
@@ -7,35 +8,37 @@ use metis::{Graph, Idx};
 
 use crate::Pattern;
 
-/// Parts up to which METIS bisects again and again; it cuts more parts at once.
+/// Largest number of parts for which METIS uses recursive bisection; for more, it uses k-way
+/// partitioning.
 const MOST_BY_BISECTION: usize = 8;
 /// Seed of METIS's random numbers.
 const SEED: Idx = 1;
 
-/// METIS draws from the process's one random number generator: two cuts at a time would disturb each other.
+/// METIS draws from the process's only random number generator, so that concurrent partitions would
+/// disturb each other.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// Why a mesh was not cut.
+/// Reasons why a mesh cannot be partitioned.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PartitionError {
-    /// Ranks without nodes have nothing to do.
+    /// Some rank would have no nodes.
     #[error("{n_nodes} nodes for {n_ranks} ranks, rank {empty} would have none: use fewer ranks")]
     TooManyRanks {
-        /// Nodes of the mesh.
+        /// Number of nodes in the mesh.
         n_nodes: usize,
-        /// Ranks asked for.
+        /// Requested number of ranks.
         n_ranks: usize,
         /// A rank without nodes.
         empty: usize,
     },
-    /// METIS gave up.
+    /// METIS failed.
     #[error("METIS cannot cut {n_nodes} nodes into {n_ranks} parts: {reason}")]
     Metis {
-        /// Nodes of the mesh.
+        /// Number of nodes in the mesh.
         n_nodes: usize,
-        /// Ranks asked for.
+        /// Requested number of ranks.
         n_ranks: usize,
-        /// What METIS says.
+        /// Error of METIS.
         reason: String,
     },
 }
@@ -45,14 +48,16 @@ fn graph(n_nodes: usize, tets: &[[u32; 4]]) -> Pattern {
     Pattern::of_elements(n_nodes, tets.iter().map(|tet| (&tet[..], &tet[..])))
 }
 
-/// The rank that owns each node. A node weighs what its elements cost, so that ranks get equal work rather than equally many
-/// nodes; of cuts that do, one through few edges is taken. The same mesh gives the same cut.
+/// Owner of each node. A node has the weight of its elements' cost, so that ranks get equal work
+/// rather than equal numbers of nodes. Among such partitions, METIS looks for one that cuts few
+/// edges. The same mesh always gives the same partition.
 ///
-/// METIS holds the process's SIGTERM and SIGABRT while it works, a second for a million nodes, to leave on an error of its own:
-/// a SIGTERM in that time ends the cut with [`PartitionError::Metis`].
+/// METIS handles the process's SIGTERM and SIGABRT while it works (a second for a million nodes),
+/// in order to leave its own code after an error. A SIGTERM during that time ends the partition
+/// with [`PartitionError::Metis`].
 ///
 /// # Errors
-/// [`PartitionError`] for more ranks than there are nodes to give them, or when METIS gives up.
+/// [`PartitionError`] for more ranks than nodes, or if METIS fails.
 pub fn owners(
     n_nodes: usize,
     tets: &[[u32; 4]],
@@ -78,7 +83,7 @@ pub fn owners(
     let mut neighbours: Vec<Idx> = Vec::with_capacity(nodes.column.len());
     starts.push(0);
     for node in 0..n_nodes {
-        // Ours hold the node itself, METIS wants neighbours alone.
+        // Our pattern includes the node itself; METIS expects only its neighbours.
         neighbours.extend(
             nodes
                 .columns(node)
@@ -96,7 +101,7 @@ pub fn owners(
         .for_each(|node| work[*node as usize] += 1);
     let mut parts: Vec<Idx> = vec![0; n_nodes];
     {
-        // A cut that panicked leaves nothing behind that another one could trip over.
+        // A panic during a partition leaves no inconsistent state behind.
         let _alone = ONE_AT_A_TIME
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -126,19 +131,19 @@ pub fn owners(
     }
 }
 
-/// What a cut costs.
+/// Quality of a partition.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutFigures {
-    /// Elements of the rank that computes most over an equal share of all elements: what elements at the cut, which several
-    /// ranks compute, and unequal parts cost together.
+    /// Largest number of elements on a rank, relative to an equal share of all elements. It shows
+    /// the combined cost of elements at the cut, which several ranks compute, and of unequal parts.
     pub elements: f64,
-    /// The same of nodes, owned ones alone.
+    /// Largest number of owned nodes on a rank, relative to an equal share.
     pub nodes: f64,
-    /// Edges between nodes of different ranks, over all edges.
+    /// Number of edges between nodes of different ranks, relative to the number of all edges.
     pub cut_edges: f64,
 }
 
-/// Measures a cut.
+/// Computes the quality of a partition.
 #[must_use]
 pub fn figures(n_nodes: usize, tets: &[[u32; 4]], owners: &[u32], n_ranks: usize) -> CutFigures {
     let (mut elements, mut nodes) = (vec![0_usize; n_ranks], vec![0_usize; n_ranks]);

@@ -1,12 +1,13 @@
 //! Ranks as threads of one process.
 //!
-//! A reduction is one post of each rank on its own desk, which all others read: two sets of values take turns, so that a rank
-//! that is ahead overwrites nothing that another still reads. Halos pass through a letterbox for each pair of ranks. A rank
-//! that waits spins for some microseconds, then looks between offers of its core to whoever else would run, then sleeps: on a
-//! busy machine others need the core, and on an idle one to be woken takes longer than what most waits are for.
+//! In a reduction, each rank posts its values on its own desk, which all others read. Two sets of
+//! values alternate, so that a rank that is ahead does not overwrite values that another rank still
+//! reads. Halos pass through a letterbox for each pair of ranks. A waiting rank spins for some
+//! microseconds, then yields its core between polls, then sleeps. On a busy machine, other threads
+//! need the core; on an idle one, waking up takes longer than most waits.
 //!
-//! Nothing waits for ever: when a rank fails, leaves before its time, or lets another wait for longer than
-//! [`ThreadSettings::patience`], all ranks end with one [`RankFailure`].
+//! No rank waits for ever. When a rank fails, leaves early, or keeps another one waiting for longer
+//! than [`ThreadSettings::patience`], all ranks end with the same [`RankFailure`].
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -19,17 +20,17 @@ use core::time::Duration;
 
 use super::{Communicator, Layout};
 
-/// Values that one post holds; longer lists go in several.
+/// Number of values in a post; longer lists take several posts.
 const POST: usize = 16;
-/// How often a rank that waits looks before it offers its core to others.
+/// Number of polls before a waiting rank begins to yield its core.
 const SPINS: usize = 500;
-/// How often it does that before it sleeps.
+/// Number of polls with yields before a waiting rank sleeps.
 const YIELDS: usize = 500;
 
-/// Settings of a group.
+/// Settings of a group of threads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ThreadSettings {
-    /// A rank that waits for another one for longer ends the group.
+    /// Time after which a rank that waits for another one ends the group.
     pub patience: Duration,
 }
 
@@ -41,32 +42,32 @@ impl Default for ThreadSettings {
     }
 }
 
-/// Why a group ended: what the first rank that failed says.
+/// Reason why a group ended, from the first rank that failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("rank {rank} of {n_ranks}: {reason}")]
 pub struct RankFailure {
-    /// Which rank, from zero.
+    /// Number of the failed rank, from zero.
     pub rank: usize,
-    /// Ranks of the group.
+    /// Number of ranks in the group.
     pub n_ranks: usize,
-    /// Its reason.
+    /// Reason in words.
     pub reason: String,
 }
 
-/// What the ranks unwind with that did not fail themselves.
+/// Payload with which ranks unwind that did not fail themselves.
 struct Ended;
 
-/// Where a rank posts what it adds to a reduction.
+/// Place where a rank posts its contributions to reductions.
 #[derive(Debug, Default)]
 #[repr(align(128))]
 struct Desk {
-    /// Posts so far; only the desk's rank writes it.
+    /// Number of posts so far; only the desk's rank writes it.
     posts: AtomicU64,
     values: [[AtomicU64; POST]; 2],
     left: AtomicBool,
 }
 
-/// Letters from one rank to another.
+/// Buffers for messages from one rank to another.
 #[derive(Debug, Default)]
 #[repr(align(128))]
 struct Letterbox {
@@ -78,7 +79,7 @@ struct Letterbox {
 #[derive(Debug)]
 struct Group {
     desks: Vec<Desk>,
-    /// From `a` to `b` at `a · n + b`.
+    /// The letterbox from `a` to `b` is at `a · n + b`.
     letterboxes: Vec<Letterbox>,
     ended: AtomicBool,
     failure: Mutex<Option<RankFailure>>,
@@ -89,7 +90,7 @@ struct Group {
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What a rank that unwinds leaves behind is not read any more.
+    // Values that an unwinding rank leaves behind are never read.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -109,9 +110,10 @@ impl Group {
         }
     }
 
-    /// Wakes whoever sleeps, after something changed.
+    /// Wakes sleeping ranks after a change.
     fn ring(&self) {
-        // Sequentially consistent like the change itself: a sleeper that this does not see, sees the change.
+        // Sequentially consistent, like the change itself: a sleeper that this load misses will see
+        // the change.
         if self.sleepers.load(Ordering::SeqCst) > 0 {
             drop(locked(&self.bed));
             self.bell.notify_all();
@@ -123,7 +125,7 @@ impl Group {
         self.ring();
     }
 
-    /// Ends the group; the first failure counts.
+    /// Ends the group; only the first failure is kept.
     fn fail(&self, rank: usize, reason: String) {
         let n_ranks = self.desks.len();
         if !self.ended.load(Ordering::SeqCst) {
@@ -141,7 +143,7 @@ impl Group {
         self.ring();
     }
 
-    /// Runs `work`, and ends the group where it fails.
+    /// Runs `work` and ends the group if it panics.
     fn guard<T>(&self, rank: usize, work: impl FnOnce() -> T) -> Option<T> {
         let done = catch_unwind(AssertUnwindSafe(work));
         let out = match done {
@@ -172,7 +174,7 @@ pub struct ThreadRank {
 }
 
 impl ThreadRank {
-    /// Waits until `done`, which `other` brings about.
+    /// Waits until `done` is true, which requires an action of rank `other`.
     fn wait(&self, other: usize, patience: Option<Duration>, done: impl Fn() -> bool) {
         for _ in 0..SPINS {
             if done() {
@@ -228,10 +230,11 @@ impl ThreadRank {
         }
     }
 
-    /// Leaves a group that has ended; without the panic's hook, which had its say where the failure was one.
+    /// Leaves a group that has ended. It bypasses the panic hook, which has already run if the
+    /// failure was a panic.
     fn unwind(&self) -> ! {
         match locked(&self.group.failure).clone() {
-            // Whoever called rank 0 hears why.
+            // The caller of rank 0 gets the reason.
             Some(failure) if self.rank == 0 => resume_unwind(Box::new(failure.to_string())),
             _ => resume_unwind(Box::new(Ended)),
         }
@@ -242,7 +245,8 @@ impl ThreadRank {
         let group = &*self.group;
         let desk = &group.desks[self.rank];
         let number = desk.posts.load(Ordering::Relaxed) + 1;
-        // Who has posted the one before has read the one before that, whose place this takes.
+        // A rank that has made the previous post has read the one before it, whose place this post
+        // takes.
         for (rank, other) in group.desks.iter().enumerate() {
             self.wait(rank, Some(group.patience), || {
                 other.posts.load(Ordering::SeqCst) + 1 >= number
@@ -256,7 +260,7 @@ impl ThreadRank {
         number
     }
 
-    /// The post of another rank, once it is there.
+    /// Waits for the post of another rank and returns its values.
     fn read(&self, other: usize, number: u64, patience: Option<Duration>) -> &[AtomicU64; POST] {
         let desk = &self.group.desks[other];
         self.wait(other, patience, || {
@@ -390,18 +394,19 @@ impl Communicator for ThreadRank {
     }
 }
 
-/// The threads of the ranks from 1 on, which work beside the thread of rank 0.
+/// Threads of the ranks from 1 on; rank 0 uses the caller's thread.
 #[derive(Debug)]
 pub struct Crew {
     group: Arc<Group>,
     threads: Vec<JoinHandle<()>>,
 }
 
-/// Starts a thread for each rank from 1 on, which does what `work` gives for it; returns rank 0, for the calling thread, and the
-/// threads. When the crew is dropped, the group ends: ranks that wait for another unwind.
+/// Starts a thread for each rank from 1 on, which runs the `work` for this rank. Returns rank 0 for
+/// the calling thread, and the crew of threads. Dropping the crew ends the group, so that waiting
+/// ranks unwind.
 ///
 /// # Errors
-/// When the system gives no thread.
+/// If the system cannot start a thread.
 pub fn crew<W: FnOnce(ThreadRank) + Send + 'static>(
     n_ranks: usize,
     settings: ThreadSettings,
@@ -434,7 +439,7 @@ pub fn crew<W: FnOnce(ThreadRank) + Send + 'static>(
 }
 
 impl Crew {
-    /// Why the group ended, where a rank failed.
+    /// Failure that ended the group, if a rank failed.
     #[must_use]
     pub fn failure(&self) -> Option<RankFailure> {
         locked(&self.group.failure).clone()
@@ -460,20 +465,22 @@ impl Drop for Crew {
                 .unwrap_or_else(PoisonError::into_inner);
             bed = next;
             if waited.timed_out() {
-                // A rank that computes for ever: better a thread too many than a program that hangs.
+                // If a rank never stops computing, a leaked thread is better than a program that
+                // hangs.
                 return;
             }
         }
         group.sleepers.fetch_sub(1, Ordering::SeqCst);
         drop(bed);
         for thread in self.threads.drain(..) {
-            // It has caught what it panicked with.
+            // The thread has caught its own panic.
             let _ = thread.join();
         }
     }
 }
 
-/// Does `work` on every rank of a group, on the calling thread and on others; returns what the ranks return, in their order.
+/// Runs `work` on every rank of a group, one of them on the calling thread. Returns the results in
+/// the order of ranks.
 ///
 /// # Errors
 /// [`RankFailure`] of the first rank that panicked or waited too long.

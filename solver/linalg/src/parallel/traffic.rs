@@ -1,11 +1,11 @@
-//! How much a rank talks.
+//! Counters of a rank's communication.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{Communicator, Layout};
 
-/// What a rank sent.
+/// Number and size of the messages of a rank.
 #[derive(Debug, Default)]
 pub struct Traffic {
     halo_messages: AtomicU64,
@@ -14,7 +14,8 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// Messages with halos, bytes in them, and reductions and broadcasts that the rank took part in.
+    /// Number of halo messages, their total size in bytes, and the number of reductions and
+    /// broadcasts.
     #[must_use]
     pub fn counts(&self) -> [f64; 3] {
         [&self.halo_messages, &self.halo_bytes, &self.reductions]
@@ -26,7 +27,7 @@ impl Traffic {
     }
 }
 
-/// A communicator that is counted.
+/// A communicator with counters.
 #[derive(Debug)]
 pub struct Counted<C: ?Sized> {
     traffic: Arc<Traffic>,
@@ -34,7 +35,7 @@ pub struct Counted<C: ?Sized> {
 }
 
 impl<C: Communicator + ?Sized> Counted<C> {
-    /// Counts what passes through `inner`.
+    /// Counts the communication through `inner`.
     #[must_use]
     pub fn new(inner: Box<C>, traffic: Arc<Traffic>) -> Self {
         Self { traffic, inner }

@@ -1,19 +1,19 @@
-//! What can be wrong with a mesh: what was found, where, what was expected, and what to do.
+//! Defects of a mesh, with what was found and where, what was expected, and the remedy.
 
 use cardiotwin_units::Ml;
 
 use super::{DEGENERATE, EXTENT_MM, POOR_WARNING};
 use crate::vec3::Vec3;
 
-/// Places that a message names; a list for machines has all of them.
+/// Number of places that a message lists; machine-readable output lists all of them.
 const NAMED: usize = 5;
 
-/// Whether a mesh with the defect can be computed with.
+/// Whether computations with the defect are possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// It cannot.
+    /// No computation is possible.
     Error,
-    /// It can, at a price that the remedy names.
+    /// Computations are possible, at a cost that the remedy states.
     Warning,
 }
 
@@ -28,20 +28,20 @@ pub enum Item {
     Edge([u32; 2]),
     /// A triangle by its three nodes.
     Triangle([u32; 3]),
-    /// A piece of the mesh that hangs together, with so many elements.
+    /// A connected piece of the mesh, with its number of elements.
     Piece(usize),
-    /// An opening of a surface, with so many nodes around it.
+    /// An opening of a surface, with its number of nodes.
     Opening(usize),
-    /// A place without a number.
+    /// A position without a numbered part.
     Spot,
 }
 
-/// Where a defect is.
+/// Place of a defect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// At which part of the mesh.
+    /// Part of the mesh with the defect.
     pub item: Item,
-    /// Its middle \[mm\].
+    /// Centre of the part \[mm\].
     pub at_mm: Vec3,
 }
 
@@ -66,18 +66,18 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// How the triangles of a surface can fail to be one.
+/// Reasons why the triangles of a surface do not form a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tangle {
-    /// More than two triangles at an edge.
+    /// More than two triangles share an edge.
     Branched,
-    /// Two neighbours with normals to different sides.
+    /// Two neighbours have normals to different sides.
     Inconsistent,
-    /// A border that touches itself.
+    /// The border touches itself.
     Pinched,
 }
 
-/// Something that is wrong with a mesh; [`Defect::severity`] says how badly.
+/// A defect of a mesh; [`Defect::severity`] is its severity.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(
     missing_docs,
@@ -215,7 +215,7 @@ pub enum Defect {
 }
 
 impl Defect {
-    /// A name that stays, for machines.
+    /// Stable name of the defect, for machines.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -265,7 +265,7 @@ impl Defect {
         }
     }
 
-    /// Whether the mesh can be computed with all the same.
+    /// Whether computations with the defect are possible.
     #[must_use]
     pub fn severity(&self) -> Severity {
         match self {
@@ -277,7 +277,7 @@ impl Defect {
         }
     }
 
-    /// Every place, the worst first where one is worse than another.
+    /// All places, the worst first if the defect has a measure.
     #[must_use]
     pub fn places(&self) -> &[Place] {
         match self {
@@ -304,7 +304,7 @@ impl Defect {
         }
     }
 
-    /// Found what, without where.
+    /// Description of the finding without its places.
     fn subject(&self) -> String {
         let n = self.places().len();
         match self {
@@ -460,7 +460,7 @@ impl Defect {
         }
     }
 
-    /// What was found, with its places; the first ones where there are many.
+    /// Description of the finding with its places, limited to the first few.
     #[must_use]
     pub fn found(&self) -> String {
         let (subject, places) = (self.subject(), self.places());
@@ -475,7 +475,7 @@ impl Defect {
         format!("{subject}: {}{more}", named.join("; "))
     }
 
-    /// What was expected.
+    /// Description of the expected state.
     #[must_use]
     pub fn expected(&self) -> String {
         match self {
@@ -523,7 +523,7 @@ impl Defect {
         }
     }
 
-    /// What to do.
+    /// Description of the remedy.
     #[must_use]
     pub fn remedy(&self) -> String {
         const REPAIR: &str = "`cardiotwin mesh repair`";

@@ -1,5 +1,5 @@
-//! Checks of surfaces that a patient's file names beside the left ventricle's own: the right ventricle's inner wall, and surfaces
-//! with springs.
+//! Checks of the surfaces that a patient's file names in addition to those of the left ventricle:
+//! the right ventricle's inner wall, and surfaces with springs.
 
 use std::collections::BTreeSet;
 
@@ -49,7 +49,7 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>
     };
     let Ok(cavity) = Cavity::behind(&surface.triangles) else {
         return;
-    }; // told with the surface's tangles
+    }; // reported with the surface's tangles
     let rim: BTreeSet<u32> = mesh
         .surface(surface_names::RIM)
         .map(|s| s.nodes())

@@ -1,4 +1,5 @@
-//! Checks of surfaces: each a surface, of this mesh, with normals out of the tissue; an endocardium that is open at the rim.
+//! Checks of surfaces: triangles must form a surface on this mesh's boundary with normals out of
+//! the tissue, and the endocardium must be open at the rim.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -38,7 +39,7 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         surface_names::SEPTUM,
     ];
     let mut owner: BTreeMap<[u32; 3], &str> = BTreeMap::new();
-    // a file may carry other surfaces beside those that are known; they are not looked at
+    // A file may have further surfaces, which are not checked.
     let whole = |name: &str| known.contains(&name) || expected.surfaces.contains(&name);
     let right = |name: &str| expected.right_ventricle == Some(name);
     let meant = |name: &str| whole(name) || right(name) || expected.sprung.contains(&name);
@@ -54,7 +55,7 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
                 }
                 Some(_) => {}
             }
-            // springs may act on a part of another surface
+            // Springs may act on a part of another surface.
             if !(whole(&surface.name) || right(&surface.name)) {
                 continue;
             }
@@ -97,7 +98,8 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         }
         tangles(mesh, surface, right(&surface.name), found);
     }
-    // Where the endocardium is closed, no rim could border it, and that is told instead.
+    // A closed endocardium has no border at which a rim could lie, so that this defect is reported
+    // instead.
     let closed = endocardium(mesh, expected, found);
     let of_rim = |names: &Vec<String>| names[..] == [surface_names::RIM.to_owned()];
     found
@@ -106,9 +108,9 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         }));
 }
 
-/// Every edge and node where a surface is none.
+/// Finds all edges and nodes at which the triangles do not form a surface.
 ///
-/// - `right`: whether it is the right ventricle's endocardium
+/// - `right`: whether this is the right ventricle's endocardium
 fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defect>) {
     let mut uses: BTreeMap<[u32; 2], (usize, usize)> = BTreeMap::new();
     for (a, b) in surface.triangles.iter().flat_map(|t| edges(*t)) {
@@ -132,7 +134,8 @@ fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defec
         }
     }
     let whole = branched.is_empty() && against.is_empty();
-    // a rim may touch itself where it is one element wide, and walls where they meet it; the cavity's border may not
+    // A rim may touch itself where it is one element wide, and so may walls where they meet it. The
+    // border of the cavity may not.
     let wall = surface.name == surface_names::ENDOCARDIUM || right;
     let pinched: Vec<Place> = match whole && wall {
         true => ends
@@ -157,7 +160,7 @@ fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defec
     }
 }
 
-/// Openings of a cavity that the rim's nodes do not wholly border.
+/// Openings of a cavity whose nodes do not all belong to the rim.
 pub(super) fn openings_off_rim(mesh: &TetMesh, cavity: &Cavity, rim: &BTreeSet<u32>) -> Vec<Place> {
     let bare = cavity
         .openings
@@ -171,7 +174,7 @@ pub(super) fn openings_off_rim(mesh: &TetMesh, cavity: &Cavity, rim: &BTreeSet<u
     bare.map(place).collect()
 }
 
-/// Looks at openings and volume of the cavity; whether it is closed.
+/// Checks openings and volume of the cavity. Returns whether it is closed.
 fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> bool {
     let Some(endocardium) = mesh
         .surface(surface_names::ENDOCARDIUM)
@@ -212,7 +215,7 @@ fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> 
     cavity.openings.is_empty()
 }
 
-/// Whether two orderings of the same corners turn the same way.
+/// Whether two orderings of the same corners have the same orientation.
 pub(crate) fn same_turn(a: [u32; 3], b: [u32; 3]) -> bool {
     (0..3).any(|turn| std::array::from_fn(|i| a[(i + turn) % 3]) == b)
 }

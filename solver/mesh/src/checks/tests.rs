@@ -31,7 +31,7 @@ fn names(mesh: &TetMesh, expected: &Expected) -> Vec<&'static str> {
     told(mesh, expected).iter().map(Defect::name).collect()
 }
 
-/// The one defect.
+/// The single defect of a mesh.
 fn only(mesh: &TetMesh, expected: &Expected) -> Defect {
     let told = told(mesh, expected);
     assert_eq!(told.len(), 1, "{told:#?}");
@@ -89,7 +89,7 @@ fn flat_and_badly_shaped_elements_are_told_apart() {
         "{flat}"
     );
     assert_eq!(flat.severity(), Severity::Error);
-    // pressed to a twentieth of its height
+    // Flattened to a fiftieth of its height.
     mesh.nodes_mm[d as usize] = std::array::from_fn(|k| middle[k] + 0.02 * (old[k] - middle[k]));
     let poor = told(&mesh, &EXPECTED);
     let poor = poor
@@ -142,7 +142,7 @@ fn loose_nodes_loose_pieces_doubled_nodes_and_overlaps_are_listed() {
 
 #[test]
 fn edges_at_which_four_triangles_meet_are_all_listed() {
-    // two cubes of a block that share an edge alone
+    // Two cubes of a block that share only an edge.
     let block = crate::test_meshes::block([2, 2, 1], [20.0, 20.0, 10.0]);
     let mut mesh = block.clone();
     let keep = |e: &usize| {
@@ -274,7 +274,7 @@ fn open_turned_and_foreign_surfaces_are_told() {
 
 #[test]
 fn a_closed_endocardium_is_told_as_such() {
-    // a hollow cube: 3 × 3 × 3 cells without the middle one
+    // A hollow cube: 3 × 3 × 3 cells without the middle one.
     let mut mesh = crate::test_meshes::cube(3, 30.0);
     let inside = |x: [f64; 3]| x.iter().all(|c| (10.0..20.0).contains(c));
     let kept: Vec<_> = (0..mesh.n_tets())
@@ -366,7 +366,7 @@ fn both_ventricles() -> TetMesh {
     crate::files::carp::read(&stem, LengthUnit::Micrometre).unwrap()
 }
 
-/// Changes the right endocardium and the epicardium.
+/// A change of the right endocardium and the epicardium.
 type Change<'a> = dyn Fn(&mut Vec<[u32; 3]>, &mut Vec<[u32; 3]>) + 'a;
 
 const OF_BOTH: Expected = Expected {

@@ -1,13 +1,16 @@
-//! Activation times from the anisotropic eikonal equation, sqrt(∇t · V ∇t) = 1, with V the tensor of squared speeds.
+//! Activation times from the anisotropic eikonal equation, sqrt(∇t · V ∇t) = 1, with V the tensor
+//! of squared speeds.
 //!
-//! On each element the arrival at a corner is the least over the opposite face of arrival there plus travel time with
-//! the element's own speeds; linear fields, that is plane waves, are exact. Corners are visited in the order of their
-//! times, and once more where a later visit makes them earlier, until nothing changes: the result is the fixed point,
-//! whatever the numbering. On parts of a mesh each settles its own nodes up to a time, gets those of its
-//! neighbours, and goes on, until no part has news.
+//! The arrival time at a corner of an element is the minimum, over the opposite face, of the
+//! arrival time on the face plus the travel time with the element's own speeds. Linear fields, that
+//! is, plane waves, are exact. Corners are visited in the order of their times, and again if a
+//! later visit makes them earlier, until nothing changes. The result is the fixed point, whatever
+//! the numbering. In parallel, each part settles its own nodes up to a time, receives the times of
+//! its neighbours' nodes, and continues, until no part has changes.
 //!
-//! Sources: Fu, Kirby, Whitaker 2013, "Fast iterative method for the eikonal equation on tetrahedral domains", SIAM J. Sci.
-//! Comput. 35, C473, for the update; SPEC of the model in `docs/models.md`.
+//! Sources: Fu, Kirby, Whitaker 2013, "Fast iterative method for the eikonal equation on
+//! tetrahedral domains", SIAM J. Sci. Comput. 35, C473, for the update; the specification of the
+//! model in `docs/models.md`.
 
 mod update;
 
@@ -19,19 +22,19 @@ use cardiotwin_units::Ms;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Conduction speeds, mm/ms (= m/s).
+/// Conduction speeds \[mm/ms\] (= m/s).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Speeds {
     /// Along the fibre.
     pub fibre: f64,
-    /// Across, in the sheet.
+    /// Across the fibre, in the sheet.
     pub sheet: f64,
     /// Across the sheet.
     pub normal: f64,
 }
 
 impl Default for Speeds {
-    /// 0.6 along, 0.3 across: an assumption of ours.
+    /// 0.6 along the fibre, 0.3 across it. These values are our assumption.
     fn default() -> Self {
         Self {
             fibre: 0.6,
@@ -41,38 +44,40 @@ impl Default for Speeds {
     }
 }
 
-/// Speed of the endocardial sheet, mm/ms, with which a generated ventricle is activated in 40 to 60 ms from its three
-/// fascicles: an assumption of ours.
+/// Speed in the endocardial sheet \[mm/ms\]. With this speed, a generated ventricle is activated in
+/// 40 to 60 ms from its three fascicles. The value is our assumption.
 pub const ENDOCARDIAL_SPEED: f64 = 4.0;
 
-/// Where activation begins.
+/// Site at which activation begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Site {
-    /// Position; the nearest conducting node is taken at least.
+    /// Position. The nearest conducting node is always activated.
     pub at_mm: Vec3,
-    /// All conducting nodes so near are activated with the travel time from the site in its own tissue: an exact ball
-    /// around a point keeps its singularity out of the error.
+    /// Radius within which all conducting nodes are activated with the travel time from the site in
+    /// its own tissue. An exact ball around a point keeps the point's singularity out of the error.
     pub radius_mm: f64,
-    /// When.
+    /// Time of activation.
     pub time: Ms,
 }
 
-/// Tissue and sites.
+/// Conducting tissue and activation sites.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Conduction {
-    /// Speeds in the wall.
+    /// Conduction speeds in the wall.
     pub speeds: Speeds,
-    /// Speed in mm/ms along a thin conducting sheet on the endocardium, as fast as Purkinje fibres make it; none for no
-    /// such sheet. It has no thickness, so its effect does not depend on the mesh.
+    /// Conduction speed \[mm/ms\] in a thin sheet on the endocardium, which represents the Purkinje
+    /// fibres; `None` for no sheet. The sheet has no thickness, so that its effect does not depend
+    /// on the mesh.
     pub endocardial_speed: Option<f64>,
-    /// Tags of tissue that conducts.
+    /// Tags of conducting tissue.
     pub tags: Vec<i32>,
-    /// Where activation begins.
+    /// Sites at which activation begins.
     pub sites: Vec<Site>,
 }
 
 impl Conduction {
-    /// Sinus rhythm of a left ventricle: the speeds that are assumed, in the wall and along its endocardium.
+    /// Sinus rhythm of a left ventricle, with the assumed speeds in the wall and along the
+    /// endocardium.
     #[must_use]
     pub fn of_left_ventricle(sites: &[Site]) -> Self {
         Self {
@@ -84,65 +89,65 @@ impl Conduction {
     }
 }
 
-/// Why there are no activation times.
+/// Reasons why activation times cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EikonalError {
-    /// No site was given.
+    /// No activation site is given.
     #[error("eikonal: no activation site, expected at least one")]
     NoSite,
-    /// A speed that is not positive.
+    /// A speed is not positive.
     #[error("eikonal: the {which} speed is {found} mm/ms, expected a positive number")]
     Speed {
-        /// Which.
+        /// Name of the speed.
         which: &'static str,
-        /// Its value.
+        /// Value of the speed \[mm/ms\].
         found: f64,
     },
-    /// No element conducts.
+    /// No element has a conducting tag.
     #[error("eikonal: no element has one of the conducting tags {tags:?}")]
     NoTissue {
-        /// The tags.
+        /// The conducting tags.
         tags: Vec<i32>,
     },
-    /// A conducting element without a direction.
+    /// A conducting element has no fibre direction.
     #[error("eikonal: element {element} conducts, but has no fibre; make fibres first")]
     NoFibre {
-        /// Which element.
+        /// Index of the element.
         element: usize,
     },
-    /// A site that lies elsewhere.
+    /// A site is too far from conducting tissue.
     #[error(
         "eikonal: site {site} lies {away_mm:.1} mm from the next conducting node, expected at most {most_mm:.1} mm: check its unit"
     )]
     FarSite {
-        /// From zero.
+        /// Index of the site, from zero.
         site: usize,
-        /// How far.
+        /// Distance to the nearest conducting node \[mm\].
         away_mm: f64,
-        /// What is accepted.
+        /// Largest accepted distance \[mm\].
         most_mm: f64,
     },
-    /// Tissue that no wave reaches.
+    /// Some conducting nodes are not connected to a site.
     #[error(
         "eikonal: {n} conducting nodes are not reached, the first is node {node}; expected connected tissue"
     )]
     Unreached {
-        /// How many.
+        /// Number of these nodes.
         n: usize,
-        /// The first.
+        /// Index of the first of them.
         node: usize,
     },
 }
 
-/// How far a site may lie from the tissue, in mean edges.
+/// Largest accepted distance of a site from the tissue, in mean edge lengths.
 const FAR_EDGES: f64 = 5.0;
 /// Relative change below which a time counts as unchanged.
 const SAME: f64 = 1e-13;
 
-/// Activation time of each node, ms; infinite at nodes of no conducting element.
+/// Activation time of each node \[ms\]; infinite at nodes without a conducting element.
 ///
 /// # Errors
-/// [`EikonalError`].
+/// [`EikonalError`] for invalid speeds, sites or tissue.
 pub fn activation_ms(mesh: &TetMesh, conduction: &Conduction) -> Result<Vec<f64>, EikonalError> {
     activation_of_part(mesh, &Alone(mesh.n_nodes()), conduction)
 }
@@ -285,7 +290,7 @@ impl<'a> Front<'a> {
         norm(slowness(frame, &self.conduction.speeds, displacement))
     }
 
-    /// Mean length of the edges of all parts, mm.
+    /// Mean edge length over all parts \[mm\].
     fn mean_edge_mm(&self) -> f64 {
         let own = (0..self.mesh.n_tets()).filter(|e| self.joint.speaks_for(*e));
         let lengths: Vec<f64> = own
@@ -299,7 +304,7 @@ impl<'a> Front<'a> {
         sums[0] / sums[1].max(1.0)
     }
 
-    /// The frame of an element of the whole mesh; all parts that hold it have the same.
+    /// Frame of an element of the whole mesh. All parts that hold the element have the same frame.
     fn frame_of(&self, element: u32) -> Frame {
         let here = self
             .tets
@@ -324,7 +329,7 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Times at the sites, infinite elsewhere.
+    /// Times at the sites; infinite at all other nodes.
     fn start(&self) -> Result<Vec<f64>, EikonalError> {
         let joint = self.joint;
         let mut times = vec![f64::INFINITY; self.mesh.n_nodes()];
@@ -360,8 +365,8 @@ impl<'a> Front<'a> {
         Ok(times)
     }
 
-    /// Until no part has news. Parts go on together, a window of time after the other: what one knows of the other's side is
-    /// late by no more, and little is done twice.
+    /// Runs until no part has changes. Parts advance together, one window of time after the other.
+    /// Ghost times are therefore late by at most one window, and little work is repeated.
     fn run(&self, times: &mut [f64]) {
         let n_owned = self.joint.n_owned();
         let window_ms = self.mean_edge_mm() / self.conduction.speeds.fibre;
@@ -384,7 +389,7 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Carries times up to `end_ms` on to own nodes.
+    /// Propagates times up to `end_ms` to own nodes.
     fn settle(
         &self,
         times: &mut [f64],
@@ -400,7 +405,7 @@ impl<'a> Front<'a> {
                 break;
             };
             if time > times[node as usize] {
-                continue; // it has become earlier since
+                continue; // the node has become earlier since
             }
             let mut better = |corner: u32, arrival: f64, times: &mut [f64]| {
                 let old = times[corner as usize];
@@ -456,7 +461,8 @@ impl<'a> Front<'a> {
     }
 }
 
-/// A displacement in ms: its components along the three directions, each over its speed.
+/// Travel time of a displacement \[ms\], as a vector: its components along the three directions,
+/// each divided by its speed.
 fn slowness(frame: &Frame, speeds: &Speeds, displacement: Vec3) -> Vec3 {
     [
         dot(displacement, frame.fibre) / speeds.fibre,
@@ -465,7 +471,7 @@ fn slowness(frame: &Frame, speeds: &Speeds, displacement: Vec3) -> Vec3 {
     ]
 }
 
-/// A time that can be ordered.
+/// A time with a total order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Time(f64);
 

@@ -13,7 +13,7 @@ const SPEEDS: Speeds = Speeds {
     normal: 0.25,
 };
 
-/// The same oblique frame everywhere.
+/// Gives all elements the same oblique frame.
 fn oblique(mesh: &mut TetMesh) -> Frame {
     let fibre = unit([1.0, 2.0, 0.5]).unwrap();
     let sheet = crate::vec3::any_perpendicular(fibre);
@@ -42,7 +42,7 @@ fn order(errors: &[(f64, f64)]) -> Vec<f64> {
         .collect()
 }
 
-/// Largest error over a cube of 20 mm around a point source in its middle.
+/// Edge length, and largest error in a cube of 20 mm around a point source in its centre.
 fn point_source_error(n: usize, radius_mm: f64) -> (f64, f64) {
     let mut mesh = cube(n, 20.0);
     let frame = oblique(&mut mesh);
@@ -68,7 +68,8 @@ fn point_source_error(n: usize, radius_mm: f64) -> (f64, f64) {
 #[test]
 fn a_point_source_converges_with_its_logarithmic_first_order() {
     let errors = [6, 12, 24].map(|n| point_source_error(n, 0.0));
-    // the error of a point's neighbourhood is carried along: h ln(L/h), whose observed order is 0.5 to 0.7 here
+    // The error near a point source propagates through the whole field. It is h ln(L/h), whose
+    // observed order is 0.5 to 0.7 here.
     let scaled = errors.map(|(h, error)| error / (h * (20.0 / h).ln()));
     for pair in scaled.windows(2) {
         assert!(
@@ -89,7 +90,8 @@ fn an_exact_ball_around_the_point_restores_first_order() {
 
 #[test]
 fn a_plane_wave_is_exact() {
-    // a wave from the left face along x, with an anisotropic tensor whose axes are not the block's
+    // A wave from the left face along x, with an anisotropic tensor whose axes differ from the
+    // block's.
     let mut mesh = block([12, 5, 4], [24.0, 8.0, 8.0]);
     let frame = oblique(&mut mesh);
     let along = [frame.fibre[0], frame.sheet[0], frame.normal[0]];
@@ -97,7 +99,7 @@ fn a_plane_wave_is_exact() {
         .map(|i| (along[i] * [0.6, 0.4, 0.25][i]).powi(2))
         .sum::<f64>()
         .sqrt();
-    // every node of three neighbouring faces, on which the exact wave is given
+    // All nodes of the faces on which the exact wave is prescribed.
     let given = |x: &Vec3| x[0] == 0.0 || x[1] == 0.0 || x[2] == 0.0 || x[1] == 8.0 || x[2] == 8.0;
     let mut front_times = vec![f64::INFINITY; mesh.n_nodes()];
     for (node, x) in mesh.nodes_mm.iter().enumerate().filter(|(_, x)| given(x)) {
@@ -127,9 +129,9 @@ fn a_plane_wave_in_changing_tissue_converges_with_first_order_or_better() {
     let errors: Vec<(f64, f64)> = [8, 16, 32]
         .iter()
         .map(|n| {
-            // wide enough for the ray that drifts along the fibre from the face to the far end
+            // Wide enough for the ray that drifts along the fibre on its way to the far end.
             let mut mesh = block([*n, 3 * *n / 4, 2], [20.0, 15.0, 40.0 / *n as f64]);
-            // the fibre turns from x to y: along x the squared speed is 0.36 cos² + 0.09 sin²
+            // The fibre turns from x to y. Along x, the squared speed is 0.36 cos² + 0.09 sin².
             let angle = |x: f64| x / 20.0 * std::f64::consts::FRAC_PI_2;
             mesh.frames = (0..mesh.n_tets())
                 .map(|e| {
@@ -165,7 +167,7 @@ fn a_plane_wave_in_changing_tissue_converges_with_first_order_or_better() {
                 },
             )
             .unwrap();
-            // by Simpson's rule: dt/dx = 1/speed(x)
+            // Exact time by Simpson's rule, with dt/dx = 1/speed(x).
             let slow = |x: f64| {
                 let (s, c) = angle(x).sin_cos();
                 1.0 / (0.36 * c * c + 0.09 * s * s).sqrt()
@@ -179,7 +181,8 @@ fn a_plane_wave_in_changing_tissue_converges_with_first_order_or_better() {
                     (b - a) / 6.0 * (slow(a) + 4.0 * slow(0.5 * (a + b)) + slow(b))
                 })
                 .sum();
-            // elsewhere on the far face the ray would come from outside of the block, and the wave is later
+            // At other nodes of the far face, the ray would come from outside the block, and the
+            // computed wave is later.
             let last = (0..mesh.n_nodes())
                 .filter(|i| mesh.nodes_mm[*i][0] == 20.0)
                 .map(|i| times[i])

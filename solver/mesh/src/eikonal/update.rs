@@ -1,12 +1,14 @@
-//! The local problem: earliest arrival at a corner from the simplex of the others.
+//! The local problem of the eikonal equation: earliest arrival at a corner from the simplex of the
+//! other corners.
 
 use crate::vec3::{Vec3, dot, norm};
 
-/// Earliest arrival at the origin from the simplex of `rays` (in ms: displacement over speed) with linear arrival
-/// `times` on it: min over λ ≥ 0, Σ λ = 1 of λ·t + |Σ λ r|. Infinite where no time is finite.
+/// Earliest arrival at the origin from the simplex of `rays` (displacement divided by speed, in ms)
+/// with linear arrival `times` on it: min over λ ≥ 0, Σ λ = 1 of λ·t + |Σ λ r|. Infinite if no time
+/// is finite.
 ///
-/// Inside, the minimum τ solves (τ1 − t)ᵀ G⁻¹ (τ1 − t) = 1 with G = rᵀr, and λ is along G⁻¹ (τ1 − t); where that is not
-/// positive the minimum lies on the simplex's border.
+/// In the interior, the minimum τ solves (τ1 − t)ᵀ G⁻¹ (τ1 − t) = 1 with G = rᵀr, and λ is parallel
+/// to G⁻¹ (τ1 − t). If this λ is not positive, the minimum lies on the simplex's boundary.
 pub fn arrival<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> f64 {
     if times.iter().all(|time| time.is_finite())
         && let Some(time) = inside(rays, times)
@@ -29,11 +31,11 @@ pub fn arrival<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> f64 {
     best
 }
 
-/// The stationary arrival within a simplex of two or three corners, if there is one.
+/// Stationary arrival within a simplex of two or three corners, if it exists.
 fn inside<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> Option<f64> {
     let gram: [[f64; N]; N] =
         std::array::from_fn(|i| std::array::from_fn(|j| dot(rays[i], rays[j])));
-    // times relative to the earliest keep digits where they are late
+    // Times relative to the earliest one keep their precision even late in the activation.
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
     let later = times.map(|time| time - first);
     let a = solve(&gram, &[1.0; N])?;
@@ -54,7 +56,7 @@ fn inside<const N: usize>(rays: &[Vec3; N], times: &[f64; N]) -> Option<f64> {
     feasible.then_some(first + tau)
 }
 
-/// G x = b for a symmetric positive definite G, by Cholesky; none where it is not.
+/// Solves G x = b by Cholesky factorisation; `None` if G is not positive definite.
 fn solve<const N: usize>(gram: &[[f64; N]; N], right: &[f64; N]) -> Option<[f64; N]> {
     let mut lower = [[0.0; N]; N];
     let mut x = *right;
@@ -63,7 +65,7 @@ fn solve<const N: usize>(gram: &[[f64; N]; N], right: &[f64; N]) -> Option<[f64;
             let inner: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
             let rest = gram[i][j] - inner;
             if i == j {
-                // flat elements have no stationary point of their own
+                // Flat elements have no stationary point of their own.
                 if rest <= 1e-14 * gram[i][i] {
                     return None;
                 }
@@ -90,7 +92,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against a search over the simplex.
+        /// Compared with a search over the simplex.
         #[test]
         fn arrival_is_the_minimum_over_the_simplex(
             rays in prop::array::uniform3(prop::array::uniform3(-2.0..2.0f64)),

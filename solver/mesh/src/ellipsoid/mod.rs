@@ -1,9 +1,11 @@
-//! A truncated ellipsoid as left ventricle, with a passive ring at the base, sized from wall and cavity volume.
+//! A truncated ellipsoid as left ventricle, with a passive ring at the base, with given volumes of
+//! wall and cavity.
 //!
-//! The long axis is z, the apex points to −z, the septum's middle lies at −x, anterior is +y. Every layer through the
-//! wall is a triangulated surface of rings around the axis, of about equal edge length from a six-fold apex to the rim;
-//! layers are joined by wedges of three tetrahedra. The discrete volumes equal the requested ones to round-off: the two
-//! free lengths (endocardial short axis, wall thickness) are solved for on the mesh itself.
+//! The long axis is z. The apex points to −z, the middle of the septum lies at −x, and anterior is
+//! +y. Every layer through the wall is a triangulated surface of rings around the axis, with
+//! approximately equal edge lengths from a six-fold apex to the rim; layers are connected by wedges
+//! of three tetrahedra. The discrete volumes equal the requested ones to round-off, because the two
+//! free lengths (endocardial short axis, wall thickness) are computed from the mesh's own volumes.
 
 mod rings;
 mod shape;
@@ -18,33 +20,35 @@ use cardiotwin_units::Ml;
 use rings::Rings;
 use std::collections::BTreeMap;
 
-/// Fewest and most nodes that can be asked for.
+/// Accepted numbers of nodes.
 pub const NODES: std::ops::RangeInclusive<usize> = 500..=2_000_000;
 
-/// What to generate. [`EllipsoidSpec::new`] gives the proportions used where nothing else is known.
+/// Specification of an ellipsoid. [`EllipsoidSpec::new`] gives the default proportions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EllipsoidSpec {
-    /// Cavity volume below the rim, at the state to be meshed (diastasis, where that is what the image shows).
+    /// Cavity volume below the rim, in the state to be meshed (diastasis, if the image shows it).
     pub cavity: Ml,
-    /// Volume of the contracting wall, without the ring.
+    /// Volume of the contracting wall, without the passive ring.
     pub wall: Ml,
-    /// About how many nodes; met within a few percent.
+    /// Requested number of nodes; met within a few percent.
     pub n_nodes: usize,
-    /// Endocardial long over short semi-axis.
+    /// Ratio of long to short endocardial semi-axis.
     pub long_to_short: f64,
-    /// Height of the contracting wall's upper end above the equator, over the endocardial long semi-axis.
+    /// Height of the contracting wall's upper end above the equator, divided by the endocardial
+    /// long semi-axis.
     pub base_height: f64,
-    /// Height of the passive ring, over the endocardial long semi-axis; 0 for none.
+    /// Height of the passive ring, divided by the endocardial long semi-axis; 0 for no ring.
     pub ring_height: f64,
-    /// Wall thickness at the apex over that at the equator.
+    /// Ratio of the wall thickness at the apex to that at the equator.
     pub apex_wall: f64,
-    /// Angle around the axis that the septum takes, degrees, centred at −x; 0 for none.
+    /// Angle of the septum around the axis, centred at −x \[degrees\]; 0 for no septum.
     pub septum_deg: f64,
 }
 
 impl EllipsoidSpec {
-    /// Default proportions: semi-axes 2.43 to 1, wall up to 0.3 and ring up to 0.34 of the long semi-axis above the
-    /// equator, apical wall 0.8 of the equatorial one, a third of the circumference for the septum. Assumptions of ours.
+    /// Default proportions: ratio of semi-axes 2.43, wall up to 0.3 and ring up to 0.34 of the long
+    /// semi-axis above the equator, apical wall 0.8 of the equatorial one, a third of the
+    /// circumference for the septum. These proportions are our assumption.
     #[must_use]
     pub fn new(cavity: Ml, wall: Ml, n_nodes: usize) -> Self {
         Self {
@@ -60,51 +64,51 @@ impl EllipsoidSpec {
     }
 }
 
-/// Why there is no such ellipsoid.
+/// Reasons why an ellipsoid cannot be generated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EllipsoidError {
-    /// A setting outside its range.
+    /// A setting is outside its range.
     #[error("ellipsoid: {key} is {found}, expected {expected}")]
     Setting {
-        /// Its name.
+        /// Name of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value of the setting.
         found: f64,
-        /// Its range.
+        /// Range of the setting.
         expected: &'static str,
     },
-    /// The two volumes could not be met on the mesh.
+    /// No mesh meets the two volumes.
     #[error(
         "ellipsoid: no mesh of {n_nodes} nodes has a cavity of {cavity} and a wall of {wall} \
          (residual {residual:.1e}); use more nodes or a rounder shape"
     )]
     NoSize {
-        /// Requested nodes.
+        /// Requested number of nodes.
         n_nodes: usize,
-        /// Requested cavity.
+        /// Requested volume of the cavity.
         cavity: Ml,
-        /// Requested wall.
+        /// Requested volume of the wall.
         wall: Ml,
         /// Largest relative error of the two volumes.
         residual: f64,
     },
 }
 
-/// An ellipsoid and what was chosen for it.
+/// A generated ellipsoid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ellipsoid {
-    /// The mesh; without frames.
+    /// The mesh, without fibre frames.
     pub mesh: TetMesh,
-    /// Its lengths.
+    /// Lengths of the ellipsoid.
     pub shape: Shape,
-    /// Elements through the wall (wedges; nodes through the wall are one more).
+    /// Number of wedges through the wall; the number of nodes through the wall is one more.
     pub n_layers: usize,
 }
 
-/// Generates the mesh. The same spec gives the same mesh, bit for bit.
+/// Generates the mesh. The same specification always gives the same mesh, bit for bit.
 ///
 /// # Errors
-/// [`EllipsoidError`] for settings outside their range or volumes that cannot be met.
+/// [`EllipsoidError`] for settings outside their range or volumes that no mesh meets.
 pub fn generate(spec: &EllipsoidSpec) -> Result<Ellipsoid, EllipsoidError> {
     check(spec)?;
     let first = Shape::from_volumes(spec);
@@ -191,7 +195,7 @@ fn check(spec: &EllipsoidSpec) -> Result<(), EllipsoidError> {
     Ok(())
 }
 
-/// Everything but the lengths.
+/// Everything except the lengths.
 struct Topology<'a> {
     spec: &'a EllipsoidSpec,
     rings: &'a Rings,
@@ -200,7 +204,7 @@ struct Topology<'a> {
 }
 
 impl Topology<'_> {
-    /// The mesh without surfaces.
+    /// The mesh without its surfaces.
     fn mesh(&self, shape: &Shape) -> TetMesh {
         let mut nodes_mm = Vec::with_capacity(self.rings.columns.len() * (self.n_layers + 1));
         for column in &self.rings.columns {
@@ -227,10 +231,10 @@ impl Topology<'_> {
         }
     }
 
-    /// Endocardial triangles: the innermost layer, normals into the cavity.
+    /// Endocardial triangles: the innermost layer, with normals into the cavity.
     fn endocardium(&self) -> Vec<[u32; 3]> {
         let step = self.n_layers as u32 + 1;
-        // rings are wound counter-clockwise seen from outside
+        // The rings' triangles are counter-clockwise as seen from outside.
         self.rings
             .triangles
             .iter()
@@ -238,8 +242,8 @@ impl Topology<'_> {
             .collect()
     }
 
-    /// Lengths for which the mesh itself has the requested volumes: Newton in (short axis, thickness), differences for
-    /// the derivative.
+    /// Lengths for which the mesh itself has the requested volumes, by Newton's method in short
+    /// axis and thickness with a finite-difference derivative.
     fn fit(&self, mut shape: Shape) -> Result<Shape, EllipsoidError> {
         let failed = |residual| EllipsoidError::NoSize {
             n_nodes: self.spec.n_nodes,
@@ -291,7 +295,7 @@ impl Topology<'_> {
         }
     }
 
-    /// Boundary faces by the layer and ring that their nodes lie in.
+    /// Sorts the boundary faces into surfaces by the layers and rings of their nodes.
     fn surfaces(&self, mesh: &TetMesh) -> Vec<Surface> {
         let step = self.n_layers as u32 + 1;
         let mut parts: BTreeMap<&'static str, Vec<[u32; 3]>> = BTreeMap::new();
@@ -319,7 +323,8 @@ impl Topology<'_> {
             .collect()
     }
 
-    /// Whether an epicardial triangle lies in the septum's sector, between a fifth of the wall's height and its top.
+    /// Whether an epicardial triangle belongs to the septum: it lies in the septum's sector,
+    /// between a fifth of the wall's height and the wall's top.
     fn faces_septum(&self, mesh: &TetMesh, triangle: [u32; 3]) -> bool {
         let step = self.n_layers as u32 + 1;
         let corners = triangle.map(|node| mesh.nodes_mm[node as usize]);

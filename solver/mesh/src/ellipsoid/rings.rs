@@ -1,23 +1,25 @@
-//! The triangulation that every layer of the wall shares: rings around the axis, from the apex to the rim.
+//! Triangulation common to all layers of the wall: rings around the axis, from the apex to the rim.
 
 use super::shape::Shape;
 use crate::vec3::distance;
 use std::f64::consts::TAU;
 
-/// Distance of neighbouring rings over that of neighbouring nodes on a ring: equilateral triangles.
+/// Ratio of the distance between rings to the distance between nodes on a ring, for equilateral
+/// triangles.
 const RING_SPACING: f64 = 0.866_025_403_784_438_6;
-/// Thickness of a layer over the distance of neighbouring nodes on a ring: what gave the best mean ratio of those tried
-/// (`cargo run --release -p cardiotwin-mesh --example mesh-figures`).
+/// Ratio of a layer's thickness to the distance between nodes on a ring. Of the ratios tried, this
+/// one gave the best mean ratio of elements (`cargo run --release -p cardiotwin-mesh --example
+/// mesh-figures`).
 const LAYER_SPACING: f64 = 0.8;
-/// Fewest layers: bending needs two elements across.
+/// Smallest number of layers, because bending needs two elements through the wall.
 const MIN_LAYERS: usize = 2;
 
 /// A line of nodes through the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Column {
-    /// As in [`Shape::polar`].
+    /// Height as in [`Shape::polar`].
     pub height: f64,
-    /// Around the axis, radians.
+    /// Angle around the axis \[radians\].
     pub angle: f64,
 }
 
@@ -25,20 +27,20 @@ pub struct Column {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rings {
     pub columns: Vec<Column>,
-    /// Counter-clockwise seen from outside the heart.
+    /// Corners of the triangles, counter-clockwise as seen from outside the heart.
     pub triangles: Vec<[u32; 3]>,
     /// Whether each triangle lies above the contracting wall.
     pub in_ring: Vec<bool>,
 }
 
-/// Heights of the rings and nodes on each, apex (one node) first.
+/// Heights of the rings and numbers of nodes on them, beginning with the apex (one node).
 struct Plan {
     heights: Vec<f64>,
     counts: Vec<usize>,
 }
 
 impl Plan {
-    /// Rings at about `edge_mm` in the middle of the wall.
+    /// Rings with a distance of approximately `edge_mm` in the middle of the wall.
     fn new(shape: &Shape, edge_mm: f64, table: &Meridian) -> Self {
         let spacing = edge_mm * RING_SPACING;
         let n_wall = (table.base_mm / spacing).round().max(3.0) as usize;
@@ -75,7 +77,7 @@ impl Plan {
     }
 }
 
-/// Arc length along the mid-wall meridian as a table, to place rings evenly.
+/// Table of the arc length along the mid-wall meridian, for evenly spaced rings.
 struct Meridian {
     heights: Vec<f64>,
     lengths: Vec<f64>,
@@ -120,8 +122,9 @@ impl Meridian {
 }
 
 impl Rings {
-    /// The triangulation and the number of layers for about so many nodes: for each number of layers the edge length
-    /// that gives them, and of these the best proportion of edge to layer.
+    /// Triangulation and number of layers for approximately `n_nodes` nodes. Each number of layers
+    /// has an edge length that gives this number of nodes; the one with the best ratio of edge to
+    /// layer is taken.
     pub fn for_nodes(shape: &Shape, n_nodes: usize) -> (Self, usize) {
         let table = Meridian::new(shape);
         let mut best: Option<(f64, usize, f64)> = None;
@@ -132,7 +135,7 @@ impl Rings {
             if best.is_none_or(|(least, _, _)| badness < least) {
                 best = Some((badness, n_layers, edge_mm));
             } else {
-                break; // layers only get thinner from here
+                break; // further layers are only thinner
             }
         }
         let (_, n_layers, edge_mm) = best.unwrap_or((0.0, MIN_LAYERS, shape.wall_mm));
@@ -173,7 +176,8 @@ impl Rings {
         rings
     }
 
-    /// Triangles between two neighbouring rings: goes around both and takes the shorter of the two diagonals each time.
+    /// Triangulates the band between two neighbouring rings, going around both and taking the
+    /// shorter diagonal each time.
     fn join(&mut self, shape: &Shape, lower: (u32, usize), upper: (u32, usize)) {
         let node = |ring: (u32, usize), i: usize| ring.0 + (i % ring.1) as u32;
         if lower.1 == 1 {
@@ -215,7 +219,7 @@ impl Rings {
     }
 }
 
-/// Edge length that gives about so many columns.
+/// Edge length that gives approximately `n_columns` columns.
 fn edge_for(shape: &Shape, table: &Meridian, n_columns: f64) -> f64 {
     let (mut low, mut high) = (
         shape.wall_mm.min(shape.short_mm) * 1e-3,

@@ -1,4 +1,4 @@
-//! The ellipsoid's lengths, its points and its closed-form volumes.
+//! Lengths of the ellipsoid, with its points and closed-form volumes.
 
 use super::EllipsoidSpec;
 use crate::eikonal::Site;
@@ -8,17 +8,18 @@ use std::f64::consts::PI;
 
 /// A family of ellipsoids of revolution, one for each depth in the wall, cut by two planes.
 ///
-/// At depth d (0 endocardium, 1 epicardium) the short semi-axis is a + w d, the long one k a + ρ w d. The planes are the
-/// same for all depths: z = ζ_base k a, where the contracting wall ends, and z = ζ_rim k a.
+/// At depth d (0 endocardium, 1 epicardium), the short semi-axis is a + w d and the long one k a +
+/// ρ w d. The planes are the same for all depths: z = ζ_base k a, where the contracting wall ends,
+/// and z = ζ_rim k a.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
-    /// a, endocardial short semi-axis, mm.
+    /// Endocardial short semi-axis a \[mm\].
     pub short_mm: f64,
-    /// w, wall thickness at the equator, mm.
+    /// Wall thickness w at the equator \[mm\].
     pub wall_mm: f64,
-    /// k, endocardial long over short semi-axis.
+    /// Ratio k of long to short endocardial semi-axis.
     pub long_to_short: f64,
-    /// ρ, apical over equatorial thickness.
+    /// Ratio ρ of apical to equatorial thickness.
     pub apex_wall: f64,
     /// ζ of the contracting wall's upper end.
     pub base_height: f64,
@@ -53,7 +54,7 @@ impl Shape {
         shape
     }
 
-    /// Short and long semi-axis at a depth, mm.
+    /// Short and long semi-axis at a depth \[mm\].
     #[must_use]
     pub fn axes_mm(&self, depth: f64) -> [f64; 2] {
         let long = self.short_mm * self.long_to_short;
@@ -63,19 +64,20 @@ impl Shape {
         ]
     }
 
-    /// z of the contracting wall's upper end, mm.
+    /// z of the contracting wall's upper end \[mm\].
     #[must_use]
     pub fn base_z_mm(&self) -> f64 {
         self.base_height * self.long_to_short * self.short_mm
     }
 
-    /// z of the rim, mm.
+    /// z of the rim \[mm\].
     #[must_use]
     pub fn rim_z_mm(&self) -> f64 {
         self.rim_height * self.long_to_short * self.short_mm
     }
 
-    /// Polar angle (0 at the apex) of a height: 0 apex, 1 base, 2 rim; linear in between.
+    /// Polar angle (0 at the apex) for a height, which is 0 at the apex, 1 at the base, 2 at the
+    /// rim, and linear in between.
     #[must_use]
     pub fn polar(&self, depth: f64, height: f64) -> f64 {
         let [_, long] = self.axes_mm(depth);
@@ -87,13 +89,13 @@ impl Shape {
         base + (height - 1.0) * (rim - base)
     }
 
-    /// The point at depth, height (see [`Self::polar`]) and angle around the axis, mm.
+    /// The point at a depth, height (see [`Self::polar`]) and angle around the axis \[mm\].
     #[must_use]
     pub fn point(&self, depth: f64, height: f64, angle: f64) -> Vec3 {
         let [short, long] = self.axes_mm(depth);
         let polar = self.polar(depth, height);
         let radius = short * polar.sin();
-        // the two planes exactly, so that a cap is flat
+        // Exactly on the two planes, so that a cap is flat.
         let z = if height == 1.0 {
             self.base_z_mm()
         } else if height == 2.0 {
@@ -104,8 +106,9 @@ impl Shape {
         [radius * angle.cos(), radius * angle.sin(), z]
     }
 
-    /// Where activation begins in sinus rhythm, on the endocardium: mid-septal, anterior and posterior fascicle, at half of
-    /// the way from apex to base, as balls of 3 mm at time 0. Places are an assumption of ours.
+    /// Activation sites of sinus rhythm on the endocardium: mid-septal, anterior and posterior
+    /// fascicle, half-way from apex to base, as balls of 3 mm at time 0. The positions are our
+    /// assumption.
     #[must_use]
     pub fn fascicles(&self) -> [Site; 3] {
         [PI, 0.5 * PI, -0.5 * PI].map(|angle| Site {
@@ -115,26 +118,27 @@ impl Shape {
         })
     }
 
-    /// Volume of the solid ellipsoid of a depth, from its apex up to z, mm³: π a² (2c/3 + z − z³/(3c²)).
+    /// Volume of the solid ellipsoid of a depth, from its apex up to z \[mm³\]: π a² (2c/3 + z −
+    /// z³/(3c²)).
     #[must_use]
     pub fn solid_mm3(&self, depth: f64, z_mm: f64) -> f64 {
         let [a, c] = self.axes_mm(depth);
         PI * a * a * (2.0 * c / 3.0 + z_mm - z_mm.powi(3) / (3.0 * c * c))
     }
 
-    /// Cavity up to the rim, mm³.
+    /// Volume of the cavity up to the rim \[mm³\].
     #[must_use]
     pub fn cavity_mm3(&self) -> f64 {
         self.solid_mm3(0.0, self.rim_z_mm())
     }
 
-    /// Contracting wall, mm³.
+    /// Volume of the contracting wall \[mm³\].
     #[must_use]
     pub fn wall_mm3(&self) -> f64 {
         self.solid_mm3(1.0, self.base_z_mm()) - self.solid_mm3(0.0, self.base_z_mm())
     }
 
-    /// Arc length along a meridian of a depth between two heights, mm.
+    /// Arc length between two heights along a meridian at a depth \[mm\].
     #[must_use]
     pub fn meridian_mm(&self, depth: f64, from: f64, to: f64) -> f64 {
         let n = 400;

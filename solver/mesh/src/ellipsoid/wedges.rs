@@ -1,19 +1,20 @@
-//! From a triangulation and layers to tetrahedra: each wedge is split in three.
+//! Division of the wedges between layers into three tetrahedra each.
 
 use super::rings::Rings;
 
 /// A tetrahedron of a wedge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WedgeTet {
-    /// Nodes; column c, layer l is node c (n_layers + 1) + l.
+    /// Nodes of the corners; the node of column c and layer l is c (n_layers + 1) + l.
     pub corners: [u32; 4],
-    /// Whether it belongs to the passive ring.
+    /// Whether the tetrahedron belongs to the passive ring.
     pub in_ring: bool,
 }
 
-/// Splits every wedge along diagonals that run from the column of lower rank, inner layer, to the other column, outer
-/// layer. Ranks are drawn anew for every layer (a hash, so always the same): with one ranking for all, diagonals would
-/// wind around the heart in one direction, and the discrete wall would twist when loaded.
+/// Splits every wedge along diagonals from the column of lower rank at the inner layer to the other
+/// column at the outer layer. Ranks are hashes that differ between layers and are always the same
+/// for a mesh. With one ranking for all layers, diagonals would wind around the heart in one
+/// direction, and the discrete wall would twist under load.
 pub fn split(rings: &Rings, n_layers: usize) -> Vec<WedgeTet> {
     let step = n_layers as u32 + 1;
     let mut tets = Vec::with_capacity(3 * n_layers * rings.triangles.len());
@@ -43,7 +44,7 @@ pub fn split(rings: &Rings, n_layers: usize) -> Vec<WedgeTet> {
     tets
 }
 
-/// SplitMix64's finaliser: a fixed scrambling of bits.
+/// The finaliser of SplitMix64, a fixed bit mixer.
 fn mix(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -6,7 +6,8 @@ use cardiotwin_units::Ml;
 
 const MUSCLE: &[i32] = &[tags::LEFT_VENTRICLE];
 
-/// Half an ellipsoid whose two walls are confocal: then depth depends on the confocal coordinate alone, in closed form.
+/// Half an ellipsoid with confocal walls, in which the depth is a closed-form function of the
+/// confocal coordinate.
 fn confocal(n_nodes: usize) -> Ellipsoid {
     let mut spec = EllipsoidSpec {
         base_height: 0.0,
@@ -31,8 +32,8 @@ fn confocal(n_nodes: usize) -> Ellipsoid {
     heart
 }
 
-/// Depth and frame in closed form. With ξ = (r₁ + r₂)/(2f) from the distances to the foci, ln((ξ + 1)/(ξ − 1)) is
-/// harmonic; its gradient bisects the two focal directions.
+/// Depth and frame in closed form. With ξ = (r₁ + r₂)/(2f) from the distances to the foci, ln((ξ +
+/// 1)/(ξ − 1)) is harmonic; its gradient bisects the two focal directions.
 fn exact(heart: &Ellipsoid, x: Vec3, angles: &Angles) -> (f64, Frame) {
     let ([a, c], [_, d]) = (heart.shape.axes_mm(0.0), heart.shape.axes_mm(1.0));
     let focus = (c * c - a * a).sqrt();
@@ -41,7 +42,7 @@ fn exact(heart: &Ellipsoid, x: Vec3, angles: &Angles) -> (f64, Frame) {
     let xi = (norm(below) + norm(above)) / (2.0 * focus);
     let depth = (harmonic(xi) - harmonic(c / focus)) / (harmonic(d / focus) - harmonic(c / focus));
     let out = unit(add(unit(below).unwrap(), unit(above).unwrap())).unwrap();
-    // on the axis any direction will do
+    // On the axis, any direction is valid.
     let around = unit([-x[1], x[0], 0.0]).unwrap_or([1.0, 0.0, 0.0]);
     let up = cross(out, around);
     let between = |endo: f64, epi: f64| (endo + (epi - endo) * depth).to_radians();
@@ -117,7 +118,7 @@ fn the_helix_angle_runs_from_endocardium_to_epicardium() {
             .map(|node| fields.depth[*node as usize])
             .sum::<f64>()
             / 4.0;
-        // the wall leans by up to 20 degrees here, so the rise is a little less than α
+        // The wall is inclined by up to 20 degrees here, so that the rise is slightly less than α.
         worst = worst.max((rise - (60.0 - 120.0 * depth)).abs());
     }
     assert!(worst < 12.0, "{worst}");

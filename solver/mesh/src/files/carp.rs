@@ -1,7 +1,8 @@
 //! CARP text files: `.pts` (µm), `.elem`, `.lon`, `.surf`, `.vtx`.
 //!
-//! A mesh is a stem: `heart.pts`, `heart.elem`, `heart.lon` where there are fibres, of elements or of nodes by the number of its
-//! rows, `heart.NAME.surf` for each surface.
+//! A mesh is named by its stem: `heart.pts`, `heart.elem`, `heart.NAME.surf` for each surface, and
+//! `heart.lon` if there are fibres. The number of rows in `heart.lon` determines whether they
+//! belong to elements or to nodes.
 
 use super::error::{MeshFileError, read_text, write_bytes};
 use super::text::{Line, Lines};
@@ -13,10 +14,10 @@ use crate::vec3::{Vec3, any_perpendicular, cross, dot, reject, unit};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Cosine of the angle between fibre and sheet above which they do not count as perpendicular.
+/// Cosine of the angle between fibre and sheet above which they are not accepted as perpendicular.
 const NOT_PERPENDICULAR: f64 = 0.1;
 
-/// `stem` with `.extension` added.
+/// `stem` with `.extension` appended.
 fn with(stem: &Path, extension: &str) -> PathBuf {
     let mut name = stem.as_os_str().to_owned();
     name.push(".");
@@ -24,7 +25,8 @@ fn with(stem: &Path, extension: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Reads `stem.pts`, `stem.elem`, `stem.lon` (if there) and every `stem.NAME.surf`, in the order of their names.
+/// Reads `stem.pts`, `stem.elem`, `stem.lon` (if it exists) and every `stem.NAME.surf`, in the
+/// order of their names.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -57,12 +59,12 @@ pub fn read(stem: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
 /// Tissue directions of a `.lon` file.
 #[derive(Debug, Default)]
 struct Directions {
-    /// Of the elements; at their centroids where the file has those of nodes.
+    /// Frames of the elements, at their centroids if the file holds directions of nodes.
     frames: Vec<Frame>,
     fibres: NodeFibres,
 }
 
-/// Reads directions of elements or of nodes: how many rows there are tells which.
+/// Reads directions of elements or of nodes, depending on the number of rows.
 fn directions_of(
     text: &str,
     file: &Path,
@@ -99,7 +101,7 @@ fn directions_of(
     Ok(Directions { frames, fibres })
 }
 
-/// `stem.NAME.surf` beside the stem, by name.
+/// Surface files next to the stem, `stem.NAME.surf`, by name.
 fn surface_files(stem: &Path) -> Result<Vec<(String, PathBuf)>, MeshFileError> {
     let folder = match stem.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -132,7 +134,7 @@ fn surface_files(stem: &Path) -> Result<Vec<(String, PathBuf)>, MeshFileError> {
     Ok(found)
 }
 
-/// Rows of a file that begins with their number.
+/// Rows of a file whose first line is the number of rows.
 fn rows<'a>(text: &'a str, file: &'a Path, what: &str) -> Result<Vec<Line<'a>>, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let header = lines.expect(&format!("the number of {what}"))?;
@@ -160,7 +162,7 @@ fn counted<'a>(
     }
 }
 
-/// Points: a count, then `x y z` each.
+/// Parses points: a count, then `x y z` for each point.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -171,7 +173,7 @@ pub fn parse_pts(text: &str, file: &Path, unit: LengthUnit) -> Result<Vec<Vec3>,
         .collect()
 }
 
-/// Elements: a count, then `Tt a b c d [tag]` each; a missing tag is 0.
+/// Parses elements: a count, then `Tt a b c d [tag]` for each element. A missing tag is 0.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line, also for elements that are not tetrahedra.
@@ -197,7 +199,8 @@ pub fn parse_elem(
     Ok((tets, tags))
 }
 
-/// Fibres: 1 or 2, then a fibre, or fibre and sheet, for each element. A fibre of zeros stands for none.
+/// Parses fibres: 1 or 2, then a fibre, or fibre and sheet, for each element. A fibre of zeros
+/// means that the element has none.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -236,8 +239,8 @@ fn parse_rows(
         .collect()
 }
 
-/// An orthonormal frame from a fibre and perhaps a sheet; zeros where the fibre is zero; none where the two are not
-/// nearly perpendicular.
+/// Orthonormal frame of a fibre and, if given, a sheet. The frame is zero if the fibre is; `None`
+/// if fibre and sheet are far from perpendicular.
 pub(super) fn frame(fibre: Vec3, sheet: Option<Vec3>) -> Option<Frame> {
     let Some(fibre) = unit(fibre) else {
         return Some(Frame {
@@ -263,7 +266,7 @@ pub(super) fn frame(fibre: Vec3, sheet: Option<Vec3>) -> Option<Frame> {
     })
 }
 
-/// A surface: a count, then `Tr a b c [tag]` each.
+/// Parses a surface: a count, then `Tr a b c [tag]` for each triangle.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -281,7 +284,7 @@ pub fn parse_surf(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<[u32; 3
         .collect()
 }
 
-/// A list of nodes: a count, the word `intra` or `extra`, then a node number each.
+/// Parses a list of nodes: a count, the word `intra` or `extra`, then one node number per line.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -308,11 +311,11 @@ pub fn read_vtx(file: &Path, n_nodes: usize) -> Result<Vec<u32>, MeshFileError> 
     parse_vtx(&read_text(file)?, file, n_nodes)
 }
 
-/// Writes a mesh as `stem.pts` (µm), `stem.elem`, `stem.lon` (fibre and sheet, if the mesh has frames) and a
-/// `stem.NAME.surf` for each surface.
+/// Writes a mesh as `stem.pts` (µm), `stem.elem`, `stem.lon` (fibre and sheet, if the mesh has
+/// frames) and one `stem.NAME.surf` for each surface.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if a file cannot be written.
 pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
     write_pts(&mesh.nodes_mm, &with(stem, "pts"))?;
     let mut text = format!("{}\n", mesh.n_tets());
@@ -347,10 +350,10 @@ pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
     Ok(())
 }
 
-/// Writes points (in µm).
+/// Writes points in µm.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if the file cannot be written.
 pub fn write_pts(nodes_mm: &[Vec3], file: &Path) -> Result<(), MeshFileError> {
     let mut text = format!("{}\n", nodes_mm.len());
     for p in nodes_mm {
@@ -363,7 +366,7 @@ pub fn write_pts(nodes_mm: &[Vec3], file: &Path) -> Result<(), MeshFileError> {
 /// Writes a list of nodes.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if the file cannot be written.
 pub fn write_vtx(nodes: &[u32], file: &Path) -> Result<(), MeshFileError> {
     let mut text = format!("{}\nintra\n", nodes.len());
     for node in nodes {

@@ -1,4 +1,4 @@
-//! What can be wrong with a mesh file.
+//! Errors of mesh files.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,54 +6,54 @@ use std::path::{Path, PathBuf};
 /// A mesh file that could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileError {
-    /// The operating system refused to read.
+    /// The file cannot be read.
     #[error("cannot read {}", file.display())]
     Read {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// The operating system refused to write.
+    /// The file cannot be written.
     #[error("cannot write {}", file.display())]
     Write {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// A line that is not what it should be.
+    /// A line is invalid.
     #[error("{}:{line}: found {found}, expected {expected}", file.display())]
     Line {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// From 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What stands there.
+        /// Content found.
         found: String,
-        /// What should.
+        /// Content expected.
         expected: String,
     },
-    /// An element or triangle that names a node that is not there.
+    /// An element or triangle refers to a node that does not exist.
     #[error("{}:{line}: element names node {node}, but the mesh has {n_nodes} nodes, numbered from 0", file.display())]
     NodeOutOfRange {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// From 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// The node's number.
+        /// Number of the node.
         node: i64,
-        /// How many nodes there are.
+        /// Number of nodes in the mesh.
         n_nodes: usize,
     },
-    /// A file that is not what it should be as a whole.
+    /// The file as a whole is invalid.
     #[error("{}: found {found}, expected {expected}", file.display())]
     Content {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// What it holds.
+        /// Content found.
         found: String,
-        /// What it should.
+        /// Content expected.
         expected: String,
     },
 }

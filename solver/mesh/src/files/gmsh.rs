@@ -1,8 +1,9 @@
-//! gmsh `.msh` files, ASCII, versions 2.2 and 4.1: tetrahedra with their physical groups as tags, named physical
-//! surfaces as surfaces.
+//! gmsh `.msh` files in ASCII, versions 2.2 and 4.1. Physical groups of tetrahedra become tags, and
+//! named physical surfaces become surfaces.
 //!
-//! Nodes that no tetrahedron uses are left out (gmsh keeps points of its geometry). Triangles are turned so that their
-//! normals point out of the tissue; those of surfaces inside the tissue are refused.
+//! Nodes without a tetrahedron are left out, because gmsh also writes points of its geometry.
+//! Triangles are turned so that their normals point out of the tissue; triangles inside the tissue
+//! are rejected.
 
 use super::error::{MeshFileError, read_text};
 use super::text::{Line, Lines};
@@ -18,31 +19,32 @@ const LINE: u32 = 1;
 const TRIANGLE: u32 = 2;
 const TETRAHEDRON: u32 = 4;
 
-/// What a file holds, in gmsh's own numbers.
+/// Content of a file, with gmsh's own numbers.
 #[derive(Default)]
 struct Raw {
     nodes: Vec<(u64, Vec3)>,
     /// Physical group, corners, line.
     tets: Vec<(i32, [u64; 4], usize)>,
     triangles: Vec<(i32, [u64; 3], usize)>,
-    /// Physical groups' names, by dimension and number.
+    /// Names of the physical groups, by dimension and number.
     names: BTreeMap<(u32, i32), String>,
     /// Physical group of each geometric entity (version 4), by dimension and number.
     groups: BTreeMap<(u32, i64), i32>,
 }
 
-/// Reads a file whose coordinates are in `unit`.
+/// Reads a file with coordinates in `unit`.
 ///
 /// # Errors
-/// [`MeshFileError`] with file and line: other versions, binary files, elements of higher order or other shape.
+/// [`MeshFileError`] with file and line, also for other versions, binary files, and elements of
+/// higher order or other shape.
 pub fn read(file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     parse(&read_text(file)?, file, unit)
 }
 
-/// [`read`] from a file's contents.
+/// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let first = lines.expect("`$MeshFormat`")?;
@@ -127,7 +129,8 @@ fn physical_names(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError>
     close(lines, "$EndPhysicalNames")
 }
 
-/// Version 4.1: points have 3 coordinates, all others 6, before their physical groups.
+/// Reads the entities of version 4.1. Points have 3 coordinates before their physical groups, all
+/// other entities have 6.
 fn entities(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
     let counts: [i64; 4] = whole(
         &lines.expect("four counts")?,

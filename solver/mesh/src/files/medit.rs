@@ -1,7 +1,8 @@
-//! Medit `.mesh` files, ASCII: the format of mmg and of many other mesh programs.
+//! Medit `.mesh` files in ASCII, the format of mmg and of many other meshing programs.
 //!
-//! References of tetrahedra are tags; triangles of reference `r` are the surface `surface-r` where they lie on the boundary (mesh
-//! programs also write those between two tags, which are no surface here). References and node numbers begin at 1, 0 is none.
+//! References of tetrahedra are tags. Triangles with reference `r` form the surface `surface-r` if
+//! they lie on the boundary; meshing programs also write triangles between two tags, which are
+//! ignored. References and node numbers begin at 1; 0 means none.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
@@ -12,10 +13,11 @@ use super::unit::LengthUnit;
 use crate::surface::{Surface, boundary, sorted};
 use crate::tet_mesh::TetMesh;
 
-/// Beginning of the names that surfaces get.
+/// Prefix of the surfaces' names.
 pub const SURFACE_PREFIX: &str = "surface-";
 
-/// Words of the file with their lines; everything in it is separated by blanks, however many lines that takes.
+/// Words of the file with their line numbers. White space separates all items, and line breaks have
+/// no meaning.
 struct Words<'a> {
     file: &'a Path,
     words: std::iter::Peekable<Box<dyn Iterator<Item = (usize, &'a str)> + 'a>>,
@@ -75,7 +77,7 @@ impl<'a> Words<'a> {
         Ok((number - 1) as u32)
     }
 
-    /// Passes over numbers up to the next keyword.
+    /// Skips the words before the next keyword.
     fn skip(&mut self) {
         while self
             .words
@@ -85,18 +87,19 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Reads a file whose coordinates are in `unit`.
+/// Reads a file with coordinates in `unit`.
 ///
 /// # Errors
-/// [`MeshFileError`] with file and line: binary files, other dimensions, nodes that are not there.
+/// [`MeshFileError`] with file and line, also for binary files, other dimensions, and nodes that do
+/// not exist.
 pub fn read(file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     parse(&read_text(file)?, file, unit)
 }
 
-/// [`read`] from a file's contents.
+/// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let mut words = Words::of(text, file);
     let mut mesh = TetMesh::default();
@@ -190,10 +193,11 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
     Ok(mesh)
 }
 
-/// Writes a mesh in mm: tags as references of tetrahedra, surfaces numbered from 1 in their order as references of triangles.
+/// Writes a mesh in mm. Tags become references of tetrahedra; surfaces, numbered from 1 in their
+/// order, become references of triangles.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if the file cannot be written.
 pub fn write(mesh: &TetMesh, file: &Path) -> Result<(), MeshFileError> {
     let mut text = format!(
         "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n",

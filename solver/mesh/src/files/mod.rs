@@ -17,7 +17,8 @@ use std::path::Path;
 
 use crate::tet_mesh::TetMesh;
 
-/// Reads a `.vtu`, `.msh` or `.mesh` file, or CARP files of a stem; elements that are all the wrong way round are turned.
+/// Reads a `.vtu`, `.msh` or `.mesh` file, or the CARP files of a stem. If all elements are
+/// inverted, they are turned.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.

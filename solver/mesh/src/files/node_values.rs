@@ -1,22 +1,23 @@
-//! One number for each node, a line each: activation times (ms), as CARP's `.dat`. Lines that begin with `#` are comments.
+//! Files with one number per node on each line, such as activation times \[ms\] in CARP's `.dat`.
+//! Lines that begin with `#` are comments.
 
 use super::error::{MeshFileError, read_text, write_bytes};
 use super::text::Lines;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Reads one finite number for each of `n_nodes` nodes, in their order.
+/// Reads one finite number for each of `n_nodes` nodes, in the order of the nodes.
 ///
 /// # Errors
-/// [`MeshFileError`] with file and line; also where there are fewer or more numbers than nodes.
+/// [`MeshFileError`] with file and line, also if the number of values differs from `n_nodes`.
 pub fn read(file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
     parse(&read_text(file)?, file, n_nodes)
 }
 
-/// [`read`] from a file's contents.
+/// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
     let mut lines = Lines::new(text, file);
     let mut values = Vec::with_capacity(n_nodes);
@@ -42,10 +43,10 @@ pub fn parse(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFi
     Ok(values)
 }
 
-/// Writes one number a line after a comment that names them.
+/// Writes a comment that names the values, then one value per line.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if the file cannot be written.
 pub fn write(file: &Path, comment: &str, values: &[f64]) -> Result<(), MeshFileError> {
     let mut text = format!("# {comment}\n");
     for value in values {

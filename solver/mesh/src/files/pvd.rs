@@ -1,20 +1,20 @@
-//! PVD: the index of a series of VTU files, which ParaView opens as an animation.
+//! PVD files: index of a series of VTU files, which ParaView opens as an animation.
 
 use super::error::{MeshFileError, write_bytes};
 use cardiotwin_units::Ms;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Writes the index of files in the same folder, each with its time in ms. Written anew after each frame, it is whole at
-/// any time.
+/// Writes the index of files in the same folder, each with its time in ms. If it is written after
+/// each frame, it is complete at any time.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
+/// [`MeshFileError::Write`] if the file cannot be written.
 pub fn write(file: &Path, frames: &[(Ms, String)]) -> Result<(), MeshFileError> {
     write_bytes(file, text(frames).as_bytes())
 }
 
-/// The index's text.
+/// Text of the index.
 #[must_use]
 pub fn text(frames: &[(Ms, String)]) -> String {
     let mut text = String::from(

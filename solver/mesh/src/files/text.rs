@@ -1,20 +1,20 @@
-//! Lines of a text file, numbered, and the numbers in them.
+//! Numbered lines of a text file, and the numbers in them.
 
 use super::error::MeshFileError;
 use std::path::Path;
 use std::str::FromStr;
 
-/// Longest piece of a line that a message repeats.
+/// Largest number of characters of a line that a message quotes.
 const SHOWN: usize = 60;
 
-/// The lines that hold something, one after the other.
+/// Iterator over the lines that are not blank.
 pub struct Lines<'a> {
     file: &'a Path,
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
     last: usize,
 }
 
-/// A line and its number.
+/// A line with its number.
 #[derive(Clone, Copy)]
 pub struct Line<'a> {
     pub file: &'a Path,
@@ -32,7 +32,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The next line with anything but blanks in it.
+    /// The next line that is not blank.
     pub fn next(&mut self) -> Option<Line<'a>> {
         for (index, text) in self.lines.by_ref() {
             self.last = index + 1;
@@ -47,7 +47,7 @@ impl<'a> Lines<'a> {
         None
     }
 
-    /// The next line, which has to be there.
+    /// The next line; an error at the end of the file.
     pub fn expect(&mut self, expected: &str) -> Result<Line<'a>, MeshFileError> {
         let last = self.last;
         self.next().ok_or_else(|| {
@@ -70,12 +70,12 @@ impl<'a> Line<'a> {
         self.text.split_ascii_whitespace().collect()
     }
 
-    /// One word as a number.
+    /// Parses a word as a number.
     pub fn number<T: FromStr>(&self, word: &str, expected: &str) -> Result<T, MeshFileError> {
         word.parse().map_err(|_| self.error(expected))
     }
 
-    /// The line's first word as a count.
+    /// Parses the first word of the line as a count.
     pub fn count(&self, expected: &str) -> Result<usize, MeshFileError> {
         let word = self
             .text
@@ -85,7 +85,7 @@ impl<'a> Line<'a> {
         self.number(word, expected)
     }
 
-    /// All words as finite numbers, so many of them.
+    /// Parses all words of the line, which must be `N` finite numbers.
     pub fn floats<const N: usize>(&self, expected: &str) -> Result<[f64; N], MeshFileError> {
         let mut values = [0.0f64; N];
         let mut words = self.text.split_ascii_whitespace();
@@ -105,7 +105,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Words as nodes of a mesh with so many.
+    /// Parses words as node numbers below `n_nodes`.
     pub fn nodes<const N: usize>(
         &self,
         words: &[&str],

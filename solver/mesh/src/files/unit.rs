@@ -1,22 +1,23 @@
-//! Units of length in files. A file of points does not say its unit, so whoever names the file says it.
+//! Units of length in files. Files of points do not contain their unit, so that the caller has to
+//! specify it.
 
 use crate::vec3::{Vec3, scale};
 
-/// The unit that a file's coordinates are in.
+/// Unit of a file's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LengthUnit {
-    /// µm, the unit of CARP files.
+    /// Micrometre, the unit of CARP files.
     Micrometre,
-    /// mm.
+    /// Millimetre.
     Millimetre,
-    /// cm.
+    /// Centimetre.
     Centimetre,
-    /// m.
+    /// Metre.
     Metre,
 }
 
 impl LengthUnit {
-    /// Every unit.
+    /// All units.
     pub const ALL: [Self; 4] = [
         Self::Micrometre,
         Self::Millimetre,
@@ -24,7 +25,7 @@ impl LengthUnit {
         Self::Metre,
     ];
 
-    /// How many of this unit make one millimetre.
+    /// Number of units in one millimetre.
     #[must_use]
     pub fn per_mm(self) -> f64 {
         match self {
@@ -35,7 +36,7 @@ impl LengthUnit {
         }
     }
 
-    /// Its symbol, as settings write it.
+    /// Symbol of the unit, as it is written in settings.
     #[must_use]
     pub fn symbol(self) -> &'static str {
         match self {
@@ -46,7 +47,7 @@ impl LengthUnit {
         }
     }
 
-    /// The unit with that symbol.
+    /// The unit with a symbol.
     #[must_use]
     pub fn from_symbol(symbol: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|unit| unit.symbol() == symbol)
@@ -54,7 +55,7 @@ impl LengthUnit {
 
     pub(crate) fn to_mm(self, point: Vec3) -> Vec3 {
         match self {
-            // a division by a whole number is exact where the multiplication by its inverse is not
+            // Division by a whole number is exact, but multiplication by its inverse is not.
             Self::Micrometre => point.map(|x| x / 1e3),
             Self::Millimetre => point,
             Self::Centimetre => scale(point, 10.0),

@@ -1,8 +1,9 @@
-//! Mending a mesh: what can be mended without meshing anew, each thing counted and said.
+//! Repair of a mesh as far as possible without meshing anew. Each step is counted and reported.
 //!
-//! The order matters: nodes and elements first, then pieces and places where tissue touches itself, then shapes, and surfaces
-//! last, which stand on all the rest. Tags and frames go with their elements; a surface's triangles go where their nodes go, and
-//! those that are no boundary faces any more are dropped and counted.
+//! The order of steps matters: nodes and elements come first, then pieces and places where tissue
+//! touches itself, then shapes, and last surfaces, which depend on all of these. Tags and frames
+//! stay with their elements. A surface's triangles follow their nodes; triangles that are no longer
+//! boundary faces are dropped and counted.
 
 mod nodes;
 mod plane;
@@ -24,39 +25,40 @@ use crate::surface::{Surface, openings};
 use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::{Vec3, scale};
 
-/// What to do beside what is always done.
+/// Optional steps, besides those that are always carried out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Repair {
-    /// Factor of all lengths.
+    /// Factor of all coordinates.
     pub scale: Option<f64>,
-    /// Tags that become others.
+    /// New tags, by the old ones.
     pub map_tags: BTreeMap<i32, i32>,
-    /// Elements with these tags alone stay.
+    /// Tags of the elements to keep; if empty, all are kept.
     pub keep_tags: Vec<i32>,
-    /// Elements with these tags go: valve plugs, papillary muscles.
+    /// Tags of the elements to remove, for example valve plugs and papillary muscles.
     pub remove_tags: Vec<i32>,
-    /// What lies on the side of the plane to which its normal points goes, elements being cut.
+    /// Plane at which elements are cut; the side to which its normal points is removed.
     pub cut: Option<Plane>,
-    /// What lies on that side becomes passive tissue with the tag.
+    /// Plane and tag: tissue on the side to which the normal points becomes passive with this tag.
     pub passive_above: Option<(Plane, i32)>,
-    /// Pieces that do not hang together with the largest go.
+    /// Whether to remove pieces that are not connected with the largest one.
     pub keep_largest: bool,
-    /// New names of surfaces, by their old ones.
+    /// New names of surfaces, by the old ones.
     pub rename: BTreeMap<String, String>,
-    /// Whether surfaces are found anew, though there are some.
+    /// Whether to search surfaces again although the mesh has some.
     pub find_surfaces: bool,
-    /// Plane of the base, at which the rim lies: tells the rim where no sharp edge does.
+    /// Plane of the base, in which the rim lies. It determines the rim if there is no sharp edge.
     pub rim_plane: Option<Plane>,
-    /// A point near the middle of the septum, and how much of the outer wall it takes \[degrees around the long axis\].
+    /// A point near the middle of the septum, and the extent of the septum on the outer wall
+    /// \[degrees around the long axis\].
     pub septum: Option<(Vec3, f64)>,
-    /// Whether badly shaped elements are left as they are.
+    /// Whether to leave badly shaped elements unchanged.
     pub keep_shapes: bool,
 }
 
-/// What was done.
+/// Report of a repair.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Done {
-    /// In words, each with its count.
+    /// Descriptions of the steps, with their counts.
     pub steps: Vec<String>,
 }
 
@@ -70,55 +72,57 @@ impl Done {
     }
 }
 
-/// Why a mesh is not mended.
+/// Reasons why a mesh cannot be repaired.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RepairError {
-    /// An element names a node that is not there.
+    /// An element refers to a node that does not exist.
     #[error(
         "element {element} names node {node}, but the mesh has {n_nodes} nodes: no repair can know which was meant"
     )]
     NodeOutOfRange {
-        /// Which element.
+        /// Index of the element.
         element: usize,
-        /// Its node.
+        /// Number of its node.
         node: u32,
-        /// How many there are.
+        /// Number of nodes in the mesh.
         n_nodes: usize,
     },
-    /// Nothing would be left.
+    /// No element would remain.
     #[error("no element is left {after}: check tags and plane")]
     Nothing {
-        /// After which step.
+        /// Step that removed the last element.
         after: &'static str,
     },
-    /// A surface to be renamed is not there.
+    /// A surface to be renamed does not exist.
     #[error("no surface {name:?}; surfaces there are {found:?}")]
     NoSurface {
-        /// Which was asked for.
+        /// Requested name.
         name: String,
-        /// Which there are.
+        /// Names of the mesh's surfaces.
         found: Vec<String>,
     },
-    /// Surfaces cannot be found.
+    /// The search for surfaces failed.
     #[error("surfaces cannot be found on the mesh")]
     Surfaces(#[from] FindError),
     /// The septum cannot be marked.
     #[error("no septum at ({:.1}, {:.1}, {:.1}) mm: {why}", at_mm[0], at_mm[1], at_mm[2])]
     Septum {
-        /// Where it was looked for.
+        /// Given point \[mm\].
         at_mm: Vec3,
-        /// In words.
+        /// Reason in words.
         why: &'static str,
     },
 }
 
-/// Mends a mesh.
+/// Repairs a mesh.
 ///
 /// # Errors
-/// [`RepairError`] where what was asked for cannot be done; a surface that cannot be found without having been asked for is none.
+/// [`RepairError`] if a requested step is impossible. A surface that cannot be found is no error
+/// unless it was requested.
 pub fn repair(mesh: &mut TetMesh, wanted: &Repair) -> Result<Done, RepairError> {
     let n_nodes = mesh.n_nodes();
-    // Directions at nodes stay as those of the elements' centroids: nodes come, go and move here.
+    // Repairs add, remove and move nodes, so that nodal directions are replaced by those at the
+    // elements' centroids.
     mesh.fibres = NodeFibres::PerElement;
     for (element, tet) in mesh.tets.iter().enumerate() {
         if let Some(node) = tet.iter().find(|node| **node as usize >= n_nodes) {
@@ -197,7 +201,7 @@ pub fn repair(mesh: &mut TetMesh, wanted: &Repair) -> Result<Done, RepairError> 
     Ok(done)
 }
 
-/// Doubled nodes and elements, and elements turned inside out.
+/// Merges doubled nodes and elements, and turns inverted elements.
 fn elements(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<(), RepairError> {
     done.count(
         nodes::merge_doubled(mesh),
@@ -226,7 +230,8 @@ fn elements(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<(), 
     Ok(())
 }
 
-/// Removes elements by their tags; whether that opened a closed cavity, whose rim is then known.
+/// Removes elements by their tags. Returns whether this opened a closed cavity, whose rim is then
+/// known.
 fn chosen_tags(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<bool, RepairError> {
     let kept = |tag: &i32| wanted.keep_tags.is_empty() || wanted.keep_tags.contains(tag);
     let removed = |tag: &i32| wanted.remove_tags.contains(tag);
@@ -237,7 +242,8 @@ fn chosen_tags(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<b
         && mesh.surface(surface_names::ENDOCARDIUM).is_none()
         && let Ok(found) = find_surfaces(mesh)
     {
-        // Inner and outer wall of a closed ventricle are told apart before it is opened: no edge has to be sharp.
+        // Inner and outer wall of a closed ventricle are separated before it is opened, so that no
+        // sharp edge is needed.
         surfaces::replace(mesh, found, done);
     }
     let closed = mesh
@@ -251,7 +257,8 @@ fn chosen_tags(mesh: &mut TetMesh, wanted: &Repair, done: &mut Done) -> Result<b
         name: surfaces::SIDE_OF_REMOVED.to_owned(),
         triangles: septal,
     });
-    // Around a plug lies the rim; towards papillary muscles in an open cavity, the endocardium.
+    // Faces around a plug form the rim. Faces towards papillary muscles in an open cavity belong to
+    // the endocardium.
     let joined = if closed {
         surface_names::RIM
     } else {
@@ -326,7 +333,8 @@ fn name_surfaces(
     let lacks = needed
         .iter()
         .any(|name| mesh.surface(name).is_none_or(|s| s.triangles.is_empty()));
-    // Surfaces that lost triangles by being cut or chosen anew are not whole; one that lost a plug is.
+    // Surfaces that lost triangles by a cut or a selection are incomplete, except for one that lost
+    // a plug.
     let changed = !opened && (fitted.dropped > 0 || !wanted.keep_tags.is_empty());
     if let Some(plane) = wanted.rim_plane.as_ref().or(wanted.cut.as_ref()) {
         let found = surfaces::at_plane(mesh, plane)?;

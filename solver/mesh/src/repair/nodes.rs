@@ -1,4 +1,4 @@
-//! Nodes and elements: doubled, unused, turned, loose.
+//! Repair of nodes and elements: doubled, unused, inverted and disconnected ones.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -6,7 +6,7 @@ use crate::checks::{doubled, pieces, used};
 use crate::surface::sorted;
 use crate::tet_mesh::{FACES, TetMesh};
 
-/// Gives every element and triangle other nodes; triangles that collapse go.
+/// Renumbers the nodes of all elements and triangles. Triangles that collapse are removed.
 pub(super) fn renumber(mesh: &mut TetMesh, new: impl Fn(u32) -> u32) {
     for tet in &mut mesh.tets {
         *tet = tet.map(&new);
@@ -21,7 +21,7 @@ pub(super) fn renumber(mesh: &mut TetMesh, new: impl Fn(u32) -> u32) {
     }
 }
 
-/// Keeps the elements that `keep` says, with their tags and frames.
+/// Keeps the elements with `keep`, with their tags and frames.
 pub(super) fn keep_elements(mesh: &mut TetMesh, keep: &[bool]) {
     let mut kept = keep.iter();
     mesh.tets.retain(|_| kept.next().copied().unwrap_or(false));
@@ -34,7 +34,7 @@ pub(super) fn keep_elements(mesh: &mut TetMesh, keep: &[bool]) {
     }
 }
 
-/// Merges nodes at one place; how many went.
+/// Merges coincident nodes and returns the number of removed ones.
 pub(super) fn merge_doubled(mesh: &mut TetMesh) -> usize {
     let pairs: BTreeMap<u32, u32> = doubled(mesh).into_iter().collect();
     if !pairs.is_empty() {
@@ -43,7 +43,8 @@ pub(super) fn merge_doubled(mesh: &mut TetMesh) -> usize {
     pairs.len()
 }
 
-/// Removes elements with a node twice, and all but one of elements with the same nodes; how many went.
+/// Removes elements that have a node twice, and all but one of the elements with the same nodes.
+/// Returns their number.
 pub(super) fn drop_collapsed(mesh: &mut TetMesh) -> usize {
     let mut seen = HashSet::new();
     let keep: Vec<bool> = mesh
@@ -59,7 +60,7 @@ pub(super) fn drop_collapsed(mesh: &mut TetMesh) -> usize {
     keep.iter().filter(|k| !**k).count()
 }
 
-/// Turns every element with a negative volume over; how many were.
+/// Turns all elements with a negative volume and returns their number.
 pub(super) fn turn_inverted(mesh: &mut TetMesh) -> usize {
     let turned: Vec<usize> = (0..mesh.n_tets())
         .filter(|e| mesh.volume_mm3(*e) < 0.0)
@@ -70,7 +71,7 @@ pub(super) fn turn_inverted(mesh: &mut TetMesh) -> usize {
     turned.len()
 }
 
-/// Removes pieces that do not hang together with the largest.
+/// Removes pieces that are not connected with the largest one.
 pub(super) fn keep_largest(mesh: &mut TetMesh) {
     let mut keep = vec![false; mesh.n_tets()];
     for e in pieces(mesh).first().into_iter().flatten() {
@@ -79,7 +80,7 @@ pub(super) fn keep_largest(mesh: &mut TetMesh) {
     keep_elements(mesh, &keep);
 }
 
-/// Removes nodes that no element has, and triangles that had them; how many nodes went.
+/// Removes nodes without elements and the triangles that use them. Returns the number of nodes.
 pub(super) fn drop_unused(mesh: &mut TetMesh) -> usize {
     let used = used(mesh);
     let n_before = mesh.n_nodes();
@@ -103,7 +104,8 @@ pub(super) fn drop_unused(mesh: &mut TetMesh) -> usize {
     n_unused
 }
 
-/// Faces between elements whose tag `stays` and elements whose tag `goes`, with normals out of what stays.
+/// Faces between elements whose tag satisfies `stays` and elements whose tag satisfies `goes`, with
+/// normals out of the former.
 pub(super) fn faces_between(
     mesh: &TetMesh,
     stays: &dyn Fn(&i32) -> bool,

@@ -1,4 +1,4 @@
-//! A plane through the base: what lies above it goes, or becomes passive.
+//! Cut at a plane through the base: tissue above it is removed or becomes passive.
 
 use std::collections::BTreeMap;
 
@@ -7,27 +7,28 @@ use crate::adjacency::Adjacency;
 use crate::tet_mesh::{EDGES, TetMesh, volume_mm3};
 use crate::vec3::{Vec3, axpy, distance, dot, sub};
 
-/// A node nearer to the plane than this share of its shortest cut edge is moved onto it, so that no sliver is left beside it.
+/// Distance from the plane, as a share of the shortest cut edge, below which a node is moved onto
+/// the plane, so that the cut leaves no sliver.
 const SNAP: f64 = 0.25;
 
-/// A plane; its normal points to the side that goes.
+/// A plane. Its normal points to the side that is removed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
-    /// A point of it, mm.
+    /// A point in the plane \[mm\].
     pub point_mm: Vec3,
-    /// Its unit normal.
+    /// Unit normal of the plane.
     pub normal: Vec3,
 }
 
 impl Plane {
-    /// How far a point lies above it, mm.
+    /// Height of a point above the plane \[mm\].
     #[must_use]
     pub fn above_mm(&self, x: Vec3) -> f64 {
         dot(sub(x, self.point_mm), self.normal)
     }
 }
 
-/// Tags elements whose middle lies above the plane; how many.
+/// Tags the elements whose centroid lies above the plane, and returns their number.
 pub(super) fn tag_above(mesh: &mut TetMesh, plane: &Plane, tag: i32) -> usize {
     let above: Vec<usize> = (0..mesh.n_tets())
         .filter(|e| plane.above_mm(mesh.centroid_mm(*e)) > 0.0)
@@ -38,7 +39,8 @@ pub(super) fn tag_above(mesh: &mut TetMesh, plane: &Plane, tag: i32) -> usize {
     above.len()
 }
 
-/// Cuts the mesh at the plane; how many elements were cut or removed. Surfaces lose the triangles at cut elements.
+/// Cuts the mesh at the plane and returns the number of cut or removed elements. Surfaces lose the
+/// triangles at cut elements.
 pub(super) fn cut(mesh: &mut TetMesh, plane: &Plane) -> usize {
     let mut height: Vec<f64> = mesh.nodes_mm.iter().map(|x| plane.above_mm(*x)).collect();
     snap(mesh, plane, &mut height);
@@ -73,7 +75,7 @@ pub(super) fn cut(mesh: &mut TetMesh, plane: &Plane) -> usize {
     n_changed
 }
 
-/// Moves nodes that lie almost in the plane into it, where no element turns over by that.
+/// Moves nodes near the plane into it, unless this inverts an element.
 fn snap(mesh: &mut TetMesh, plane: &Plane, height: &mut [f64]) {
     let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let mut shortest = vec![f64::INFINITY; mesh.n_nodes()];
@@ -113,8 +115,8 @@ fn snap(mesh: &mut TetMesh, plane: &Plane, height: &mut [f64]) {
     }
 }
 
-/// The part of a cut element below the plane, in tetrahedra. Diagonals of quadrilaterals begin at the smallest node, so that
-/// neighbours choose alike.
+/// Tetrahedra of a cut element's part below the plane. Diagonals of quadrilaterals begin at the
+/// smallest node, so that neighbours agree.
 fn lower_part(
     mesh: &mut TetMesh,
     height: &[f64],
@@ -146,7 +148,7 @@ fn lower_part(
         ([a], [b], [p, q]) => vec![[*a, *p, *q, crossing(*a, *b)]],
         ([a, b], [c], [p]) => {
             let (ac, bc) = (crossing(*a, *c), crossing(*b, *c));
-            // pyramid over the quadrilateral a, b, bc, ac with its top p
+            // Pyramid over the quadrilateral a, b, bc, ac with its apex at p.
             pyramid([*a, *b, bc, ac], *p)
         }
         ([a, b], [c, d], []) => {
@@ -171,15 +173,16 @@ fn lower_part(
     parts.into_iter().map(upright).collect()
 }
 
-/// A pyramid in two, its base's diagonal at the smallest node.
+/// Divides a pyramid into two tetrahedra, with the base's diagonal at the smallest node.
 fn pyramid(base: [u32; 4], top: u32) -> Vec<[u32; 4]> {
     let first = (0..4).min_by_key(|i| base[*i]).unwrap_or(0);
     let at = |i: usize| base[(first + i) % 4];
     vec![[at(0), at(1), at(2), top], [at(0), at(2), at(3), top]]
 }
 
-/// A prism in three, the diagonal of each side at its smallest node (Dompierre et al. 1999): the smallest of all nodes sees one
-/// triangle and the side opposite of it.
+/// Divides a prism into three tetrahedra, with the diagonal of each side at its smallest node
+/// (Dompierre et al. 1999). The smallest of all nodes is joined to the opposite triangle and to the
+/// opposite side.
 fn prism(low: [u32; 3], high: [u32; 3]) -> Vec<[u32; 4]> {
     let smallest = low.into_iter().chain(high).min().unwrap_or(0);
     let (near, far) = if low.contains(&smallest) {

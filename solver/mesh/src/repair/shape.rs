@@ -1,7 +1,8 @@
-//! Badly shaped elements: edges of flat ones collapsed, nodes inside the tissue moved to where the worst element around is best.
+//! Repair of badly shaped elements: edges of flat ones are collapsed, and inner nodes move to
+//! positions at which the worst element around them is best.
 //!
-//! Nodes of the boundary stay where they are, so that the heart keeps its form and volume; whatever needs other facets needs another
-//! mesh.
+//! Nodes of the boundary do not move, so that the heart keeps its form and volume. Elements that
+//! need other facets require a new mesh.
 
 use crate::adjacency::Adjacency;
 use crate::checks::{DEGENERATE, POOR_WARNING};
@@ -12,19 +13,19 @@ use crate::vec3::{Vec3, add, axpy, distance, scale};
 
 use super::nodes::{keep_elements, renumber};
 
-/// Rounds over all bad elements.
+/// Number of passes over all bad elements.
 const ROUNDS: usize = 12;
-/// Elements below this mean ratio are worked on.
+/// Mean ratio below which elements are improved.
 const WANTED: f64 = 2.0 * POOR_WARNING;
 
-/// What was done.
+/// Counts of the changes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Shaped {
     pub(super) moved: usize,
     pub(super) collapsed: usize,
 }
 
-/// Works on elements with a mean ratio below [`WANTED`].
+/// Improves elements with a mean ratio below [`WANTED`].
 pub(super) fn improve(mesh: &mut TetMesh) -> Shaped {
     let mut shaped = Shaped::default();
     let mut moved = vec![false; mesh.n_nodes()];
@@ -49,7 +50,7 @@ fn on_boundary(mesh: &TetMesh) -> Vec<bool> {
     outer
 }
 
-/// Worst mean ratio around a node.
+/// Worst mean ratio of the elements around a node.
 fn worst(mesh: &TetMesh, elements: &[u32]) -> f64 {
     elements
         .iter()
@@ -57,7 +58,7 @@ fn worst(mesh: &TetMesh, elements: &[u32]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Moves inner nodes of bad elements; how many found a better place.
+/// Moves inner nodes of bad elements and returns the number of improved positions.
 fn smooth(mesh: &mut TetMesh, moved: &mut [bool]) -> usize {
     let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
     let outer = on_boundary(mesh);
@@ -94,7 +95,7 @@ fn smooth(mesh: &mut TetMesh, moved: &mut [bool]) -> usize {
             better
         };
         tried(mesh, scale(sum, 1.0 / n), &mut best, &mut value);
-        // then along the axes, in halved steps
+        // Then along the axes, with halved steps.
         let mut step = 0.5 * reach.max(1e-3 * mesh_scale(best, sum, n));
         for _ in 0..8 {
             let mut found = false;
@@ -117,12 +118,14 @@ fn smooth(mesh: &mut TetMesh, moved: &mut [bool]) -> usize {
     n_moved
 }
 
-/// Distance between a node and the mean of its neighbours, so that a node that lies on another can still move.
+/// Distance between a node and the mean of its neighbours. It allows a node that coincides with
+/// another one to move.
 fn mesh_scale(x: Vec3, sum: Vec3, n: f64) -> f64 {
     distance(x, scale(sum, 1.0 / n))
 }
 
-/// Collapses an edge of each flat element onto a node where the elements around do not become worse than it was; how many.
+/// Collapses an edge of each flat element onto a node, if the elements around it do not become
+/// worse than the flat one. Returns the number of collapses.
 fn collapse_flat(mesh: &mut TetMesh) -> usize {
     let outer = on_boundary(mesh);
     let mut n_collapsed = 0;
@@ -143,7 +146,8 @@ fn collapse_flat(mesh: &mut TetMesh) -> usize {
             .flat_map(|[i, j]| [[i, j], [j, i]])
             .map(|ends| ends.map(|i| tet[i]))
         {
-            // a node of the boundary stays, and an inner edge between two nodes of it closes nothing by going
+            // A boundary node stays in place. An inner edge between two boundary nodes is therefore
+            // never collapsed, and the collapses close no opening.
             if outer[from as usize] {
                 continue;
             }

@@ -1,4 +1,5 @@
-//! Surfaces of a mended mesh: those it had, fitted to its boundary; those that a plane or a place tells.
+//! Surfaces of a repaired mesh: existing ones are fitted to its boundary, others are determined by
+//! a plane or a position.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -10,19 +11,21 @@ use crate::surface::{Surface, area_vector, boundary, edges, sorted};
 use crate::tet_mesh::{TetMesh, surface_names};
 use crate::vec3::{Vec3, dot, norm, reject, sub, unit};
 
-/// Holds faces towards tissue that was taken away, until they are named.
+/// Name of the temporary surface of faces towards removed tissue.
 pub(super) const SIDE_OF_REMOVED: &str = "\u{1}removed";
-/// A face belongs to a rim's plane within this angle of its normal.
+/// Smallest cosine of the angle between a face's normal and the plane's for the face to belong to
+/// the rim.
 const RIM_COSINE: f64 = 0.8;
 
-/// What fitting took.
+/// Counts of the changes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Fitted {
     pub(super) turned: usize,
     pub(super) dropped: usize,
 }
 
-/// Turns triangles outward, and drops those that are no faces of the boundary, or are in a surface before.
+/// Turns triangles outwards. Triangles that are not boundary faces, or that belong to an earlier
+/// surface, are dropped.
 pub(super) fn fit_to_boundary(mesh: &mut TetMesh) -> Fitted {
     let outward: HashMap<[u32; 3], [u32; 3]> = boundary(mesh)
         .iter()
@@ -54,8 +57,8 @@ pub(super) fn fit_to_boundary(mesh: &mut TetMesh) -> Fitted {
     fitted
 }
 
-/// Puts surfaces in the place of those with the same names, and says what there is now. A septum that is part of a new surface is
-/// taken out of it.
+/// Replaces surfaces of the same names and reports the new ones. A septum that is part of a new
+/// surface is taken out of it.
 pub(super) fn replace(mesh: &mut TetMesh, found: Vec<Surface>, done: &mut Done) {
     let known = [
         surface_names::ENDOCARDIUM,
@@ -81,8 +84,8 @@ pub(super) fn replace(mesh: &mut TetMesh, found: Vec<Surface>, done: &mut Done) 
     }
 }
 
-/// Endocardium, epicardium and rim by the plane of the base: faces in it are the rim, and the rest falls into an inner and an outer
-/// wall.
+/// Endocardium, epicardium and rim from the plane of the base: faces in the plane form the rim, and
+/// the others form an inner and an outer wall.
 pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, FindError> {
     let triangles: Vec<[u32; 3]> = boundary(mesh).iter().map(|face| face.triangle).collect();
     let near = 0.5 * mesh.mean_edge_mm();
@@ -134,7 +137,7 @@ pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, Fi
         } else if i == outer {
             epicardium = patch;
         } else {
-            rest.extend(patch); // crumbs beside the plane
+            rest.extend(patch); // small patches next to the plane
         }
     }
     let named = [
@@ -153,7 +156,7 @@ pub(super) fn at_plane(mesh: &TetMesh, plane: &Plane) -> Result<Vec<Surface>, Fi
         .collect())
 }
 
-/// Takes triangles out of the epicardium into the septum, which is made anew; how many.
+/// Moves triangles from the epicardium to a new septum and returns their number.
 fn move_to_septum(mesh: &mut TetMesh, septal: &BTreeSet<[u32; 3]>) -> usize {
     let mut triangles = Vec::new();
     for surface in mesh
@@ -179,7 +182,8 @@ fn move_to_septum(mesh: &mut TetMesh, septal: &BTreeSet<[u32; 3]>) -> usize {
     n
 }
 
-/// Names the faces towards tissue that was taken away, as far as they are of the outer wall; how many.
+/// Makes the faces towards removed tissue a septum, if they belong to the outer wall. Returns their
+/// number.
 pub(super) fn name_septum(mesh: &mut TetMesh) -> usize {
     let septal: BTreeSet<[u32; 3]> = mesh
         .surface(SIDE_OF_REMOVED)
@@ -193,17 +197,18 @@ pub(super) fn name_septum(mesh: &mut TetMesh) -> usize {
     }
 }
 
-/// Marks the part of the outer wall within half of `degrees` of a point, seen from the long axis, as septum; how many triangles.
+/// Marks a part of the outer wall as septum: within `degrees`/2 of a point, as an angle around the
+/// long axis. Returns the number of triangles.
 ///
 /// # Errors
-/// [`RepairError::Septum`] where the mesh has no long axis, or nothing lies there.
+/// [`RepairError::Septum`] if the mesh has no long axis, or no face lies within the angle.
 pub fn mark_septum(mesh: &mut TetMesh, at_mm: Vec3, degrees: f64) -> Result<usize, RepairError> {
     let refuse = |why| RepairError::Septum { at_mm, why };
     let marks =
         Landmarks::of(mesh).ok_or(refuse("a long axis needs endocardium, epicardium and rim"))?;
     let around = |x: Vec3| unit(reject(sub(x, marks.base_mm), marks.axis));
     let towards = around(at_mm).ok_or(refuse("the point lies on the long axis"))?;
-    // A septum that was there is the epicardium's again.
+    // An earlier septum becomes epicardium again.
     let old = mesh
         .surface(surface_names::SEPTUM)
         .map(|s| s.triangles.clone())
@@ -221,7 +226,7 @@ pub fn mark_septum(mesh: &mut TetMesh, at_mm: Vec3, degrees: f64) -> Result<usiz
         let x = t.map(|node| mesh.nodes_mm[node as usize]);
         std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0)
     };
-    // The lower fifth of the wall is the apex, which no right ventricle covers.
+    // The lowest fifth of the wall is the apex, which no right ventricle covers.
     let apical = marks.apex_height_mm * 0.8;
     let outer = mesh
         .surface(surface_names::EPICARDIUM)

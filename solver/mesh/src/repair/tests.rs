@@ -54,7 +54,7 @@ fn turned_doubled_unused_and_loose_things_are_mended() {
     let mut mesh = made.clone();
     mesh.tets[7].swap(0, 1);
     mesh.tets[300].swap(2, 3);
-    // an element whose node was doubled, an unused node, and a loose piece
+    // An element with a doubled node, an unused node, and a disconnected piece.
     let node = mesh.tets[11][2];
     mesh.nodes_mm.push(mesh.nodes_mm[node as usize]);
     mesh.tets[11][2] = mesh.n_nodes() as u32 - 1;
@@ -99,7 +99,7 @@ fn turned_doubled_unused_and_loose_things_are_mended() {
 fn flat_elements_are_smoothed_without_moving_the_boundary() {
     let mut mesh = block([4, 4, 4], [40.0; 3]);
     let outer = boundary(&mesh);
-    // two inner nodes pushed until elements turn flat
+    // Two inner nodes are moved until elements become flat.
     let inner = mesh
         .nodes_mm
         .iter()
@@ -127,7 +127,7 @@ fn flat_elements_are_smoothed_without_moving_the_boundary() {
 
 #[test]
 fn tissue_that_touches_itself_is_parted() {
-    // two cubes of a block that share an edge alone
+    // Two cubes of a block that share only an edge.
     let whole = block([2, 2, 1], [20.0, 20.0, 10.0]);
     let mut mesh = whole.clone();
     let keep: Vec<usize> = (0..whole.n_tets())
@@ -174,7 +174,7 @@ fn a_closed_shell_is_cut_open_at_a_plane() {
         };
         mesh.n_tets()
     ];
-    // askew, so that elements are cut in every way
+    // An oblique plane, so that elements are cut in every way.
     let normal = crate::vec3::unit([0.2, 0.1, 1.0]).unwrap();
     let plane = Plane {
         point_mm: [30.0, 30.0, 33.0],
@@ -194,7 +194,8 @@ fn a_closed_shell_is_cut_open_at_a_plane() {
         0,
         "{done:?}"
     );
-    // Prisms under the plane: area times the height at their middle. Snapping bends the inner cube's walls a little.
+    // Prisms under the plane: area times height at their centre. Snapping bends the inner cube's
+    // walls slightly.
     let expected = (60.0 * 60.0 * 33.0 - 20.0 * 20.0 * 13.0) * 1e-3;
     assert!(
         (mesh.tissue_volume(&[]).0 / expected - 1.0).abs() < 0.01,
@@ -208,7 +209,7 @@ fn a_closed_shell_is_cut_open_at_a_plane() {
 
 #[test]
 fn a_plug_is_taken_out_by_its_tag_and_the_rim_is_found() {
-    // the shell's lid is a plug
+    // The lid of the shell is a plug.
     let mut mesh = cube(6, 60.0);
     let inside = |x: [f64; 3]| x.iter().all(|c| (20.0..40.0).contains(c));
     let keep: Vec<bool> = (0..mesh.n_tets())
@@ -249,7 +250,7 @@ fn a_plug_is_taken_out_by_its_tag_and_the_rim_is_found() {
     )
     .unwrap();
     assert_eq!(defects(&mesh), vec![]);
-    // The plug's four sides are the rim: 2 × 2 cells each, of two triangles.
+    // The four sides of the plug are the rim: 2 × 2 cells each, of two triangles.
     assert_eq!(
         mesh.surface(surface_names::RIM).unwrap().triangles.len(),
         32
@@ -266,7 +267,8 @@ fn the_side_towards_tissue_that_is_not_kept_is_the_septum() {
     for surface in &mut mesh.surfaces {
         surface.name = format!("other-{}", surface.name);
     }
-    // a right ventricle of another tag on one side of the outer wall: each outer face there gets an element
+    // A right ventricle with another tag on one side of the outer wall; each outer face there gets
+    // an element.
     let nodes = mesh.nodes_mm.clone();
     let outer = mesh
         .surfaces

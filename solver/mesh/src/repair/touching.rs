@@ -1,4 +1,5 @@
-//! Tissue that touches itself in an edge or a node: four boundary triangles meet there, and the boundary is no surface.
+//! Repair of tissue that touches itself in an edge or a node, where four boundary triangles meet
+//! and the boundary does not form a surface.
 
 use std::collections::BTreeMap;
 
@@ -10,20 +11,22 @@ use crate::surface::sorted;
 use crate::tet_mesh::{FACES, TetMesh};
 use crate::vec3::{add, axpy, scale, sub};
 
-/// How far a parted node goes towards the middle of its own elements, as a share of the way: no two nodes stay at one place.
+/// Distance by which a separated node moves towards the centre of its own elements, as a share of
+/// the way, so that no two nodes coincide.
 const APART: f64 = 0.03;
-/// Rounds after which what still touches is left to be told.
+/// Number of passes; places that still touch after them are left for the checks to report.
 const ROUNDS: usize = 8;
 
-/// What parting took.
+/// Counts of the changes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Parted {
     pub(super) doubled: usize,
     pub(super) removed: usize,
 }
 
-/// Parts tissue that touches itself: a node whose elements fall into groups without a common face becomes several nodes; where the
-/// elements around an edge fall into such groups though those around its ends do not, the smaller group goes.
+/// Separates tissue that touches itself. A node whose elements form groups without a common face
+/// becomes several nodes. If the elements around an edge form such groups but those around its ends
+/// do not, the smaller group is removed.
 pub(super) fn part(mesh: &mut TetMesh) -> Parted {
     let mut parted = Parted::default();
     for _ in 0..ROUNDS {
@@ -44,7 +47,7 @@ pub(super) fn part(mesh: &mut TetMesh) -> Parted {
     parted
 }
 
-/// Groups of elements that hang together by faces with all of `nodes`.
+/// Groups of elements that are connected by faces containing all of `nodes`.
 fn fans(mesh: &TetMesh, elements: &[u32], nodes: &[u32]) -> Vec<Vec<u32>> {
     let mut groups = Groups::new(elements.len());
     let mut at_face: BTreeMap<[u32; 3], usize> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Intracellular calcium transients: the input of a calcium-driven contraction model.
+//! Intracellular calcium transients, the input of calcium-driven contraction models.
 
 pub mod rice2008;
 pub mod sampled;
@@ -8,14 +8,15 @@ pub use sampled::SampledCalcium;
 
 /// A calcium transient as a function of the time since activation.
 pub trait Calcium: std::fmt::Debug + Send + Sync {
-    /// Calcium \[µM\] `since_activation_ms` after activation; the resting value before it.
+    /// Calcium \[µM\] at `since_activation_ms` after activation; the resting value before
+    /// activation.
     fn concentration_um(&self, since_activation_ms: f64) -> f64;
 
-    /// Calcium \[µM\] and its time derivative \[µM/ms\] at the same time, from the right.
+    /// Calcium \[µM\] and its right-sided time derivative \[µM/ms\] at the same time.
     fn value_and_rate(&self, since_activation_ms: f64) -> (f64, f64);
 }
 
-/// Why a calcium transient was refused.
+/// Reasons why a calcium transient was rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalciumError {
     /// A time constant is not a positive finite number.
@@ -43,9 +44,9 @@ pub enum CalciumError {
     Samples {
         /// Number of samples given.
         n_samples: usize,
-        /// Position of the first bad sample.
+        /// Index of the first invalid sample.
         index: usize,
-        /// Its value \[µM\].
+        /// Value of that sample \[µM\].
         value_um: f64,
     },
 }

@@ -1,4 +1,5 @@
-//! Rice 2008 calcium transient (Jung 2022, eq. A16), written so that swapping the two time constants changes nothing.
+//! Rice 2008 calcium transient (Jung 2022, eq. A16), in a form that is symmetric in the two time
+//! constants.
 
 use super::{Calcium, CalciumError};
 use crate::parameter::parameters;
@@ -20,9 +21,11 @@ parameters! {
     }
 }
 
-/// Rice's transient normalised to a peak of one, `K e^{−a s} (1 − e^{−2 d s})` with s the time since activation, a the
-/// smaller rate and 2d the rates' distance: symmetric in the two time constants and free of cancellation. At d → 0 it is the
-/// limit `(s/τ) e^{1 − s/τ}`.
+/// Rice's transient normalised to a peak of one, `K e^{−a s} (1 − e^{−2 d s})`.
+///
+/// s is the time since activation, a the smaller rate and 2d the difference of the rates. The form
+/// is symmetric in the two time constants and free of cancellation. For d → 0 it becomes
+/// `(s/τ) e^{1 − s/τ}`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rice2008Shape {
     /// Smaller rate 1/max(τ) \[1/ms\]; the mean of the two in the limit.
@@ -36,12 +39,13 @@ pub struct Rice2008Shape {
 }
 
 impl Rice2008Shape {
-    /// The shape for two positive time constants \[ms\], with the limit where d is less than `equal_rates` of the rates' mean.
-    /// What the limit leaves out is of order (d s)²/6.
+    /// The shape for two positive time constants \[ms\]. The limit of equal rates is used where d
+    /// is less than `equal_rates` times the mean rate; its error is of order (d s)²/6.
     #[must_use]
     pub fn new(tau_cr_ms: f64, tau_cd_ms: f64, equal_rates: f64) -> Self {
         let slow = 1.0 / tau_cr_ms.max(tau_cd_ms);
-        // The gap is taken from the time constants, exact for neighbours, not from two rounded rates.
+        // The difference comes from the time constants, where it is exact for close values, and not
+        // from two rounded rates.
         let gap = (tau_cr_ms - tau_cd_ms).abs() / (tau_cr_ms * tau_cd_ms);
         let (mean, half) = (slow + 0.5 * gap, 0.5 * gap);
         let ratio = half / mean;
@@ -64,7 +68,7 @@ impl Rice2008Shape {
         }
     }
 
-    /// Value at a time \[ms\] since activation that is not negative: 0 at activation, 1 at the peak.
+    /// Value at a non-negative time \[ms\] since activation: 0 at activation, 1 at the peak.
     #[inline(always)]
     pub fn value<T: Number>(&self, s: T) -> T {
         let envelope = T::of(self.scale) * (T::of(-self.slow_per_ms) * s).exp();
@@ -75,7 +79,7 @@ impl Rice2008Shape {
         }
     }
 
-    /// Value and slope together.
+    /// Value and slope.
     #[inline]
     fn value_and_slope(&self, s: f64) -> (f64, f64) {
         let envelope = self.scale * (-self.slow_per_ms * s).exp();
@@ -91,21 +95,22 @@ impl Rice2008Shape {
     }
 }
 
-/// The transient, `Ca_res + (Ca_max − Ca_res) · shape(s)`, s the time since activation, with a peak of exactly Ca_max.
+/// The transient `Ca_res + (Ca_max − Ca_res) · shape(s)`, where s is the time since activation. Its
+/// peak is exactly Ca_max.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rice2008 {
     parameters: Rice2008Parameters,
     shape: Rice2008Shape,
 }
 
-/// Below this relative distance of the rates the limit is exact to round-off.
+/// Relative difference of the rates below which the limit is exact to round-off.
 const EQUAL_RATES: f64 = 1e-9;
 
 impl Rice2008 {
     /// Checks the parameters and prepares the transient.
     ///
     /// # Errors
-    /// [`CalciumError`] for a time constant or a concentration that is not positive and finite.
+    /// [`CalciumError`] if a time constant or a concentration is not positive and finite.
     pub fn new(parameters: Rice2008Parameters) -> Result<Self, CalciumError> {
         let Rice2008Parameters {
             ca_res_um,
@@ -132,7 +137,7 @@ impl Rice2008 {
         })
     }
 
-    /// The parameters it was made from.
+    /// Parameters of the transient.
     #[must_use]
     pub fn parameters(&self) -> &Rice2008Parameters {
         &self.parameters
@@ -144,14 +149,15 @@ impl Rice2008 {
         Ms(self.shape.peak_ms)
     }
 
-    /// Time from activation until the transient has decayed by `fraction` of its amplitude, from the analytic curve and
-    /// not cut at a cycle length: CTD50 with 0.5, CTD90 with 0.9 (Jung 2022, Appendix C).
+    /// Time from activation until the transient has decayed by `fraction` of its amplitude, for
+    /// example CTD50 with 0.5 and CTD90 with 0.9 (Jung 2022, Appendix C). It comes from the
+    /// analytic curve without a limit at the cycle length.
     ///
     /// # Errors
-    /// [`RootError`] when `fraction` is not inside (0, 1).
+    /// [`RootError`] if `fraction` is not inside (0, 1).
     pub fn decay_time(&self, fraction: f64) -> Result<Ms, RootError> {
         let level = 1.0 - fraction;
-        // The slow exponential alone bounds the decay from above.
+        // The slow exponential alone is an upper bound of the decay time.
         let bound = self.shape.peak_ms + 60.0 / self.shape.slow_per_ms;
         let guess = self.shape.peak_ms + (1.0 + fraction) / self.shape.slow_per_ms;
         increasing_root(self.shape.peak_ms, bound, guess, 1e-10, |s| {
@@ -209,7 +215,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Equation A16 as printed (with SPEC's β), for time constants far enough apart not to cancel.
+    /// Equation A16 as printed (with SPEC's β), for time constants far enough apart to avoid
+    /// cancellation.
     fn printed(s: f64, tau_cr: f64, tau_cd: f64) -> f64 {
         let r = tau_cr / tau_cd;
         let beta = r.powf(-1.0 / (r - 1.0)) - r.powf(-1.0 / (1.0 - 1.0 / r));

@@ -1,10 +1,11 @@
-//! A calcium transient given by samples: the median trace of step 1 as a fixed input of step 2 (Jung 2022, eq. 18).
+//! Sampled calcium transient: the median trace of step 1 as a fixed input of step 2 (Jung 2022, eq.
+//! 18).
 
 use super::{Calcium, CalciumError};
 use cardiotwin_units::Ms;
 
-/// Samples at a constant interval from activation on, joined by cubic Hermite pieces with central-difference slopes (C¹),
-/// and held at the ends.
+/// Samples at a constant interval from activation, joined by cubic Hermite pieces with
+/// central-difference slopes (C¹) and constant beyond the ends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledCalcium {
     interval_ms: f64,
@@ -12,10 +13,11 @@ pub struct SampledCalcium {
 }
 
 impl SampledCalcium {
-    /// Takes samples \[µM\] at `0, interval, 2 interval, …` after activation.
+    /// Creates the transient from samples \[µM\] at `0, interval, 2 interval, …` after activation.
     ///
     /// # Errors
-    /// [`CalciumError::Samples`] for fewer than three samples, a bad interval, or a sample that is not positive and finite.
+    /// [`CalciumError::Samples`] if there are fewer than three samples, the interval is invalid, or
+    /// a sample is not positive and finite.
     pub fn new(interval: Ms, samples_um: Vec<f64>) -> Result<Self, CalciumError> {
         let n_samples = samples_um.len();
         let bad = samples_um.iter().position(|c| !(*c > 0.0 && c.is_finite()));

@@ -1,9 +1,9 @@
-//! A place of given pressure: the left atrium of the base model.
+//! A compartment with constant pressure: the left atrium of the base model.
 
 use super::{CirculationError, Compartment, TimeStep};
 use cardiotwin_units::Mmhg;
 
-/// Constant pressure, whatever flows (the paper names no atrial model; SPEC section 4).
+/// Pressure that does not depend on the flow (the paper names no atrial model; SPEC section 4).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConstantPressure {
     name: &'static str,
@@ -11,10 +11,10 @@ pub struct ConstantPressure {
 }
 
 impl ConstantPressure {
-    /// A place called `name` at `pressure`.
+    /// A compartment called `name` at `pressure`.
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] when the pressure is not finite.
+    /// [`CirculationError::Parameter`] if the pressure is not finite.
     pub fn new(name: &'static str, pressure: Mmhg) -> Result<Self, CirculationError> {
         if !pressure.0.is_finite() {
             return Err(CirculationError::Parameter {

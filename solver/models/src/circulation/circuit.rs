@@ -1,4 +1,5 @@
-//! The circulation of one ventricle: compartments, paths, and the pressures that fit together at the end of a step.
+//! Circulation of one ventricle: compartments, paths, and the consistent pressures at the end of a
+//! step.
 
 use super::component::{CirculationError, Compartment, FlowPath, TimeStep};
 use cardiotwin_units::{Ml, MlPerS, Mmhg, Ms};
@@ -21,21 +22,21 @@ struct Connection {
     direction: Direction,
 }
 
-/// What the circulation gives the ventricle for a candidate cavity pressure at the end of a step.
+/// Response of the circulation to a candidate cavity pressure at the end of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetFlow {
     /// Net flow into the ventricle \[mL/s\].
     pub inflow_ml_per_s: f64,
-    /// Its slope with the cavity pressure \[mL/s/mmHg\], never positive.
+    /// Derivative of the inflow with respect to the cavity pressure \[mL/s/mmHg\], never positive.
     pub slope_ml_per_s_per_mmhg: f64,
 }
 
-/// All states of a circulation: what a restart needs.
+/// All states of a circulation, which a restart needs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CirculationState {
-    /// Time \[ms\].
+    /// Time of the last committed step \[ms\].
     pub time_ms: f64,
-    /// Component states, compartment after compartment.
+    /// States of the components, one compartment after another.
     pub states: Vec<f64>,
     /// Compartment pressures \[mmHg\].
     pub pressures_mmhg: Vec<f64>,
@@ -51,11 +52,11 @@ pub struct CirculationState {
 #[derive(Debug)]
 pub struct Circulation {
     compartments: Vec<Box<dyn Compartment>>,
-    /// Where each compartment's states begin.
+    /// Index of each compartment's first state.
     first_state: Vec<usize>,
     connections: Vec<Connection>,
     now: CirculationState,
-    /// Trial pressures and flows of the last evaluation; `None` when none is pending.
+    /// Trial flows of the last evaluation, one per path.
     trial: Vec<f64>,
     trial_open: Vec<bool>,
     trial_pressures: Vec<f64>,
@@ -91,7 +92,7 @@ impl Circulation {
         }
     }
 
-    /// Adds a compartment at its start state; returns its position.
+    /// Adds a compartment in its initial state and returns its index.
     pub fn add_compartment(&mut self, compartment: Box<dyn Compartment>) -> usize {
         let first = self.now.states.len();
         self.now.states.resize(first + compartment.n_states(), 0.0);
@@ -108,7 +109,7 @@ impl Circulation {
         self.compartments.len() - 1
     }
 
-    /// Connects the ventricle with a compartment; returns the path's position.
+    /// Connects the ventricle with a compartment and returns the index of the path.
     pub fn connect(
         &mut self,
         path: Box<dyn FlowPath>,
@@ -128,10 +129,11 @@ impl Circulation {
         self.connections.len() - 1
     }
 
-    /// Puts another compartment in the place of one, at its start state; paths stay as they are.
+    /// Replaces a compartment by another in its initial state. Paths do not change, but all
+    /// compartments return to their initial states.
     ///
     /// # Panics
-    /// When there is no compartment at this position.
+    /// If there is no compartment with this index.
     pub fn replace_compartment(&mut self, idx: usize, compartment: Box<dyn Compartment>) {
         let mut compartments = std::mem::take(&mut self.compartments);
         compartments[idx] = compartment;
@@ -145,10 +147,10 @@ impl Circulation {
         }
     }
 
-    /// Puts another path in the place of one: same compartment, same direction.
+    /// Replaces a path by another with the same compartment and direction.
     ///
     /// # Panics
-    /// When there is no path at this position.
+    /// If there is no path with this index.
     pub fn replace_path(&mut self, idx: usize, path: Box<dyn FlowPath>) {
         self.connections[idx].path = path;
     }
@@ -159,19 +161,19 @@ impl Circulation {
         Ms(self.now.time_ms)
     }
 
-    /// Position of the path with this name.
+    /// Index of the path with this name.
     #[must_use]
     pub fn path_idx(&self, name: &str) -> Option<usize> {
         self.connections.iter().position(|c| c.path.name() == name)
     }
 
-    /// Position of the compartment with this name.
+    /// Index of the compartment with this name.
     #[must_use]
     pub fn compartment_idx(&self, name: &str) -> Option<usize> {
         self.compartments.iter().position(|c| c.name() == name)
     }
 
-    /// Positions of the paths from the compartment with this name into the ventricle.
+    /// Indices of the paths from the compartment with this name into the ventricle.
     #[must_use]
     pub fn paths_back_from(&self, compartment: &str) -> Vec<usize> {
         let from = |c: &Connection| {
@@ -207,7 +209,8 @@ impl Circulation {
         MlPerS(self.signed_sum(&self.now.flows_ml_per_s))
     }
 
-    /// Net volume that entered the ventricle since the start: its volume must have grown by as much.
+    /// Net volume that entered the ventricle since the start, which equals the growth of its
+    /// volume.
     #[must_use]
     pub fn net_volume_in(&self) -> Ml {
         Ml(self.signed_sum(&self.now.passed_ml))
@@ -233,8 +236,9 @@ impl Circulation {
             .sum()
     }
 
-    /// Sum of the flows into a compartment at its candidate pressure, with slopes for cavity and compartment pressure.
-    /// The laws depend on the difference alone, so the second slope is minus the first.
+    /// Sum of the flows into a compartment at its candidate pressure, and its derivative with
+    /// respect to the cavity pressure. The laws depend only on the pressure difference, so that the
+    /// derivative with respect to the compartment pressure is the negative of it.
     fn inflow(&self, compartment_idx: usize, cavity_mmhg: f64, pressure_mmhg: f64) -> (f64, f64) {
         let (mut flow, mut slope) = (0.0, 0.0);
         for c in self
@@ -255,13 +259,16 @@ impl Circulation {
         (flow, slope)
     }
 
-    /// Evaluates a step of `dt` that ends with this cavity pressure, and keeps it as the pending trial. Nothing committed
-    /// changes, so the step can be evaluated again. The residual of each compartment is increasing in its pressure and
-    /// piecewise smooth: a Newton step that leaves what is known of the root is replaced by bisection, so valves that
-    /// change state inside the iteration cannot make it cycle.
+    /// Evaluates a step of `dt` that ends with this cavity pressure and keeps it as the pending
+    /// trial. The committed state does not change, so that the step can be evaluated again.
+    ///
+    /// The residual of each compartment increases with its pressure and is piecewise smooth. A
+    /// Newton step that leaves the bracket of the root is replaced by bisection, so that valves
+    /// that change state during the iteration cannot cause a cycle.
     ///
     /// # Errors
-    /// [`CirculationError::NoPressure`] when a compartment's pressure is not found (a value that is not finite).
+    /// [`CirculationError::NoPressure`] if the pressure of a compartment is not found (a value is
+    /// not finite).
     pub fn try_step(&mut self, cavity: Mmhg, dt: Ms) -> Result<NetFlow, CirculationError> {
         let step = TimeStep {
             end_ms: self.now.time_ms + dt.0,
@@ -289,7 +296,8 @@ impl Circulation {
         })
     }
 
-    /// Finds one compartment's pressure; returns the flow into it and its total slope with the cavity pressure.
+    /// Finds the pressure of one compartment; returns the flow into it and the total derivative of
+    /// that flow with respect to the cavity pressure.
     fn solve_compartment(
         &mut self,
         idx: usize,
@@ -317,7 +325,8 @@ impl Circulation {
             if !residual.is_finite() {
                 break;
             }
-            // The correction, not the residual: round-off of the flow through a tiny resistance is part of the latter.
+            // The correction is tested, not the residual, which includes round-off of the flow
+            // through a tiny resistance.
             if residual.abs() <= 1e-12 * gain * (1.0 + pressure.abs())
                 || high - low <= 1e-13 * (1.0 + pressure.abs())
             {
@@ -349,7 +358,7 @@ impl Circulation {
         })
     }
 
-    /// Accepts the pending trial; does nothing without one.
+    /// Accepts the pending trial, if there is one.
     pub fn commit(&mut self) {
         let Some(step) = self.pending.take() else {
             return;
@@ -398,22 +407,22 @@ impl Circulation {
         self.now.clone()
     }
 
-    /// What the next beat depends on.
+    /// States that the next beat depends on.
     pub(crate) fn beat_state(&self) -> &[f64] {
         &self.now.states
     }
 
-    /// Begins a beat at time zero with these component states.
+    /// Starts a beat at time zero with these component states.
     pub(crate) fn begin_beat(&mut self, states: &[f64]) {
         self.now.states.copy_from_slice(states);
         self.now.time_ms = 0.0;
         self.roll_back();
     }
 
-    /// Goes back to a snapshot and drops any pending trial.
+    /// Restores a snapshot and drops any pending trial.
     ///
     /// # Errors
-    /// [`CirculationError::ForeignSnapshot`] when its sizes are not those of this circulation.
+    /// [`CirculationError::ForeignSnapshot`] if its sizes differ from those of this circulation.
     pub fn restore(&mut self, state: &CirculationState) -> Result<(), CirculationError> {
         let fits = state.states.len() == self.now.states.len()
             && state.pressures_mmhg.len() == self.compartments.len()

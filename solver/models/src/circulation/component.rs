@@ -1,6 +1,6 @@
-//! What a part of the circulation is: a compartment with a pressure or a path with a flow.
+//! Components of a circulation: compartments with a pressure and paths with a flow.
 
-/// A time step as components see it.
+/// A time step of a component.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeStep {
     /// Time at the end of the step \[ms\], from the start of the first beat.
@@ -9,7 +9,7 @@ pub struct TimeStep {
     pub dt_ms: f64,
 }
 
-/// A place with a pressure, filled and emptied by flow paths.
+/// A volume with a pressure, filled and emptied by flow paths.
 pub trait Compartment: std::fmt::Debug + Send + Sync {
     /// Name in outputs and messages.
     fn name(&self) -> &'static str;
@@ -17,31 +17,35 @@ pub trait Compartment: std::fmt::Debug + Send + Sync {
     /// Number of states.
     fn n_states(&self) -> usize;
 
-    /// Fills `state` with the start of a simulation.
+    /// Writes the initial state to `state`.
     fn start(&self, state: &mut [f64]);
 
-    /// Called before a step of this length is evaluated: a place to keep what depends on the step alone.
+    /// Prepares a step of this length before it is evaluated; a component may store values that
+    /// depend only on the step.
     fn prepare(&mut self, _step: TimeStep) {}
 
-    /// Pressure at the end of a step with a constant inflow \[mL/s\] over it, and its slope with that inflow, which must
-    /// not be negative: `(mmHg, mmHg·s/mL)`. Never by the trapezoidal rule: the cavity constraint holds at the step's end.
+    /// Pressure at the end of a step with constant inflow \[mL/s\], and its derivative with respect
+    /// to that inflow, which must not be negative: `(mmHg, mmHg·s/mL)`. The trapezoidal rule is not
+    /// allowed, because the cavity constraint holds at the end of the step.
     fn pressure(&self, state: &[f64], inflow_ml_per_s: f64, step: TimeStep) -> (f64, f64);
 
     /// Advances the state over an accepted step.
     fn advance(&self, state: &mut [f64], inflow_ml_per_s: f64, step: TimeStep);
 
-    /// Whether the pressure does not depend on the inflow, so that no equation needs solving.
+    /// Whether the pressure is independent of the inflow, so that no equation needs to be solved.
     fn is_source(&self) -> bool {
         false
     }
 }
 
-/// A connection that lets blood pass from one place to another.
+/// A connection through which blood flows from one place to another.
 pub trait FlowPath: std::fmt::Debug + Send + Sync {
     /// Name in outputs and messages.
     fn name(&self) -> &'static str;
 
-    /// Flow \[mL/s\] from upstream to downstream and its slope with the pressure difference, which must not be negative.
+    /// Flow \[mL/s\] from upstream to downstream, and its derivative with respect to the pressure
+    /// difference, which must not be negative.
+    ///
     /// - `difference_mmhg`: upstream minus downstream pressure at the end of the step
     fn flow(&self, difference_mmhg: f64) -> (f64, f64);
 
@@ -51,19 +55,19 @@ pub trait FlowPath: std::fmt::Debug + Send + Sync {
     }
 }
 
-/// Why the circulation could not be assembled or a step not evaluated.
+/// Reasons why the circulation could not be assembled or a step not evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CirculationError {
     /// A parameter is outside its range.
     #[error("{component}: {name} = {value} must be {expected}")]
     Parameter {
-        /// Component.
+        /// Name of the component.
         component: &'static str,
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         expected: &'static str,
     },
     /// The pressure of a compartment could not be found.
@@ -71,7 +75,7 @@ pub enum CirculationError {
         "no pressure of {compartment} at a cavity pressure of {cavity_mmhg} mmHg, {t_ms} ms, step {dt_ms} ms"
     )]
     NoPressure {
-        /// Compartment.
+        /// Name of the compartment.
         compartment: &'static str,
         /// Candidate cavity pressure \[mmHg\].
         cavity_mmhg: f64,
@@ -85,18 +89,18 @@ pub enum CirculationError {
         "snapshot holds {found} states and {found_paths} paths, this circulation {expected} and {expected_paths}"
     )]
     ForeignSnapshot {
-        /// States in the snapshot.
+        /// Number of states in the snapshot.
         found: usize,
-        /// Paths in the snapshot.
+        /// Number of paths in the snapshot.
         found_paths: usize,
-        /// States here.
+        /// Number of states of this circulation.
         expected: usize,
-        /// Paths here.
+        /// Number of paths of this circulation.
         expected_paths: usize,
     },
 }
 
-/// Shared check of a parameter.
+/// Checks that a parameter is positive and finite.
 pub(crate) fn positive(
     component: &'static str,
     name: &'static str,

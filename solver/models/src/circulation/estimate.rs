@@ -1,30 +1,33 @@
-//! Afterload and preload where a patient file gives none; every estimate says how it was made.
+//! Estimates of afterload and preload for a patient file without them. Every estimate describes its
+//! derivation.
 
 use super::windkessel::WindkesselParameters;
 use crate::roots::{RootError, increasing_root};
 use cardiotwin_units::{MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use serde::{Deserialize, Serialize};
 
-/// Characteristic over peripheral resistance where nothing measured separates them: aortic input impedance at high
-/// frequency is 5 to 7 % of the total in adults (Murgo 1980; Laskey 1990).
+/// Characteristic over peripheral resistance if no measurement separates them: aortic input
+/// impedance at high frequency is 5 to 7 % of the total in adults (Murgo 1980; Laskey 1990).
 pub const CHARACTERISTIC_SHARE: f64 = 0.06;
-/// Mean atrial over end-diastolic pressure: the atrium's own contraction lifts the latter above the mean.
+/// Mean atrial over end-diastolic pressure; the contraction of the atrium raises the latter above
+/// the mean.
 pub const ATRIAL_SHARE: f64 = 0.75;
-/// Time constants among which the load is sought \[ms\].
+/// Range of time constants in the search \[ms\].
 const TAU_RANGE_MS: (f64, f64) = (50.0, 50_000.0);
-/// A time constant longer than adults have (1 to 2.5 s): beyond it a smaller share of R1 explains a small pulse \[ms\].
+/// A time constant above those of adults (1 to 2.5 s) \[ms\]. Beyond it, a smaller share of R1
+/// explains a small pulse.
 const LONG_TAU_MS: f64 = 5000.0;
 
-/// A value that was not measured.
+/// An estimate in place of a measured value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimated<T> {
-    /// The value.
+    /// Estimated value.
     pub value: T,
-    /// How it was obtained, in a sentence for tables and reports.
+    /// Derivation, as a sentence for tables and reports.
     pub how: String,
 }
 
-/// Why an estimate was not possible.
+/// Reasons why an estimate was not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EstimateError {
     /// The volume trace does not eject.
@@ -42,36 +45,36 @@ pub enum EstimateError {
         "cuff pressures {systolic_mmhg}/{diastolic_mmhg} mmHg are not a systolic above a positive diastolic one"
     )]
     Cuff {
-        /// Systolic \[mmHg\].
+        /// Systolic pressure \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic \[mmHg\].
+        /// Diastolic pressure \[mmHg\].
         diastolic_mmhg: f64,
     },
     /// No load gives these pressures with this flow.
     #[error("no Windkessel gives {systolic_mmhg}/{diastolic_mmhg} mmHg with this flow")]
     NoLoad {
-        /// Systolic \[mmHg\].
+        /// Systolic pressure \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic \[mmHg\].
+        /// Diastolic pressure \[mmHg\].
         diastolic_mmhg: f64,
-        /// Why.
+        /// Failure of the root search.
         source: RootError,
     },
     /// The end-diastolic pressure is not positive.
     #[error("end-diastolic pressure {edp_mmhg} mmHg is not positive")]
     EndDiastolicPressure {
-        /// The pressure \[mmHg\].
+        /// End-diastolic pressure \[mmHg\].
         edp_mmhg: f64,
     },
 }
 
-/// Ejection flow \[mL/s\] of one cycle: −dV/dt between the largest volume and the smallest after it, zero elsewhere and
-/// never negative, scaled to the stroke volume.
+/// Ejection flow \[mL/s\] of one cycle. It is −dV/dt from the largest volume to the smallest after
+/// it, zero elsewhere and never negative, and it is scaled to the stroke volume.
 ///
 /// - `volume_ml`: samples of a periodic trace at a constant `interval`
 ///
 /// # Errors
-/// [`EstimateError::NoEjection`] for fewer than eight samples or a volume that does not vary.
+/// [`EstimateError::NoEjection`] if there are fewer than eight samples or the volume does not vary.
 pub fn ejection_flow(volume_ml: &[f64], interval: Ms) -> Result<Vec<f64>, EstimateError> {
     let n = volume_ml.len();
     let (mut peak, mut trough) = (0, 0);
@@ -107,7 +110,8 @@ pub fn ejection_flow(volume_ml: &[f64], interval: Ms) -> Result<Vec<f64>, Estima
     Ok(flow)
 }
 
-/// Periodic response of `τ dy/dt = Q − y` to a flow that is constant over each interval, at the intervals' ends.
+/// Periodic solution of `τ dy/dt = Q − y` at the ends of the intervals, for a flow that is constant
+/// over each interval.
 fn periodic_response(flow: &[f64], interval_ms: f64, tau_ms: f64) -> Vec<f64> {
     let decay = (-interval_ms / tau_ms).exp();
     let run = |start: f64| {
@@ -123,17 +127,19 @@ fn periodic_response(flow: &[f64], interval_ms: f64, tau_ms: f64) -> Vec<f64> {
     run(from_zero / (1.0 - decay.powi(flow.len() as i32)))
 }
 
-/// Three-element Windkessel that gives the cuff's systolic and diastolic pressure with the measured ejection flow.
+/// Three-element Windkessel that reproduces the systolic and diastolic cuff pressure with the
+/// measured ejection flow.
 ///
-/// With R1/R2 held at [`CHARACTERISTIC_SHARE`] the pressure is R2 times a response that depends on R2 C alone; the ratio of
-/// its largest to its smallest value falls with R2 C, so that a bracketed search finds it. Where the cuff's pulse is too small
-/// for any R2 C up to 5 s, R1/R2 is lowered.
+/// With R1/R2 held at [`CHARACTERISTIC_SHARE`], the pressure is R2 times a response that depends
+/// only on R2 C. The ratio of its largest to its smallest value falls with R2 C, so that a
+/// bracketed search finds R2 C. If the cuff's pulse is too small for any R2 C up to 5 s, R1/R2 is
+/// reduced.
 ///
 /// - `volume_ml`: samples of the periodic volume trace at a constant `interval`
 ///
 /// # Errors
-/// [`EstimateError`] for a trace that does not eject, cuff pressures out of order, or no load that fits. Verified by
-/// `recovers_a_known_load`.
+/// [`EstimateError`] if the trace does not eject, the cuff pressures are out of order, or no load
+/// fits. Verified by `recovers_a_known_load`.
 pub fn windkessel(
     volume_ml: &[f64],
     interval: Ms,
@@ -157,7 +163,8 @@ pub fn windkessel(
                 (low.min(p), high.max(p))
             })
     };
-    // Logarithm of the pulse that is left to explain; it tames the ratio at short time constants.
+    // Logarithm of the pulse that remains to be explained; it limits the ratio at short time
+    // constants.
     let left = |share: f64, tau_ms: f64| {
         let (low, high) = extremes(share, tau_ms);
         (systolic_mmhg / diastolic_mmhg).ln() - (high / low).ln().min(1e3)
@@ -177,7 +184,8 @@ pub fn windkessel(
     let usual = time_constant(CHARACTERISTIC_SHARE, (TAU_RANGE_MS.0, LONG_TAU_MS));
     let (share, tau_ms) = match usual {
         Ok(tau_ms) => (CHARACTERISTIC_SHARE, tau_ms),
-        // A flow from rough frames has a peak that the usual R1 alone turns into more than the cuff's pulse.
+        // Coarsely sampled frames give the flow a peak that, with the usual R1 alone, exceeds the
+        // cuff's pulse.
         Err(_) => match root(
             -CHARACTERISTIC_SHARE,
             0.0,
@@ -212,11 +220,14 @@ pub fn windkessel(
     Ok(Estimated { value, how })
 }
 
-/// Left-atrial pressure from the end-diastolic one: its usual share, not below the ventricle's pressure at diastasis, when
-/// the mitral valve is open and both are nearly equal, and not above the end-diastolic pressure.
+/// Left-atrial pressure from the end-diastolic pressure.
+///
+/// It is the usual share of that pressure, but not below the ventricular pressure at diastasis,
+/// when the mitral valve is open and both pressures are nearly equal, and not above the
+/// end-diastolic pressure.
 ///
 /// # Errors
-/// [`EstimateError::EndDiastolicPressure`] when that is not positive.
+/// [`EstimateError::EndDiastolicPressure`] if that pressure is not positive.
 pub fn left_atrial_pressure(
     edp: Mmhg,
     diastasis_pressure: Option<Mmhg>,

@@ -1,4 +1,5 @@
-//! The base model's circulation: atrium at constant pressure, two diode valves, a three-element Windkessel.
+//! Circulation of the base model: an atrium at constant pressure, two diode valves and a
+//! three-element Windkessel.
 
 use super::windkessel::WindkesselParameters;
 use super::{Circulation, CirculationError, ConstantPressure, DiodeValve, Direction, Windkessel3};
@@ -14,44 +15,46 @@ pub const MITRAL_VALVE: &str = "mitral_valve";
 /// Name of the path out of the ventricle.
 pub const AORTIC_VALVE: &str = "aortic_valve";
 
-/// Where the pressure on the arterial compliance starts.
+/// Initial pressure of the arterial compliance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StartPressure {
-    /// At the diastolic cuff pressure.
+    /// The diastolic cuff pressure.
     DiastolicCuff(Mmhg),
-    /// At its periodic value for this stroke volume, ejected as a half sine over a third of the cycle from 50 ms on.
+    /// The periodic value for this stroke volume, ejected as a half sine over a third of the cycle
+    /// from 50 ms.
     StrokeVolume(Ml),
 }
 
 /// Parameters of the base model's circulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LeftHeart {
-    /// Left-atrial pressure, constant.
+    /// Constant left-atrial pressure.
     pub left_atrial_pressure: Mmhg,
-    /// Mitral valve, forward.
+    /// Forward resistance of the mitral valve.
     pub mitral_forward: MmhgSPerMl,
-    /// Mitral valve, backward.
+    /// Backward resistance of the mitral valve.
     pub mitral_backward: MmhgSPerMl,
-    /// Aortic valve, forward.
+    /// Forward resistance of the aortic valve.
     pub aortic_forward: MmhgSPerMl,
-    /// Aortic valve, backward.
+    /// Backward resistance of the aortic valve.
     pub aortic_backward: MmhgSPerMl,
     /// Arterial load.
     pub windkessel: WindkesselParameters,
-    /// Its start.
+    /// Initial pressure of the arterial load.
     pub start: StartPressure,
     /// Cycle length.
     pub cycle_length: Ms,
 }
 
 impl LeftHeart {
-    /// Forward resistance at which step 1 starts (Jung 2022, section 2.3.1).
+    /// Forward resistance at the start of step 1 (Jung 2022, section 2.3.1).
     pub const FORWARD: MmhgSPerMl = MmhgSPerMl(0.01);
-    /// Backward resistance (same place).
+    /// Backward resistance (Jung 2022, section 2.3.1).
     pub const BACKWARD: MmhgSPerMl = MmhgSPerMl(1000.0);
 
-    /// An adult's at rest, round numbers of ours: for benchmarks, examples and tests, which have no patient.
+    /// Circulation of an adult at rest with our own round numbers, for benchmarks, examples and
+    /// tests without a patient.
     #[must_use]
     pub fn of_an_adult(left_atrial_pressure: Mmhg, cycle_length: Ms) -> Self {
         Self {
@@ -70,7 +73,7 @@ impl LeftHeart {
         }
     }
 
-    /// Pressure on the arterial compliance at the start.
+    /// Initial pressure of the arterial compliance.
     #[must_use]
     pub fn start_pressure(&self) -> Mmhg {
         match self.start {
@@ -93,7 +96,7 @@ impl LeftHeart {
     /// Assembles the circulation.
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] for a parameter outside its range.
+    /// [`CirculationError::Parameter`] if a parameter is outside its range.
     pub fn build(&self) -> Result<Circulation, CirculationError> {
         let mut circulation = Circulation::new();
         let atrium = circulation.add_compartment(Box::new(ConstantPressure::new(
@@ -168,7 +171,7 @@ mod tests {
         ));
     }
 
-    /// A quadratic leak, as a later effect would add it: nothing else changes.
+    /// A quadratic leak in the form in which an effect adds it; nothing else changes.
     #[derive(Debug)]
     struct Leak(f64);
     impl FlowPath for Leak {
@@ -194,7 +197,7 @@ mod tests {
             let h = 1e-4;
             let (up, down, here) = (at(pressure + h), at(pressure - h), at(pressure));
             let slope = (up.inflow_ml_per_s - down.inflow_ml_per_s) / (2.0 * h);
-            // A valve that changes state inside the difference has two slopes.
+            // A valve that changes state within the difference has two slopes.
             let kink = (up.slope_ml_per_s_per_mmhg - down.slope_ml_per_s_per_mmhg).abs();
             prop_assert!((slope - here.slope_ml_per_s_per_mmhg).abs() < 1e-4 * (1.0 + slope.abs()) + kink);
             prop_assert!(here.slope_ml_per_s_per_mmhg <= 0.0);

@@ -1,9 +1,10 @@
 //! The circulation around one ventricle, assembled from components.
 //!
-//! Compartments (an atrium, an arterial load, a right ventricle) hang on the ventricle by flow paths (valves, leaks,
-//! stenoses). Each kind is one file that implements [`Compartment`] or [`FlowPath`]; an effect is one more entry
-//! in the lists. Components hold parameters only: their states are numbers that the circulation keeps, so that a step can
-//! be tried, committed, rolled back and restored without any component taking part.
+//! Compartments (an atrium, an arterial load, a right ventricle) are connected to the ventricle by
+//! flow paths (valves, leaks, stenoses). Each kind is one file that implements [`Compartment`] or
+//! [`FlowPath`], and an effect is one more entry in the lists. Components hold only parameters. The
+//! circulation keeps their states as numbers, so that it can try, commit, roll back and restore a
+//! step without the components.
 //!
 //! Units here: mmHg, mL, mL/s, mmHg·s/mL, mL/mmHg; time in ms.
 

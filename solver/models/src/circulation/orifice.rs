@@ -1,15 +1,19 @@
-//! A hole that lets blood pass one way: regurgitant valves, a septal defect.
+//! An orifice with flow in one direction: regurgitant valves, a septal defect.
 
 use super::{CirculationError, FlowPath};
 
-/// Flow through an orifice of 1 cm² at 1 mmHg \[mL/s\]: √(2 Δp/ρ) with blood of 1060 kg/m³, 1 mmHg = 133.3 Pa.
+/// Flow through an orifice of 1 cm² at 1 mmHg \[mL/s\]: √(2 Δp/ρ) with blood of 1060 kg/m³, 1 mmHg
+/// = 133.3 Pa.
 pub const ML_PER_S_PER_CM2: f64 = 50.0;
-/// Pressure difference below which the flow is laminar, so that its slope at rest is finite \[mmHg\].
+/// Pressure difference below which the flow is laminar, so that its slope at rest is finite
+/// \[mmHg\].
 const LAMINAR_MMHG: f64 = 1.0;
 
-/// Q = k A √Δp downstream, nothing backward (Gorlin & Gorlin 1951, Am Heart J 41:1, with an effective orifice area A).
+/// Q = k A √Δp downstream, no flow backward (Gorlin & Gorlin 1951, Am Heart J 41:1, with an
+/// effective orifice area A).
 ///
-/// As `k A Δp / (Δp² + δ²)^¼` with δ = 1 mmHg: a relative deviation of 3e-5 at 100 mmHg.
+/// The formula used is `k A Δp / (Δp² + δ²)^¼` with δ = 1 mmHg, which deviates by a relative 3e-5
+/// at 100 mmHg.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orifice {
     name: &'static str,
@@ -17,10 +21,10 @@ pub struct Orifice {
 }
 
 impl Orifice {
-    /// An orifice called `name` of this effective area \[cm²\].
+    /// An orifice called `name` with this effective area \[cm²\].
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] for a negative area.
+    /// [`CirculationError::Parameter`] if the area is negative.
     pub fn new(name: &'static str, area_cm2: f64) -> Result<Self, CirculationError> {
         if !(area_cm2 >= 0.0 && area_cm2.is_finite()) {
             let expected = "zero or more";

@@ -1,10 +1,10 @@
-//! An arterial load in two parts joined by an inertance: what a coarctation or reflected waves add to the Windkessel.
+//! Arterial load of two compartments joined by an inertance, for coarctation and reflected waves.
 
 use super::windkessel::WindkesselParameters;
 use super::{CirculationError, Compartment, TimeStep, Windkessel3};
 use cardiotwin_units::Mmhg;
 
-/// What lies between the proximal and the distal part of the arteries.
+/// Junction between the proximal and the distal part of the arteries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArterialJunction {
     /// Inertance L \[mmHg·s²/mL\].
@@ -17,11 +17,13 @@ pub struct ArterialJunction {
     pub loss: f64,
 }
 
-/// `P = R1 Q_in + P1`, `f C dP1/dt = Q_in − Q`, `L dQ/dt = P1 − P2 − R_l Q − K Q|Q|`, `(1−f) C dP2/dt = Q − P2/R2`.
+/// `P = R1 Q_in + P1`, `f C dP1/dt = Q_in − Q`, `L dQ/dt = P1 − P2 − R_l Q − K Q|Q|`,
+/// `(1−f) C dP2/dt = Q − P2/R2`.
 ///
-/// With L = R_l = K = 0 it is the three-element Windkessel. States: P1, Q, P2. Two stages of the L-stable diagonally
-/// implicit Runge-Kutta method of order two (Alexander 1977, SIAM J Numer Anal 14:1006), for a flow that is constant over
-/// the step; each stage has a closed form, so no iteration is needed.
+/// With L = R_l = K = 0 it is the three-element Windkessel. The states are P1, Q and P2. A step
+/// uses the two-stage L-stable diagonally implicit Runge–Kutta method of order two (Alexander 1977,
+/// SIAM J Numer Anal 14:1006) for a flow that is constant over the step. Each stage has a closed
+/// form, so that no iteration is needed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SplitWindkessel {
     name: &'static str,
@@ -37,11 +39,11 @@ pub struct SplitWindkessel {
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 
 impl SplitWindkessel {
-    /// A load called `name` that starts with `start` on both compliances.
+    /// A load called `name` with the initial pressure `start` on both compliances.
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] for a parameter of the Windkessel outside its range, a share outside 0 to 1, or a
-    /// negative junction.
+    /// [`CirculationError::Parameter`] if a Windkessel parameter is outside its range, the share is
+    /// not between 0 and 1, or a junction parameter is negative.
     pub fn new(
         name: &'static str,
         p: &WindkesselParameters,
@@ -82,7 +84,8 @@ impl SplitWindkessel {
         })
     }
 
-    /// Solves `y = r + h f(y)` for an inflow: `y` and its slope with the slopes of `r` and the inflow given.
+    /// Solves `y = r + h f(y)` for an inflow; returns `y` and its derivative with respect to the
+    /// inflow, given that of `r`.
     fn stage(&self, r: [f64; 3], dr: [f64; 3], h: f64, inflow: f64) -> ([f64; 3], [f64; 3]) {
         let ArterialJunction {
             inertance,
@@ -109,7 +112,7 @@ impl SplitWindkessel {
         (at(r, inflow, flow), at(dr, 1.0, dflow))
     }
 
-    /// States at the end of a step and their slopes with the inflow.
+    /// States at the end of a step, and their derivatives with respect to the inflow.
     fn step(&self, state: &[f64], inflow: f64, dt_ms: f64) -> ([f64; 3], [f64; 3]) {
         let h = GAMMA * dt_ms * 1e-3;
         let start = [state[0], state[1], state[2]];
@@ -130,7 +133,8 @@ impl Compartment for SplitWindkessel {
         3
     }
 
-    /// Both parts run down together: the distal resistance draws the proximal share of its flow through the junction.
+    /// Both parts discharge together: the proximal share of the distal resistance's flow passes
+    /// through the junction.
     fn start(&self, state: &mut [f64]) {
         state[0] = self.start_mmhg;
         state[1] = self.junction.proximal_share * self.start_mmhg / self.r2;
@@ -254,7 +258,7 @@ mod tests {
 
     #[test]
     fn converges_with_order_two() {
-        // Pressures at common times, flow at the mid of each step.
+        // Pressures are compared at common times, flows at the middle of each step.
         let fine = run(&load(JUNCTION), 0.0625);
         let error = |dt: f64| {
             let trace = run(&load(JUNCTION), dt);

@@ -1,9 +1,10 @@
-//! Valves as diodes (Jung 2022, section 2.2.3): a small resistance forward, a large one backward.
+//! Valves as diodes (Jung 2022, section 2.2.3) with a small forward and a large backward
+//! resistance.
 
 use super::{CirculationError, FlowPath, positive};
 use cardiotwin_units::MmhgSPerMl;
 
-/// Q = Δp/R_f forward and Δp/R_b backward: continuous and monotone, with a kink at Δp = 0.
+/// Q = Δp/R_f forward and Δp/R_b backward; continuous and monotone, with a kink at Δp = 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiodeValve {
     name: &'static str,
@@ -15,7 +16,7 @@ impl DiodeValve {
     /// A valve called `name` with its two resistances.
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] for a resistance that is not positive and finite.
+    /// [`CirculationError::Parameter`] if a resistance is not positive and finite.
     pub fn new(
         name: &'static str,
         forward: MmhgSPerMl,

@@ -1,4 +1,5 @@
-//! Three-element Windkessel, `P = R1 Q + Pc`, `C dPc/dt = Q − Pc/R2` (Westerhof 1971; Jung 2022, section 2.2.3).
+//! Three-element Windkessel, `P = R1 Q + Pc`, `C dPc/dt = Q − Pc/R2` (Westerhof 1971; Jung 2022,
+//! section 2.2.3).
 
 use super::{CirculationError, Compartment, TimeStep, positive};
 use cardiotwin_units::{MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
@@ -15,7 +16,9 @@ pub struct WindkesselParameters {
     pub compliance: MlPerMmhg,
 }
 
-/// The load, integrated exactly for a flow that is constant over a step. State: Pc \[mmHg\].
+/// Three-element Windkessel, integrated exactly for a flow that is constant over a step. Its state
+/// is Pc
+/// [mmHg\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Windkessel3 {
     name: &'static str,
@@ -24,7 +27,7 @@ pub struct Windkessel3 {
     /// R2 C \[ms\].
     tau_ms: f64,
     start_mmhg: f64,
-    /// Last step length and `1 − e^{−dt/τ}` for it.
+    /// Length of the last prepared step, and `1 − e^{−dt/τ}` for it.
     prepared: (f64, f64),
 }
 
@@ -35,10 +38,11 @@ impl WindkesselParameters {
         Ms(self.peripheral_resistance.0 * self.compliance.0 * 1e3)
     }
 
-    /// Value of Pc at the start of each cycle when the flow repeats every `cycle_length`:
+    /// Value of Pc at the start of each cycle if the flow repeats every `cycle_length`:
     /// `Pc(0) = ∫ Q e^{−(T−s)/τ} ds / (C (1 − e^{−T/τ}))`.
     ///
-    /// - `flow_ml_per_s`: flow as a function of the time in the cycle \[ms\], integrated by Simpson's rule on 2000 intervals
+    /// - `flow_ml_per_s`: flow as a function of the time in the cycle \[ms\], integrated by
+    ///   Simpson's rule on 2000 intervals
     #[must_use]
     pub fn periodic_start(&self, cycle_length: Ms, flow_ml_per_s: impl Fn(f64) -> f64) -> Mmhg {
         const N: usize = 2000;
@@ -64,10 +68,11 @@ impl WindkesselParameters {
 }
 
 impl Windkessel3 {
-    /// A load called `name` that starts with `start` on its compliance.
+    /// A load called `name` with the initial pressure `start` on its compliance.
     ///
     /// # Errors
-    /// [`CirculationError::Parameter`] for a parameter that is not positive (R1 may be zero) or a start that is not finite.
+    /// [`CirculationError::Parameter`] if a parameter is not positive (R1 may be zero) or the
+    /// initial pressure is not finite.
     pub fn new(
         name: &'static str,
         p: &WindkesselParameters,
@@ -105,7 +110,7 @@ impl Windkessel3 {
 }
 
 impl Windkessel3 {
-    /// Share of the way to the steady state that the compliance goes in a step.
+    /// Share of the way to the steady state that the compliance covers in a step.
     #[inline]
     fn filled(&self, dt_ms: f64) -> f64 {
         if dt_ms == self.prepared.0 {
@@ -157,7 +162,7 @@ mod tests {
         compliance: MlPerMmhg(1.6),
     };
 
-    /// Runs the load with a given flow; returns the pressures at the step ends.
+    /// Runs the load with a given flow and returns the pressures at the ends of the steps.
     fn run(
         p: &WindkesselParameters,
         start: f64,
@@ -174,7 +179,7 @@ mod tests {
                     end_ms: i as f64 * dt_ms,
                     dt_ms,
                 };
-                // The mean over the step: second order for a smooth flow.
+                // The mean over the step, which is of second order for a smooth flow.
                 let q = flow(step.end_ms - 0.5 * dt_ms);
                 let (pressure, _) = load.pressure(&state, q, step);
                 load.advance(&mut state, q, step);
@@ -216,7 +221,8 @@ mod tests {
 
     #[test]
     fn svzerod_pulsatile_case() {
-        // benchmarks.json, windkessel.svzerod_pulsatile (cgs numbers): Q = 2.2 + 2.5 sin(2πt), R1 = R2 = 1000, C = 1e-4.
+        // benchmarks.json, windkessel.svzerod_pulsatile (cgs numbers): Q = 2.2 + 2.5 sin(2πt), R1 =
+        // R2 = 1000, C = 1e-4.
         let p = WindkesselParameters {
             characteristic_resistance: MmhgSPerMl(1000.0),
             peripheral_resistance: MmhgSPerMl(1000.0),

@@ -1,4 +1,4 @@
-//! An aortic valve that leaks.
+//! Aortic regurgitation: a leak of the closed aortic valve.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -7,7 +7,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{Circulation, Direction, Orifice};
 
-/// Declaration.
+/// Catalogue entry of aortic regurgitation.
 pub const EFFECT: Effect = Effect {
     name: "aortic_regurgitation",
     kind: Kind::Physiology,

@@ -1,4 +1,4 @@
-//! An aortic valve with a Bernoulli loss.
+//! Aortic stenosis: a Bernoulli loss in the aortic valve.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -7,7 +7,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTIC_VALVE;
 use crate::circulation::{Circulation, FlowPath};
 
-/// Declaration.
+/// Catalogue entry of aortic stenosis.
 pub const EFFECT: Effect = Effect {
     name: "aortic_stenosis",
     kind: Kind::Physiology,
@@ -55,7 +55,7 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-/// A diode with a quadratic loss forward.
+/// A diode with a quadratic forward loss.
 #[derive(Debug)]
 struct StenoticValve {
     forward: f64,

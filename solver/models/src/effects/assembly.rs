@@ -1,4 +1,4 @@
-//! Base model and effects put together.
+//! Assembly of a base model with effects.
 
 use super::declaration::{Action, OneFibreParts};
 use super::{EffectError, EffectSetting, Kind, Measurement};
@@ -9,24 +9,24 @@ use crate::ventricle::{
 };
 use cardiotwin_units::Ms;
 
-/// What effects need to know of the model that they are added to.
+/// Properties of the model that effects need when they are added.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surroundings {
-    /// The base model's circulation and cycle length.
+    /// Circulation and cycle length of the base model.
     pub heart: LeftHeart,
-    /// First activation of the wall after the beat's start.
+    /// Time from the start of the beat to the first activation of the wall.
     pub onset: Ms,
 }
 
 impl Surroundings {
-    /// Cycle length.
+    /// Cycle length of the base model.
     #[must_use]
     pub fn cycle_length(&self) -> Ms {
         self.heart.cycle_length
     }
 }
 
-/// A base model: one-fibre ventricle, circulation, nothing between the heart and the data.
+/// A base model: a one-fibre ventricle and a circulation, with exact measurement.
 #[derive(Debug)]
 pub struct BaseModel {
     /// Circulation and cycle length.
@@ -39,21 +39,21 @@ pub struct BaseModel {
     pub contraction: GroupContraction,
 }
 
-/// A model ready to run: what the effects changed is built in.
+/// A model that is ready to run, with the changes of its effects.
 #[derive(Debug)]
 pub struct Assembled {
-    /// Ventricle at its end-diastolic state.
+    /// Ventricle in its end-diastolic state.
     pub ventricle: OneFibreVentricle,
     /// Circulation at its start.
     pub circulation: Circulation,
-    /// What stands between the heart and the data.
+    /// Artefacts between the heart and the data.
     pub measurement: Measurement,
 }
 
-/// What stands between heart and data where there are these artefacts.
+/// Measurement with these artefacts between heart and data.
 ///
 /// # Errors
-/// [`EffectError::NoArtefact`] for an effect of the heart, and as for [`assemble`].
+/// [`EffectError::NoArtefact`] for an effect of the heart, and the errors of [`assemble`].
 pub fn measurement(artefacts: &[EffectSetting]) -> Result<Measurement, EffectError> {
     check(artefacts)?;
     let mut measurement = Measurement::default();
@@ -68,7 +68,7 @@ pub fn measurement(artefacts: &[EffectSetting]) -> Result<Measurement, EffectErr
     Ok(measurement)
 }
 
-/// Checks a list of effects: known ones, each once, values in their ranges.
+/// Checks that each effect occurs once and has valid values.
 fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
     for (idx, setting) in effects.iter().enumerate() {
         setting.check()?;
@@ -84,10 +84,11 @@ fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
     Ok(())
 }
 
-/// Adds to a circulation those effects that act on it; the others are left to the ventricle and the measurement.
+/// Adds to a circulation the effects that act on it. Effects of the ventricle and of the
+/// measurement are ignored.
 ///
 /// # Errors
-/// [`EffectError`] for a bad list, or a circulation without the parts that an effect acts on.
+/// [`EffectError`] if the list is invalid or the circulation lacks a part that an effect acts on.
 pub fn add_to_circulation(
     circulation: &mut Circulation,
     surroundings: &Surroundings,
@@ -102,11 +103,11 @@ pub fn add_to_circulation(
     Ok(())
 }
 
-/// Builds ventricle, circulation and measurement of a base model with any effects. An effect at its off-values changes
-/// nothing at all.
+/// Builds ventricle, circulation and measurement of a base model with any effects. An effect at its
+/// off-values does not change the model at all.
 ///
 /// # Errors
-/// [`EffectError`] for a bad list, or parameters outside the models.
+/// [`EffectError`] if the list is invalid or parameters are outside the range of the models.
 pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled, EffectError> {
     let surroundings = Surroundings {
         heart: base.heart,
@@ -145,7 +146,7 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
 }
 
 impl EffectSetting {
-    /// Refuses an effect of the measurement where only the heart is simulated.
+    /// Rejects an effect of the measurement where only the heart is simulated.
     ///
     /// # Errors
     /// [`EffectError::Artefact`] with the remedy.

@@ -1,4 +1,4 @@
-//! Left-atrial contraction before systole.
+//! Atrial kick: contraction of the left atrium before systole.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -8,7 +8,7 @@ use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Compartment, TimeStep};
 use std::f64::consts::PI;
 
-/// Declaration.
+/// Catalogue entry of the atrial kick.
 pub const EFFECT: Effect = Effect {
     name: "atrial_kick",
     kind: Kind::Physiology,
@@ -81,7 +81,7 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-/// An atrium whose pressure rises once a cycle.
+/// An atrium whose pressure rises once per cycle.
 #[derive(Debug)]
 struct ContractingAtrium {
     rest_mmhg: f64,

@@ -1,4 +1,4 @@
-//! A fluid-filled catheter that lags and rings.
+//! Catheter response: delay and ringing of a fluid-filled catheter.
 
 use super::EffectError;
 use super::declaration::{
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
 use std::f64::consts::TAU;
 
-/// Declaration.
+/// Catalogue entry of the catheter response.
 pub const EFFECT: Effect = Effect {
     name: "catheter_response",
     kind: Kind::Artefact,
@@ -76,7 +76,7 @@ pub const EFFECT: Effect = Effect {
     action: Action::Measurement(make),
 };
 
-/// Second-order system with unit gain at rest.
+/// Second-order system with unit static gain.
 #[derive(Debug)]
 struct Catheter {
     period_ms: f64,
@@ -86,9 +86,9 @@ struct Catheter {
 
 type Matrix = [[f64; 2]; 2];
 
-/// Solution of `x' = A x` from the unit vectors after `t`, for `A = [[0, 1], [−ω², −2ζω]]`.
+/// Solution of `x' = A x` from the unit vectors after time `t`, for `A = [[0, 1], [−ω², −2ζω]]`.
 fn propagator(omega: f64, zeta: f64, t: f64) -> Matrix {
-    // e^{−ζωt} (c + …): c and s/ν continue from cosine to hyperbolic cosine at ζ = 1.
+    // e^{−ζωt} (c + …), where c and s/ν change from cosine to hyperbolic cosine at ζ = 1.
     let (decay, square) = (zeta * omega, (1.0 - zeta * zeta) * omega * omega);
     let nu = square.abs().sqrt();
     let (c, s_over_nu) = if nu * t < 1e-6 {
@@ -106,11 +106,11 @@ fn propagator(omega: f64, zeta: f64, t: f64) -> Matrix {
 }
 
 impl Catheter {
-    /// Periodic answer to periodic samples that are joined by straight lines, exactly.
+    /// Exact periodic response to periodic samples joined by straight lines.
     fn respond(&self, samples: &mut [f64], spacing_ms: f64) {
         let (h, omega, zeta) = (spacing_ms, TAU / self.period_ms, self.damping);
         let e = propagator(omega, zeta, h);
-        // To the ramp u + g t belongs the particular solution y = u + g (t − 2ζ/ω), y' = g.
+        // The particular solution for the ramp u + g t is y = u + g (t − 2ζ/ω), y' = g.
         let shift = 2.0 * zeta / omega;
         let step = |x: [f64; 2], u: f64, next: f64| {
             let g = (next - u) / h;
@@ -127,7 +127,8 @@ impl Catheter {
             }
             x
         };
-        // The map of a cycle is affine, and its linear part the propagator over the cycle: x = M x + c.
+        // The map over a cycle is affine, x = M x + c, and its linear part is the propagator over
+        // the cycle.
         let constant = cycle([0.0, 0.0]);
         let m = propagator(omega, zeta, h * n as f64);
         let a = [[1.0 - m[0][0], -m[0][1]], [-m[1][0], 1.0 - m[1][1]]];
@@ -152,14 +153,16 @@ impl MeasurementTerm for Catheter {
         if self.lag_ms != 0.0 {
             delay(&mut traces.pressure_mmhg, self.lag_ms / spacing);
         }
-        // A period of a few samples' thousandth is no filter, and its exponentials would only underflow.
+        // A period of less than a thousandth of the sample spacing does not filter, and its
+        // exponentials would underflow.
         if self.period_ms > 1e-3 * spacing {
             self.respond(&mut traces.pressure_mmhg, spacing);
         }
     }
 
-    /// Harmonic by harmonic, `P_k = H* y_k (1 + λ) / (|H|² + λ)`: where the catheter lets little through, hardly more than
-    /// noise is left, and it is not blown up (Tikhonov regularisation).
+    /// Inverts the response harmonic by harmonic, `P_k = H* y_k (1 + λ) / (|H|² + λ)`. Where the
+    /// catheter transmits little, mostly noise remains, and Tikhonov regularisation keeps it from
+    /// being amplified.
     fn remove(&self, traces: &mut PeriodicTraces) {
         let samples = &mut traces.pressure_mmhg;
         let n = samples.len();
@@ -167,7 +170,8 @@ impl MeasurementTerm for Catheter {
         let mean = samples.iter().sum::<f64>() / n as f64;
         let mut restored = vec![mean; n];
         for k in 1..=n / 2 {
-            // Both halves of the spectrum, but the one harmonic that is its own mirror.
+            // Both halves of the spectrum count, except for the harmonic that is its own mirror
+            // image.
             let weight = if 2 * k == n { 1.0 } else { 2.0 } / n as f64;
             let angle = |i: usize| per_sample * ((i * k) % n) as f64;
             let (mut re, mut im) = (0.0, 0.0);
@@ -176,7 +180,7 @@ impl MeasurementTerm for Catheter {
                 re += weight * y * cos;
                 im -= weight * y * sin;
             }
-            // H = e^{−iωlag} / (1 − r² + 2iζr): its inverse times |H|² is the conjugate.
+            // H = e^{−iωlag} / (1 − r² + 2iζr): its inverse times |H|² is its conjugate.
             let w = TAU * k as f64 / traces.cycle_length_ms;
             let r = w * self.period_ms / TAU;
             let (a, b) = (1.0 - r * r, 2.0 * self.damping * r);
@@ -194,7 +198,8 @@ impl MeasurementTerm for Catheter {
     }
 }
 
-/// Power of the noise over that of the pressure in what is taken back: no harmonic is raised more than fivefold.
+/// Power of the noise over that of the pressure in the inversion; no harmonic is amplified more
+/// than fivefold.
 const NOISE_SHARE: f64 = 0.01;
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {
@@ -244,7 +249,7 @@ mod tests {
 
     #[test]
     fn step_overshoots_by_the_closed_form() {
-        // Overshoot e^{−πζ/√(1−ζ²)} of a step; the square wave is long against the ringing.
+        // A step overshoots by e^{−πζ/√(1−ζ²)}; the square wave is long compared with the ringing.
         let mut t = traces(8000, |t| if t < 400.0 { 100.0 } else { 0.0 });
         Catheter {
             period_ms: 40.0,
@@ -278,7 +283,7 @@ mod tests {
         assert!((t.pressure_mmhg.iter().sum::<f64>() / 800.0 - 60.0).abs() < 1e-9);
     }
 
-    /// A pulse of Gaussian flanks, so that there is little above 20 Hz.
+    /// A pulse with Gaussian flanks has little content above 20 Hz.
     #[test]
     fn what_the_catheter_did_is_taken_back() {
         let p = |t: f64| 8.0 + 110.0 * (-((t - 300.0) / 60.0).powi(4)).exp();

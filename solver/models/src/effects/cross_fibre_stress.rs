@@ -1,4 +1,4 @@
-//! Active stress across the fibres.
+//! Cross-fibre stress: active stress perpendicular to the fibres.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
 
-/// Declaration.
+/// Catalogue entry of the cross-fibre stress.
 pub const EFFECT: Effect = Effect {
     name: "cross_fibre_stress",
     kind: Kind::Physiology,
@@ -54,7 +54,7 @@ pub const EFFECT: Effect = Effect {
     action: Action::Wall(add),
 };
 
-/// A contraction model whose stress is scaled.
+/// A contraction model with scaled stress.
 #[derive(Debug)]
 struct Scaled {
     inner: Box<dyn Contraction>,

@@ -1,4 +1,4 @@
-//! What an entry of the catalogue declares about itself.
+//! Declaration of an effect in the catalogue.
 
 use super::measurement::MeasurementTerm;
 use super::{EffectError, Surroundings};
@@ -6,25 +6,25 @@ use crate::circulation::Circulation;
 use crate::ventricle::{ActivationGroups, CavityPressureTerm, GroupContraction, OneFibrePassive};
 use serde::Serialize;
 
-/// Whether an effect is one of the heart or of the measurement.
+/// Origin of an effect: the heart or the measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Of heart and vessels: the model is changed.
+    /// The effect belongs to heart and vessels: the model is changed.
     Physiology,
-    /// Of the measurement: the data are to be corrected, not the heart.
+    /// The effect belongs to the measurement: the data should be corrected, not the heart.
     Artefact,
 }
 
-/// What a fit does with a parameter.
+/// Treatment of a parameter in a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
-    /// Strength: its distance from the off-value is the size of the effect.
+    /// The strength. Its distance from the off-value is the magnitude of the effect.
     Strength,
-    /// Fitted together with the strength.
+    /// A parameter that is fitted together with the strength.
     Shape,
-    /// Held at its typical value unless the user gives another.
+    /// A parameter that keeps its typical value unless the user sets another one.
     Held,
 }
 
@@ -33,32 +33,35 @@ pub enum Role {
 pub struct Parameter {
     /// Key in files, with the unit.
     pub name: &'static str,
-    /// Unit, `1` for a pure number.
+    /// Unit, `1` for a dimensionless number.
     pub unit: &'static str,
-    /// What it is.
+    /// Meaning of the parameter.
     pub meaning: &'static str,
-    /// Plausible values; a fit stays inside.
+    /// Plausible range; a fit stays inside.
     pub range: (f64, f64),
-    /// Value at which it adds nothing, where it has one. The effect is off where all that have one are at it.
+    /// Value at which the parameter has no effect, if there is one. The effect is off if all
+    /// parameters with an off-value are at it.
     pub off: Option<f64>,
-    /// Distance from the off-value below which the effect is not to be named; zero where that says nothing.
+    /// Distance from the off-value below which the effect is not named; zero for a parameter that
+    /// does not decide this.
     pub smallest: f64,
-    /// A typical value where the effect is present.
+    /// Typical value if the effect is present.
     pub typical: f64,
-    /// Standard deviation of the prior around the typical value (around the off-value for a strength).
+    /// Standard deviation of the prior around the typical value (around the off-value for a
+    /// strength).
     pub prior_scale: f64,
-    /// What a fit does with it.
+    /// Treatment in a fit.
     pub role: Role,
 }
 
 impl Parameter {
-    /// Whether a value adds nothing.
+    /// Whether a value has no effect.
     #[must_use]
     pub fn is_off(&self, value: f64) -> bool {
         self.off == Some(value)
     }
 
-    /// Range with the off-value: what is accepted in files.
+    /// Range extended to the off-value, which files may contain.
     #[must_use]
     pub fn accepted(&self) -> (f64, f64) {
         let (low, high) = self.range;
@@ -67,73 +70,76 @@ impl Parameter {
     }
 }
 
-/// How a finite-element ventricle takes an effect over. Names of parameters are those of the declaration.
+/// Transfer of an effect to a finite-element ventricle. Names of parameters are those of the
+/// declaration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(tag = "way", rename_all = "kebab-case")]
 pub enum InThreeDimensions {
-    /// The same circulation, contraction, cavity pressure or measurement object.
+    /// The circulation, contraction, cavity pressure or measurement object is used without change.
     AsItIs,
-    /// Activation times of part of the wall are later.
+    /// Part of the wall is activated later.
     ActivationMap {
-        /// How the map follows from the parameters.
+        /// Derivation of the activation map from the parameters.
         how: &'static str,
     },
-    /// All exponents of Guccione's law times a parameter; its scale is fitted anew in step 0.
+    /// All exponents of Guccione's law are multiplied by a parameter; step 0 fits the scale of the
+    /// law again.
     PassiveExponents {
-        /// The parameter.
+        /// Name of the parameter.
         factor: &'static str,
     },
-    /// A term of the material law.
+    /// The material law has an additional term.
     MaterialTerm {
-        /// How the term follows from the parameters.
+        /// Derivation of the term from the parameters.
         how: &'static str,
     },
-    /// It cannot be taken over.
+    /// The effect cannot be transferred.
     Cannot {
-        /// Why.
+        /// Reason.
         why: &'static str,
     },
 }
 
-/// The parts of a one-fibre ventricle that an effect may change before it is built.
+/// Parts of a one-fibre ventricle that an effect may change before it is built.
 #[derive(Debug)]
 pub struct OneFibreParts {
     /// Passive law.
     pub passive: OneFibrePassive,
-    /// Activation times and weights.
+    /// Activation times and weights of the groups.
     pub groups: ActivationGroups,
-    /// Active stress; [`GroupContraction::wrapped`] changes it.
+    /// Active stress, which [`GroupContraction::wrapped`] changes.
     pub contraction: GroupContraction,
-    /// Further parts of the cavity pressure.
+    /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
 }
 
-/// Changes a circulation; parameters in the order of the declaration.
+/// Changes a circulation; parameters are in the order of the declaration.
 pub type ChangeCirculation = fn(&[f64], &Surroundings, &mut Circulation) -> Result<(), EffectError>;
-/// Changes a one-fibre ventricle.
+/// Changes a one-fibre ventricle; parameters are in the order of the declaration.
 pub type ChangeWall =
     fn(&[f64], &Surroundings, OneFibreParts) -> Result<OneFibreParts, EffectError>;
-/// Makes what stands between heart and data.
+/// Creates a measurement term; parameters are in the order of the declaration.
 pub type ChangeMeasurement = fn(&[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError>;
 
-/// Where an effect acts.
+/// Part of the model that an effect acts on.
 #[derive(Debug, Clone, Copy)]
 pub enum Action {
-    /// On the circulation, whichever ventricle it belongs to.
+    /// The effect acts on the circulation of any ventricle.
     Circulation(ChangeCirculation),
-    /// On the wall of the one-fibre ventricle; [`Effect::in_3d`] says what the finite-element ventricle does instead.
+    /// The effect acts on the wall of the one-fibre ventricle; [`Effect::in_3d`] describes the
+    /// counterpart in the finite-element ventricle.
     Wall(ChangeWall),
-    /// On the measured traces.
+    /// The effect acts on the measured traces.
     Measurement(ChangeMeasurement),
 }
 
-/// Which way a trace moves where an effect is switched on and the base stays as it is.
+/// Direction in which a trace moves when an effect is switched on and the base does not change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sign {
-    /// Up.
+    /// The trace rises.
     Up,
-    /// Down.
+    /// The trace falls.
     Down,
 }
 
@@ -157,7 +163,7 @@ pub enum Phase {
     AtrialSystole,
 }
 
-/// What moves.
+/// Signal that an effect changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Signal {
@@ -171,14 +177,15 @@ pub enum Signal {
     VolumeRate,
 }
 
-/// One place of the signature: where the trace with the effect differs from that without it, everything else equal.
+/// One element of a signature: a difference between traces with and without the effect, all else
+/// equal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Mark {
-    /// When.
+    /// Phase of the difference.
     pub phase: Phase,
-    /// What.
+    /// Signal that differs.
     pub signal: Signal,
-    /// Which way, on average over the phase.
+    /// Direction of the difference, on average over the phase.
     pub sign: Sign,
 }
 
@@ -187,43 +194,45 @@ pub struct Mark {
 pub struct Effect {
     /// Name in files and tables.
     pub name: &'static str,
-    /// Of heart or measurement.
+    /// Origin of the effect.
     pub kind: Kind,
-    /// What it is, in one sentence.
+    /// Meaning, in one sentence.
     pub meaning: &'static str,
-    /// The equation as it is computed.
+    /// Equation as computed.
     pub equation: &'static str,
-    /// Literature.
+    /// Literature source.
     pub source: &'static str,
     /// Parameters, the strength first.
     pub parameters: &'static [Parameter],
-    /// Where a refitted base model disagrees with data that have the effect.
+    /// Disagreement of a refitted base model with data that contain the effect.
     pub signature: &'static str,
-    /// Where the traces move when the effect is switched on, at the typical values and at everything else equal.
+    /// Differences of the traces when the effect is switched on at its typical values, all else
+    /// equal.
     pub marks: &'static [Mark],
-    /// Effects that leave similar traces.
+    /// Effects with similar traces.
     pub confused_with: &'static [&'static str],
-    /// Measurements that would show it, or tell it from those.
+    /// Measurements that would show the effect or distinguish it from those.
     pub separated_by: &'static [&'static str],
-    /// How a finite-element ventricle takes it over.
+    /// Transfer to a finite-element ventricle.
     pub in_3d: InThreeDimensions,
-    /// Why pressure and volume of one ventricle cannot show it, where they cannot even in principle.
+    /// Reason why pressure and volume of one ventricle cannot show the effect even in principle;
+    /// `None` if they can.
     pub hidden_because: Option<&'static str>,
-    /// What to do about an artefact.
+    /// Remedy for an artefact.
     pub remedy: Option<&'static str>,
-    /// What it does.
+    /// Change that the effect makes.
     #[serde(skip)]
     pub action: Action,
 }
 
 impl Effect {
-    /// The strength: the first parameter.
+    /// Strength, the first parameter.
     #[must_use]
     pub fn strength(&self) -> &'static Parameter {
         &self.parameters[0]
     }
 
-    /// Whether these values add nothing: each that has an off-value is at it.
+    /// Whether these values have no effect: each parameter with an off-value is at it.
     #[must_use]
     pub fn is_off(&self, values: &[f64]) -> bool {
         self.parameters
@@ -232,7 +241,7 @@ impl Effect {
             .all(|(p, value)| p.off.is_none() || p.is_off(*value))
     }
 
-    /// Values at which it adds nothing; typical ones where a parameter has no off-value.
+    /// Values without an effect; typical ones for parameters without an off-value.
     #[must_use]
     pub fn off(&self) -> Vec<f64> {
         self.parameters

@@ -1,4 +1,4 @@
-//! Active stress that falls slowly.
+//! Delayed relaxation: a slow decay of active stress.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
 
-/// Declaration.
+/// Catalogue entry of the delayed relaxation.
 pub const EFFECT: Effect = Effect {
     name: "delayed_relaxation",
     kind: Kind::Physiology,
@@ -69,11 +69,13 @@ pub const EFFECT: Effect = Effect {
     action: Action::Wall(add),
 };
 
-/// Least stretch factor by which a stress is divided.
+/// Smallest stretch factor by which a stress is divided.
 const SMALLEST_FACTOR: f64 = 1e-6;
 
-/// A contraction model whose activation falls no faster than an exponential. Own states of a node: activation and its
-/// peak since the node was last activated \[kPa\].
+/// A contraction model whose activation falls no faster than an exponential.
+///
+/// Its own states at a node are the activation and its peak since the last activation of the node
+/// [kPa\].
 #[derive(Debug)]
 struct SlowRelaxation {
     inner: Box<dyn Contraction>,
@@ -81,7 +83,7 @@ struct SlowRelaxation {
     residual_share: f64,
 }
 
-/// What one step's floor needs, the same for all nodes of a uniform step.
+/// Values for one step's floor, which are equal for all nodes of a uniform step.
 struct Floor {
     factor: (f64, f64),
     keep: f64,
@@ -126,7 +128,7 @@ impl Floor {
         } else {
             stress
         };
-        // Below the smallest factor nothing is known of the activation but its fall.
+        // Below the smallest factor, only the fall of the activation is known.
         trial[0] = if phi > SMALLEST_FACTOR {
             held.sa_kpa / phi
         } else {
@@ -186,7 +188,7 @@ impl Contraction for SlowRelaxation {
     ) -> Result<(), ContractionError> {
         let n = self.n_states();
         if n == 2 {
-            // The inner model keeps no states: all nodes of it together.
+            // The inner model has no states: all its nodes are advanced together.
             self.inner.try_step_uniform(step, &[], &mut [], stress)?;
             let floor = self.floor(step.dt_ms, step.lambda);
             let own = states.chunks(2).zip(trials.chunks_mut(2));
@@ -244,7 +246,7 @@ mod tests {
         }
     }
 
-    /// Isometric twitch at 1 ms; stress at each ms.
+    /// Stress of an isometric twitch every 1 ms.
     fn twitch(cell: &SlowRelaxation, until_ms: usize) -> Vec<f64> {
         let (mut state, mut trial) = ([0.0; 2], [0.0; 2]);
         (1..=until_ms)

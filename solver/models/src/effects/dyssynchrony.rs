@@ -1,4 +1,4 @@
-//! Part of the wall contracts late.
+//! Dyssynchrony: late contraction of part of the wall.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::ventricle::ActivationGroups;
 
-/// Declaration.
+/// Catalogue entry of dyssynchrony.
 pub const EFFECT: Effect = Effect {
     name: "dyssynchrony",
     kind: Kind::Physiology,

@@ -1,8 +1,9 @@
-//! What stands between the heart and the data: periodic traces, and terms that change them as a measurement would.
+//! Measurement of the heart: periodic traces, and terms that change them.
 
 use serde::Serialize;
 
-/// Pressure and volume of a periodic beat at equal distances: sample `i` of `n` is at `i · T/n`, and `n` would be `0` again.
+/// Pressure and volume of a periodic beat, sampled uniformly: sample `i` of `n` is at `i · T/n`,
+/// and sample `n` would equal sample `0`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PeriodicTraces {
     /// Cycle length \[ms\].
@@ -14,7 +15,7 @@ pub struct PeriodicTraces {
 }
 
 impl PeriodicTraces {
-    /// Distance of the samples \[ms\].
+    /// Time between samples \[ms\].
     #[must_use]
     pub fn spacing_ms(&self) -> f64 {
         self.cycle_length_ms / self.pressure_mmhg.len() as f64
@@ -39,7 +40,7 @@ impl PeriodicTraces {
     }
 }
 
-/// Value of periodic samples at a position counted in samples, linear in between.
+/// Value of periodic samples at a fractional index, by linear interpolation.
 #[must_use]
 pub fn interpolate(samples: &[f64], position: f64) -> f64 {
     let n = samples.len();
@@ -49,7 +50,7 @@ pub fn interpolate(samples: &[f64], position: f64) -> f64 {
     samples[idx] + share * (samples[(idx + 1) % n] - samples[idx])
 }
 
-/// Periodic samples `lag` samples later: `out[i] = samples(i − lag)`.
+/// Delays periodic samples by `lag` samples: `out[i] = samples(i − lag)`.
 pub(super) fn delay(samples: &mut [f64], lag: f64) {
     let before = samples.to_vec();
     for (i, out) in samples.iter_mut().enumerate() {
@@ -57,41 +58,41 @@ pub(super) fn delay(samples: &mut [f64], lag: f64) {
     }
 }
 
-/// One step of a measurement.
+/// One term of a measurement.
 pub trait MeasurementTerm: std::fmt::Debug + Send + Sync {
     /// Changes the traces as the measurement does.
     fn apply(&self, traces: &mut PeriodicTraces);
 
-    /// Takes the change back, as far as noise allows: measured traces become the heart's.
+    /// Inverts the change as far as noise allows: measured traces become those of the heart.
     fn remove(&self, traces: &mut PeriodicTraces);
 }
 
-/// The steps of a measurement, in order; none in the base model.
+/// The terms of a measurement, in order; none in the base model.
 #[derive(Debug, Default)]
 pub struct Measurement {
     terms: Vec<Box<dyn MeasurementTerm>>,
 }
 
 impl Measurement {
-    /// Adds a step.
+    /// Adds a term after the others.
     pub fn push(&mut self, term: Box<dyn MeasurementTerm>) {
         self.terms.push(term);
     }
 
-    /// Whether data and heart are the same.
+    /// Whether the data equal the heart's traces.
     #[must_use]
     pub fn is_faithful(&self) -> bool {
         self.terms.is_empty()
     }
 
-    /// Turns the heart's traces into the measured ones.
+    /// Converts the heart's traces to measured ones.
     pub fn apply(&self, traces: &mut PeriodicTraces) {
         for term in &self.terms {
             term.apply(traces);
         }
     }
 
-    /// Turns measured traces into the heart's, the last step first.
+    /// Converts measured traces to those of the heart, the last term first.
     pub fn remove(&self, traces: &mut PeriodicTraces) {
         for term in self.terms.iter().rev() {
             term.remove(traces);

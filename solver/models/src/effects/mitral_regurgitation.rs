@@ -1,4 +1,4 @@
-//! A mitral valve that leaks.
+//! Mitral regurgitation: a leak of the closed mitral valve.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -7,7 +7,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Direction, Orifice};
 
-/// Declaration.
+/// Catalogue entry of mitral regurgitation.
 pub const EFFECT: Effect = Effect {
     name: "mitral_regurgitation",
     kind: Kind::Physiology,

@@ -1,8 +1,10 @@
-//! Catalogue of what the base model lacks: effects of heart and vessels, and artefacts of the measurement.
+//! Catalogue of effects that the base model lacks: effects of heart and vessels, and artefacts of
+//! the measurement.
 //!
-//! Each effect is one file that declares itself ([`Effect`]) and one entry of [`CATALOGUE`]; [`assemble`] adds any list of
-//! them to a base model. Every state that an effect adds belongs to the circulation or to the ventricle, so that steps are
-//! tried, rolled back, saved and restored as without it.
+//! Each effect is one file with its declaration ([`Effect`]) and one entry of [`CATALOGUE`];
+//! [`assemble`] adds any list of effects to a base model. Every state of an effect belongs to the
+//! circulation or to the ventricle, so that steps are tried, rolled back, saved and restored as
+//! without the effect.
 
 mod aortic_regurgitation;
 mod aortic_stenosis;
@@ -55,10 +57,10 @@ pub const CATALOGUE: [&Effect; 16] = [
     &volume_scaling::EFFECT,
 ];
 
-/// The effect of this name.
+/// Finds an effect by its name.
 ///
 /// # Errors
-/// [`EffectError::Unknown`] with the names that there are.
+/// [`EffectError::Unknown`] with the names in the catalogue.
 pub fn find(name: &str) -> Result<&'static Effect, EffectError> {
     CATALOGUE
         .into_iter()

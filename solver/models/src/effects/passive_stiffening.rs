@@ -1,4 +1,4 @@
-//! A passive law that stiffens faster with volume.
+//! Passive stiffening: a passive law that rises faster with volume.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -6,7 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 
-/// Declaration.
+/// Catalogue entry of passive stiffening.
 pub const EFFECT: Effect = Effect {
     name: "passive_stiffening",
     kind: Kind::Physiology,

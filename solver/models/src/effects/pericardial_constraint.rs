@@ -1,4 +1,4 @@
-//! The pericardium, as seen from the left ventricle alone.
+//! Pericardial constraint, as a function of the left ventricle alone.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
 
-/// Declaration.
+/// Catalogue entry of the pericardial constraint.
 pub const EFFECT: Effect = Effect {
     name: "pericardial_constraint",
     kind: Kind::Physiology,
@@ -72,7 +72,8 @@ struct Pericardium {
 
 impl CavityPressureTerm for Pericardium {
     fn pressure(&self, volume_ml: f64, _rate_ml_per_s: f64) -> (f64, f64, f64) {
-        // Limited: a wild candidate gives a large pressure, not an infinite one.
+        // The exponent is limited: an extreme candidate gives a large pressure, not an infinite
+        // one.
         let pressure = self.pressure_mmhg
             * ((volume_ml - self.reference_ml) / self.scale_ml)
                 .min(50.0)

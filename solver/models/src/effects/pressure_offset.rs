@@ -1,4 +1,4 @@
-//! A pressure transducer with a wrong zero.
+//! Pressure offset: a wrong zero of the pressure transducer.
 
 use super::EffectError;
 use super::declaration::{
@@ -6,7 +6,7 @@ use super::declaration::{
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
 
-/// Declaration.
+/// Catalogue entry of the pressure offset.
 pub const EFFECT: Effect = Effect {
     name: "pressure_offset",
     kind: Kind::Artefact,

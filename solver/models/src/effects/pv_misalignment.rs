@@ -1,4 +1,4 @@
-//! Pressure and volume that were not recorded in the same heart beat, put together at a wrong time.
+//! Pressure-volume misalignment: traces of different heart beats combined with a wrong delay.
 
 use super::EffectError;
 use super::declaration::{
@@ -6,7 +6,7 @@ use super::declaration::{
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
 
-/// Declaration.
+/// Catalogue entry of the pressure-volume misalignment.
 pub const EFFECT: Effect = Effect {
     name: "pv_misalignment",
     kind: Kind::Artefact,

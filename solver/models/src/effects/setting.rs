@@ -9,18 +9,19 @@ use std::collections::BTreeMap;
 /// An effect with a value for each parameter, in the order of its declaration.
 #[derive(Debug, Clone)]
 pub struct EffectSetting {
-    /// The effect.
+    /// Entry of the catalogue.
     pub effect: &'static Effect,
     /// Values of its parameters.
     pub values: Vec<f64>,
 }
 
 impl EffectSetting {
-    /// The effect called `name` with parameters by name; those that are absent take their typical value, the strength
-    /// must be given.
+    /// Creates the setting of the effect `name` from parameters by name. Absent parameters take
+    /// their typical value, except for the strength, which is required.
     ///
     /// # Errors
-    /// [`EffectError`] for a name that the catalogue lacks, a missing strength, a value outside the range.
+    /// [`EffectError`] if the catalogue lacks the name, the strength is missing, or a value is
+    /// outside its range.
     pub fn named(name: &str, parameters: &BTreeMap<String, f64>) -> Result<Self, EffectError> {
         let effect = find(name)?;
         if let Some(found) = parameters
@@ -64,13 +65,13 @@ impl EffectSetting {
         }
     }
 
-    /// Whether it adds nothing.
+    /// Whether the values have no effect.
     #[must_use]
     pub fn is_off(&self) -> bool {
         self.effect.is_off(&self.values)
     }
 
-    /// Its parameters by name.
+    /// Parameters by name.
     #[must_use]
     pub fn parameters(&self) -> BTreeMap<String, f64> {
         self.effect
@@ -110,104 +111,104 @@ impl EffectSetting {
     }
 }
 
-/// Why an effect could not be added.
+/// Reasons why an effect could not be added.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EffectError {
-    /// The catalogue has no such effect.
+    /// The catalogue has no effect of this name.
     #[error("there is no effect `{found}`; the catalogue has {expected}")]
     Unknown {
-        /// Name asked for.
+        /// Name requested.
         found: String,
-        /// Names that there are.
+        /// Names in the catalogue.
         expected: String,
     },
-    /// The effect has no such parameter.
+    /// The effect has no parameter of this name.
     #[error("{effect} has no parameter `{found}`; it has {expected}")]
     UnknownParameter {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Name asked for.
+        /// Name requested.
         found: String,
-        /// Names that there are.
+        /// Names of its parameters.
         expected: String,
     },
-    /// The parameter that says how strong it is was not given.
+    /// The strength of the effect was not given.
     #[error("{effect} needs its strength {expected}")]
     NoStrength {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Name of the parameter.
+        /// Name of the strength parameter.
         expected: &'static str,
     },
-    /// A number of values that is not that of the parameters.
+    /// The number of values differs from the number of parameters.
     #[error("{effect}: {found} values for {expected} parameters")]
     Count {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Values given.
+        /// Number of values.
         found: usize,
-        /// Parameters.
+        /// Number of parameters.
         expected: usize,
     },
-    /// A value outside the range.
+    /// A value is outside its range.
     #[error("{effect}: {parameter} = {value} must be between {low} and {high}")]
     Range {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Parameter.
+        /// Name of the parameter.
         parameter: &'static str,
-        /// Value.
+        /// Value found.
         value: f64,
-        /// Least.
+        /// Smallest value.
         low: f64,
-        /// Largest.
+        /// Largest value.
         high: f64,
     },
-    /// The same effect twice.
+    /// The list contains an effect twice.
     #[error("{effect} is there twice; give it once, with the parameters that hold")]
     Twice {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
     },
-    /// The circulation lacks what the effect acts on.
+    /// The circulation lacks the part that the effect acts on.
     #[error("{effect} acts on {part}, which this circulation does not have")]
     NoPart {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Compartment or path.
+        /// Missing compartment or path.
         part: &'static str,
     },
-    /// An effect of the measurement where only the heart is simulated.
+    /// An effect of the measurement was given where only the heart is simulated.
     #[error("{effect} is an artefact of the measurement, not of the heart: {remedy}")]
     Artefact {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// What to do.
+        /// Remedy.
         remedy: &'static str,
     },
-    /// A finite-element ventricle cannot take the effect over.
+    /// The effect cannot be transferred to a finite-element ventricle.
     #[error("{effect} cannot act in a finite-element ventricle: {why}")]
     NotInThreeDimensions {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
-        /// Why.
+        /// Reason.
         why: &'static str,
     },
-    /// An effect of the heart among corrections of the data.
+    /// The corrections of the data contain an effect of the heart.
     #[error(
         "{effect} is an effect of the heart: the data cannot be corrected for it, list it under `effects`"
     )]
     NoArtefact {
-        /// Effect.
+        /// Name of the effect.
         effect: &'static str,
     },
-    /// A part of the circulation could not be made.
+    /// A part of the circulation could not be created.
     #[error("circulation with effects")]
     Circulation(#[from] CirculationError),
-    /// The ventricle could not be made.
+    /// The ventricle could not be created.
     #[error("ventricle with effects")]
     Ventricle(#[from] VentricleError),
-    /// The contraction model could not be made.
+    /// The contraction model could not be created.
     #[error("contraction with effects")]
     Contraction(#[from] ContractionError),
 }

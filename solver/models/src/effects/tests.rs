@@ -1,4 +1,4 @@
-//! Tests of the catalogue as a whole: what each effect declares is what it does.
+//! Tests of the whole catalogue: each effect changes the beat as declared.
 
 use super::*;
 use crate::beat::{BeatOutcome, BeatSettings, Beats, run_beats};
@@ -153,7 +153,7 @@ fn off_is_the_base_model_and_a_trace_of_an_effect_is_near_it() {
     for effect in CATALOGUE {
         let on = distance(&beat(&[EffectSetting::typical(effect)]).1, &base.1);
         let mut slight = effect.typical();
-        // Near every off-value that there is: a catheter has two, its lag and its filter.
+        // Close to every off-value; a catheter has two, its lag and its filter.
         for (value, parameter) in slight.iter_mut().zip(effect.parameters) {
             if let Some(off) = parameter.off {
                 *value = off + 1e-3 * (*value - off);
@@ -196,7 +196,8 @@ fn phases(base: &PeriodicBeat) -> impl Fn(Phase) -> (usize, usize) {
     let closes = (opens..n).find(|i| !ejects(i)).unwrap();
     let filling = (closes..n).find(fills).unwrap();
     let third = (n - filling) / 3;
-    // The beat begins at the first activation less the onset: contraction is under way 30 ms after.
+    // The beat starts at the first activation minus the onset, so that contraction is under way
+    // after 30 ms.
     move |phase| match phase {
         Phase::IsovolumicContraction => (30, opens),
         Phase::EarlyEjection => (opens, usize::midpoint(opens, closes)),
@@ -253,7 +254,7 @@ fn a_restored_run_goes_on_alike() {
             }
         };
         let mut whole = model(&effects);
-        // In late ejection, where every state is on its way.
+        // In late ejection every state is changing.
         run(&mut whole, 300);
         let saved = (whole.ventricle.snapshot(), whole.circulation.snapshot());
         run(&mut whole, 700);

@@ -1,4 +1,4 @@
-//! What effects make of a finite-element ventricle, each as it declares ([`InThreeDimensions`]).
+//! Transfer of effects to a finite-element ventricle, as each declares it ([`InThreeDimensions`]).
 
 use super::assembly::add_to_circulation;
 use super::declaration::{Action, InThreeDimensions, OneFibreParts};
@@ -6,10 +6,10 @@ use super::{EffectError, EffectSetting, Surroundings};
 use crate::circulation::Circulation;
 use crate::ventricle::{ActivationGroups, CavityPressureTerm, GroupContraction, OneFibrePassive};
 
-/// A part of the wall that is activated late.
+/// A part of the wall with late activation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LatePart {
-    /// Delay \[ms\].
+    /// Delay of the activation \[ms\].
     pub delay_ms: f64,
     /// Share of the wall, on the side opposite the septum.
     pub share: f64,
@@ -24,31 +24,32 @@ pub struct FibreViscosity {
     pub shortening_kpa_ms: f64,
 }
 
-/// A finite-element ventricle's parts with the effects in them, but for the mesh.
+/// Parts of a finite-element ventricle with effects, except for the mesh.
 #[derive(Debug)]
 pub struct InThreeDimensionsParts {
-    /// Circulation at its start.
+    /// Circulation in its initial state.
     pub circulation: Circulation,
     /// Active stress.
     pub contraction: GroupContraction,
-    /// Further parts of the cavity pressure.
+    /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
-    /// Late part of the wall.
+    /// Late part of the wall, if any.
     pub late: Option<LatePart>,
-    /// Factor of all exponents of the passive law; the law's scale has to be fitted with it.
+    /// Factor of all exponents of the passive law. The scale of the law must be fitted with it.
     pub exponent_factor: f64,
-    /// Active stress along the sheet over that along the fibre.
+    /// Active stress along the sheet over active stress along the fibre.
     pub cross_fibre_share: f64,
-    /// Viscosity.
+    /// Viscous stress along the fibre, if any.
     pub viscosity: Option<FibreViscosity>,
 }
 
 /// Circulation, contraction and wall of a finite-element ventricle with any effects.
 ///
-/// - `reference`: a one-fibre ventricle of the same volumes, from which effects take the end-diastolic volume and the wall's
+/// - `reference`: a one-fibre ventricle with the same end-diastolic and wall volumes, which effects
+///   use
 ///
 /// # Errors
-/// [`EffectError::NotInThreeDimensions`] with the reason, and as for [`super::assemble`].
+/// [`EffectError::NotInThreeDimensions`] with the reason, and the errors of [`super::assemble`].
 pub fn in_three_dimensions(
     surroundings: &Surroundings,
     reference: OneFibrePassive,
@@ -112,15 +113,15 @@ pub fn in_three_dimensions(
     })
 }
 
-/// Of the wall where the one-fibre ventricle has a viscous part of the cavity pressure, as declared by `viscoelasticity`:
-/// η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref).
+/// Viscosity of the wall that corresponds to the viscous cavity pressure of the one-fibre
+/// ventricle, as declared by `viscoelasticity`: η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref).
 fn fibre_viscosity(
     mmhg_s_per_ml: f64,
     shortening_share: f64,
     reference: &OneFibrePassive,
 ) -> FibreViscosity {
     let (volume, wall) = (reference.end_diastolic_volume.0, reference.wall_volume.0);
-    // mmHg s to kPa ms.
+    // Conversion from mmHg s to kPa ms.
     let eta = 1e3 * mmhg_s_per_ml / cardiotwin_units::MMHG_PER_KPA;
     let lengthening_kpa_ms = 9.0 * eta * (volume + wall / 3.0) / (wall / volume).ln_1p();
     FibreViscosity {
@@ -196,7 +197,7 @@ mod tests {
             OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
         let eta = fibre_viscosity(0.02, 0.5, &law);
         assert_eq!(eta.shortening_kpa_ms, 0.5 * eta.lengthening_kpa_ms);
-        // dλ/dt at λ = 1 for a flow of 100 mL/s, and the pressure of that fibre stress.
+        // dλ/dt at λ = 1 for a flow of 100 mL/s, and the pressure of the resulting fibre stress.
         let rate_per_ms = 0.1 / (3.0 * (120.0 + 100.0 / 3.0));
         let pressure = eta.lengthening_kpa_ms * rate_per_ms * (100.0_f64 / 120.0).ln_1p() / 3.0;
         assert!(

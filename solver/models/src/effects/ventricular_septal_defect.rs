@@ -1,4 +1,4 @@
-//! A hole in the septum between the ventricles.
+//! Ventricular septal defect: a hole between the ventricles.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -7,7 +7,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::{Circulation, Compartment, Direction, Orifice, TimeStep};
 use std::f64::consts::PI;
 
-/// Declaration.
+/// Catalogue entry of the ventricular septal defect.
 pub const EFFECT: Effect = Effect {
     name: "ventricular_septal_defect",
     kind: Kind::Physiology,
@@ -85,7 +85,7 @@ pub const EFFECT: Effect = Effect {
     action: Action::Circulation(add),
 };
 
-/// Pressure of the right ventricle, given.
+/// A right ventricle with prescribed pressure.
 #[derive(Debug)]
 struct RightVentricle {
     diastolic_mmhg: f64,

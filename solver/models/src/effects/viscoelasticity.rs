@@ -1,4 +1,4 @@
-//! A viscous wall.
+//! Viscoelasticity: a viscous resistance of the wall.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
@@ -7,7 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
 
-/// Declaration.
+/// Catalogue entry of viscoelasticity.
 pub const EFFECT: Effect = Effect {
     name: "viscoelasticity",
     kind: Kind::Physiology,

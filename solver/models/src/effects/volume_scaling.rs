@@ -1,4 +1,4 @@
-//! Volumes that are all too large or too small.
+//! Volume scaling: a common factor of all measured volumes.
 
 use super::EffectError;
 use super::declaration::{
@@ -6,7 +6,7 @@ use super::declaration::{
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
 
-/// Declaration.
+/// Catalogue entry of the volume scaling.
 pub const EFFECT: Effect = Effect {
     name: "volume_scaling",
     kind: Kind::Artefact,

@@ -1,4 +1,5 @@
-//! Arteries in two parts with an inertance between them: coarctation, reflected waves.
+//! Wave reflection: two arterial compartments with an inertance between them, for coarctation and
+//! reflected waves.
 
 use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
@@ -7,7 +8,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{ArterialJunction, Circulation, SplitWindkessel};
 
-/// Declaration.
+/// Catalogue entry of the wave reflection.
 pub const EFFECT: Effect = Effect {
     name: "wave_reflection",
     kind: Kind::Physiology,

@@ -1,14 +1,14 @@
-//! Activation times of the groups that stand for the nodes of an eikonal map.
+//! Activation times of the groups that represent the nodes of an eikonal map.
 
 use super::VentricleError;
 use cardiotwin_units::Ms;
 use serde::{Deserialize, Serialize};
 
-/// How the groups of a reduced ventricle are activated.
+/// Activation of the groups of a reduced ventricle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActivationSpread {
-    /// First activation after the beat's start; before it where negative: the cells then contract at their end-diastolic length
-    /// until the beat starts.
+    /// Time from the start of the beat to the first activation. It is negative if cells are
+    /// activated earlier; they then contract at their end-diastolic length until the beat starts.
     #[serde(default)]
     pub onset: Ms,
     /// Time from the first to the last activation.
@@ -18,7 +18,7 @@ pub struct ActivationSpread {
 }
 
 impl Default for ActivationSpread {
-    /// 40 ms (SPEC section 4: 30 to 50) in 32 groups, from the beat's start on.
+    /// 40 ms (SPEC section 4: 30 to 50) in 32 groups, from the start of the beat.
     fn default() -> Self {
         Self {
             onset: Ms(0.0),
@@ -36,10 +36,11 @@ pub struct ActivationGroups {
 }
 
 impl ActivationGroups {
-    /// Checks activation times \[ms\], and scales the weights to sum to one.
+    /// Checks activation times \[ms\] and scales the weights to sum to one.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for no groups, lists of different lengths, a time that is not finite, a negative weight.
+    /// [`VentricleError::Parameter`] if there are no groups, the lists differ in length, a time is
+    /// not finite, or a weight is negative.
     pub fn new(times_ms: Vec<f64>, mut weights: Vec<f64>) -> Result<Self, VentricleError> {
         let bad = |name, value, expected| {
             Err(VentricleError::Parameter {
@@ -85,11 +86,13 @@ impl ActivationGroups {
 impl ActivationSpread {
     /// Activation times \[ms\], equally spaced, and weights that sum to one.
     ///
-    /// The weights follow `6 x (1 − x)`, x the time over the spread: few cells are activated first and last, most in
-    /// between, as in an eikonal map from fascicles. The times are the groups' centres.
+    /// The weights follow `6 x (1 − x)`, where x is the time over the spread. As in an eikonal map
+    /// from fascicles, few cells are activated first and last, and most in between. The times are
+    /// the centres of the groups.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for no groups, a negative spread, or an onset that is not finite.
+    /// [`VentricleError::Parameter`] if there are no groups, the spread is negative, or the onset
+    /// is not finite.
     pub fn groups(&self) -> Result<(Vec<f64>, Vec<f64>), VentricleError> {
         let spread = self.spread.0;
         if !(spread >= 0.0 && spread.is_finite()) {
@@ -119,7 +122,7 @@ impl ActivationSpread {
         let times = (0..self.n_groups)
             .map(|k| onset + spread * centre(k))
             .collect();
-        // Integral of the density over each group's share.
+        // Integral of the density over the share of each group.
         let cumulative = |x: f64| x * x * (3.0 - 2.0 * x);
         let weights = (0..self.n_groups)
             .map(|k| cumulative((k as f64 + 1.0) / n) - cumulative(k as f64 / n))

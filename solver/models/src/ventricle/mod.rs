@@ -1,4 +1,4 @@
-//! A ventricle that advances together with the circulation.
+//! Interface of a ventricle that advances together with the circulation.
 
 pub mod activation;
 pub mod one_fibre;
@@ -16,31 +16,32 @@ use crate::contraction::ContractionError;
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
 
-/// What a tried step cost and where it would end.
+/// Result of a tried step, with its cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TriedStep {
     /// Cavity pressure at the end of the step.
     pub pressure: Mmhg,
-    /// Cavity volume at its end.
+    /// Cavity volume at the end of the step.
     pub volume: Ml,
-    /// Newton iterations.
+    /// Number of Newton iterations.
     pub iterations: usize,
 }
 
-/// All states of a ventricle as numbers; `kind` guards against restoring another model's.
+/// All states of a ventricle as numbers. `kind` prevents another model from restoring them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VentricleSnapshot {
-    /// Which implementation wrote it.
+    /// Implementation that wrote the snapshot.
     pub kind: String,
-    /// Its numbers, in an order of its own.
+    /// Values in the order of that implementation.
     pub values: Vec<f64>,
 }
 
 /// A left ventricle: reduced or finite-element.
 ///
-/// A step is tried together with the circulation, monolithically: the implementation finds the cavity pressure at the
-/// step's end for which its change of volume is what the circulation lets through. Then the driver commits both or rolls
-/// both back. Nodes are whatever carries a contraction model (groups of the reduced ventricle, mesh nodes).
+/// A step is tried together with the circulation, monolithically. The implementation finds the
+/// cavity pressure at the end of the step at which the change of volume equals the net inflow. The
+/// driver then commits both or rolls both back. Nodes are the carriers of contraction models:
+/// groups of the reduced ventricle, or mesh nodes.
 pub trait Ventricle {
     /// Time of the last committed step.
     fn time(&self) -> Ms;
@@ -51,69 +52,73 @@ pub trait Ventricle {
     /// Committed cavity pressure.
     fn pressure(&self) -> Mmhg;
 
-    /// Tries a step of `dt`. On success both sides hold the same pending trial; on an error neither's committed state has
-    /// changed, and the caller rolls back and may try a shorter step.
+    /// Tries a step of `dt`. On success, ventricle and circulation hold the same pending trial. On
+    /// an error, neither committed state has changed; the caller rolls back and may try a shorter
+    /// step.
     ///
     /// # Errors
-    /// [`VentricleError`] when the coupled step has no solution.
+    /// [`VentricleError`] if the coupled step has no solution.
     fn try_step(
         &mut self,
         circulation: &mut Circulation,
         dt: Ms,
     ) -> Result<TriedStep, VentricleError>;
 
-    /// Accepts the pending trial (the circulation's is committed by the caller); does nothing without one.
+    /// Accepts the pending trial, if there is one. The caller commits the circulation's trial.
     fn commit(&mut self);
 
     /// Drops the pending trial.
     fn roll_back(&mut self);
 
-    /// Activation time of each node \[ms\] within its beat.
+    /// Activation time of each node within its beat \[ms\].
     fn activation_times_ms(&self) -> &[f64];
 
     /// Weight of each node in medians and means; they sum to one.
     fn node_weights(&self) -> &[f64];
 
-    /// Committed active stress of each node \[kPa\] into `out`.
+    /// Writes the committed active stress of each node \[kPa\] to `out`.
     fn active_stress_kpa(&self, out: &mut [f64]);
 
-    /// Committed calcium of each node \[µM\] into `out`; NaN-free: zero where the model has none.
+    /// Writes the committed calcium of each node \[µM\] to `out`: zero, never NaN, if the model has
+    /// none.
     fn calcium_um(&self, out: &mut [f64]);
 
-    /// Committed fibre stretch of each node, from the length that its cell knows, into `out`.
+    /// Writes the committed fibre stretch of each node to `out`, relative to the reference length
+    /// of its cell.
     fn stretch(&self, out: &mut [f64]);
 
     /// All committed states.
     fn snapshot(&self) -> VentricleSnapshot;
 
-    /// Goes back to a snapshot and drops any pending trial.
+    /// Restores a snapshot and drops any pending trial.
     ///
     /// # Errors
-    /// [`VentricleError::ForeignSnapshot`] when it was written by another model or size.
+    /// [`VentricleError::ForeignSnapshot`] if a ventricle of another model or size wrote the
+    /// snapshot.
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError>;
 }
 
-/// Why a ventricle could not be made or a step not taken.
+/// Reasons why a ventricle could not be created or a step not taken.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum VentricleError {
     /// A parameter is outside its range.
     #[error("{name} = {value} must be {expected}")]
     Parameter {
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         expected: &'static str,
     },
-    /// The passive state has no solution for these volumes and pressures.
+    /// No passive law fits these volumes and pressures.
     #[error("no passive law through V0 = {v0_ml} mL and ({volume_ml} mL, {pressure_mmhg} mmHg)")]
     PassiveState {
         /// Unloaded volume \[mL\].
         v0_ml: f64,
         /// Volume of the loaded state \[mL\].
         volume_ml: f64,
-        /// Its pressure \[mmHg\].
+        /// Pressure of the loaded state \[mmHg\].
         pressure_mmhg: f64,
     },
     /// The contraction model failed.
@@ -121,13 +126,13 @@ pub enum VentricleError {
     Contraction {
         /// Time at the end of the step \[ms\].
         t_ms: f64,
-        /// Why.
+        /// Cause of the failure.
         source: ContractionError,
     },
     /// The circulation failed.
     #[error("circulation")]
     Circulation(#[from] CirculationError),
-    /// The cavity volume of the step was not found.
+    /// No cavity volume was found for the step.
     #[error(
         "no cavity volume at t = {t_ms} ms with a step of {dt_ms} ms: from {volume_ml:.3} mL at {pressure_mmhg:.3} mmHg, \
          last candidate {candidate_ml:.3} mL, residual {residual_ml:.1e} mL after {iterations} iterations"
@@ -141,11 +146,11 @@ pub enum VentricleError {
         volume_ml: f64,
         /// Pressure at the start \[mmHg\].
         pressure_mmhg: f64,
-        /// Last candidate \[mL\].
+        /// Last candidate volume \[mL\].
         candidate_ml: f64,
-        /// Its residual \[mL\].
+        /// Residual of the last candidate \[mL\].
         residual_ml: f64,
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
     },
     /// The wall's equation of motion has no solution for the step.
@@ -155,7 +160,7 @@ pub enum VentricleError {
         t_ms: f64,
         /// Step length \[ms\].
         dt_ms: f64,
-        /// Why: Newton's method, an inverted element, a number that is not finite.
+        /// Cause: Newton's method, an inverted element, or a value that is not finite.
         reason: String,
     },
     /// A snapshot belongs to another ventricle.
@@ -163,13 +168,13 @@ pub enum VentricleError {
         "snapshot of {found} with {found_values} values does not fit {expected} with {expected_values}"
     )]
     ForeignSnapshot {
-        /// Kind in the snapshot.
+        /// Kind of ventricle in the snapshot.
         found: String,
-        /// Values in it.
+        /// Number of values in the snapshot.
         found_values: usize,
-        /// Kind here.
+        /// Kind of this ventricle.
         expected: &'static str,
-        /// Values here.
+        /// Number of values of this ventricle.
         expected_values: usize,
     },
 }

@@ -1,7 +1,9 @@
-//! The reduced ventricle: thick-walled one-fibre law (Arts 1991) with groups of cells activated one after another.
+//! Reduced ventricle: the thick-walled one-fibre law (Arts 1991) with groups of cells that are
+//! activated one after another.
 //!
-//! One stretch for all groups, each with its own activation time and cell state; fibre stress is the weighted mean of
-//! their active stress (the paper's Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa) plus the passive law.
+//! All groups have the same stretch, and each has its own activation time and cell state. The fibre
+//! stress is the weighted mean of the groups' active stress plus the passive law. The paper's
+//! Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa.
 
 use super::passive_state::{OneFibrePassive, pressure_per_stress, stretch};
 use super::{
@@ -16,7 +18,7 @@ use crate::contraction::{
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use std::sync::Arc;
 
-/// The contraction model of all groups, with its calcium and start state.
+/// Contraction model of all groups, with its calcium and initial state.
 #[derive(Debug)]
 pub struct GroupContraction {
     model: Box<dyn Contraction>,
@@ -26,7 +28,7 @@ pub struct GroupContraction {
 }
 
 impl GroupContraction {
-    /// Tanh in every group.
+    /// Tanh model in every group.
     #[must_use]
     pub fn tanh(tanh: Tanh) -> Self {
         Self {
@@ -37,7 +39,7 @@ impl GroupContraction {
         }
     }
 
-    /// Land with the calcium of a 0D cell, started from the cell's periodic state.
+    /// Land model with the calcium of a 0D cell, started from the cell's periodic state.
     #[must_use]
     pub fn land(cell: &Cell0d, beat: &CellBeat) -> Self {
         let land: Land2017 = *cell.land();
@@ -49,10 +51,11 @@ impl GroupContraction {
         }
     }
 
-    /// Any other model; `calcium` where the model needs it, `start_state` of its length.
+    /// Any other model, with `calcium` if it needs one and a `start_state` of matching length.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] when the state's length is not the model's, or calcium is missing.
+    /// [`VentricleError::Parameter`] if the length of the state does not match the model, or
+    /// calcium is missing.
     pub fn new(
         model: Box<dyn Contraction>,
         calcium: Option<Arc<dyn Calcium>>,
@@ -85,7 +88,7 @@ impl GroupContraction {
     }
 }
 
-/// Model, calcium and start state of one node, and the length that its stretch is counted from.
+/// Model, calcium and initial state of one node, and the reference length of its stretch.
 pub type NodeContraction = (
     Box<dyn Contraction>,
     Option<Arc<dyn Calcium>>,
@@ -94,19 +97,21 @@ pub type NodeContraction = (
 );
 
 impl GroupContraction {
-    /// The same with the stretch counted from another length than end-diastole's.
+    /// Returns the contraction with another reference length of the stretch than that at
+    /// end-diastole.
     #[must_use]
     pub fn with_stretch(self, stretch: StretchReference) -> Self {
         Self { stretch, ..self }
     }
 
-    /// All that one node has: for a ventricle with nodes of its own.
+    /// Splits into the parts of one node, for a ventricle with its own nodes.
     #[must_use]
     pub fn into_parts(self) -> NodeContraction {
         (self.model, self.calcium, self.start_state, self.stretch)
     }
 
-    /// The model wrapped into another that keeps `own_start` further states after those of each node.
+    /// Wraps the model into another one that keeps `own_start` as additional states after those of
+    /// each node.
     #[must_use]
     pub fn wrapped(
         mut self,
@@ -121,13 +126,15 @@ impl GroupContraction {
     }
 }
 
-/// Something that adds to the cavity pressure: a pericardium, wall viscosity. None in the base model.
+/// An additional term of the cavity pressure, such as a pericardium or wall viscosity. The base
+/// model has none.
 pub trait CavityPressureTerm: std::fmt::Debug + Send + Sync {
-    /// Pressure \[mmHg\] at a volume \[mL\] and its rate \[mL/s\], with its slopes for both.
+    /// Pressure \[mmHg\] at a volume \[mL\] and its rate \[mL/s\], and the derivatives with respect
+    /// to both.
     fn pressure(&self, volume_ml: f64, rate_ml_per_s: f64) -> (f64, f64, f64);
 }
 
-/// Everything that defines a one-fibre ventricle.
+/// Parameters of a one-fibre ventricle.
 #[derive(Debug)]
 pub struct OneFibreParameters {
     /// Passive law and reference volumes.
@@ -138,11 +145,11 @@ pub struct OneFibreParameters {
     pub contraction: GroupContraction,
     /// Cycle length, after which every group is activated again.
     pub cycle_length: Ms,
-    /// Further parts of the cavity pressure.
+    /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
 }
 
-/// Committed state.
+/// Committed state of the ventricle.
 #[derive(Debug, Clone, Default)]
 struct State {
     time_ms: f64,
@@ -159,9 +166,9 @@ struct State {
 #[derive(Debug)]
 pub struct OneFibreVentricle {
     passive: OneFibrePassive,
-    /// Stretch from the unloaded volume over that from end-diastole.
+    /// Stretch from the unloaded volume over stretch from end-diastole.
     stretch_ratio: f64,
-    /// The cells' stretch over that from end-diastole.
+    /// Stretch in the cells over stretch from end-diastole.
     cell_stretch: f64,
     model: Box<dyn Contraction>,
     calcium: Option<Arc<dyn Calcium>>,
@@ -189,14 +196,15 @@ struct Trial {
     stress: Vec<ActiveStress>,
 }
 
-/// Kind in snapshots.
+/// Kind of ventricle in snapshots.
 const KIND: &str = "one-fibre 1";
-/// Residual of the volume balance at which a step is accepted, unless another is asked for \[mL\].
+/// Residual of the volume balance at which a step is accepted by default \[mL\].
 const RESIDUAL_ML: f64 = 1e-8;
-/// Newton's and bisection's together, unless limited.
+/// Default limit of iterations, Newton's and bisection's together.
 const ITERATIONS: usize = 60;
 
-/// Ends and lengths \[ms\] of the steps, of a millisecond or a little less, from an activation before time zero to time zero.
+/// Ends and lengths \[ms\] of the steps from an activation before time zero to time zero, each of
+/// at most one millisecond.
 pub fn steps_before_the_beat(earliest_ms: f64) -> impl Iterator<Item = (f64, f64)> {
     let n = (-earliest_ms).max(0.0).ceil();
     let dt_ms = -earliest_ms / n.max(1.0);
@@ -206,19 +214,20 @@ pub fn steps_before_the_beat(earliest_ms: f64) -> impl Iterator<Item = (f64, f64
 }
 
 impl OneFibreVentricle {
-    /// A ventricle at its end-diastolic state, time zero.
+    /// Creates a ventricle in its end-diastolic state at time zero.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for a bad spread or cycle length.
+    /// [`VentricleError::Parameter`] if the spread or the cycle length is invalid.
     pub fn new(parameters: OneFibreParameters) -> Result<Self, VentricleError> {
         let (times_ms, weights) = parameters.activation.groups()?;
         Self::with_groups(parameters, &ActivationGroups::new(times_ms, weights)?)
     }
 
-    /// As [`Self::new`] with given groups in the place of the spread: part of the wall late, or a measured map.
+    /// As [`Self::new`], with given groups in place of the spread, for a late part of the wall or a
+    /// measured map.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for a cycle length that ends before the last group's activation.
+    /// [`VentricleError::Parameter`] if the cycle ends before the last group's activation.
     pub fn with_groups(
         parameters: OneFibreParameters,
         groups: &ActivationGroups,
@@ -279,7 +288,7 @@ impl OneFibreVentricle {
         ventricle.contract_until_the_beat()?;
         ventricle.prepare_groups(0.0);
         ventricle.now.ca_um.copy_from_slice(&ventricle.trial.ca_um);
-        // The stress at time zero: a step of vanishing length at constant stretch.
+        // The stress at time zero comes from a step of vanishing length at constant stretch.
         let dt = 1e-6;
         let (pressure, _) = ventricle.cavity_pressure(volume_ml, dt)?;
         ventricle.now.pressure_mmhg = pressure;
@@ -289,7 +298,8 @@ impl OneFibreVentricle {
         Ok(ventricle)
     }
 
-    /// Cells that are activated before time zero contract at their end-diastolic length until then.
+    /// Contracts cells that are activated before time zero at their end-diastolic length until
+    /// then.
     fn contract_until_the_beat(&mut self) -> Result<(), VentricleError> {
         let earliest_ms = self
             .activation_ms
@@ -308,28 +318,29 @@ impl OneFibreVentricle {
         Ok(())
     }
 
-    /// A step fails after `limit` iterations (at least one); the beat then cuts it.
+    /// Limits the iterations of a step (at least one). The beat shortens a step that exceeds the
+    /// limit.
     pub fn limit_iterations(&mut self, limit: usize) {
         self.iteration_limit = limit.max(1);
     }
 
-    /// Accepts a step at this residual of its volume balance \[mL\].
+    /// Sets the residual of the volume balance at which a step is accepted \[mL\].
     pub(crate) fn accept_residual(&mut self, residual_ml: f64) {
         self.accepted_residual_ml = residual_ml;
     }
 
-    /// The passive law.
+    /// Passive law of the wall.
     #[must_use]
     pub fn passive(&self) -> &OneFibrePassive {
         &self.passive
     }
 
-    /// What the next beat depends on: volume \[mL\], then the cells' states.
+    /// State that the next beat depends on: volume \[mL\], then the states of the cells.
     pub(crate) fn beat_state(&self) -> impl Iterator<Item = f64> {
         std::iter::once(self.now.volume_ml).chain(self.now.cells.iter().copied())
     }
 
-    /// Begins a beat at time zero with a state as [`Self::beat_state`] gives it.
+    /// Starts a beat at time zero from a state in the form of [`Self::beat_state`].
     pub(crate) fn begin_beat(&mut self, state: &[f64]) {
         self.trial.pending = false;
         self.now.time_ms = 0.0;
@@ -338,13 +349,14 @@ impl OneFibreVentricle {
         self.now.cells.copy_from_slice(&state[1..]);
     }
 
-    /// The cells' stretch at a cavity volume \[mL\].
+    /// Stretch of the cells at a cavity volume \[mL\].
     fn cell_stretch(&self, volume_ml: f64) -> f64 {
         self.passive.active_stretch(Ml(volume_ml)).0 * self.cell_stretch
     }
 
-    /// Times since activation and calcium of all groups at the end of a step. In the first beat a group that is not yet
-    /// activated has a negative time, and sees the tail of the previous calcium transient.
+    /// Computes times since activation and calcium of all groups at the end of a step. In the first
+    /// beat, a group that is not yet activated has a negative time and the tail of the previous
+    /// calcium transient.
     fn prepare_groups(&mut self, end_ms: f64) {
         let length = self.cycle_length_ms;
         for (since, t_a) in self
@@ -372,7 +384,8 @@ impl OneFibreVentricle {
         }
     }
 
-    /// Cavity pressure \[mmHg\] for a candidate volume at the end of a step, and its slope with it; fills the trial's cells.
+    /// Cavity pressure \[mmHg\] for a candidate volume at the end of a step, and its derivative
+    /// with respect to the volume. Fills the cells of the trial.
     fn cavity_pressure(
         &mut self,
         volume_ml: f64,
@@ -422,8 +435,9 @@ impl OneFibreVentricle {
         Ok((pressure, slope))
     }
 
-    /// Finds the volume whose pressure lets just this volume pass: residual `V − V_n − dt Q(p(V))`, increasing wherever the
-    /// ventricle stiffens with volume; a bracket guards Newton where it does not, and across valve kinks.
+    /// Finds the volume at which the circulation delivers the change of volume. The residual
+    /// `V − V_n − dt Q(p(V))` increases wherever the ventricle stiffens with volume. A bracket
+    /// guards Newton where it does not, and across kinks of the valves.
     fn solve(
         &mut self,
         circulation: &mut Circulation,
@@ -431,7 +445,7 @@ impl OneFibreVentricle {
     ) -> Result<TriedStep, VentricleError> {
         let dt_s = dt_ms * 1e-3;
         let start = self.now.volume_ml;
-        // All volumes from an empty cavity to thrice the start.
+        // The bracket spans volumes from an empty cavity to three times the start.
         let (mut low, mut high) = (0.02 * start, 3.0 * start);
         let mut volume = (start + self.now.rate_ml_per_s * dt_s).clamp(0.9 * start, 1.1 * start);
         let mut residual = f64::NAN;
@@ -459,7 +473,8 @@ impl OneFibreVentricle {
             }
             let slope = 1.0 - dt_s * flow.slope_ml_per_s_per_mmhg * dpressure;
             let newton = volume - residual / slope;
-            // A third of the iterations is Newton's; then only the bracket counts.
+            // The first third of the iterations may be Newton's; afterwards only the bracket
+            // counts.
             let use_newton = iterations <= ITERATIONS / 3 && newton > low && newton < high;
             volume = if use_newton {
                 newton

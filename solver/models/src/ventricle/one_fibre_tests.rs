@@ -52,7 +52,7 @@ fn tanh() -> GroupContraction {
     GroupContraction::tanh(Tanh::new(p).unwrap())
 }
 
-/// A Land cell that ejects: sensitive, with calcium high enough.
+/// A Land cell that ejects: it is sensitive, and calcium is high enough.
 fn land() -> GroupContraction {
     let mut cell = CellParameters {
         cycle_length_ms: CYCLE.0,
@@ -108,7 +108,7 @@ fn begins_at_end_diastole() {
     for contraction in [tanh(), land()] {
         let v = ventricle(contraction, Vec::new());
         assert_eq!(v.volume(), Ml(161.2));
-        // Land at rest has a little stress of its own.
+        // A Land cell has a small stress at rest.
         assert!((v.pressure().0 - 7.0).abs() < 0.5, "{}", v.pressure());
         let mut lambda = vec![0.0; v.activation_times_ms().len()];
         v.stretch(&mut lambda);
@@ -217,7 +217,8 @@ fn rolled_back_steps_leave_no_trace_and_snapshots_restore_bit_for_bit() {
             step(&mut v, &mut c, 1.0);
             step(&mut other, &mut other_c, 1.0);
         }
-        // The compartments' last pressures are a start of an iteration, so equal to its tolerance.
+        // The compartments' last pressures only start an iteration, so that results agree to its
+        // tolerance.
         let difference = v
             .snapshot()
             .values
@@ -263,7 +264,8 @@ fn land_cells_see_the_last_transients_tail_before_activation() {
     let v = ventricle(land(), Vec::new());
     let mut ca = vec![0.0; 32];
     v.calcium_um(&mut ca);
-    // All groups start a little before the end of the previous cycle, the last activated furthest from it.
+    // All groups start shortly before the end of the previous cycle, the last activated one
+    // earliest.
     assert!(ca.windows(2).all(|w| w[0] < w[1]) && ca[0] > 0.1);
 }
 
@@ -305,7 +307,7 @@ fn long_steps_in_late_filling_leave_the_same_samples_and_hardly_move_them() {
     };
     assert_eq!(stretch(&long).len(), stretch(&usual).len());
     assert!(apart(&stretch(&long), &stretch(&usual)) < 0.01);
-    // A step that is no longer than two intervals is none.
+    // A diastolic step that does not exceed two intervals has no effect.
     let none = run(
         tanh(),
         &BeatSettings {
@@ -345,7 +347,7 @@ fn cycle_lengths_need_not_be_whole() {
     assert!(result.succeeded(), "{:?}", result.checks);
 }
 
-/// A model that fails from some time on.
+/// A model that fails from a given time on.
 #[derive(Debug)]
 struct Failing(f64);
 impl Contraction for Failing {
@@ -389,7 +391,8 @@ fn divergence_is_an_ending_with_the_last_good_state() {
     else {
         panic!("must diverge")
     };
-    // The first group, activated at 0.625 ms, fails 100.3 ms later; steps of 1/64 ms come that close.
+    // The first group, activated at 0.625 ms, fails 100.3 ms later; steps of 1/64 ms come that
+    // close.
     assert!(
         (t.0 - 100.925).abs() < 1.0 / 64.0 + 1e-9 && t.0 <= 100.925,
         "{t}"
@@ -401,7 +404,7 @@ fn divergence_is_an_ending_with_the_last_good_state() {
     assert!(work.n_cut >= 6);
 }
 
-/// Wall viscosity and a constraint, as a later effect would add them.
+/// Wall viscosity and a constraint, in the form in which effects add them.
 #[derive(Debug)]
 struct Viscous(f64);
 impl CavityPressureTerm for Viscous {

@@ -1,18 +1,22 @@
-//! Passive state ("step 0") of the one-fibre ventricle: the unloaded volume and the passive fibre law (SPEC sections 3, 4).
+//! Passive state ("step 0") of the one-fibre ventricle: the unloaded volume and the passive fibre
+//! law (SPEC sections 3, 4).
 //!
-//! Geometry: Arts 1991, `p = σ_f/3 · ln(1 + V_wall/V)`, `λ = ((V + V_wall/3)/(V_ref + V_wall/3))^(1/3)`.
+//! Geometry: Arts 1991, `p = σ_f/3 · ln(1 + V_wall/V)`,
+//! `λ = ((V + V_wall/3)/(V_ref + V_wall/3))^(1/3)`.
 
 use super::VentricleError;
 use crate::roots::increasing_root;
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms, Stretch};
 use serde::{Deserialize, Serialize};
 
-/// Exponent without a diastasis point: half of Guccione's b_f 18.48, as E enters linearly and not squared.
+/// Exponent without a diastasis point: half of Guccione's b_f of 18.48, because E enters linearly
+/// rather than squared.
 pub const DEFAULT_EXPONENT: f64 = 18.48 / 2.0;
 /// Range in which the exponent is fitted.
 const EXPONENT_RANGE: (f64, f64) = (0.5, 80.0);
 
-/// Fibre stress \[kPa\] to cavity pressure \[kPa\], per unit of stress (Arts 1991), and its slope with the volume.
+/// Conversion of fibre stress \[kPa\] to cavity pressure \[kPa\], per unit of stress (Arts 1991),
+/// and its derivative with respect to the volume.
 #[inline]
 pub(crate) fn pressure_per_stress(volume_ml: f64, wall_ml: f64) -> (f64, f64) {
     (
@@ -21,16 +25,17 @@ pub(crate) fn pressure_per_stress(volume_ml: f64, wall_ml: f64) -> (f64, f64) {
     )
 }
 
-/// Fibre stretch from a reference volume, and its slope with the volume.
+/// Fibre stretch from a reference volume, and its derivative with respect to the volume.
 #[inline]
 pub(crate) fn stretch(volume_ml: f64, reference_ml: f64, wall_ml: f64) -> (f64, f64) {
     let now = volume_ml + wall_ml / 3.0;
-    // Not `cbrt`, whose correctly rounded version costs thrice as much: a few ulp do not matter here.
+    // `cbrt` is avoided: its correctly rounded version costs three times as much, and a few ulp do
+    // not matter here.
     let lambda = ((now / (reference_ml + wall_ml / 3.0)).ln() / 3.0).exp();
     (lambda, lambda / (3.0 * now))
 }
 
-/// Passive fibre law σ_p = s (e^{b E} − 1), E = (λ_p² − 1)/2, λ_p from the unloaded volume.
+/// Passive fibre law σ_p = s (e^{b E} − 1) with E = (λ_p² − 1)/2 and λ_p from the unloaded volume.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct OneFibrePassive {
     /// Stiffness s.
@@ -39,7 +44,7 @@ pub struct OneFibrePassive {
     pub exponent: f64,
     /// Unloaded volume V0.
     pub unloaded_volume: Ml,
-    /// Volume at end-diastole: where the active stretch is one and the beat begins.
+    /// Volume at end-diastole, where the active stretch is one and the beat starts.
     pub end_diastolic_volume: Ml,
     /// Wall volume.
     pub wall_volume: Ml,
@@ -47,7 +52,7 @@ pub struct OneFibrePassive {
     pub exponent_fitted: bool,
 }
 
-/// Pressure and volume of the whole-heart image.
+/// Pressure and volume at the time of the whole-heart image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DiastasisPoint {
     /// Volume of the image.
@@ -56,42 +61,44 @@ pub struct DiastasisPoint {
     pub pressure: Mmhg,
 }
 
-/// Which state the beat starts from (`start` in a patient file).
+/// State from which the beat starts (`start` in a patient file).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PassiveStateMode {
-    /// From the measured end-diastolic volume at end-diastolic pressure.
+    /// The beat starts from the measured end-diastolic volume at end-diastolic pressure.
     #[default]
     EndDiastole,
-    /// The paper's way: the image volume is taken to be that at end-diastolic pressure.
+    /// The beat starts as in the paper, where the image volume is taken as that at end-diastolic
+    /// pressure.
     Diastasis,
 }
 
-/// What the passive state is fitted to.
+/// Data to which the passive state is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassiveStateInput {
     /// Measured end-diastolic volume.
     pub end_diastolic_volume: Ml,
     /// Measured end-diastolic pressure.
     pub end_diastolic_pressure: Mmhg,
-    /// Diastasis point, where known.
+    /// Diastasis point, if known.
     pub diastasis: Option<DiastasisPoint>,
     /// Wall volume.
     pub wall_volume: Ml,
-    /// Start of the beat.
+    /// State from which the beat starts.
     pub mode: PassiveStateMode,
 }
 
 pub use cardiotwin_signals::image::klotz_unloaded_volume;
 
 impl OneFibrePassive {
-    /// Fits the law through (V0, 0) and the loaded state, and through the diastasis point where that is possible (a volume
-    /// between V0 and EDV at a pressure the law can have there); otherwise with the default exponent, which
-    /// `exponent_fitted` tells.
+    /// Fits the law through (V0, 0) and the loaded state, and through the diastasis point if
+    /// possible (a volume between V0 and EDV at a pressure that the law can have there). Otherwise
+    /// the exponent keeps its default, which `exponent_fitted` shows.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for a volume or pressure that is not positive, a diastasis start without a diastasis
-    /// volume, [`VentricleError::PassiveState`] when V0 is not between zero and the loaded volume.
+    /// [`VentricleError::Parameter`] if a volume or pressure is not positive, or a diastasis start
+    /// lacks a diastasis volume; [`VentricleError::PassiveState`] if V0 is not between zero and the
+    /// loaded volume.
     pub fn fit(input: &PassiveStateInput) -> Result<Self, VentricleError> {
         let (volume, diastasis) = match (input.mode, input.diastasis) {
             (PassiveStateMode::EndDiastole, point) => (input.end_diastolic_volume, point),
@@ -144,11 +151,12 @@ impl OneFibrePassive {
         Ok(law)
     }
 
-    /// The law with an exponent, through (unloaded volume, 0) and a pressure at the reference volume.
+    /// The law with a given exponent, through (unloaded volume, 0) and a pressure at the reference
+    /// volume.
     ///
     /// # Errors
-    /// [`VentricleError::PassiveState`] unless 0 < unloaded < reference volume and the pressure is positive;
-    /// [`VentricleError::Parameter`] for a wall volume or exponent that is not.
+    /// [`VentricleError::PassiveState`] unless 0 < unloaded < reference volume and the pressure is
+    /// positive; [`VentricleError::Parameter`] if the wall volume or the exponent is not positive.
     pub fn through(
         unloaded: Ml,
         reference: Ml,
@@ -195,14 +203,15 @@ impl OneFibrePassive {
         0.5 * (lambda * lambda - 1.0)
     }
 
-    /// Stiffness with which the law passes through the loaded state.
+    /// Stiffness at which the law passes through the loaded state.
     fn stiffness_for(&self, exponent: f64, pressure: Mmhg) -> Kpa {
         let volume = self.end_diastolic_volume.0;
         let stress = Kpa::from(pressure).0 / pressure_per_stress(volume, self.wall_volume.0).0;
         Kpa(stress / (exponent * self.strain(volume)).exp_m1())
     }
 
-    /// Exponent with which the law passes through the diastasis point too, if one in the range does.
+    /// Exponent at which the law also passes through the diastasis point; `None` if no exponent in
+    /// the range does.
     fn exponent_through(&self, loaded: Mmhg, point: DiastasisPoint) -> Option<f64> {
         let inside =
             point.volume.0 > self.unloaded_volume.0 && point.volume.0 < self.end_diastolic_volume.0;
@@ -225,14 +234,14 @@ impl OneFibrePassive {
         .ok()
     }
 
-    /// Passive fibre stress \[kPa\] at a volume and its slope with the volume.
+    /// Passive fibre stress \[kPa\] at a volume, and its derivative with respect to the volume.
     #[inline]
     pub(crate) fn stress_at(&self, volume_ml: f64) -> (f64, f64) {
         let (lambda, dlambda) = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0);
         self.stress_at_stretch(lambda, dlambda)
     }
 
-    /// Ratio of the stretch from the unloaded volume to that from end-diastole.
+    /// Ratio of the stretch from the unloaded volume to the stretch from end-diastole.
     pub(crate) fn stretch_ratio(&self) -> f64 {
         stretch(
             self.end_diastolic_volume.0,
@@ -242,10 +251,11 @@ impl OneFibrePassive {
         .0
     }
 
-    /// As [`Self::stress_at`], from the stretch λ_p and its slope with the volume.
+    /// As [`Self::stress_at`], from the stretch λ_p and its derivative with respect to the volume.
     #[inline]
     pub(crate) fn stress_at_stretch(&self, lambda: f64, dlambda: f64) -> (f64, f64) {
-        // Limited like every exponent here: a wild candidate gives a large stress, not an infinite one.
+        // The exponent is limited, as everywhere here: an extreme candidate gives a large stress,
+        // not an infinite one.
         let exponential = (self.exponent * 0.5 * (lambda * lambda - 1.0))
             .min(200.0)
             .exp();
@@ -261,16 +271,18 @@ impl OneFibrePassive {
         Kpa(self.stress_at(volume.0).0 * pressure_per_stress(volume.0, self.wall_volume.0).0).into()
     }
 
-    /// Stretch that the active stress sees at a volume: one at end-diastole.
+    /// Stretch for the active stress at a volume; one at end-diastole.
     #[must_use]
     pub fn active_stretch(&self, volume: Ml) -> Stretch {
         Stretch(stretch(volume.0, self.end_diastolic_volume.0, self.wall_volume.0).0)
     }
 }
 
-/// Pressure of a sampled trace at a time, by linear interpolation, held at the ends: the pressure at diastasis.
+/// Pressure of a sampled trace at a time, by linear interpolation and constant beyond the ends. It
+/// gives the pressure at diastasis.
 ///
-/// - `time_ms`, `pressure_mmhg`: samples, equally long, increasing in time; `None` when empty or unequal
+/// - `time_ms`, `pressure_mmhg`: samples of equal number, increasing in time; `None` if empty or
+///   unequal
 #[must_use]
 pub fn pressure_at(time_ms: &[f64], pressure_mmhg: &[f64], time: Ms) -> Option<Mmhg> {
     if time_ms.is_empty() || time_ms.len() != pressure_mmhg.len() {

@@ -1,5 +1,6 @@
-//! Recordings with known truth: beats of an independent heart, laid out in time with jitter, breathing, ectopic beats, drift,
-//! damage, a damped line and noise, beside a cine series of another cycle length that is out of step.
+//! Synthetic recordings with known truth: beats of an independent heart with jitter, breathing,
+//! ectopic beats, drift, damage, a damped line and noise. A cine series with another cycle length
+//! and a lag accompanies them.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -13,25 +14,25 @@ use cardiotwin_validation::circulation::Beat;
 use cardiotwin_validation::patient;
 use cardiotwin_validation::random::Random;
 
-/// What is to be made.
+/// Specification of a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Wish {
     pub seed: u64,
     pub n_beats: usize,
     pub step_ms: f64,
     pub ecg: bool,
-    /// Standard deviation of cycle lengths over the usual one.
+    /// Standard deviation of cycle lengths, relative to the usual one.
     pub jitter: f64,
-    /// One ectopic beat in so many; 0 for none.
+    /// Number of beats for each ectopic one; 0 for no ectopic beats.
     pub ectopic_every: usize,
-    /// One damaged beat in so many; 0 for none.
+    /// Number of beats for each damaged one; 0 for no damage.
     pub damage_every: usize,
     pub drift_mmhg_per_min: f64,
-    /// Natural frequency, Hz, and damping of the line.
+    /// Natural frequency \[Hz\] and damping of the line.
     pub line: Option<(f64, f64)>,
-    /// Root mean square, mmHg, and correlation time, ms.
+    /// Root mean square \[mmHg\] and correlation time \[ms\] of the noise.
     pub noise: (f64, f64),
-    /// Noise of a cine frame, mL.
+    /// Noise of a cine frame \[mL\].
     pub frame_noise_ml: f64,
 }
 
@@ -53,38 +54,39 @@ impl Wish {
     }
 }
 
-/// What a beat is.
+/// Kind of a beat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Good,
     Ectopic,
-    /// The next one is ectopic.
+    /// The next beat is ectopic.
     CutShort,
     AfterEctopic,
     Damaged,
 }
 
-/// What nobody told the recording's reader.
+/// Truth that the recording's reader does not know.
 #[derive(Debug, Clone)]
 pub struct Truth {
-    /// R waves, ms on the recording's clock.
+    /// R waves on the recording's clock \[ms\].
     pub onsets_ms: Vec<f64>,
     pub kinds: Vec<Kind>,
     /// Pressure, aortic pressure and volume of the usual beat, every ms.
     pub beat: Beat,
     pub cycle_ms: f64,
-    /// Begin and end of the flow through the aortic valve, ms from the R wave.
+    /// Start and end of the flow through the aortic valve, from the R wave \[ms\].
     pub ejection_ms: (f64, f64),
-    /// From the usual beat's time to the cine's: factor on systole, on diastole, lag, ms.
+    /// Map from the usual beat's time to the cine's: factor of systole, factor of diastole, and lag
+    /// \[ms\].
     pub cine: (f64, f64, f64),
-    /// Factor on the cine's volumes that undoes their error.
+    /// Factor of the cine's volumes that corrects their error.
     pub volume_factor: f64,
-    /// Delay of the line, ms.
+    /// Delay of the line \[ms\].
     pub delay_ms: f64,
     pub line: Option<(f64, f64)>,
 }
 
-/// A recording and its truth.
+/// Makes a recording with its truth.
 pub fn make(wish: &Wish) -> (Raw, Truth) {
     let mut random = Random::new(wish.seed, 77);
     let truth = lay_out(wish, heart(wish.seed), &mut random);
@@ -106,7 +108,7 @@ pub fn make(wish: &Wish) -> (Raw, Truth) {
     )
 }
 
-/// The steady beat of a random heart; each is computed once.
+/// Steady beat of a random heart; each is computed only once.
 fn heart(seed: u64) -> Beat {
     static KNOWN: Mutex<BTreeMap<u64, Beat>> = Mutex::new(BTreeMap::new());
     let mut known = KNOWN.lock().unwrap();
@@ -122,7 +124,7 @@ fn heart(seed: u64) -> Beat {
     known.entry(seed).or_insert_with(drawn).clone()
 }
 
-/// R waves and kinds.
+/// Draws R waves and kinds of beats.
 fn lay_out(wish: &Wish, beat: Beat, random: &mut Random) -> Truth {
     let cycle_ms = beat.pressure.len() as f64;
     let mut kinds = vec![Kind::Good; wish.n_beats];
@@ -142,7 +144,7 @@ fn lay_out(wish: &Wish, beat: Beat, random: &mut Random) -> Truth {
             kinds[i + 2] = Kind::AfterEctopic;
             until_ectopic = wish.ectopic_every.max(5) - 1;
         } else if kinds[i] == Kind::Ectopic {
-            // The pause after it: the sinus beat comes when it would have come.
+            // Compensatory pause: the next sinus beat comes at its regular time.
             length = 2.0 * cycle_ms - (onsets_ms[i] - onsets_ms[i - 1]);
         }
         until_ectopic = until_ectopic.saturating_sub(1);
@@ -181,8 +183,8 @@ fn lay_out(wish: &Wish, beat: Beat, random: &mut Random) -> Truth {
     }
 }
 
-/// Time in the usual beat of a time in a beat of another length: systole and relaxation as long, the rest of diastole
-/// stretched.
+/// Time in the usual beat for a time in a beat of another length. Systole and relaxation keep their
+/// duration, and the rest of diastole is stretched.
 pub fn usual_time(truth: &Truth, since_onset_ms: f64, length_ms: f64) -> f64 {
     let hold = (truth.ejection_ms.1 + 150.0).min(truth.cycle_ms - 60.0);
     if since_onset_ms <= hold || length_ms <= hold + 20.0 {
@@ -206,7 +208,7 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
     let breathing = |t: f64| (t / breath.0 * TAU + breath.1).sin();
     let weak = random.between(0.6, 0.85);
     let wide: Vec<f64> = slower(&truth.beat.pressure);
-    // Both pressures come from the same beats: what a beat does to one it does to the other.
+    // Both pressures come from the same beats, so that they share every irregularity.
     let of = |ventricle: bool, t: f64, i: usize| -> f64 {
         let (onset, length) = match i {
             0 => (truth.onsets_ms[0] - truth.cycle_ms, truth.cycle_ms),
@@ -249,7 +251,8 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
         while i < truth.onsets_ms.len() && t >= truth.onsets_ms[i] {
             i += 1;
         }
-        // A beat takes over from the one before within 20 ms: one that comes early finds a pressure that still falls.
+        // Each beat replaces the previous one over 20 ms; a premature beat meets a pressure that is
+        // still falling.
         let since = if i == 0 {
             1e3
         } else {
@@ -279,7 +282,7 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
         for value in channel.iter_mut() {
             *value += *colour;
             *colour = rho * *colour + rms * (1.0 - rho * rho).sqrt() * random.normal();
-            // The converter's steps.
+            // Resolution of the analogue-to-digital converter.
             *value = (*value * 50.0).round() / 50.0;
         }
     }
@@ -293,7 +296,7 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
     }
 }
 
-/// An ectopic beat spreads slowly: the pressure rises and falls over a longer time.
+/// An ectopic beat spreads slowly, so that its pressure rises and falls over a longer time.
 fn slower(pressure: &[f64]) -> Vec<f64> {
     let n = pressure.len();
     let half = 25;
@@ -324,7 +327,7 @@ fn electrocardiogram(truth: &Truth, t: f64, next: usize) -> f64 {
     value
 }
 
-/// A fluid-filled line: a damped oscillator.
+/// A fluid-filled line, modelled as a damped oscillator.
 pub fn through_line(
     pressure: &[f64],
     step_ms: f64,
@@ -372,7 +375,7 @@ fn damage(wish: &Wish, truth: &Truth, lv: &mut [f64], random: &mut Random) {
     }
 }
 
-/// Volume in truth at a time on the cine's clock.
+/// True volume at a time on the cine's clock.
 pub fn volume_on_cine_clock(truth: &Truth, t: f64) -> f64 {
     let (systole, diastole, lag) = truth.cine;
     let end = truth.ejection_ms.1;

@@ -1,4 +1,5 @@
-//! Batches of cells: computed on all threads, recalled where an earlier attempt has computed them, left when asked to.
+//! Batches of cells, computed on all threads or recalled from an earlier attempt. A stop request
+//! interrupts them.
 
 use cardiotwin_cell_engine::{CellInput, CellOutput, Workspace};
 
@@ -7,7 +8,8 @@ use crate::checkpoint::Journal;
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// Cells of one thread between two looks at whether to stop: far below a second on any path.
+/// Number of cells per thread between two checks of the stop flag; they take far less than a second
+/// on any instruction set.
 const CELLS_BETWEEN_LOOKS: usize = 1024;
 
 /// Computes batches for one objective.
@@ -20,15 +22,15 @@ pub struct Batches<'a> {
     workspace: Workspace,
     inputs: Vec<CellInput>,
     outputs: Vec<CellOutput>,
-    /// Whether the last batch was recalled.
+    /// Whether the last batch was recalled from the journal.
     recalled: bool,
 }
 
 impl<'a> Batches<'a> {
-    /// Batches on so many threads, kept in `journal`.
+    /// Batches on `threads` threads, recorded in `journal`.
     ///
     /// # Errors
-    /// [`TaskError::Threads`] when they cannot be started.
+    /// [`TaskError::Threads`] when the threads cannot be started.
     pub fn new(
         objective: &'a Objective,
         journal: Journal,
@@ -49,10 +51,11 @@ impl<'a> Batches<'a> {
         })
     }
 
-    /// The costs of `points`.
+    /// Costs of `points`.
     ///
     /// # Errors
-    /// [`TaskError::Cancelled`] between parts of a large batch, [`TaskError::Checkpoint`] when they cannot be kept.
+    /// [`TaskError::Cancelled`] between parts of a large batch, [`TaskError::Checkpoint`] when the
+    /// journal cannot be written.
     pub fn costs(&mut self, points: &[Vec<f64>], context: &Context) -> Result<Vec<f64>, TaskError> {
         let recalled = self.journal.recall(points);
         self.recalled = recalled.is_some();
@@ -66,10 +69,11 @@ impl<'a> Batches<'a> {
         Ok(costs)
     }
 
-    /// Looks whether to stop; not while recalling, which takes no time and makes an attempt as far as the earlier one.
+    /// Checks whether to stop, except while recalling: this takes no time, and the attempt should
+    /// get as far as the earlier one.
     ///
     /// # Errors
-    /// [`TaskError::Cancelled`] when stopping was asked for.
+    /// [`TaskError::Cancelled`] when a stop is requested.
     pub fn check_stop(&self, context: &Context) -> Result<(), TaskError> {
         if self.recalled {
             Ok(())
@@ -78,7 +82,7 @@ impl<'a> Batches<'a> {
         }
     }
 
-    /// Recalls nothing from here on.
+    /// Stops recalling.
     pub fn forget(&mut self) {
         self.journal.forget();
     }

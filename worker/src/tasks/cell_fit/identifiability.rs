@@ -1,4 +1,4 @@
-//! What the targets determine of the fitted parameters: a profile of the cost for each of them.
+//! Identifiability of the fitted parameters: a profile of the cost for each of them.
 
 use cardiotwin_calibrate::identifiability::{
     Mark, Profile, ProfileEnd, ProfiledParameter, Settings,
@@ -11,21 +11,22 @@ use super::objective::Objective;
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// Most evaluations, as a share of the fit's.
+/// Largest number of evaluations, as a share of the fit's.
 const SHARE: f64 = 0.3;
 
-/// Near-optimal values of every parameter that has an interval with a width, and how they were found.
+/// Near-optimal values of every parameter whose interval has a width.
 pub struct Profiled {
-    /// In the order of the parameters; none for one without a width.
+    /// Near-optimal values in the order of the parameters; `None` for an interval without width.
     pub parameters: Vec<Option<NearOptimal>>,
-    /// How.
+    /// Threshold of the cost, evaluations, and whether all profiles are complete.
     pub identifiability: Identifiability,
 }
 
-/// Profiles around the best set; `n_evaluations` are the fit's.
+/// Computes the profiles around the best set. `n_evaluations` is the number of evaluations of the
+/// fit.
 ///
 /// # Errors
-/// [`TaskError`] when stopping was asked for or the journal cannot be kept.
+/// [`TaskError`] when a stop is requested or the journal cannot be written.
 pub fn profile(
     objective: &Objective,
     best: &[f64],
@@ -78,7 +79,8 @@ pub fn profile(
     })
 }
 
-/// Ends to a twentieth of the interval and few iterations of each refit: what is asked is the order of magnitude.
+/// Finds the ends of a profile to a twentieth of the interval, with few iterations in each refit,
+/// because only the order of magnitude matters.
 fn settings() -> Settings {
     let own = Settings::default();
     Settings {

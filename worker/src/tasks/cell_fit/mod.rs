@@ -1,8 +1,8 @@
-//! Step 2: a global search over the 0D cell, and what its targets determine.
+//! Step 2: a global fit of the 0D cell, and the identifiability of its parameters.
 //!
-//! A generation is one batch on the cell engine. What the optimiser was told is kept batch by batch, and a later attempt at
-//! the same task goes on from it. Random numbers depend on seed, generation and candidate alone, so the answer is the same
-//! however often the work was interrupted and on however many threads it runs.
+//! Each generation is one batch on the cell engine. Costs are recorded batch by batch, and a later
+//! attempt at the same task continues from them. Random numbers depend only on seed, generation and
+//! candidate. The answer is therefore the same for any number of threads and interruptions.
 //!
 //! Artefacts: `cell.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`) and `convergence.csv`.
 
@@ -30,13 +30,15 @@ use crate::nodal::number;
 
 /// Name of the checkpoint.
 const CHECKPOINT: &str = "told-costs";
-/// A value so close to a bound, as a share of the interval, sits on it.
+/// Distance from a bound, as a share of the interval, within which a value counts as lying on the
+/// bound.
 const AT_BOUND: f64 = 1e-3;
 
-/// Fits the cell.
+/// Fits the cell's parameters to the targets.
 ///
 /// # Errors
-/// [`TaskError`] when the specification makes no sense, no cell could be computed, or stopping was asked for.
+/// [`TaskError`] when the specification is invalid, no cell could be computed, or a stop is
+/// requested.
 pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     let objective = Objective::new(spec, context.instruction_set)?;
     let guesses = objective.guesses(&spec.settings.initial)?;
@@ -96,21 +98,21 @@ pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, Task
     }))
 }
 
-/// What a search alone finds.
+/// Result of a search without profiles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
     /// Best parameters, in the order in which they are fitted.
     pub parameters: Vec<f64>,
-    /// Their cost.
+    /// Cost of these parameters.
     pub cost: f64,
-    /// Evaluations that it took.
+    /// Number of cell evaluations.
     pub evaluations: usize,
 }
 
-/// The search without files, profiles and interruptions, on one thread.
+/// Runs the search on one thread, without files, profiles and interruptions.
 ///
 /// # Errors
-/// [`TaskError`] when the specification makes no sense.
+/// [`TaskError`] when the specification is invalid.
 pub fn search_alone(spec: &CellFitSpec) -> Result<Found, TaskError> {
     let mut context = Context::plain(Path::new("."), 1);
     let objective = Objective::new(spec, context.instruction_set)?;
@@ -133,7 +135,8 @@ pub fn search_alone(spec: &CellFitSpec) -> Result<Found, TaskError> {
     })
 }
 
-/// What a search is: the task without what only says when it ends. A longer one begins as the shorter one does.
+/// Identity of a search: the task without the settings that only determine its end. A longer search
+/// begins with the same points as a shorter one.
 fn search(spec: &CellFitSpec) -> String {
     let task = TaskSpec::CellFit(Box::new(spec.clone()));
     let mut value: serde_json::Value = serde_json::from_str(&task.canonical()).unwrap_or_default();
@@ -152,7 +155,7 @@ fn search(spec: &CellFitSpec) -> String {
     sha256_hex(canonical_json(&value).unwrap_or_default().as_bytes())
 }
 
-/// Asks, computes and tells until the end.
+/// Runs the optimiser until it ends.
 fn minimise(
     optimiser: &mut Optimiser,
     batches: &mut Batches<'_>,
@@ -171,7 +174,7 @@ fn minimise(
         }
         convergence.extend(optimiser.tell(&batches.costs(&points, context)?)?);
         let generation = optimiser.n_generations();
-        // The number of generations is not known beforehand.
+        // The number of generations is not known in advance.
         let last = convergence.last();
         context
             .progress
@@ -226,7 +229,7 @@ fn unreachable_targets(
     ))
 }
 
-/// The cell with each parameter on a bound moved past it in turn.
+/// Evaluates the cell with each parameter that lies on a bound moved past it, one at a time.
 fn beyond_bounds(objective: &Objective, parameters: &[FittedParameter]) -> Vec<Beyond> {
     let values: Vec<f64> = parameters.iter().map(|parameter| parameter.value).collect();
     let moved = parameters

@@ -1,4 +1,4 @@
-//! The cost of parameter vectors: periodic beats of the 0D cell, many at once, against the targets.
+//! Cost of parameter vectors: periodic beats of many 0D cells at once, compared with the targets.
 
 use std::collections::BTreeMap;
 
@@ -17,13 +17,14 @@ use crate::cell_parameters::{NamedCell, position};
 use crate::engine::settings_for;
 use crate::error::TaskError;
 
-/// Cost of a cell that cannot be computed: finite, and worse than any that can.
+/// Cost of a cell that cannot be computed. It is finite, and larger than the cost of any cell that
+/// can.
 pub const WORST: f64 = 1e9;
 
-/// Weight of the squared relative shortage of Ca50.
+/// Weight of the squared relative shortage of Ca50 in the cost.
 const SHORTAGE_WEIGHT: f64 = 100.0;
 
-/// A cell to be fitted: what is fixed, what is free, what is aimed at.
+/// Objective of a fit: fixed parameters, free parameters and targets.
 #[derive(Debug, Clone)]
 pub struct Objective {
     base: NamedCell,
@@ -33,7 +34,7 @@ pub struct Objective {
     targets: CellBiomarkers,
     objective: engine::Objective,
     engine: CellEngine,
-    /// Positions of Ca50_ref, beta_1 and Ca_res.
+    /// Positions of Ca50_ref, beta_1 and Ca_res in the engine's input.
     sensitivity: [usize; 3],
     lambda_max: f64,
 }
@@ -41,22 +42,22 @@ pub struct Objective {
 /// One computed cell.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
-    /// Its biomarkers.
+    /// Biomarkers of the cell.
     pub biomarkers: CellBiomarkers,
-    /// Misfit and penalty.
+    /// Misfit plus penalty.
     pub cost: f64,
-    /// All their terms by name.
+    /// Terms of the cost, by name.
     pub terms: BTreeMap<String, f64>,
-    /// Its beat.
+    /// Beat of the cell.
     pub trace: CellTrace,
 }
 
 impl Objective {
-    /// The objective of a specification.
+    /// Objective of a specification.
     ///
     /// # Errors
-    /// [`TaskError`] for a parameter without a name in the cell or without bounds, a target that is no number, a calcium
-    /// file that cannot be used, or instructions that this processor does not have.
+    /// [`TaskError`] for an unknown parameter or one without bounds, a target that is not positive
+    /// and finite, an unusable calcium file, or instructions that the processor lacks.
     pub fn new(spec: &CellFitSpec, instruction_set: InstructionSet) -> Result<Self, TaskError> {
         let settings = &spec.settings;
         let base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0)
@@ -107,7 +108,7 @@ impl Objective {
         })
     }
 
-    /// The box of the free parameters, in the order of the settings.
+    /// Bounds of the free parameters, in the order of the settings.
     #[must_use]
     pub fn bounds(&self) -> &[Interval] {
         &self.bounds
@@ -119,7 +120,7 @@ impl Objective {
         &self.names
     }
 
-    /// What is aimed at.
+    /// Targets of the fit.
     #[must_use]
     pub fn targets(&self) -> &CellBiomarkers {
         &self.targets
@@ -133,7 +134,8 @@ impl Objective {
         self.base.value(name)
     }
 
-    /// The guess that the settings give, if any: parameters that it leaves out are at their default.
+    /// Initial guess of the settings as a vector of free parameters; parameters that it leaves out
+    /// have their default. Empty without a guess.
     ///
     /// # Errors
     /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
@@ -150,7 +152,7 @@ impl Objective {
         ])
     }
 
-    /// The engine that computes the cells.
+    /// Engine that computes the cells.
     #[must_use]
     pub fn engine(&self) -> &CellEngine {
         &self.engine
@@ -167,17 +169,19 @@ impl Objective {
         input
     }
 
-    /// Ca50 less the resting calcium, over that, at the largest stretch of the organ's beat; 0 where Ca50 is above.
+    /// Relative shortage of Ca50: (resting calcium − Ca50) / resting calcium at the largest stretch
+    /// of the organ's beat, or 0 if Ca50 is larger.
     ///
-    /// A cell whose Ca50 sinks to the resting calcium contracts at rest where the wall is stretched most, and one whose
-    /// Ca50 sinks to zero has no stress at all.
+    /// A cell whose Ca50 falls to the resting calcium contracts at rest in the most stretched parts
+    /// of the wall. If Ca50 falls to zero, the stress is undefined.
     fn sensitivity_shortage(&self, input: &CellInput) -> f64 {
         let [ca50_ref, beta_1, ca_res] =
             self.sensitivity.map(|position| input.parameters[position]);
         ((ca_res - ca50_ref - beta_1 * (self.lambda_max - 1.0)) / ca_res).max(0.0)
     }
 
-    /// The cost of a computed cell; [`WORST`] where it has no periodic beat, or no Ca50 at a stretch that the organ reaches.
+    /// Cost of a computed cell; [`WORST`] if it has no periodic beat, or if its Ca50 is not
+    /// positive at a stretch that the organ reaches.
     #[must_use]
     pub fn cost(&self, input: &CellInput, output: &CellOutput) -> f64 {
         let shortage = self.sensitivity_shortage(input);
@@ -193,10 +197,10 @@ impl Objective {
         }
     }
 
-    /// Computes one cell with its beat.
+    /// Computes one cell and its beat.
     ///
     /// # Errors
-    /// [`TaskError::NoBeat`] when it has no periodic beat.
+    /// [`TaskError::NoBeat`] when the cell has no periodic beat.
     pub fn evaluate(&self, values: &[f64]) -> Result<Evaluation, TaskError> {
         let mut outputs = [CellOutput::default()];
         let mut traces = [CellTrace::default()];
@@ -261,7 +265,7 @@ fn to_schema(biomarkers: &engine::CellBiomarkers) -> CellBiomarkers {
     }
 }
 
-/// The targets in the engine's order, which is that of [`by_name`].
+/// Checks the targets and returns them in the engine's order, which is also that of [`by_name`].
 fn checked(targets: &CellBiomarkers) -> Result<[f64; 6], TaskError> {
     for (name, value) in by_name(targets) {
         if !(value > 0.0 && value.is_finite()) {
@@ -284,7 +288,7 @@ pub fn by_name(biomarkers: &CellBiomarkers) -> [(&'static str, f64); 6] {
     ]
 }
 
-/// Weights in the order of [`by_name`]: the paper's where a name is absent.
+/// Weights in the order of [`by_name`]; the paper's weight for a name that is absent.
 fn weights(given: &BTreeMap<String, f64>) -> Result<[f64; 6], TaskError> {
     let names = by_name(&CellBiomarkers::default()).map(|(name, _)| name);
     let mut weights = engine::Objective::new([1.0; 6]).weights;

@@ -1,4 +1,4 @@
-//! The strategies of step 2 behind one face.
+//! Common interface of step 2's strategies.
 
 use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
@@ -13,49 +13,52 @@ use cardiotwin_schemas::settings::{self, CellFitSettings, Strategy};
 
 use crate::error::TaskError;
 
-/// The polish: in the parameters' own units, then in shares of their intervals, and both again. Longer differences than
-/// these (shares of the intervals, too) bend the slope along the valleys that the targets leave open more than it rises.
+/// Stages of the polish: in the parameters' own units, then in shares of their intervals, and both
+/// again, each with its finite-difference step (also a share of the interval). The cost has valleys
+/// along directions that the targets do not determine. With longer steps, curvature dominates the
+/// difference along these valleys instead of the slope.
 const POLISH: [(Coordinates, f64); 4] = [
     (Coordinates::OwnUnits, 1e-5),
     (Coordinates::Shares, 1e-6),
     (Coordinates::OwnUnits, 1e-5),
     (Coordinates::Shares, 1e-6),
 ];
-/// A local search ends when an iteration gains less. The valley along which Rice's two time constants and the resting
-/// calcium may move together falls by 1e-5 from end to end: at 1e-8 searches end half way, each elsewhere.
+/// Gain below which a local search ends. Along the valley where Rice's two time constants and the
+/// resting calcium compensate each other, the cost falls by 1e-5 from end to end. With 1e-8,
+/// searches stop half-way, each at a different place.
 const POLISH_GAIN: f64 = 1e-10;
-/// Most evaluations of the strategies that plan with a budget.
+/// Largest number of evaluations for the strategies that plan with a budget.
 const BUDGET: usize = 30_000;
 
 /// One of the strategies.
 #[derive(Debug)]
 pub enum Optimiser {
-    /// The paper's.
+    /// Differential evolution, as in the paper.
     Differential(Box<DifferentialEvolution>),
     /// L-SHADE.
     LShade(Box<AdaptiveEvolution>),
-    /// CMA-ES, with the generations told and their last costs' mean.
+    /// CMA-ES, with the number of generations and the mean cost of the last one.
     CmaEs(Box<CmaEs>, usize, f64),
 }
 
-/// A point of the search's history.
+/// One entry of the search's history.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Standing {
-    /// Generations told.
+    /// Number of completed generations.
     pub generation: usize,
-    /// Best cost.
+    /// Best cost so far.
     pub best: f64,
-    /// Mean cost of the population; of the last generation where there is none.
+    /// Mean cost of the population; for CMA-ES, of the last generation.
     pub mean: f64,
-    /// Evaluations told.
+    /// Number of evaluations so far.
     pub evaluations: usize,
 }
 
 impl Optimiser {
-    /// Begins a search.
+    /// Starts a search.
     ///
     /// # Errors
-    /// [`TaskError`] when the box, a setting or a guess makes no sense.
+    /// [`TaskError`] when the bounds, a setting or a guess is invalid.
     pub fn new(
         settings: &CellFitSettings,
         seed: u64,
@@ -127,7 +130,7 @@ impl Optimiser {
         })
     }
 
-    /// The points to evaluate next; empty at the end.
+    /// Points to evaluate next; empty at the end of the search.
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self {
@@ -137,10 +140,11 @@ impl Optimiser {
         }
     }
 
-    /// Takes the costs of the points that were asked; where a generation ended with them, how the search stands.
+    /// Takes the costs of the requested points. Returns the state of the search if a generation
+    /// ended with them.
     ///
     /// # Errors
-    /// [`TaskError`] when their number is wrong.
+    /// [`TaskError`] when the number of costs is wrong.
     pub fn tell(&mut self, costs: &[f64]) -> Result<Option<Standing>, TaskError> {
         let was_first = match self {
             Self::Differential(optimiser) => optimiser.stage() == Stage::FirstPopulation,
@@ -159,7 +163,8 @@ impl Optimiser {
         Ok((was_first || self.n_generations() > before).then(|| self.standing()))
     }
 
-    /// Generations told; after the first population for differential evolution, which SciPy counts so.
+    /// Number of completed generations. Like SciPy, differential evolution does not count the first
+    /// population.
     #[must_use]
     pub fn n_generations(&self) -> usize {
         match self {
@@ -169,7 +174,7 @@ impl Optimiser {
         }
     }
 
-    /// Evaluations told.
+    /// Number of evaluations so far.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         match self {
@@ -179,7 +184,7 @@ impl Optimiser {
         }
     }
 
-    /// The best parameters so far, and their cost.
+    /// Best parameters so far, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
         match self {
@@ -189,7 +194,7 @@ impl Optimiser {
         }
     }
 
-    /// Whether it ended by its tolerance, not by its budget.
+    /// Whether the search ended by its tolerance and not by its budget.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         match self {
@@ -201,7 +206,7 @@ impl Optimiser {
         }
     }
 
-    /// What is going on, in words.
+    /// Name of the current phase.
     #[must_use]
     pub fn phase(&self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! Targets that the fit did not reach, in words, with what would reach them.
+//! Describes the targets that a fit did not reach, and the changes that would reach them.
 
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::outcome::FittedParameter;
@@ -6,27 +6,28 @@ use cardiotwin_schemas::outcome::FittedParameter;
 use super::objective::by_name;
 use crate::nodal::number;
 
-/// A target counts as reached within this share of it.
+/// Relative difference within which a target counts as reached.
 const REACHED: f64 = 0.1;
-/// A parameter is named when moving it past its bound takes away at least this share of the miss.
+/// Smallest share of the miss that a move past a bound must remove for the parameter to be named.
 const HELPS: f64 = 0.1;
-/// So many parameters are named at most.
+/// Largest number of parameters that are named.
 const NAMED: usize = 3;
 
-/// What the cell would give with one parameter moved past the bound that it sits on.
+/// The cell with one parameter moved past the bound on which it lies.
 #[derive(Debug, Clone)]
 pub struct Beyond {
     /// Name of the parameter.
     pub name: String,
-    /// The bound that it sits on.
+    /// Bound on which it lies.
     pub bound: f64,
-    /// The value past it.
+    /// Value past the bound.
     pub value: f64,
-    /// Biomarkers with that value.
+    /// Biomarkers of the cell with this value.
     pub reached: CellBiomarkers,
 }
 
-/// The value past the bound that a parameter sits on: a tenth of the interval further, kept positive where it was.
+/// Value past the bound on which a parameter lies, a tenth of the interval further. A positive
+/// parameter stays positive.
 #[must_use]
 pub fn past_the_bound(parameter: &FittedParameter) -> Option<f64> {
     let step = 0.1 * (parameter.upper - parameter.lower);
@@ -40,9 +41,10 @@ pub fn past_the_bound(parameter: &FittedParameter) -> Option<f64> {
     parameter.at_bound.then_some(value)
 }
 
-/// One sentence for each target that stays more than 10 % away at the optimum.
+/// One sentence for each target that the optimum misses by more than 10 %.
 ///
-/// - `a_p_kpa`: the fitted passive stiffness; `smax_ref_kpa`: the value that was held, `None` where it was fitted
+/// - `a_p_kpa`: the fitted passive stiffness; `smax_ref_kpa`: the fixed value, `None` if it was
+///   fitted
 #[must_use]
 pub fn describe(
     targets: &CellBiomarkers,
@@ -63,7 +65,8 @@ pub fn describe(
             let mut text = format!("{name}: {} aimed at, {} reached ({difference:+.0} %)", short(target), short(value));
             match (name, smax_ref_kpa) {
                 ("Sa_max_kPa", Some(smax_ref)) => {
-                    // Active and passive stress balance: scaled alike, stress scales and the stretch does not change.
+                    // Active and passive stress are in equilibrium. If both are scaled alike, the
+                    // stress scales and the stretch stays the same.
                     let scale = target / value;
                     text.push_str(&format!(
                         "; Smax_ref is held at {} kPa, {} kPa with a_p {} kPa would reach it at the same stretch and durations",
@@ -79,7 +82,7 @@ pub fn describe(
         .collect()
 }
 
-/// Which bounds stand in the way of the target at position `idx`.
+/// Names the bounds that keep the fit from the target at position `idx`.
 fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
     let miss = (value - target).abs();
     let gain = |change: &Beyond| (miss - (by_name(&change.reached)[idx].1 - target).abs()) / miss;
@@ -108,7 +111,7 @@ fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
     format!("; nearer with {}", named.collect::<Vec<_>>().join(", "))
 }
 
-/// Four significant digits.
+/// Formats a number with four significant digits.
 fn short(value: f64) -> String {
     let scale = 10f64.powi(3 - value.abs().max(1e-12).log10().floor() as i32);
     number((value * scale).round() / scale)

@@ -1,4 +1,4 @@
-//! The search's answer in the form of files.
+//! Conversion of the search's answer to the schema.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +14,10 @@ use super::measured::Patient;
 use super::model;
 use crate::error::TaskError;
 
-/// Everything that is said of a patient.
+/// All results for a patient.
 ///
 /// # Errors
-/// [`TaskError`] when the model has no beat where the search found one.
+/// [`TaskError`] when the model has no beat for the parameters that the search found.
 pub fn result(
     spec: &DiscoverSpec,
     patient: &Patient,
@@ -196,7 +196,8 @@ fn gap(row: &series::GapAt) -> files::GapAt {
     }
 }
 
-/// Biomarkers of data and both beats, all at the times of the data and by the same definitions.
+/// Biomarkers of the data and of both beats, with the same definitions and at the sample times of
+/// the data.
 fn biomarkers(
     patient: &Patient,
     before: &Prediction,

@@ -1,4 +1,5 @@
-//! A patient's data as the search takes them. What the file does not state gets a usual uncertainty.
+//! A patient's data in the form that the search takes. Data without a stated uncertainty get a
+//! usual one.
 
 use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
@@ -13,40 +14,42 @@ use crate::biomarkers;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
-/// Standard deviation of a cuff pressure where none is stated \[mmHg\].
+/// Standard deviation of a cuff pressure without a stated uncertainty \[mmHg\].
 const CUFF_SD_MMHG: f64 = 4.0;
-/// Relative standard deviation of a stroke volume by flow imaging.
+/// Relative standard deviation of a stroke volume from flow imaging.
 const STROKE_VOLUME_SD: f64 = 0.07;
 /// Relative standard deviation of the whole-heart volume.
 const IMAGE_SD: f64 = 0.04;
 /// Relative standard deviation of a wall volume.
 const WALL_SD: f64 = 0.05;
-/// Wall volume over the largest volume where none is stated: a normal left ventricle holds 0.7 to 0.8.
+/// Ratio of wall volume to largest volume if the wall volume is not stated; 0.7 to 0.8 in a normal
+/// left ventricle.
 const WALL_SHARE: f64 = 0.75;
-/// Its relative standard deviation.
+/// Relative standard deviation of a wall volume from this ratio.
 const WALL_SHARE_SD: f64 = 0.2;
 
-/// Relative standard deviation of a filling pressure: one of two mmHg.
+/// Relative standard deviation of a filling pressure, about two mmHg.
 const FILLING_PRESSURE_SD: f64 = 0.25;
-/// Relative standard deviations of a Windkessel determined beforehand, about those of the human record (docs/afterload.md).
+/// Relative standard deviations of a Windkessel that was determined beforehand, similar to those of
+/// the human record (docs/afterload.md).
 const CHARACTERISTIC_RESISTANCE_SD: f64 = 0.3;
 const PERIPHERAL_RESISTANCE_SD: f64 = 0.1;
 const COMPLIANCE_SD: f64 = 0.15;
 
-/// What was measured.
+/// Measured data of a patient.
 pub struct Patient {
-    /// For the search.
+    /// Data for the search.
     pub data: Measured,
-    /// Pressure as it stands in the file.
+    /// Pressure trace of the file.
     pub pressure: Trace,
-    /// Volume frames.
+    /// Volume trace, with one sample per frame.
     pub volume: Trace,
 }
 
-/// Reads traces and gathers side data.
+/// Reads the traces and collects the side data.
 ///
 /// # Errors
-/// [`TaskError`] when a file is not as planned or holds no usable trace.
+/// [`TaskError`] when a file is not the planned one or holds no usable trace.
 pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
     let pressure = within_cycle(
         read_trace(&spec.pressure, Quantity::Pressure)?,
@@ -112,7 +115,7 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
     })
 }
 
-/// Loads of the patient file, as uncertain as such measurements are.
+/// Loads of the patient file, with the usual uncertainty of such measurements.
 fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
     let around = |value: f64, share: f64| {
         Some(Uncertain {
@@ -141,12 +144,13 @@ fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
     }
 }
 
-/// A stated level of zero says nothing.
+/// A stated noise level of zero counts as not stated.
 fn stated(value: Option<f64>) -> Option<f64> {
     value.filter(|value| *value > 0.0)
 }
 
-/// Without what lies past the end of the cycle: samples of the next beat, or its first one again.
+/// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
+/// sample.
 fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
     let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
     let (quantity, times, values) = (
@@ -160,7 +164,8 @@ fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
     })
 }
 
-/// As many samples as there were frames, where a trace was interpolated between them: it holds no more information.
+/// Reduces a trace that was interpolated between frames to as many samples as there were frames,
+/// because it holds no more information.
 fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
     let n = volume.n_samples();
     let Some(n_frames) = n_frames
@@ -182,10 +187,10 @@ fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
 }
 
 impl Patient {
-    /// Biomarkers of the data, or of a beat at the times of the data.
+    /// Biomarkers of the data, or of a beat at the sample times of the data.
     ///
     /// # Errors
-    /// [`TaskError`] when the traces have none.
+    /// [`TaskError`] when the traces have no biomarkers.
     pub fn biomarkers(
         &self,
         pressure: Vec<f64>,

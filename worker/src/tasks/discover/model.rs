@@ -1,4 +1,4 @@
-//! The model that a search ends with: what is accepted, its beats, and what the patient's overlay takes of it.
+//! The search's final model: accepted effects, its beats, and the values for the patient's overlay.
 
 use std::collections::BTreeMap;
 
@@ -16,10 +16,10 @@ use crate::error::TaskError;
 /// A term of the model with its fitted values.
 type Term = (usize, Vec<f64>);
 
-/// The beat of these base values with the accepted effects, or without.
+/// Beat of the fitted base values, with the accepted effects or without.
 ///
 /// # Errors
-/// [`TaskError::SearchEnded`] when the model has no answer where the search found one.
+/// [`TaskError::SearchEnded`] when the model has no beat for the parameters that the search found.
 pub fn beat(model: &Reduced, found: &Discovery, accepted: bool) -> Result<Prediction, TaskError> {
     let base = values(if accepted {
         &found.base
@@ -71,10 +71,10 @@ fn terms(model: &Reduced, found: &Discovery) -> Vec<Term> {
     found.accepted.iter().filter_map(term).collect()
 }
 
-/// What `--accept` writes.
+/// The model that `--accept` writes to the overlay.
 ///
 /// # Errors
-/// [`TaskError`] when the fitted passive law is none.
+/// [`TaskError`] when the fitted passive law is invalid.
 pub fn accepted(model: &Reduced, found: &Discovery) -> Result<FoundModel, TaskError> {
     let base = |name: &str| found.base.get(name).copied().ok_or(TaskError::SearchEnded);
     let reference = base("reference_volume_mL")?;
@@ -123,7 +123,7 @@ pub fn accepted(model: &Reduced, found: &Discovery) -> Result<FoundModel, TaskEr
     })
 }
 
-/// Both models with the filling pressure that the patient file states, everything else as fitted.
+/// Both models with the filling pressure of the patient file and all other values as fitted.
 ///
 /// # Errors
 /// [`TaskError::SearchEnded`] when base values are missing.
@@ -170,7 +170,7 @@ pub fn stated_filling(
     })
 }
 
-/// Frames that count as end-diastolic lie within this time of the upstroke's foot \[ms\].
+/// Largest time between an end-diastolic frame and the foot of the upstroke \[ms\].
 const END_DIASTOLE_MS: f64 = 35.0;
-/// Position of diastasis among the phases; atrial systole is the one after it.
+/// Position of diastasis in the order of phases; atrial systole follows it.
 const LATE_FILLING: usize = 5;

@@ -43,22 +43,23 @@ use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
 use crate::nodal;
 use crate::team::{Call, Session, Team};
 
-/// Ventricle and circulation at their start.
+/// Ventricle and circulation at the beginning of the beat.
 pub(super) struct Organ {
-    /// What other processes compute together with this one.
+    /// Work shared with the other processes, if any.
     pub(super) session: Option<Session>,
     pub(super) ventricle: FiniteElementVentricle,
     pub(super) circulation: Circulation,
-    /// Nodes of the image's mesh, which only pictures need once the ranks have their parts.
+    /// Number of nodes in the image's mesh. Once the ranks have their parts, only pictures need it.
     pub(super) n_nodes: usize,
-    /// What is followed of its motion, where it can be.
+    /// Parts whose motion is measured; `None` if the mesh has no landmarks.
     pub(super) followed: Option<Followed>,
 }
 
-/// Simulates a beat of the ventricle that step 0 made.
+/// Simulates a beat of the ventricle from step 0.
 ///
 /// # Errors
-/// [`TaskError`] when the ventricle's file is not as planned, an effect cannot act, or files cannot be written.
+/// [`TaskError`] when the ventricle's file is not the planned one, an effect has no counterpart in
+/// the model, or files cannot be written.
 pub(super) fn run(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
@@ -71,7 +72,7 @@ pub(super) fn run(
             organ.figures.nodes, organ.figures.elements
         )
     });
-    // The session is dropped after the ventricle.
+    // The session must outlive the ventricle; bindings are dropped in reverse order.
     let Organ {
         session: _session,
         mut ventricle,
@@ -294,7 +295,7 @@ pub(super) fn run(
                 )
             })?;
     }
-    // What follows is rank 0's alone: the others need not wait for it.
+    // The rest involves only rank 0, so the other ranks need not wait for it.
     drop(ventricle);
     if let BeatOutcome::Finished(result) = &outcome {
         if let Some(conduction) = spec
@@ -329,7 +330,8 @@ pub(super) fn run(
     )
 }
 
-/// A series of VTU files, where one was asked for; its size is told before the rest of it is written.
+/// Starts a series of VTU files if requested. The log gives its total size before the rest is
+/// written.
 fn begin_series(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
@@ -374,16 +376,16 @@ fn write(file: &Path, bytes: &[u8]) -> io::Result<()> {
     files::write_atomic(file, bytes)
 }
 
-/// Whether a beat with these elements and equations can be shared by several ranks.
+/// Whether several ranks can share a beat with these elements and equations.
 fn is_shared(kind: ElementKind, equations: &EquationSettings) -> bool {
     !kind.quadratic && wall::linear_solver(equations.linear_solver) == LinearSolver::BlockJacobi
 }
 
-/// Ventricle and circulation of a specification with its effects, at their start, on the context's team or threads where its
-/// elements and equations allow.
+/// Ventricle and circulation of a specification with its effects, at the beginning of the beat.
+/// They use the context's team or threads if elements and equations permit.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub(super) fn assemble(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
@@ -430,10 +432,10 @@ pub(super) fn assemble(
     })
 }
 
-/// Does what rank 0 wants of this rank in a beat.
+/// Takes part in a beat of rank 0.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub(super) fn serve(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
@@ -452,14 +454,14 @@ pub(super) fn serve(
     FiniteElementVentricle::serve(own, team.comm()).map_err(TaskError::Organ)
 }
 
-/// What the effects of a specification make of the heart around the mesh.
+/// Circulation and contraction around the mesh, with the specification's effects.
 fn effected(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
     about: &About,
 ) -> Result<InThreeDimensionsParts, TaskError> {
     let figures = &organ.figures;
-    // A one-fibre ventricle of the same volumes, from which effects take those that they need.
+    // A one-fibre ventricle with the same volumes, whose quantities some effects need.
     let reference = OneFibrePassive::through(
         Ml(figures.unloaded_volume_ml),
         Ml(figures.end_diastolic_volume_ml),
@@ -491,7 +493,8 @@ fn step_settings(spec: &OrganBeatSpec) -> StepSettings {
     wall::steps(&equations(spec), spec.newton_iterations)
 }
 
-/// Does `work` with the parts of a ventricle, and whether several ranks can share it; returns the circulation, too.
+/// Calls `work` with the parts of a ventricle and a flag that says whether several ranks can share
+/// it. Also returns the circulation.
 fn with_parts<T>(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,

@@ -1,4 +1,5 @@
-//! Which nodes of a ventricle are late: a sector of its circumference around the lateral side, opposite the septum.
+//! The sector of late activation: nodes of the ventricle within an angle around the lateral side,
+//! opposite the septum.
 
 use cardiotwin_mesh::landmarks::Landmarks;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
@@ -9,7 +10,7 @@ use crate::finite_element::FiniteElementError;
 
 /// Coordinates around the long axis.
 pub(super) struct LateSector {
-    /// Directions of the lateral side and, at right angles, around the axis.
+    /// Lateral direction, and the direction perpendicular to it around the axis.
     lateral: Vec3,
     around: Vec3,
     /// A point of the axis.
@@ -17,10 +18,11 @@ pub(super) struct LateSector {
 }
 
 impl LateSector {
-    /// - `is_generated`: the program's ellipsoid, whose axis is z and whose septum lies at −x
+    /// - `is_generated`: whether the mesh is the program's ellipsoid, whose axis is z and whose
+    ///   septum lies at −x
     ///
     /// # Errors
-    /// [`FiniteElementError::OwnMesh`] for a patient's mesh that tells no septum.
+    /// [`FiniteElementError::OwnMesh`] for a patient's mesh without a marked septum.
     pub(super) fn of(mesh: &TetMesh, is_generated: bool) -> Result<Self, FiniteElementError> {
         if is_generated {
             return Ok(Self {
@@ -51,7 +53,7 @@ impl LateSector {
         })
     }
 
-    /// Delay of a node \[ms\]: the late part takes its share of the angle around the axis.
+    /// Delay of a node \[ms\]. The late part is a share of the full angle around the axis.
     pub(super) fn delay_ms(&self, late: LatePart, node: &Vec3) -> f64 {
         let from_axis = sub(*node, self.on_axis);
         let angle = dot(from_axis, self.around).atan2(dot(from_axis, self.lateral));

@@ -1,7 +1,7 @@
-//! One simulation of the organ: an iteration of step 1, or the verification beat.
+//! Simulation of the organ: an iteration of step 1, or the verification beat.
 //!
-//! Artefacts: `traces.csv` (pressures, volume, flows) and `nodal.csv` (see [`crate::nodal`]). A simulation that cannot go
-//! on leaves its traces up to there.
+//! Artefacts: `traces.csv` (pressures, volume, flows) and `nodal.csv` (see [`crate::nodal`]). A
+//! simulation that diverges leaves its traces up to that time.
 
 mod external;
 mod finite_element;
@@ -42,13 +42,15 @@ use crate::nodal::{self, number};
 use crate::tasks::passive_state::estimates::to_solver;
 use crate::team::Team;
 
-/// Change over the last of several beats at which it counts as periodic where no tolerance was given, mL and mmHg.
+/// Largest change over the last of several beats for which it counts as periodic if no tolerance is
+/// given \[mL and mmHg\].
 const PERIODIC_CHANGE: f64 = 0.1;
 
-/// Helps rank 0 of `team` with a beat in 3D.
+/// Takes part in a 3D beat of rank 0 of `team`.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models or does not belong to the ventricle's file.
+/// [`TaskError`] when the specification is outside the range of the models or does not match the
+/// ventricle's file.
 pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<(), TaskError> {
     match &spec.organ {
         OrganSpec::Reduced { .. } | OrganSpec::External(_) => Ok(()),
@@ -56,10 +58,11 @@ pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<
     }
 }
 
-/// Simulates, and judges the simulation.
+/// Runs the simulation and checks it.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models or files cannot be written.
+/// [`TaskError`] when the specification is outside the range of the models or files cannot be
+/// written.
 pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskError> {
     context.check_stop()?;
     match &spec.organ {
@@ -83,10 +86,11 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
     }
 }
 
-/// A beat of the one-fibre ventricle without artefacts: for searches that ask for many. None where it diverges.
+/// A beat of the one-fibre ventricle without artefacts, for searches that need many beats; `None`
+/// if it diverges.
 ///
 /// # Errors
-/// As for [`run`].
+/// Same as for [`run`].
 pub fn reduced_beat(
     spec: &OrganBeatSpec,
     passive: &organ::OneFibrePassive,
@@ -109,7 +113,8 @@ pub fn reduced_beat(
     }
 }
 
-/// Artefacts and result of a simulation; `counters` join those of its time steps.
+/// Writes the artefacts of a simulation and makes its result. `counters` are added to those of its
+/// time steps.
 fn ending(
     spec: &OrganBeatSpec,
     outcome: BeatOutcome,
@@ -172,10 +177,12 @@ fn settings(spec: &OrganBeatSpec) -> BeatSettings {
     }
 }
 
-/// One-fibre ventricle and circulation of a specification with its effects, at their start.
+/// One-fibre ventricle and circulation of a specification with its effects, at the beginning of the
+/// beat.
 ///
 /// # Errors
-/// [`TaskError`] when parameters are outside the models, or an effect is unknown or one of the measurement.
+/// [`TaskError`] when parameters are outside the range of the models, or an effect is unknown or an
+/// artefact of the measurement.
 pub fn reduced(
     spec: &OrganBeatSpec,
     passive: &organ::OneFibrePassive,
@@ -206,7 +213,8 @@ pub fn reduced(
     Ok(organ)
 }
 
-/// The catalogue's entries for accepted effects; one of the measurement is refused, as nothing is measured here.
+/// Catalogue entries of the accepted effects. Effects of the measurement are rejected, because a
+/// simulation measures nothing.
 fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
     let setting = |spec: &EffectSpec| {
         let setting = EffectSetting::named(&spec.name, &spec.parameters)?;
@@ -259,7 +267,7 @@ fn stretch_reference(stretch: CellStretch) -> StretchReference {
     }
 }
 
-/// Land's model, started from the cell's periodic state.
+/// Land's model, started from the periodic state of the cell.
 fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
     let cell = cell.build()?;
     let beat = cell.solve_periodic(&CellSolverSettings::default())?;
@@ -294,10 +302,10 @@ fn heart(spec: &OrganBeatSpec) -> LeftHeart {
     }
 }
 
-/// What was seen of a beat beside its traces.
+/// Observations of a beat besides its traces.
 #[derive(Debug, Default, Clone, Copy)]
 struct Seen<'a> {
-    /// Smallest stretch of a node, where the traces hold no nodes.
+    /// Smallest stretch of any node, if the traces do not include the nodes.
     lambda_min: Option<f64>,
     /// Motion of the last beat of a finite-element ventricle.
     motion: Option<&'a Motion>,
@@ -314,7 +322,8 @@ fn organ_beat_result(
         .abs()
         .max(result.pressure_change_mmhg)
         <= PERIODIC_CHANGE;
-    // One beat is never taken as periodic: its end says nothing of its start.
+    // A single beat never counts as periodic, because its end is not compared with the end of an
+    // earlier beat.
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
     let [pressure, volume] = signals(traces, periodic)?;
     let continuation = continuation(periodic, spec.cycle_length_ms);
@@ -359,7 +368,8 @@ fn organ_beat_result(
     })
 }
 
-/// Biomarkers of simulated traces, resampled like measured ones; wrapped around only where periodic.
+/// Biomarkers of simulated traces, resampled like measured ones. Traces wrap around only if a cycle
+/// length is given.
 pub(crate) fn simulated_biomarkers(
     traces: &BeatTraces,
     cycle_length_ms: Option<f64>,
@@ -386,7 +396,7 @@ fn continuation(periodic: bool, cycle_length_ms: f64) -> Continuation {
 
 /// Pressure and volume of a beat as signals.
 fn signals(traces: &BeatTraces, periodic: bool) -> Result<[Trace; 2], TaskError> {
-    // The last sample of a periodic beat is the first of the next.
+    // The last sample of a periodic beat is the first sample of the next.
     let n = traces.time_ms.len() - usize::from(periodic);
     let trace = |quantity, values: &[f64]| {
         Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec())
@@ -404,7 +414,8 @@ pub(crate) fn samples(trace: &Trace, cycle_length_ms: f64) -> Vec<f64> {
         .collect()
 }
 
-/// The check as read by a person: `volume_balance_ml` becomes `volume balance`, its value gets the unit.
+/// Formats a check for people: `volume_balance_ml` becomes `volume balance`, and its value gets the
+/// unit.
 fn check(check: &BeatCheck) -> Check {
     let (name, unit) = match check.name.rsplit_once('_') {
         Some((name, "ml")) => (name, " mL"),

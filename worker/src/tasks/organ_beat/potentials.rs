@@ -1,7 +1,9 @@
-//! Transmembrane potentials of a finite-element ventricle over a cycle: the eikonal's activation, diffusion, Luo-Rudy membrane.
+//! Transmembrane potentials of a finite-element ventricle over a cycle: eikonal activation,
+//! diffusion, and the Luo-Rudy membrane model.
 //!
-//! Artefacts: `vm.igb` (`potentials`), millivolts of all nodes each millisecond in openCARP's format, not-a-number where nothing
-//! conducts; `vm.csv` (`potential-traces`), their median and quartiles.
+//! Artefacts: `vm.igb` (`potentials`), the potentials of all nodes in millivolts, one frame per
+//! millisecond in openCARP's format, not-a-number in tissue that does not conduct; `vm.csv`
+//! (`potential-traces`), their median and quartiles.
 
 use std::fmt::Write as _;
 
@@ -19,7 +21,7 @@ use crate::igb::header_mv;
 /// Computes and writes the potentials of one cycle.
 ///
 /// # Errors
-/// [`TaskError`] when the model fails, files cannot be written, or an end is asked for.
+/// [`TaskError`] when the model fails, files cannot be written, or a stop is requested.
 pub(super) fn write(
     stored: &StoredVentricle,
     conduction: &ConductionSettings,

@@ -1,6 +1,7 @@
-//! Artefacts of the measurement taken back from the measured traces, before anything is taken from them.
+//! Corrections of the measured traces for artefacts of the measurement, applied before any value is
+//! read from the traces.
 //!
-//! Artefact: `measured.csv` (`time_ms`, `pressure_mmHg`, `volume_mL`), the traces as they are used.
+//! Artefact: `measured.csv` (`time_ms`, `pressure_mmHg`, `volume_mL`), the corrected traces.
 
 use std::fmt::Write as _;
 
@@ -12,13 +13,14 @@ use cardiotwin_units::Mmhg;
 use crate::error::TaskError;
 use crate::nodal::number;
 
-/// Around time zero, what corrections add to the pressure is averaged over this time to either side \[ms\].
+/// The change of the end-diastolic pressure is averaged over this time before and after time zero
+/// \[ms\].
 const END_DIASTOLE_MS: f64 = 10.0;
 
-/// Corrects both traces; says what this adds to the pressure at end-diastole.
+/// Corrects both traces and returns the change of the end-diastolic pressure.
 ///
 /// # Errors
-/// [`TaskError::Effect`] for an effect that is unknown or one of the heart.
+/// [`TaskError::Effect`] for an effect that is unknown or not an artefact of the measurement.
 pub fn apply(
     corrections: &[EffectSpec],
     cycle_ms: f64,
@@ -64,7 +66,8 @@ pub fn apply(
     Ok(Mmhg(sum / chosen.len().max(1) as f64))
 }
 
-/// Value of a trace over one cycle; between its last sample and the first of the next beat, linear.
+/// Value of a trace continued periodically. Between its last sample and the first sample of the
+/// next beat it is linear.
 fn periodic(trace: &Trace, time_ms: f64, cycle_ms: f64) -> f64 {
     let end = trace.end_ms();
     if time_ms <= end {
@@ -74,7 +77,7 @@ fn periodic(trace: &Trace, time_ms: f64, cycle_ms: f64) -> f64 {
     last + (first - last) * (time_ms - end) / (cycle_ms + trace.time_ms()[0] - end)
 }
 
-/// What was done, for the result's remarks.
+/// Describes the corrections, for the result's remarks.
 pub fn remark(corrections: &[EffectSpec]) -> Option<String> {
     let told = corrections.iter().map(|spec| {
         let values: Vec<String> = spec
@@ -88,7 +91,7 @@ pub fn remark(corrections: &[EffectSpec]) -> Option<String> {
     (!told.is_empty()).then(|| format!("measured traces were corrected for {}", told.join(" and ")))
 }
 
-/// The traces as they are used; a column for each that there is.
+/// The corrected traces as CSV, with one column per trace.
 pub fn csv(pressure: &Option<Trace>, volume: &Option<Trace>) -> String {
     let traces: Vec<&Trace> = pressure.iter().chain(volume).collect();
     let mut text = "time_ms".to_owned();

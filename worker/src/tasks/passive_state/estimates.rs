@@ -1,4 +1,4 @@
-//! What stands in for data that a patient file lacks. Every estimate is listed in the result with its method.
+//! Estimates of data that the patient file lacks. The result lists every estimate with its method.
 
 use cardiotwin_models::circulation::windkessel;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure, estimate};
@@ -10,15 +10,15 @@ use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use super::{EndDiastole, Measurements};
 use crate::error::TaskError;
 
-/// Wall volume over end-diastolic volume: a normal left ventricle holds 0.7 to 0.8.
+/// Ratio of wall volume to end-diastolic volume; 0.7 to 0.8 in a normal left ventricle.
 const WALL_SHARE: f64 = 0.75;
-/// Ejection fraction where no stroke volume is known.
+/// Ejection fraction if no stroke volume is known.
 const EJECTION_FRACTION: f64 = 0.6;
-/// Start of ejection, and its share of the cycle, where no volume trace tells them.
+/// Start of ejection, and its duration as a share of the cycle, if there is no volume trace.
 const EJECTION_BEGIN_MS: f64 = 80.0;
 const EJECTION_SHARE: f64 = 1.0 / 3.0;
 
-/// Wall volume from the end-diastolic volume.
+/// Estimates the wall volume from the end-diastolic volume.
 pub(super) fn wall_volume(end_diastole: EndDiastole, estimates: &mut Vec<Estimate>) -> f64 {
     let value = WALL_SHARE * end_diastole.volume_ml;
     push(
@@ -30,7 +30,7 @@ pub(super) fn wall_volume(end_diastole: EndDiastole, estimates: &mut Vec<Estimat
     value
 }
 
-/// What the loads are estimated from.
+/// Data from which the loads are estimated.
 pub(super) struct Loads<'a> {
     spec: &'a PassiveStateSpec,
     measured: &'a Measurements,
@@ -56,7 +56,8 @@ impl<'a> Loads<'a> {
         }
     }
 
-    /// Windkessel pressure at the start of a cycle that is periodic with the measured stroke volume.
+    /// Windkessel pressure at the beginning of a cycle that is periodic with the measured stroke
+    /// volume.
     pub(super) fn periodic_windkessel_pressure(&self, load: &WindkesselParameters) -> f64 {
         let heart = LeftHeart {
             left_atrial_pressure: Mmhg(self.end_diastole.pressure_mmhg),
@@ -71,7 +72,7 @@ impl<'a> Loads<'a> {
         heart.start_pressure().0
     }
 
-    /// The load that has the arterial pressures under the measured ejection.
+    /// Load that reproduces the arterial pressures under the measured ejection.
     pub(super) fn afterload(
         &self,
         estimates: &mut Vec<Estimate>,
@@ -110,7 +111,8 @@ impl<'a> Loads<'a> {
         Ok(load)
     }
 
-    /// Volume that falls by the stroke volume as a half sine of flow, and rises again; every millisecond of a cycle.
+    /// Volume that falls by the stroke volume, with the flow of a half sine, and rises again; one
+    /// sample per millisecond of a cycle.
     fn assumed_volume(&self) -> Vec<f64> {
         let length = self.spec.cycle_length_ms;
         let duration = EJECTION_SHARE * length;
@@ -126,7 +128,7 @@ impl<'a> Loads<'a> {
             .collect()
     }
 
-    /// Systolic and diastolic arterial pressure and where they come from.
+    /// Systolic and diastolic arterial pressure, with their origin.
     fn arterial_pressures(&self) -> Result<(f64, f64, &'static str), TaskError> {
         if let (Some(systolic), Some(diastolic)) = (
             self.spec.aortic_systolic_mmhg,
@@ -134,7 +136,8 @@ impl<'a> Loads<'a> {
         ) {
             return Ok((systolic, diastolic, "measured arterial pressure"));
         }
-        // Without a cuff: the ventricle's own peak, and its pressure when ejection begins.
+        // Without a cuff pressure, take the ventricle's own peak, and its pressure at the start of
+        // ejection.
         let opening = self
             .measured
             .pressure
@@ -157,7 +160,7 @@ impl<'a> Loads<'a> {
         }
     }
 
-    /// Filling pressure from end-diastole and diastasis.
+    /// Estimates the filling pressure from end-diastole and diastasis.
     pub(super) fn left_atrial_pressure(
         &self,
         estimates: &mut Vec<Estimate>,
@@ -180,7 +183,7 @@ impl<'a> Loads<'a> {
     }
 }
 
-/// The load in the solver's units.
+/// Converts the load to the solver's units.
 pub(crate) fn to_solver(load: &WindkesselParameters) -> windkessel::WindkesselParameters {
     windkessel::WindkesselParameters {
         characteristic_resistance: MmhgSPerMl(load.characteristic_resistance_mmhg_s_per_ml),

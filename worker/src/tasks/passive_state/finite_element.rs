@@ -1,4 +1,5 @@
-//! Step 0 of the finite-element ventricle: mesh, fibres, activation, unloaded geometry and stiffness, in one artefact.
+//! Step 0 of the finite-element ventricle: mesh, fibres, activation, unloaded geometry and
+//! stiffness, in one artefact.
 //!
 //! Artefact: `ventricle.bin` (`ventricle`), see [`crate::finite_element::stored`].
 
@@ -40,33 +41,34 @@ use crate::finite_element::right_ventricle::{self, StoredRightPressure};
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, tissue, wall};
 
-/// Nodes of the mesh on which a large mesh's law is searched for, which has more than four times as many; the next has eight
-/// times as many.
+/// Number of nodes in the first mesh on which the passive law is fitted, if the final mesh has more
+/// than four times as many. Each further mesh has eight times as many nodes.
 const FIRST_NODES: u32 = 1000;
 
-/// Factor of the exponents with which their search begins: what most hearts need.
+/// Initial factor of the exponents in their search; most hearts need about this value.
 const USUAL_FACTOR: f64 = 0.85;
 
-/// What step 0 made, and what it cost.
+/// Organ from step 0, with the costs of making it.
 pub(super) struct Made {
     pub(super) organ: FiniteElementOrgan,
     pub(super) counters: BTreeMap<String, f64>,
     pub(super) remarks: Vec<String>,
 }
 
-/// The image that the mesh is made for, and what the stiffness is fitted to.
+/// Image for which the mesh is made, and the volumes and pressures to which the stiffness is
+/// fitted.
 struct Target {
     image_ml: f64,
     image_pressure_mmhg: f64,
     end_diastole: EndDiastole,
-    /// Volume without pressure.
+    /// Volume at zero pressure.
     unloaded_ml: f64,
     /// Whether the image shows the heart before end-diastole.
     before_end_diastole: bool,
 }
 
 impl Target {
-    /// An image of `volume_ml`, taken to be at end-diastolic pressure.
+    /// An image of `volume_ml`, assumed to be at end-diastolic pressure.
     fn loaded(volume_ml: f64, end: EndDiastole) -> Self {
         Self {
             image_ml: volume_ml,
@@ -141,9 +143,11 @@ impl Target {
     }
 }
 
-/// Mesh with fibres, and activation times of its nodes from the first on; adds what mesh, fibres and activation took.
+/// Mesh with fibres, and activation times of its nodes from the first activation on. Adds the wall
+/// times of mesh, fibres and activation to `seconds`.
 ///
-/// - `own`: the patient's own mesh, as it was read; without one an ellipsoid of `n_nodes` is generated
+/// - `own`: the patient's own mesh as it was read; without it, an ellipsoid with `n_nodes` is
+///   generated
 fn mesh(
     anatomy: &AnatomySpec,
     own: Option<Taken>,
@@ -230,7 +234,7 @@ fn mesh(
     Ok((mesh, times))
 }
 
-/// All surfaces with springs of their own are there.
+/// Checks that the mesh has all surfaces for which springs are given.
 fn sprung_surfaces(wall: &WallSettings, mesh: &TetMesh) -> Result<(), FiniteElementError> {
     match wall
         .surface
@@ -252,7 +256,8 @@ fn sprung_surfaces(wall: &WallSettings, mesh: &TetMesh) -> Result<(), FiniteElem
     }
 }
 
-/// What a generated mesh is made of on which the law of a patient's own is searched for: nothing that is of that mesh alone.
+/// Anatomy of the generated mesh on which the law of a patient's own mesh is fitted first, without
+/// the settings that refer to that mesh alone.
 fn of_a_stand_in(spec: &AnatomySpec) -> AnatomySpec {
     let mut plain = spec.clone();
     plain.wall.passive.clear();
@@ -260,7 +265,7 @@ fn of_a_stand_in(spec: &AnatomySpec) -> AnatomySpec {
     plain
 }
 
-/// Times from the earliest on; nodes without one are never activated.
+/// Times relative to the earliest one; nodes without a time are never activated.
 fn from_the_first(times: Vec<f64>) -> Vec<f64> {
     let first = times
         .iter()
@@ -279,7 +284,7 @@ fn from_the_first(times: Vec<f64>) -> Vec<f64> {
         .collect()
 }
 
-/// Factor of the exponents that the patient's effects ask for.
+/// Factor of the exponents due to the patient's effects.
 fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     let mut factor = 1.0;
     for spec in &anatomy.effects {
@@ -291,7 +296,7 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     Ok(factor)
 }
 
-/// Looks for a passive state, on the context's team or threads where the mesh is large.
+/// Searches for the passive state, on the context's team or threads if the mesh is large.
 fn searched(
     anatomy: &Anatomy,
     job: &PassiveJob,
@@ -330,13 +335,14 @@ struct Built {
     state: FoundState,
     /// Factor of all exponents.
     exponent_factor: f64,
-    /// Of mesh, fibres, activation and fit \[s\].
+    /// Wall times of mesh, fibres, activation and fit \[s\].
     seconds: [f64; 4],
 }
 
-/// Mesh, fibres, activation and passive state for a target. A large mesh's law is searched for on a small one first.
+/// Mesh, fibres, activation and passive state for a target. For a large mesh, the law is fitted on
+/// a smaller one first.
 ///
-/// - `right`: pressure of the right ventricle of the patient's own mesh
+/// - `right`: pressure of the right ventricle, if the patient's own mesh has one
 fn build(
     spec: &AnatomySpec,
     wall_ml: f64,
@@ -396,13 +402,13 @@ fn build(
             match searched(&anatomy, &job, &made_of.wall, context) {
                 Ok(found) => (job.wall.muscle, job.slope) = (found.wall.muscle, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
-                // Where the small one has no law, the large one says so.
+                // If the small mesh has no law, the large one reports the error.
                 Err(_) => {}
             }
             continue;
         }
-        // The law is fitted to what was measured; the patient's effects then steepen it around the same end-diastole, as in the
-        // reduced ventricle.
+        // The law is fitted to the measured data. The patient's effects then steepen it around the
+        // same end-diastole, as in the reduced ventricle.
         job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
         let state = searched(&anatomy, &job, &spec.wall, context)?;
@@ -431,10 +437,10 @@ fn build(
     unreachable!("the last size returns")
 }
 
-/// Makes the ventricle, and writes it.
+/// Makes the ventricle and writes its file.
 ///
 /// # Errors
-/// [`TaskError::FiniteElement`] when mesh, fibres, activation or passive state cannot be made.
+/// [`TaskError::FiniteElement`] when mesh, fibres, activation or passive state fail.
 pub(super) fn make(
     spec: &PassiveStateSpec,
     anatomy_spec: &AnatomySpec,
@@ -489,7 +495,7 @@ pub(super) fn make(
             .insert(surface_names::RIGHT_VENTRICLE.to_owned(), spring);
     }
     if let Some(own) = &own {
-        // The image's volume is the mesh's, whatever was measured in other images.
+        // The image's volume is the mesh's own, whatever other images gave.
         if target.before_end_diastole {
             target.image_ml = own.cavity_ml;
         } else {
@@ -518,7 +524,7 @@ pub(super) fn make(
         (given, own, right),
         context,
     ) {
-        // A patient's own mesh shows what it shows.
+        // A patient's own mesh cannot be replaced by one made for end-diastole.
         Err(TaskError::FiniteElement(error))
             if target.before_end_diastole && !given && spec.own_mesh.is_none() =>
         {

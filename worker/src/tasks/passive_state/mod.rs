@@ -1,4 +1,5 @@
-//! Step 0: what all simulations of a patient share, from what was measured; what was not is estimated and flagged.
+//! Step 0: computes from the measurements the input shared by all simulations of a patient. Missing
+//! data are estimated and marked as such.
 
 mod corrections;
 pub(crate) mod estimates;
@@ -31,16 +32,16 @@ use crate::error::TaskError;
 use crate::inputs::read_trace;
 use crate::tasks::organ_beat::samples;
 
-/// What was measured, brought to the common step of 1 ms.
+/// Measured data, with traces resampled to 1 ms.
 struct Measurements {
     pressure: Option<Trace>,
     volume: Option<Trace>,
     set: BiomarkerSet,
-    /// Of the traces, with what was given directly in their place.
+    /// Biomarkers of the traces, replaced by directly given values where there are any.
     biomarkers: files::Biomarkers,
-    /// Windows over which biomarkers are read.
+    /// Windows over which biomarkers of noisy traces are read.
     windows: NoiseWindows,
-    /// What corrections add to a pressure at end-diastole \[mmHg\].
+    /// Change of the end-diastolic pressure by the corrections \[mmHg\].
     moved_by: Mmhg,
 }
 
@@ -51,10 +52,11 @@ struct EndDiastole {
     pressure_mmhg: f64,
 }
 
-/// Fits the passive state and gathers loads and measured biomarkers.
+/// Fits the passive state and collects loads and measured biomarkers.
 ///
 /// # Errors
-/// [`TaskError`] when files are not as planned, or when what was measured does not determine a beat.
+/// [`TaskError`] when files are not the planned ones, or when the measurements do not determine a
+/// beat.
 pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let mut estimates = Vec::new();
@@ -121,7 +123,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
             &corrections::csv(&measured.pressure, &measured.volume),
         )?;
     }
-    // Last, so that nothing above rests on anything but the data as measured.
+    // Comes last, so that everything above depends on the unperturbed data alone.
     let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
     remarks.extend(perturbation::remark(&biomarker_factors));
     Ok(TaskResult::PassiveState(PassiveStateResult {
@@ -148,14 +150,15 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     }))
 }
 
-/// The organ, what a fitted law misses of the diastasis volume, and what it cost.
+/// The organ, the error of the fitted law in the diastasis volume, and the costs.
 struct MadeOrgan {
     organ: OrganSpec,
     diastasis_volume_error_ml: Option<f64>,
     counters: BTreeMap<String, f64>,
 }
 
-/// The reduced ventricle: its law is the accepted one, else that through the measured points.
+/// The reduced ventricle. Its law is the accepted one if any, otherwise the law through the
+/// measured points.
 fn reduced(
     spec: &PassiveStateSpec,
     measured: &Measurements,
@@ -240,7 +243,7 @@ impl Measurements {
             &mut pressure,
             &mut volume,
         )?;
-        // Biomarkers that are given were read by somebody else's rule.
+        // Biomarkers that are given directly were read by another method.
         let given = &spec.biomarkers;
         let of_pressure = [
             given.p_max_mmhg,
@@ -266,7 +269,7 @@ impl Measurements {
         })
     }
 
-    /// The volume without the noise that a window takes off.
+    /// The volume trace, smoothed over its noise window if it has one.
     fn quiet_volume(&self, cycle_length_ms: f64) -> Option<Vec<f64>> {
         let volume = self.volume.as_ref()?;
         let periodic = Continuation::periodic(Ms(cycle_length_ms));
@@ -281,7 +284,7 @@ impl Measurements {
         spec: &PassiveStateSpec,
         estimates: &mut Vec<Estimate>,
     ) -> Result<EndDiastole, TaskError> {
-        // A stated pressure comes from the same catheter.
+        // A directly given pressure comes from the same catheter, so the same correction applies.
         let stated = spec
             .end_diastolic_pressure_mmhg
             .map(|pressure| pressure + self.moved_by.0);
@@ -319,7 +322,7 @@ impl Measurements {
     }
 }
 
-/// How noisy traces are read.
+/// Remarks about the windows over which noisy traces are read.
 fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
     let said = |trace: &str, window: Option<Ms>, what: &str| {
         window.map(|window| {
@@ -337,7 +340,7 @@ fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
         .collect()
 }
 
-/// The accepted law with the active stretch counted from the measured end-diastolic volume.
+/// The accepted law, with the active stretch relative to the measured end-diastolic volume.
 fn accepted_law(
     law: &organ::OneFibrePassive,
     end_diastole: EndDiastole,
@@ -366,7 +369,7 @@ fn accepted_law(
         .map_err(TaskError::PassiveState)
 }
 
-/// The law through the measured points, and the diastasis point where there is one.
+/// The law through the measured points, and the diastasis point if there is one.
 fn passive_law(
     spec: &PassiveStateSpec,
     measured: &Measurements,
@@ -386,7 +389,8 @@ fn passive_law(
     let mode = match spec.start {
         StartMode::EndDiastole => PassiveStateMode::EndDiastole,
         StartMode::Diastasis => {
-            // This start needs the image's volume alone: the pressure then is the end-diastolic one.
+            // This start only needs the volume of the image, whose pressure is then the
+            // end-diastolic one.
             diastasis = diastasis.or(spec.diastasis_volume_ml.map(|volume| DiastasisPoint {
                 volume: Ml(volume),
                 pressure: Mmhg(end_diastole.pressure_mmhg),
@@ -405,14 +409,15 @@ fn passive_law(
     if let Some(exponent) = spec.passive_exponent {
         law.exponent = exponent;
         law.exponent_fitted = false;
-        // Pressure is proportional to the stiffness: one evaluation sets the law through the end-diastolic point.
+        // Pressure is proportional to stiffness, so that one evaluation puts the law through the
+        // end-diastolic point.
         law.stiffness =
             law.stiffness * (end_diastole.pressure_mmhg / law.pressure(law.end_diastolic_volume).0);
     }
     Ok((law, diastasis))
 }
 
-/// Volume at which the law has this pressure; none where it lies outside the law's range.
+/// Volume at which the law has this pressure; `None` outside the law's range.
 fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
     let (mut lower, mut upper) = (law.unloaded_volume.0, 1.5 * law.end_diastolic_volume.0);
     if !(pressure.0 >= 0.0 && law.pressure(Ml(upper)).0 >= pressure.0) {
@@ -429,7 +434,7 @@ fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
     Some(0.5 * (lower + upper))
 }
 
-/// First activation, as set or found.
+/// First activation \[ms\], from the specification or estimated.
 fn onset_ms(
     spec: &PassiveStateSpec,
     measured: &Measurements,

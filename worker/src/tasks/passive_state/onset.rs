@@ -1,33 +1,38 @@
-//! When the wall is activated, found from the measured pressure.
+//! Onset of activation, estimated from the measured pressure.
 //!
-//! Stress begins after the electromechanical delay, in the middle of the wall half the spread after its first part, and
-//! the pressure then rises, at first as a parabola, since the Tanh stress does. So the first activation is put that much
-//! before the vertex of a parabola through the lower upstroke: `onset = t_vertex − t_emd − spread/2`. The line through 5 to 20 %
-//! of the rise A, with slope k, meets the pressure before it at t_foot (intersecting tangents; Chiu et al. 1991, Am Heart J
-//! 121:1460); of a parabola's chord between these shares, the vertex lies 0.1 A/k before. Where a rate passes a share of its
-//! maximum tells as much of smooth traces alone: the rates of a catheter's noise are as large.
-//! The onset is negative where the trace's time zero is later, as with an R wave or the largest volume.
-//! Durations do not depend on it; it decides when the pressure rises, and how much of the cycle is left for filling.
+//! Stress begins after the electromechanical delay, and in the middle of the wall half the spread
+//! later than in its first part. The pressure then rises like a parabola, because the Tanh stress
+//! does. The first activation therefore lies this much before the vertex of a parabola through the
+//! lower upstroke: `onset = t_vertex − t_emd − spread/2`. A line through 5 to 20 % of the rise A,
+//! with slope k, meets the pressure before the upstroke at t_foot (intersecting tangents; Chiu et
+//! al. 1991, Am Heart J 121:1460). If the line is a chord of a parabola between these shares, the
+//! vertex lies 0.1 A/k before t_foot. The time at which the rate passes a share of its maximum
+//! gives the same information in smooth traces only, because the noise of a catheter has rates as
+//! large.
+//!
+//! The onset is negative if the trace's time zero is later, for example at the R wave or at the
+//! largest volume. Durations do not depend on the onset. It determines when the pressure rises and
+//! how much of the cycle is left for filling.
 
 use cardiotwin_signals::Trace;
 
 /// Electromechanical delay of the Tanh model (Jung 2022, Table A1).
 const T_EMD_MS: f64 = 15.0;
-/// Shares of the pressure's rise between which the line goes through the upstroke.
+/// Shares of the pressure's rise between which a line is fitted to the upstroke.
 const LOWER_UPSTROKE: [f64; 2] = [0.05, 0.2];
-/// Onset where no pressure trace tells: the usual place of the QRS complex's start in gated traces.
+/// Onset without a pressure trace: the usual beginning of the QRS complex in gated traces \[ms\].
 pub const ONSET_WITHOUT_TRACE_MS: f64 = 30.0;
 
-/// First activation, ms after the trace's time zero; `None` where pressure never rises.
+/// First activation \[ms\] after the trace's time zero; `None` if the pressure never rises.
 ///
-/// - `pressure`: measured, resampled to 1 ms
-/// - `spread_ms`: first activation to last
+/// - `pressure`: measured pressure, resampled to 1 ms
+/// - `spread_ms`: time between first and last activation
 #[must_use]
 pub fn from_upstroke(pressure: &Trace, spread_ms: f64) -> Option<f64> {
     Some(vertex_ms(pressure.time_ms(), pressure.values())? - T_EMD_MS - 0.5 * spread_ms)
 }
 
-/// When the upstroke begins: vertex of the parabola through its lower part.
+/// Start of the upstroke: vertex of the parabola through its lower part.
 fn vertex_ms(time_ms: &[f64], values: &[f64]) -> Option<f64> {
     let peak = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b]))?;
     let last_below = |level: f64| {
@@ -37,7 +42,7 @@ fn vertex_ms(time_ms: &[f64], values: &[f64]) -> Option<f64> {
             .unwrap_or(0)
     };
     let level = |before: f64, share: f64| before + share * (values[peak] - before);
-    // The pressure before the upstroke, by which the upstroke's beginning is found anew.
+    // Pressure before the upstroke, from which the start of the upstroke is found in a second pass.
     let first = median(&values[..values.len().min(10)]);
     let before = median(&values[..=last_below(level(first, 2.0 * LOWER_UPSTROKE[0]))]);
     let [low, high] = LOWER_UPSTROKE.map(|share| last_below(level(before, share)));
@@ -52,7 +57,8 @@ fn vertex_ms(time_ms: &[f64], values: &[f64]) -> Option<f64> {
     });
     let slope = tp / tt;
     let [low, high] = LOWER_UPSTROKE.map(f64::sqrt);
-    // From the chord's crossing of the pressure before to the vertex, in units of the parabola's rise over the chord's slope.
+    // Distance of the vertex from the chord's crossing with the pressure before the upstroke, in
+    // units of the rise divided by the chord's slope.
     let to_vertex = low * high;
     (slope > 0.0).then(|| t - (p - before + to_vertex * (values[peak] - before)) / slope)
 }
@@ -68,7 +74,8 @@ mod tests {
     use super::*;
     use cardiotwin_signals::Quantity;
 
-    /// Pressure that rises as a parabola from `begin_ms` on, so that its rate is linear in time, and falls after 60 ms.
+    /// Pressure that rises like a parabola from `begin_ms` on, so that its rate is linear in time,
+    /// and falls after 60 ms.
     fn upstroke(begin_ms: f64) -> Trace {
         let value = |time: f64| {
             let since = (time - begin_ms).max(0.0);
@@ -102,7 +109,7 @@ mod tests {
     fn a_catheters_noise_hardly_moves_it() {
         let clean = upstroke(80.0);
         let mut state = 0.0;
-        // 1 mmHg, correlated over 10 ms.
+        // Noise of 1 mmHg, correlated over 10 ms.
         let noisy = clean.values().iter().enumerate().map(|(idx, p)| {
             let unit = (idx as f64 * 12.9898).sin() * 43_758.545_3;
             state = 0.905 * state + 1.47 * (unit - unit.floor() - 0.5);

@@ -1,4 +1,4 @@
-//! A patient's own mesh: read with the content that was planned, checked, its tags and surfaces made ours.
+//! Reads and checks a patient's own mesh, and converts its tags and surface names to ours.
 
 use std::collections::BTreeSet;
 
@@ -21,28 +21,30 @@ use crate::inputs::read_verified;
 
 /// A mesh ready for fibres and activation.
 pub(super) struct Taken {
-    /// With our tags and surfaces; without frames where the rule is to make them.
+    /// The mesh with our tags and surface names; without fibres if the rule has to make them.
     pub(super) mesh: TetMesh,
-    /// Activation times of its nodes \[ms\], where they were given.
+    /// Activation times of its nodes \[ms\], if they were given.
     pub(super) times_ms: Option<Vec<f64>>,
-    /// Where activation begins.
+    /// Sites at which activation begins.
     pub(super) sites: Vec<Site>,
     /// Volume of the cavity \[mL\].
     pub(super) cavity_ml: f64,
-    /// Tags of the file whose tissue is no part of the base, see [`tags::BESIDE`].
+    /// Tags of the file whose tissue does not belong to the base, see [`tags::BESIDE`].
     pub(super) beside: BTreeSet<i32>,
-    /// Volume of the right ventricle's cavity \[mL\], where it has a pressure.
+    /// Volume of the right ventricle's cavity \[mL\], if a pressure is given for it.
     pub(super) right_cavity_ml: Option<f64>,
 }
 
-/// Reads and checks the mesh of a heart whose cavity was measured to hold `measured_ml` when it was imaged.
+/// Reads and checks the mesh of a heart whose cavity volume in the image was measured as
+/// `measured_ml`.
 ///
-/// - `passive`: passive tissues with moduli of their own, by the mesh's tags; in the mesh they have [`passive_tags::ours`]
-/// - `sprung`: names of surfaces with springs of their own
+/// - `passive`: passive tissues with moduli of their own, by the file's tags; in the mesh they get
+///   the tags of [`passive_tags::ours`]
+/// - `sprung`: names of the surfaces with springs of their own
 ///
 /// # Errors
-/// [`TaskError`] when a file is missing or changed, [`FiniteElementError::OwnMesh`] with every defect of the mesh,
-/// [`FiniteElementError::PassiveTag`] where a named tissue is missing.
+/// [`TaskError`] when a file is missing or changed, [`FiniteElementError::OwnMesh`] with every
+/// defect of the mesh, [`FiniteElementError::PassiveTag`] when a named tissue is missing.
 pub(super) fn take(
     own: &OwnMesh,
     measured_ml: f64,
@@ -89,7 +91,7 @@ pub(super) fn take(
         right_ventricle: right,
         sprung,
     };
-    // `cardiotwin check` looks with the same function, before anything waits in a queue.
+    // `cardiotwin check` calls the same function, before any task waits in a queue.
     let taken = intake::read(&first.path, &asked).map_err(unreadable)?;
     if !taken.is_sound() {
         let errors = taken
@@ -150,8 +152,9 @@ pub(super) fn take(
     })
 }
 
-/// Gives the right ventricle's surface our name; returns the tags of passive tissue that reaches the left ventricle's cavity nowhere: of
-/// the right one's wall, and not of a ring at the base.
+/// Gives the right ventricle's surface our name. Returns the tags of passive tissue that touches
+/// the left ventricle's cavity nowhere: it belongs to the right ventricle's wall and not to a ring
+/// at the base.
 fn beside(mesh: &mut TetMesh, right: &str, contracts: impl Fn(i32) -> bool) -> BTreeSet<i32> {
     for surface in mesh
         .surfaces

@@ -1,4 +1,4 @@
-//! Passive tissue that has moduli of its own, by the mesh's tags.
+//! Tags of passive tissues that have moduli of their own.
 
 use std::collections::BTreeSet;
 
@@ -7,15 +7,15 @@ use cardiotwin_schemas::muscle::PassiveTissues;
 
 use crate::finite_element::FiniteElementError;
 
-/// Tag that the first of a patient's own passive tissues has in our mesh, whose other tags are below it.
+/// Tag of the first of these tissues in our mesh, whose other tags are all smaller.
 const FIRST: i32 = 1000;
 
-/// All tags that are named exist.
+/// Checks that all named tags exist.
 ///
-/// - `passive`: tags of the mesh's passive tissue, each once or often
+/// - `passive`: tags of the mesh's passive tissue, possibly repeated
 ///
 /// # Errors
-/// [`FiniteElementError::PassiveTag`] for the first that does not.
+/// [`FiniteElementError::PassiveTag`] for the first tag that does not exist.
 pub(super) fn check(
     named: &PassiveTissues,
     passive: impl Iterator<Item = i32>,
@@ -29,9 +29,10 @@ pub(super) fn check(
     }
 }
 
-/// Our tag of passive tissue that has this tag in a patient's own mesh.
+/// Our tag for passive tissue with the tag `tag` in a patient's own mesh.
 ///
-/// - `beside`: tags of tissue that is no part of the left ventricle's base, see [`tags::BESIDE`]
+/// - `beside`: tags of tissue that does not belong to the left ventricle's base, see
+///   [`tags::BESIDE`]
 pub(super) fn ours(named: &PassiveTissues, beside: &BTreeSet<i32>, tag: i32) -> i32 {
     let place = named.keys().zip(FIRST..).find(|(named, _)| **named == tag);
     match (place, beside.contains(&tag)) {
@@ -42,7 +43,7 @@ pub(super) fn ours(named: &PassiveTissues, beside: &BTreeSet<i32>, tag: i32) -> 
     }
 }
 
-/// The same tissues by our tags.
+/// The named tissues by our tags.
 pub(super) fn renamed(named: &PassiveTissues, beside: &BTreeSet<i32>) -> PassiveTissues {
     named
         .iter()
@@ -69,7 +70,7 @@ mod tests {
             missing.to_string(),
             "solver.finite_element.wall.passive.7: the mesh has no passive tissue with this tag, expected one of 1, 9"
         );
-        // A passive tag may be the one that muscle has with us.
+        // A passive tag of the file may equal our tag of muscle.
         let none = BTreeSet::new();
         assert_eq!(
             [1, 7, 9].map(|tag| ours(&named, &none, tag)),
@@ -79,7 +80,8 @@ mod tests {
             renamed(&named, &none),
             PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))])
         );
-        // Tissue of the right ventricle stays apart from that of the base, whether it has moduli of its own or not.
+        // Tissue of the right ventricle stays distinct from tissue of the base, with or without
+        // moduli of its own.
         let beside = BTreeSet::from([7, 9]);
         let apart = [1, 7, 9, 11].map(|tag| ours(&named, &beside, tag));
         assert_eq!(

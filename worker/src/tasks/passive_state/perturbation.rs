@@ -1,8 +1,10 @@
-//! A sample of uncertain data: measured biomarkers times factors (Jung et al. 2022, section 2.5).
+//! A sample of uncertain data: measured biomarkers multiplied by factors (Jung et al. 2022, section
+//! 2.5).
 //!
-//! Only the values change that step 1 aims at. Anatomy, passive state, loads, filling pressure, onset of activation and
-//! the volumes and pressures at end-diastole stay those of the data as measured, as in the paper, whose samples perturb
-//! biomarker values and no trace; a perturbed end-diastolic volume would be another heart, not another target for it.
+//! Only the targets of step 1 change. Anatomy, passive state, loads, filling pressure, onset of
+//! activation, and the volumes and pressures at end-diastole stay those of the measured data. This
+//! follows the paper, whose samples perturb biomarkers and not traces. With a perturbed
+//! end-diastolic volume the sample would be another heart, not another target for the same heart.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +12,14 @@ use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 
 use crate::error::TaskError;
 
-/// Multiplies measured biomarkers by their factors; returns the factors of those that were measured.
+/// Multiplies measured biomarkers by their factors. Returns the factors that were applied, which
+/// are those of measured biomarkers.
 ///
-/// - `factors`: by keys of [`Biomarker::OF_COST`], positive
+/// - `factors`: positive factors by keys of [`Biomarker::OF_COST`]
 ///
 /// # Errors
-/// [`TaskError::Factor`] for a key that step 1 does not fit, or a factor that is not positive and finite.
+/// [`TaskError::Factor`] for a key that step 1 does not fit, or a factor that is not positive and
+/// finite.
 pub fn apply(
     factors: &BTreeMap<String, f64>,
     measured: &mut Biomarkers,
@@ -41,7 +45,7 @@ pub fn apply(
     Ok(applied)
 }
 
-/// What a reader of the result must know.
+/// Remark about the factors, for the reader of the result.
 pub fn remark(factors: &BTreeMap<String, f64>) -> Option<String> {
     let listed: Vec<String> = factors
         .iter()

@@ -1,11 +1,14 @@
-//! How probable measured traces are, given a beat.
+//! Likelihood of measured traces, given a beat.
 //!
-//! The errors of each trace are Gaussian. Its noise is what the patient's file states: of the pressure with an exponential
-//! correlation, of the volume independent in each frame. What the twin's beat misses beyond that, and when in the beat, is an
-//! error of the model, of a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425): parameters are not
-//! bent to explain an atrial kick that the model lacks. All standard deviations are enlarged by one factor, which makes up for
-//! draws that spread too little in a ventricle that is not linear (a tempered likelihood; `posterior.error_factor`). A trace that was not measured is replaced
-//! by its measured biomarkers. The rates of pressure, which last shorter than samples lie apart, count in either case.
+//! The errors of each trace are Gaussian. Noise has the level stated in the patient's file; it has
+//! an exponential correlation in the pressure, and is independent between frames in the volume. The
+//! deviation of the twin's beat beyond the noise, as a function of time in the beat, counts as an
+//! error of the model with a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B
+//! 63:425). Parameters are therefore not bent to explain, for example, an atrial kick that the
+//! model lacks. One factor enlarges all standard deviations, because draws spread too little in a
+//! nonlinear ventricle (a tempered likelihood; `posterior.error_factor`). The measured biomarkers
+//! replace a trace that was not measured. The rates of pressure count in either case, because they
+//! change faster than the samples resolve.
 
 use cardiotwin_calibrate::posterior::TraceErrors;
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
@@ -13,13 +16,14 @@ use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::posterior::{Deviations, PosteriorSpec, TraceNoise};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 
-/// The data with their errors, and what makes the one-fibre ventricle exact at the twin.
+/// The data with their errors, and the correction that makes the one-fibre ventricle exact at the
+/// twin.
 pub(super) struct Likelihood {
     pressure: Option<TraceErrors>,
     volume: Option<TraceErrors>,
-    /// Measured biomarkers that count with their relative standard deviations.
+    /// Measured biomarkers that count, with their relative standard deviations.
     biomarkers: Vec<(Biomarker, f64, f64)>,
-    /// Factor on all standard deviations.
+    /// Factor of all standard deviations.
     error_factor: f64,
     twin: BeatSamples,
     twin_biomarkers: Biomarkers,
@@ -28,15 +32,16 @@ pub(super) struct Likelihood {
     pub(super) deviations: Deviations,
 }
 
-/// What a twin's trace misses beyond its noise, by sample.
+/// Deviation of the twin's trace beyond its noise, by sample.
 struct Discrepancy {
     /// Standard deviation of each sample.
     of_samples: Vec<f64>,
 }
 
 impl Discrepancy {
-    /// - `noise_variance`: of the data, and in their unit squared
-    /// - `correlation`: how long an error of the model lasts, in samples: squares are averaged over twice as long
+    /// - `noise_variance`: variance of the data's noise, in their unit squared
+    /// - `correlation`: correlation time of the model error, in samples; squares are averaged over
+    ///   twice this time
     fn of(simulated: &[f64], measured: &[f64], noise_variance: f64, correlation: f64) -> Self {
         let squares: Vec<f64> = simulated
             .iter()
@@ -46,7 +51,7 @@ impl Discrepancy {
         let n = squares.len();
         let reach = (correlation.round() as usize).min(n.saturating_sub(1) / 2);
         let of_sample = |k: usize| {
-            // A beat follows a beat: the end's neighbour is the beginning.
+            // The beat is periodic, so that the last sample's neighbour is the first one.
             let around = (0..=2 * reach).map(|step| squares[(k + n + step - reach) % n]);
             let mean = around.sum::<f64>() / (2 * reach + 1) as f64;
             (mean - noise_variance).max(0.0).sqrt()
@@ -97,7 +102,8 @@ impl Likelihood {
             let own = if i == j { noise.volume_variance() } else { 0.0 };
             own + of_model(&of_volume, i, j)
         });
-        // A fortieth of a cycle says nothing of the steepest rates, which last some milliseconds.
+        // Samples at a fortieth of a cycle do not resolve the steepest rates, which last some
+        // milliseconds.
         let is_rate = |b: Biomarker| matches!(b, Biomarker::DpdtMax | Biomarker::DpdtMin);
         let counts = |biomarker: Biomarker| match biomarker.is_of_volume() {
             true => volume.is_none(),
@@ -125,7 +131,7 @@ impl Likelihood {
         }
     }
 
-    /// Samples and biomarkers of a beat of the one-fibre ventricle as the organ would have them.
+    /// Samples and biomarkers of a one-fibre beat, corrected to those of the organ.
     pub(super) fn corrected(&self, beat: &OrganBeatResult) -> (BeatSamples, Biomarkers) {
         let moved = |own: &[f64], cheap: &[f64], twin: &[f64]| {
             own.iter()
@@ -155,7 +161,7 @@ impl Likelihood {
         (samples, biomarkers)
     }
 
-    /// Differences to the data over their standard deviations, independent of each other.
+    /// Differences from the data divided by their standard deviations, decorrelated.
     pub(super) fn residuals(&self, samples: &BeatSamples, biomarkers: &Biomarkers) -> Vec<f64> {
         let mut all = Vec::new();
         for (errors, simulated) in [

@@ -1,8 +1,10 @@
-//! How sure a twin is: the posterior of its parameters in the one-fibre ventricle, corrected to the twin's beat.
+//! Uncertainty of a twin: the posterior of its parameters in the one-fibre ventricle, corrected to
+//! the twin's beat.
 //!
-//! Samples of pressure and volume are the twin's own, moved by what the one-fibre ventricle says of other parameters; so are
-//! biomarkers, by its ratios. Errors of the data are the noise that the patient's file states and, beyond it, what the
-//! twin's beat misses of the traces. Draws are made by [`cardiotwin_calibrate::posterior`].
+//! Samples of pressure and volume are those of the twin plus the change that the one-fibre
+//! ventricle predicts for other parameters; biomarkers are multiplied by its ratios. The errors of
+//! the data are the noise stated in the patient's file and, beyond it, the deviation of the twin's
+//! beat from the traces. [`cardiotwin_calibrate::posterior`] makes the draws.
 
 mod likelihood;
 mod summary;
@@ -25,16 +27,16 @@ use crate::tasks::organ_beat::{reduced, reduced_beat};
 
 /// Shortest time step of the one-fibre ventricle, as in step 3's searches.
 const TIME_STEP_MS: f64 = 2.0;
-/// Steps of the search for the mode.
+/// Largest number of steps in the search for the mode.
 const MODE_STEPS: usize = 100;
-/// Steps of the search for a draw.
+/// Largest number of steps in the search for a draw.
 const DRAW_STEPS: usize = 60;
-/// Draws between two looks at whether to stop.
+/// Number of draws between two checks of the stop flag.
 const SLICE: usize = 8;
-/// Draws without which there is no distribution.
+/// Smallest number of draws that makes a distribution.
 const FEWEST: usize = 20;
 
-/// A beat of the one-fibre ventricle, corrected.
+/// Corrected beat of the one-fibre ventricle.
 #[derive(Debug, Clone, PartialEq)]
 struct Seen {
     biomarkers: Biomarkers,
@@ -44,8 +46,8 @@ struct Seen {
 /// Samples the posterior.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models, the one-fibre ventricle cannot repeat the twin's beat, or
-/// stopping was asked for.
+/// [`TaskError`] when the specification is outside the range of the models, when the one-fibre
+/// ventricle cannot reproduce the twin's beat, or when a stop is requested.
 pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let axes = axes(&spec.parameters);
@@ -55,7 +57,8 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
-    // Refused once and for all: an effect that cannot act, a parameter outside the models.
+    // Reports errors that are common to all draws: an invalid effect, a parameter
+    // outside the range of the models.
     reduced(&beat, &passive, &activation)?;
     let simulate = |x: &[f64]| -> Option<OrganBeatResult> {
         let trial = beat.with_parameters(&named(&axes, x));
@@ -134,14 +137,14 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
     }))))
 }
 
-/// Everything that a posterior is told by.
+/// Data from which the result of a posterior is made.
 struct Sampled<'a> {
     spec: &'a PosteriorSpec,
     axes: &'a [Axis],
     prior: &'a [TruncatedNormal],
     draws: &'a [Draw<Seen>],
     asked_for: u64,
-    /// What data and prior leave at the mode, over the expected sum of squares.
+    /// Residual of data and prior at the mode, divided by the expected sum of squares.
     left: f64,
     deviations: cardiotwin_schemas::posterior::Deviations,
     evaluations: u64,

@@ -1,4 +1,4 @@
-//! Draws of a posterior in figures.
+//! Statistics of a posterior's draws.
 
 use std::collections::BTreeMap;
 
@@ -11,12 +11,13 @@ use cardiotwin_schemas::posterior::{Band, ParameterSpread, PosteriorResult, Samp
 use super::{Sampled, Seen};
 use crate::tasks::proposal::axes::Axis;
 
-/// Shares of the prior's 90 % interval of the logarithm: up to here a parameter is determined …
+/// Ratio of the 90 % intervals of posterior and prior, both of the logarithm, up to which a
+/// parameter counts as determined.
 const DETERMINED: f64 = 1.0 / 3.0;
-/// … and from here on it is not.
+/// Ratio from which on a parameter counts as not determined.
 const NOT_DETERMINED: f64 = 0.8;
 
-/// The result of draws.
+/// Makes the result from the draws.
 pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
     let Sampled {
         spec,
@@ -25,7 +26,7 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
         draws,
         ..
     } = *sampled;
-    // Logarithms, by parameter and draw.
+    // Logarithms of the parameters, by parameter and draw.
     let coordinates: Vec<Vec<f64>> = (0..axes.len())
         .map(|j| {
             draws
@@ -44,7 +45,7 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
             });
     let parameters: BTreeMap<String, ParameterSpread> = parameters.collect();
     let biomarkers = Biomarker::OF_ORGAN.into_iter().filter_map(|biomarker| {
-        // One that not every draw has is no quantity of the beat.
+        // A biomarker that some draws lack has no distribution.
         let values: Option<Vec<f64>> = draws
             .iter()
             .map(|draw| draw.seen.biomarkers.get(biomarker))
@@ -96,7 +97,7 @@ fn parameter(
         share if share < NOT_DETERMINED => Determination::Sloppy,
         _ => Determination::NotDetermined,
     };
-    // Of a negative parameter the logarithm of the magnitude runs the other way.
+    // For a negative parameter, the logarithm of the magnitude runs in the opposite direction.
     let in_units = |low: f64, middle: f64, high: f64| {
         let [a, p50, b] = [low, middle, high].map(|x| axis.value(x));
         Spread {

@@ -9,7 +9,7 @@ use cardiotwin_schemas::step3::Step3Settings;
 use super::*;
 use crate::tasks::sweep::organ::tests::beat;
 
-/// A heart with a cell of its own, and two parameters of it uncertain.
+/// A heart with its own cell, two of whose parameters are uncertain.
 fn spec(names: &[&str]) -> PosteriorSpec {
     let beat = beat().with_parameters(&BTreeMap::from([("Smax_ref_kPa".to_owned(), 200.0)]));
     let (passive, activation) = one_fibre(&beat.organ).expect("a one-fibre ventricle");
@@ -97,7 +97,8 @@ fn traces_determine_the_strength_and_the_draws_do_not_depend_on_threads() {
 #[test]
 fn a_twin_that_misses_its_traces_is_less_sure() {
     let mut sure = spec(&["Smax_ref_kPa"]);
-    // Rates of pressure count beside the traces: left out, the traces alone say how sure it is.
+    // Rates of pressure count in addition to the traces. Without them, the traces alone determine
+    // the width.
     sure.measured = Biomarkers::default();
     let mut off = sure.clone();
     off.samples.pressure_mmhg.iter_mut().for_each(|p| *p += 5.0);

@@ -1,4 +1,5 @@
-//! Moved parameters as a search or a sampler sees them, and which cells of theirs an organ can bear.
+//! Coordinates of the moved parameters for searches and samplers, and the limit of cells that an
+//! organ tolerates.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +10,7 @@ use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::organ::cell_default;
 use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec};
 
-/// A moved parameter: its coordinate is the logarithm of its magnitude.
+/// A moved parameter. Its coordinate is the logarithm of its magnitude.
 #[derive(Debug, Clone)]
 pub struct Axis {
     /// Name with unit.
@@ -17,7 +18,7 @@ pub struct Axis {
     sign: f64,
     /// Bounds of the coordinate.
     pub interval: Interval,
-    /// What is known of the coordinate without data.
+    /// Prior distribution of the coordinate.
     pub prior: Prior,
 }
 
@@ -36,20 +37,20 @@ impl Axis {
         }
     }
 
-    /// What is known of the coordinate without data, within its bounds.
+    /// Prior distribution of the coordinate, truncated to its bounds.
     #[must_use]
     pub fn truncated(&self) -> TruncatedNormal {
         TruncatedNormal::new(self.prior, self.interval)
     }
 
-    /// The parameter's value, in the unit that its name says.
+    /// Value of the parameter, in the unit of its name.
     #[must_use]
     pub fn value(&self, x: f64) -> f64 {
         self.sign * x.exp()
     }
 }
 
-/// The axes of moved parameters, by name.
+/// Axes of the moved parameters, in the order of their names.
 #[must_use]
 pub fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
     parameters
@@ -58,7 +59,7 @@ pub fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
         .collect()
 }
 
-/// Values by name at a point.
+/// Parameter values by name at a point.
 #[must_use]
 pub fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
     axes.iter()
@@ -67,7 +68,7 @@ pub fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// The point of values; the prior's centre where one lacks.
+/// Point of the parameter values, with the prior's centre for a missing value.
 #[must_use]
 pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
     axes.iter()
@@ -79,8 +80,8 @@ pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
         .collect()
 }
 
-/// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
-/// weakest nodes further than any beat before.
+/// Whether Ca50 stays above the resting calcium at any stretch that the model allows. With another
+/// cell, the organ's weakest nodes may stretch further than in any earlier beat.
 #[must_use]
 pub fn is_sensitive(beat: &OrganBeatSpec) -> bool {
     let value = |name: &str| {

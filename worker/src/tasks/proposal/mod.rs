@@ -1,4 +1,5 @@
-//! What to simulate next, by the one-fibre ventricle that stands for the simulated one.
+//! Proposals for the next simulation, from the one-fibre ventricle as a surrogate of the simulated
+//! organ.
 
 pub mod axes;
 pub mod step1;
@@ -18,10 +19,10 @@ use std::collections::BTreeMap;
 
 use crate::error::TaskError;
 
-/// A beat of the one-fibre ventricle in place of the organ's; another task as it is.
+/// Replaces the organ of a beat by the one-fibre ventricle; other tasks are returned unchanged.
 ///
 /// # Errors
-/// [`TaskError`] when the organ's figures are outside the model.
+/// [`TaskError`] when the organ's figures are outside the range of the model.
 pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
     let TaskSpec::OrganBeat(beat) = task else {
         return Ok(task);
@@ -31,7 +32,7 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
         passive,
         activation,
     };
-    // The budget of a finite-element ventricle says nothing of this one.
+    // The budget of a finite-element ventricle does not apply to this one.
     let SolverSettings {
         newton_iterations,
         shortest_step_ms,
@@ -47,7 +48,8 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
     Ok(TaskSpec::OrganBeat(Box::new(beat)))
 }
 
-/// The one-fibre ventricle, or that of a finite-element one's volumes, pressure and activation.
+/// The one-fibre ventricle of the organ, or the one with a finite-element ventricle's volumes,
+/// pressure and activation.
 pub(crate) fn one_fibre(
     organ: &OrganSpec,
 ) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
@@ -88,7 +90,7 @@ pub(crate) fn one_fibre(
     }
 }
 
-/// Outcome of a beat, judged by its checks; a failure where there is none.
+/// Outcome of a beat, judged by its checks; a failure if there is no beat.
 #[must_use]
 pub fn outcome(beat: Option<&OrganBeatResult>) -> Outcome {
     match beat {
@@ -99,12 +101,12 @@ pub fn outcome(beat: Option<&OrganBeatResult>) -> Outcome {
     }
 }
 
-/// Outcome of an earlier run by its biomarkers; a failure where there are none.
+/// Outcome of an earlier run from its biomarkers; a failure if there are none.
 fn told(biomarkers: Option<&Biomarkers>, is_whole_beat: bool) -> Outcome {
     biomarkers.map_or(Outcome::Failed, |b| Outcome::of(b, is_whole_beat))
 }
 
-/// Factors of the cheap model's biomarkers at a proposal's base, by key.
+/// Correction factors of the surrogate's biomarkers at a proposal's base, by key.
 fn factors(proposal: &Proposal) -> BTreeMap<String, f64> {
     proposal
         .correction

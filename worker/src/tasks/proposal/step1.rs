@@ -1,4 +1,5 @@
-//! What to simulate next in step 1: the one-fibre ventricle's optimum, corrected to the simulations so far.
+//! Proposal for the next simulation of step 1: the optimum of the one-fibre ventricle, corrected by
+//! the simulations so far.
 
 use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_calibrate::space_mapping::{Step1Problem, Step1Run, propose_step1};
@@ -13,13 +14,15 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
-/// Biomarkers of the simulated organ over those of the one-fibre ventricle that are expected before any simulation: alike.
+/// Expected ratios of the simulated organ's biomarkers to those of the one-fibre ventricle before
+/// any simulation: both are equal.
 const EXPECTED: [f64; Biomarker::OF_ORGAN.len()] = [1.0; Biomarker::OF_ORGAN.len()];
 
-/// Proposes.
+/// Computes the proposal.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models, or nothing is left to try.
+/// [`TaskError`] when the specification is outside the range of the models, or there is nothing
+/// left to try.
 pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let ContractionSpec::Tanh { parameters: tanh } = spec.beat.contraction else {
@@ -32,7 +35,8 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         valves: spec.beat.valves,
     };
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
-    // Refused once and for all: an effect that cannot act, a parameter outside the models.
+    // Reports errors that are common to all beats: an invalid effect, a parameter
+    // outside the range of the models.
     reduced(&spec.beat, &passive, &activation)?;
     let cheap = |p: &Step1Parameters| {
         let beat = reduced_beat(&with(&spec.beat, p), &passive, &activation);

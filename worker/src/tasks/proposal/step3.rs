@@ -1,4 +1,5 @@
-//! What to simulate next in step 3: the cell whose one-fibre ventricle, corrected to the beats so far, meets the data.
+//! Proposal for the next simulation of step 3: the cell whose one-fibre ventricle, corrected by the
+//! beats so far, fits the data best.
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::Weights;
@@ -18,19 +19,21 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
-/// The organ's factors are known at the best beat alone: among cells that serve alike the nearest is the surest.
+/// The organ's factors are known at the best beat only. Among cells with similar costs, the nearest
+/// one is therefore the safest.
 const NEARNESS: Nearness = Nearness {
     at_first: 0.0,
     of_best: 1.0,
 };
-/// How far a beat's biomarker may lie from its measurement, as a logarithm, before step 1's beat says more of its factor:
-/// step 1's is near the measurements, as a twin is (docs/step3.md).
+/// Largest distance of a beat's biomarker from its measurement, as a logarithm, up to which the
+/// beat determines the biomarker's factor. Beyond it, the beat of step 1 is a better guide, because
+/// it is near the measurements, as a twin is (docs/step3.md).
 const REACH: f64 = 0.1;
 
-/// Change of a parameter's logarithm that the first step may make: no bounds of step 3 are farther apart, so that they alone
-/// limit it.
+/// Largest change of a parameter's logarithm in the first step. It exceeds the width of all bounds
+/// in step 3, so that only the bounds limit the step.
 const FIRST_RADIUS: f64 = 10.0;
-/// Shortest time step of the one-fibre ventricle in a search: the correction takes up what that changes.
+/// Shortest time step of the one-fibre ventricle in a search. The correction absorbs its error.
 const TIME_STEP_MS: f64 = 2.0;
 
 const LOCAL: least_squares::Settings = least_squares::Settings {
@@ -39,14 +42,14 @@ const LOCAL: least_squares::Settings = least_squares::Settings {
     max_steps: 3,
     difference_step: 5e-3,
 };
-/// From step 2's cell.
+/// Effort of a search that starts from step 2's cell.
 const FAR: Effort = Effort::Evolution {
     evaluations: 6000,
     candidates: 16,
     deviation: 0.1,
     local: LOCAL,
 };
-/// From a cell that step 3 has tried.
+/// Effort of a search that starts from a cell that step 3 has tried.
 const NEARBY: Effort = Effort::Evolution {
     evaluations: 3000,
     candidates: 12,
@@ -54,10 +57,11 @@ const NEARBY: Effort = Effort::Evolution {
     local: LOCAL,
 };
 
-/// Proposes.
+/// Computes the proposal.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models, or nothing is left to try.
+/// [`TaskError`] when the specification is outside the range of the models, or there is nothing
+/// left to try.
 pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
@@ -65,7 +69,8 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
-    // Refused once and for all: an effect that cannot act, a parameter outside the models.
+    // Reports errors that are common to all beats: an invalid effect, a parameter
+    // outside the range of the models.
     reduced(&beat, &passive, &activation)?;
     let axes = axes(&spec.parameters);
     let named = |x: &[f64]| named(&axes, x);
@@ -138,12 +143,14 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     }))
 }
 
-/// The Tanh stress of step 1 relaxes otherwise than a cell: its factor says nothing of the twin's.
+/// The Tanh stress of step 1 relaxes differently from a cell, so that its factor does not apply to
+/// the twin.
 fn is_of_relaxation(biomarker: Biomarker) -> bool {
     biomarker == Biomarker::DpdtMin
 }
 
-/// Organ over one-fibre ventricle of step 1's best beat, by biomarker; 1 where either lacks it.
+/// Ratios of organ to one-fibre ventricle in step 1's best beat, by biomarker; 1 if either lacks
+/// the biomarker.
 fn expected(
     of_step1: &Step1Beat,
     beat: &OrganBeatSpec,

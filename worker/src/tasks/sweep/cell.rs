@@ -1,4 +1,4 @@
-//! The 0D cell as a sweep's model, on the batched engine.
+//! The 0D cell as the model of a sweep, on the batched engine.
 
 use cardiotwin_cell_engine::{
     CellEngine, CellInput, CellOutput, CellStatus, EngineSettings, NegativeKwu, SimdPath, Workspace,
@@ -12,10 +12,10 @@ use crate::cell_parameters::{NamedCell, position};
 use crate::engine::settings_for;
 use crate::error::TaskError;
 
-/// Cells that a thread takes at a time.
+/// Number of cells that a thread takes at once.
 const CELLS_AT_ONCE: usize = 176;
 
-/// The cell that every sample differs from in the swept parameters.
+/// Base cell, from which the samples differ in the swept parameters.
 pub(super) struct Cells {
     base: CellInput,
     swept: Vec<usize>,
@@ -31,7 +31,8 @@ impl Cells {
     ) -> Result<Self, TaskError> {
         let engine = CellEngine::new(EngineSettings {
             tolerance: design.tolerance,
-            // As the published analysis: the box reaches into it, and the equations hold there.
+            // As in the published analysis: the parameter box contains negative values, and the
+            // equations are valid there.
             negative_kwu: NegativeKwu::Keep,
             ..settings_for(instruction_set)
         })?;
@@ -63,7 +64,7 @@ impl Cells {
 
 impl Model for Cells {
     const HEADING: &'static str = SAMPLES_HEADING;
-    /// Some milliseconds of work.
+    /// A few milliseconds of work.
     const BLOCKS_AT_ONCE: usize = 16;
 
     fn arithmetic(&self) -> &'static str {
@@ -98,18 +99,19 @@ impl Model for Cells {
     }
 }
 
-/// The word for a status in `samples.csv`.
+/// Name of a status in `samples.csv`.
 fn status(status: CellStatus) -> &'static str {
     match status {
         CellStatus::Periodic => "periodic",
         CellStatus::NotPeriodic => "not-periodic",
-        // Without a bound of the cost nothing is given up.
+        // Without an upper limit of the cost, the engine never gives up a cell.
         CellStatus::Hopeless | CellStatus::Stuck { .. } => "stuck",
         CellStatus::Refused(_) => "refused",
     }
 }
 
-/// A sample's line from its status on. `{:?}` is the shortest form of a number that reads back to the same.
+/// A sample's line from its status on. `{:?}` gives the shortest form of a number that parses back
+/// to the same value.
 fn line(output: &CellOutput) -> String {
     let word = status(output.status);
     match output.status {

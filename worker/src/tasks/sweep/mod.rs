@@ -1,11 +1,14 @@
-//! A chunk of a sensitivity sweep: complete Saltelli blocks of the 0D cell, or of the organ with that cell.
+//! A chunk of a sensitivity sweep: complete Saltelli blocks of the 0D cell, or of the organ with
+//! this cell.
 //!
-//! A sample's numbers depend on its own parameters alone, so they are the same however the design is cut into chunks and
-//! on however many threads a chunk is computed.
+//! A sample's results depend on its own parameters alone. They are therefore independent of the
+//! division of the design into chunks and of the number of threads.
 //!
-//! Lines are kept as they are computed ([`SampleLog`]): an attempt begins at the first sample that earlier ones did not leave.
+//! Lines are stored as they are computed ([`SampleLog`]), and an attempt starts with the first
+//! sample that earlier attempts lack.
 //!
-//! Artefact: `samples.csv`, one line a sample in the design's order, columns as in [`SAMPLES_HEADING`] for the cell and in
+//! Artefact: `samples.csv`, one line per sample in the order of the design, with the columns of
+//! [`SAMPLES_HEADING`] for the cell and of
 //! [`ORGAN_SAMPLES_HEADING`](cardiotwin_schemas::sweep::ORGAN_SAMPLES_HEADING) for the organ.
 
 mod cell;
@@ -23,17 +26,17 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::sample_log::{self, SampleLog};
 
-/// What is swept.
+/// Model whose parameters are swept.
 trait Model {
     /// First line of `samples.csv`.
     const HEADING: &'static str;
-    /// Blocks after which is looked whether to stop, for each thread.
+    /// Number of blocks per thread between two checks of the stop flag.
     const BLOCKS_AT_ONCE: usize;
 
-    /// Instruction set of the arithmetic: results agree between sets to rounding errors.
+    /// Instruction set of the arithmetic. Results of different sets agree up to rounding errors.
     fn arithmetic(&self) -> &'static str;
 
-    /// The samples' lines from `status` on.
+    /// Lines of the samples, from `status` on.
     fn lines(
         &mut self,
         rows: &[Vec<f64>],
@@ -44,8 +47,8 @@ trait Model {
 /// Computes the chunk.
 ///
 /// # Errors
-/// [`TaskError`] when the design makes no sense, a name is unknown, or stopping was asked for. What goes wrong with a
-/// sample stands in its line.
+/// [`TaskError`] when the design is invalid, a name is unknown, or a stop is requested. The failure
+/// of a sample is recorded in its line.
 pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     match &spec.design.organ {
         None => chunk(
@@ -89,7 +92,7 @@ fn chunk<M: Model>(
             .report("samples", done as f64, Some(total as f64), || {
                 format!("{done} of {total} samples")
             });
-        // Of a block that was parted by the end of an earlier attempt.
+        // Rows of this block that an earlier attempt completed before it ended.
         let there = done - (first - blocks.start) * rows_per_block;
         let rows = design.rows(first..blocks.end.min(first + step));
         for (row, line) in (there..).zip(model.lines(&rows[there..], pool.as_ref())?) {
@@ -112,7 +115,8 @@ fn chunk<M: Model>(
     Ok(TaskResult::CellSweep(counts.result(model.arithmetic())))
 }
 
-/// The log of this attempt, with the first lines of the chunk as far as earlier attempts of the same arithmetic left them.
+/// Opens the log of this attempt. Also returns the first lines of the chunk, as far as earlier
+/// attempts with the same arithmetic computed them.
 fn open_log(
     spec: &CellSweepSpec,
     arithmetic: &str,
@@ -163,7 +167,8 @@ fn unwritten(context: &Context, source: std::io::Error) -> TaskError {
     }
 }
 
-/// The design as far as this chunk reaches: its first blocks do not depend on how many follow.
+/// The design up to the end of this chunk. Its first blocks do not depend on the total number of
+/// blocks.
 fn design(spec: &CellSweepSpec, n_blocks: usize) -> Result<SaltelliDesign, TaskError> {
     let of = &spec.design;
     let intervals: Vec<Interval> = of
@@ -188,7 +193,7 @@ struct Counts {
 }
 
 impl Counts {
-    /// Counts a line; false where it has no status.
+    /// Counts a line; returns `false` if it has no valid status.
     fn count(&mut self, line: &str) -> bool {
         *match line.split(',').nth(2).unwrap_or_default() {
             "periodic" | "finished" => &mut self.periodic,
@@ -299,7 +304,7 @@ mod tests {
         let (result, text, log, begun) = attempt(1);
         assert!(begun.contains("\"0 of 240 samples\""), "{begun}");
         assert_eq!(log.lines().count(), 1 + 240);
-        // Killed within a block, while it wrote a line.
+        // The attempt was killed within a block, while it wrote a line.
         let path = root.path().join("abcd-g1/checkpoint/samples");
         let torn: String = log.split_inclusive('\n').take(1 + 99).collect::<String>()
             + &log[log.len() - 20..log.len() - 5];
@@ -310,7 +315,7 @@ mod tests {
             (again, text_again, log_again),
             (result.clone(), text.clone(), log)
         );
-        // All of them there: nothing is computed.
+        // All lines exist, so that nothing is computed.
         let (again, text_again, _, begun) = attempt(3);
         assert_eq!((again, text_again, begun.as_str()), (result, text, ""));
     }
@@ -322,7 +327,7 @@ mod tests {
         assert_eq!((lines[0].as_str(), lines.len()), (SAMPLES_HEADING, 9));
         let rows = design(&spec, 6).unwrap().rows(5..6);
         let mut input = CellInput::new(cardiotwin_cell_engine::DEFAULT_PARAMETERS, 1000.0, 1.1);
-        // Positions as the engine's own names have them.
+        // Positions according to the engine's own names.
         let names = cardiotwin_cell_engine::PARAMETER_NAMES;
         for (name, value) in ["Ca50_ref_uM", "tau_CR_ms", "k_WS_per_ms", "a_p_kPa"]
             .iter()

@@ -1,4 +1,4 @@
-//! The organ with the cell as a sweep's model: beats of the patient's one-fibre ventricle.
+//! The organ with the cell as the model of a sweep: beats of the patient's one-fibre ventricle.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -15,7 +15,7 @@ use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 use crate::tasks::proposal::one_fibre;
 
-/// The beat that every sample differs from in the swept parameters.
+/// Base beat, from which the samples differ in the swept parameters.
 pub(super) struct Beats {
     beat: OrganBeatSpec,
     passive: OneFibrePassive,
@@ -25,7 +25,8 @@ pub(super) struct Beats {
 
 impl Beats {
     /// # Errors
-    /// [`TaskError`] when the beat is outside the models, or a parameter is none of the cell's or of the valves'.
+    /// [`TaskError`] when the beat is outside the range of the models, or a parameter belongs
+    /// neither to the cell nor to the valves.
     pub(super) fn of(design: &CellDesign, beat: &OrganBeatSpec) -> Result<Self, TaskError> {
         let swept: Vec<String> = design.parameters.iter().map(|p| p.name.clone()).collect();
         if let Some(name) = swept
@@ -37,7 +38,8 @@ impl Beats {
         }
         let (passive, activation) = one_fibre(&beat.organ)?;
         let beat = beat.with_parameters(&design.fixed);
-        // Refused once and for all: an effect that cannot act, loads outside the models.
+        // Reports errors that are common to all samples: an invalid effect, loads
+        // outside the range of the models.
         reduced(&beat, &passive, &activation)?;
         Ok(Self {
             beat,
@@ -69,13 +71,14 @@ impl Beats {
     }
 }
 
-/// The line of a beat that ended. `{:?}` is the shortest form of a number that reads back to the same.
+/// Line of a completed beat. `{:?}` gives the shortest form of a number that parses back to the
+/// same value.
 fn finished(beat: &OrganBeatResult) -> String {
     let mut line = "finished".to_owned();
     for (_, value) in beat.biomarkers.of_organ() {
         line.push(',');
         if let Some(value) = value {
-            // Writing to a text cannot fail.
+            // Writing to a `String` cannot fail.
             let _ = write!(line, "{value:?}");
         }
     }
@@ -88,10 +91,10 @@ fn finished(beat: &OrganBeatResult) -> String {
 
 impl Model for Beats {
     const HEADING: &'static str = ORGAN_SAMPLES_HEADING;
-    /// Some 50 ms of work.
+    /// About 50 ms of work.
     const BLOCKS_AT_ONCE: usize = 1;
 
-    /// The same bits on every processor.
+    /// Results are the same bit for bit on every processor.
     fn arithmetic(&self) -> &'static str {
         "portable"
     }
@@ -117,7 +120,7 @@ pub(crate) mod tests {
     use cardiotwin_schemas::sweep::{SweptOrgan, SweptParameter};
     use cardiotwin_schemas::task::CellSweepSpec;
 
-    /// A heart of the one-fibre ventricle with Land's cell.
+    /// A beat of the one-fibre ventricle with Land's cell.
     pub(crate) fn beat() -> OrganBeatSpec {
         let beat: Result<OrganBeatSpec, _> = serde_json::from_value(serde_json::json!({
             "cycle_length_ms": 700.0, "time_step_ms": 2.0, "shortest_step_ms": 0.015625, "newton_iterations": 60,

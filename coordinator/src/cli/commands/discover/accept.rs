@@ -1,4 +1,4 @@
-//! `--accept` and `--revert`: what was found becomes the patient's model, or ceases to be.
+//! `--accept` and `--revert`: findings become part of the patient's model, or are taken out again.
 
 use cardiotwin_schemas::discover::DiscoverCases;
 
@@ -10,10 +10,10 @@ use crate::cli::talk::Talk;
 use crate::clock;
 use crate::discovery::overlay::{self, Change, OverlayError};
 
-/// Refuses to change a whole cohort that was not named as such.
+/// Refuses to change a whole cohort unless `--all` or `--patient` was given.
 ///
 /// # Errors
-/// [`CliError::Usage`].
+/// [`CliError::Usage`] if neither was given.
 pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
     if source.is_cohort() && !args.all && args.patients.is_empty() {
         let message =
@@ -24,10 +24,10 @@ pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Accepts what was found in each patient.
+/// Accepts the findings of each patient.
 ///
 /// # Errors
-/// [`CliError::Overlay`].
+/// [`CliError::Overlay`] if a patient's `model.toml` cannot be changed.
 pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(), CliError> {
     let mut n_written = 0;
     for searched in &source.patients {
@@ -65,7 +65,7 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
 /// Undoes the last acceptance of each patient.
 ///
 /// # Errors
-/// [`CliError::Overlay`], for a single patient also where nothing was accepted.
+/// [`CliError::Overlay`]; for a single patient also if nothing was accepted before.
 pub fn revert(source: &Source, talk: &Talk) -> Result<Exit, CliError> {
     for searched in &source.patients {
         let patient = &searched.patient;

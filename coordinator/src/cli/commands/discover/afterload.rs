@@ -1,4 +1,5 @@
-//! `cardiotwin discover --afterload`: what three elements miss in a measured flow and pressure.
+//! `cardiotwin discover --afterload`: effects that a three-element Windkessel misses in a measured
+//! flow and pressure.
 
 use std::path::{Path, PathBuf};
 
@@ -20,32 +21,32 @@ use crate::cli::talk::{Talk, Tone};
 use crate::report::afterload_discovery_svg;
 use crate::results::atomic;
 
-/// Candidates of the ranking that are shown.
+/// Number of candidates shown in the ranking.
 const SHOWN: usize = 6;
-/// The effect that the organ model has for what waves and inertance do.
+/// Effect by which the organ model represents waves and inertance.
 const LUMPED: &str = "wave_reflection";
-/// What has its lumped form in that.
+/// Effect whose lumped form is [`LUMPED`].
 const HAS_LUMPED_FORM: &str = "tube_reflection";
 
-/// What was asked.
+/// Arguments of `discover --afterload`.
 pub struct Request<'a> {
-    /// The flow's file.
+    /// CSV file of the flow.
     pub flow: &'a Path,
-    /// The pressure's file.
+    /// CSV file of the pressure.
     pub pressure: &'a Path,
-    /// Names of candidates; all where empty.
+    /// Names of the candidates to try; empty means all.
     pub effects: &'a [String],
-    /// Where to write JSON: a file, or `-`.
+    /// File for the JSON answer, or `-` for stdout.
     pub json: Option<&'a PathBuf>,
-    /// Where to draw.
+    /// SVG file for the plot.
     pub plot: Option<&'a PathBuf>,
 }
 
-/// Searches and tells.
+/// Searches the record for missing effects and prints the answer.
 ///
 /// # Errors
-/// [`CliError::Trace`] for a record that cannot be used, [`CliError::Usage`] for a candidate that there is not, a file that
-/// cannot be written.
+/// [`CliError::Trace`] if the record cannot be used, [`CliError::Usage`] if a named candidate is
+/// unknown or the record cannot be fitted, and an error if a file cannot be written.
 pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
     if let Some(unknown) = request
         .effects
@@ -94,7 +95,7 @@ pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// Parameters of an effect by name: values, and intervals where there are any.
+/// Parameters of an effect by name: values, and intervals for those that have one.
 type Strength = (
     std::collections::BTreeMap<String, f64>,
     std::collections::BTreeMap<String, [f64; 2]>,
@@ -214,7 +215,7 @@ fn unexplained(nameless: &Nameless) -> AfterloadUnexplained {
     }
 }
 
-/// How the organ takes the load: its catalogue has the lumped reflection alone.
+/// Load and effects as the organ model takes them. Its catalogue has only the lumped reflection.
 fn in_organ(found: &Discovery) -> AfterloadInOrgan {
     let names: Vec<&str> = found.accepted.iter().map(|f| f.effect.name).collect();
     let artefact = found
@@ -436,7 +437,8 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
 mod tests {
     use super::*;
 
-    /// The one-beat record; those of several beats take longer and are in docs/afterload.md.
+    /// Uses the one-beat record. Records of several beats take longer; docs/afterload.md shows
+    /// them.
     #[test]
     fn the_human_record_as_people_see_it() {
         let talk = Talk {

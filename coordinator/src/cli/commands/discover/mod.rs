@@ -1,4 +1,5 @@
-//! `cardiotwin discover`: finds what the model lacks in a patient's traces, for a patient or a cohort.
+//! `cardiotwin discover`: search for effects that the model lacks in the traces of a patient or a
+//! cohort.
 
 mod accept;
 mod afterload;
@@ -74,10 +75,11 @@ pub struct DiscoverArgs {
     worker: Option<PathBuf>,
 }
 
-/// Searches and tells.
+/// Runs the search and prints the findings.
 ///
 /// # Errors
-/// [`CliError::Input`] when anything is wrong with the input; the engine's; a file that cannot be written.
+/// [`CliError::Input`] if the input has errors; errors of the engine; a file that cannot be
+/// written.
 pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError> {
     if let Some([flow, pressure]) = args.afterload.as_deref() {
         let (json, plot) = (args.json.as_ref(), args.plot.as_ref());
@@ -164,7 +166,8 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     })
 }
 
-/// Adds what the beats of the cohort's run miss; nothing where there is no run, or one that cannot be read.
+/// Adds the misses of the beats in the cohort's run. Without a run, or if it cannot be read, adds
+/// nothing.
 async fn add_run(source: &Source, cases: &mut DiscoverCases) {
     let Some(folders) = source
         .cohort_folder()
@@ -188,7 +191,7 @@ async fn add_run(source: &Source, cases: &mut DiscoverCases) {
     }
 }
 
-/// One object for a patient; for a cohort, objects by name.
+/// JSON text: one object for a patient; for a cohort, an object with one entry per patient.
 fn json(source: &Source, cases: &DiscoverCases) -> String {
     match cases.values().next().filter(|_| !source.is_cohort()) {
         Some(case) => discovery::case_text(case),

@@ -1,4 +1,4 @@
-//! Running the searches: through the engine, unless an earlier run has them.
+//! Execution of the searches through the engine, unless an earlier run holds their results.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,22 +17,22 @@ use crate::cli::talk::Talk;
 use crate::discovery;
 use crate::engine::{Reader, RunOptions};
 
-/// What came of the searches.
+/// Outcome of the searches.
 pub struct Ended {
-    /// Where they are kept.
+    /// Folder that holds the searches.
     pub run_dir: PathBuf,
-    /// What was found, by patient.
+    /// Findings by patient.
     pub cases: DiscoverCases,
-    /// Why others failed.
+    /// Patients whose search failed, each with the message.
     pub failures: Vec<(String, String)>,
-    /// Whether it was stopped before the end.
+    /// Whether the run was stopped before its end.
     pub stopped: bool,
 }
 
-/// Runs what is left.
+/// Runs the searches that earlier runs do not hold.
 ///
 /// # Errors
-/// The engine's and the store's.
+/// Errors of the engine and the store.
 pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<Ended, CliError> {
     let run_dir = source.run_dir(args.run_dir.as_deref(), talk);
     if let Some(cases) = known(source, &run_dir).await? {
@@ -94,7 +94,8 @@ fn member(searched: &Searched) -> ResolvedPatient {
     ResolvedPatient::without_data(PatientId(searched.patient.id.clone()), workflow)
 }
 
-/// As many patients at once as there are cores; those that are left over go to each search's threads.
+/// Searches as many patients at once as there are cores; cores left over become threads of each
+/// search.
 fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
     let cores = match jobs {
         0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get) as u32,
@@ -110,7 +111,8 @@ fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
     }
 }
 
-/// The findings, where earlier runs hold all of them: the patient's own, or that of the patient's cohort.
+/// The findings, if one earlier run holds all of them: the run in `run_dir`, or the run of the
+/// patient's cohort.
 async fn known(source: &Source, run_dir: &Path) -> Result<Option<DiscoverCases>, CliError> {
     let cohort = source
         .cohort

@@ -1,4 +1,4 @@
-//! What is searched: a patient's folder, in a cohort or alone, or a cohort.
+//! Source of a search: a patient's folder, in a cohort or alone, or a cohort.
 
 use std::path::{Path, PathBuf};
 
@@ -13,26 +13,27 @@ use crate::cli::talk::{Talk, count};
 use crate::discovery::FOLDER;
 use crate::input::{self, Options, Patient, Report};
 
-/// Patients with their searches.
+/// Patients to search, with their tasks.
 pub struct Source {
-    /// Name of cohort or patient.
+    /// Name of the cohort, or id of the patient.
     pub name: String,
-    /// Folder that was named.
+    /// Folder named on the command line.
     pub folder: PathBuf,
-    /// The cohort that holds the patient, where it is in one.
+    /// Folder of the cohort that holds a single patient; `None` if there is none or a cohort was
+    /// named.
     pub cohort: Option<PathBuf>,
     /// Patients to search, in the cohort's order.
     pub patients: Vec<Searched>,
     one: bool,
 }
 
-/// A patient with the search.
+/// A patient with the task that searches it.
 pub struct Searched {
-    /// As read.
+    /// The patient as read from its folder.
     pub patient: Patient,
-    /// What the search takes.
+    /// Task of the search.
     pub task: TaskSpec,
-    /// Its key.
+    /// Key of `task`.
     pub key: TaskKey,
 }
 
@@ -40,7 +41,8 @@ impl Source {
     /// Reads the folder that the arguments name.
     ///
     /// # Errors
-    /// [`CliError::Usage`] where it is neither patient nor cohort, [`CliError::Input`] when anything is wrong with it.
+    /// [`CliError::Usage`] if it holds neither a patient nor a cohort, [`CliError::Input`] if the
+    /// input has errors.
     pub fn read(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
         let folder = &args.folder;
         let mut report = Report::default();
@@ -102,13 +104,13 @@ impl Source {
         })
     }
 
-    /// Whether a cohort was named.
+    /// Whether the folder named on the command line is a cohort.
     #[must_use]
     pub fn is_cohort(&self) -> bool {
         !self.one
     }
 
-    /// The cohort that was named, or that holds the patient.
+    /// Folder of the cohort that was named, or of the cohort that holds the patient.
     #[must_use]
     pub fn cohort_folder(&self) -> Option<&Path> {
         if self.one {
@@ -118,8 +120,8 @@ impl Source {
         }
     }
 
-    /// Where the searches are kept: as named, else in the folder that is searched, else, where that cannot be written, in
-    /// the current directory.
+    /// Folder in which the searches are kept: the named one; otherwise a folder inside the searched
+    /// one; or, if that cannot be written, one in the current directory.
     #[must_use]
     pub fn run_dir(&self, named: Option<&Path>, talk: &Talk) -> PathBuf {
         if let Some(named) = named {
@@ -139,13 +141,14 @@ impl Source {
     }
 }
 
-/// Whether a file can be made there. A folder that is marked read-only is left alone by the superuser, too.
+/// Whether a file can be made in the folder. A folder that is marked read-only counts as not
+/// writable even for the superuser, who could write to it.
 fn is_writable(folder: &Path) -> bool {
     let marked = std::fs::metadata(folder).is_ok_and(|data| data.permissions().readonly());
     !marked && tempfile::tempfile_in(folder).is_ok()
 }
 
-/// The cohort whose patients' folder holds this one.
+/// The cohort whose patients' folder holds this one, if there is a `cohort.toml`.
 fn cohort_of(folder: &Path) -> Option<PathBuf> {
     let absolute = std::path::absolute(folder).ok()?;
     let cohort = absolute.parent()?.parent()?;

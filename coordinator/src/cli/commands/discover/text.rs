@@ -1,4 +1,4 @@
-//! Tables and words of a search for people.
+//! Tables and sentences that present a search's findings.
 
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
 
@@ -8,12 +8,12 @@ use crate::results::discovery::faults;
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words;
 
-/// Candidates of the ranking that are shown.
+/// Number of candidates shown in the ranking.
 const SHOWN: usize = 6;
-/// Places that lie less far off, in standard deviations, are left out.
+/// Places with a smaller deviation than this, in standard deviations, are left out.
 const Z: f64 = 1.0;
 
-/// One patient; the ranking alone where `brief`.
+/// Text for one patient; only its name and summary if `brief`.
 #[must_use]
 pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     let found = &case.found;
@@ -85,7 +85,7 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     text
 }
 
-/// Where the base model and the data disagree.
+/// Table of the places where the base model and the data disagree.
 fn places(case: &DiscoverCase, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
@@ -138,7 +138,7 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
     )
 }
 
-/// The gap before and after.
+/// Table of the gap before and after the accepted effects.
 fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
     let found = &case.found;
     let mut table = Columns::new(
@@ -182,7 +182,7 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
     )
 }
 
-/// The cohort: who lacks what, and the evidence of all together.
+/// Text for the cohort: missing effects of each patient, and the evidence pooled over all patients.
 #[must_use]
 pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut table = Columns::new(
@@ -248,7 +248,8 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     text
 }
 
-/// What the cohort's run misses, and whether the organ's model or the cell does; nothing where it personalised nobody.
+/// Table of the misses of the cohort's run, and whether the organ's model or the cell causes them;
+/// empty if the run personalised no patient.
 fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
     let headings = [
         "PATIENT",
@@ -292,7 +293,8 @@ fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
     )
 }
 
-/// End-diastolic volumes with the filling pressure of the patient's file; nothing where no file states one.
+/// Table of end-diastolic volumes at the filling pressure of the patient's file; empty if no file
+/// states one.
 fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
     let headings = [
         "PATIENT",

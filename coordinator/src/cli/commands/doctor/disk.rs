@@ -1,4 +1,4 @@
-//! The file system of the run: room, and whether it does what durability rests on.
+//! Checks of the run's file system: free room, and the operations that durability rests on.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
@@ -8,14 +8,14 @@ use std::time::Instant;
 use super::finding::{Finding, Level};
 use crate::engine;
 
-/// Room that a small cohort takes; below, a run may end half-way.
+/// Room that a small cohort takes, bytes. With less, a run may end half-way.
 const LITTLE_BYTES: u64 = 1_000_000_000;
-/// Files that a thousand attempts make.
+/// Number of files that a thousand attempts make.
 const FEW_INODES: u64 = 20_000;
-/// Synced writes that take longer than this each are felt in every commit, s.
+/// Seconds per synced write above which every commit is noticeably slow.
 const SLOW_SYNC_S: f64 = 0.05;
 
-/// Looks at the folder where the run lies or would lie.
+/// Checks the folder in which the run lies or would lie.
 pub async fn look(run: &Path) -> Vec<Finding> {
     let folder = existing(run);
     let mut found = vec![kind(&folder), room(&folder)];
@@ -40,7 +40,7 @@ pub async fn look(run: &Path) -> Vec<Finding> {
     found
 }
 
-/// The folder itself, or the first above it that is there.
+/// The folder itself, or its nearest ancestor that exists.
 fn existing(folder: &Path) -> PathBuf {
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     folder
@@ -71,7 +71,7 @@ fn room(folder: &Path) -> Finding {
         ),
         Ok(told) => {
             let (bytes, inodes) = (told.f_bavail * told.f_frsize, told.f_favail);
-            // Some file systems make inodes as they need them, and tell none.
+            // Some file systems make inodes as they need them and report none.
             let counts_inodes = told.f_files > 0;
             let mut found = format!("{:.1} GB free", 1e-9 * bytes as f64);
             if counts_inodes {
@@ -86,7 +86,8 @@ fn room(folder: &Path) -> Finding {
     }
 }
 
-/// What claims and results rest on: a link that fails where the name is taken, a rename that replaces, a sync.
+/// Tries the operations on which claims and results rest: a link that fails if the name is taken, a
+/// rename that replaces, an exclusive creation, a sync.
 fn operations(folder: &Path) -> Finding {
     let trial = || -> io::Result<f64> {
         let (draft, name) = (folder.join("draft"), folder.join("name"));

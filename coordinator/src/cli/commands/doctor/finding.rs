@@ -1,23 +1,23 @@
-//! What was looked at, what was found, and what to do.
+//! A finding of `doctor`: the check, its result, and the remedy.
 
 use serde::Serialize;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
-    /// As it should be.
+    /// Nothing to do.
     Ok,
-    /// Something that is not there and may not be needed.
+    /// Something is absent that may not be needed.
     Note,
-    /// Works, but less well or not for long.
+    /// Works, but less well than it could, or not for long.
     Warning,
     /// Runs would fail.
     Error,
 }
 
 impl Level {
-    /// As in the table.
+    /// The word shown in the table.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -29,22 +29,22 @@ impl Level {
     }
 }
 
-/// A line of the answer.
+/// A row of the table of findings.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What was looked at.
+    /// Name of the check.
     pub check: &'static str,
-    /// How bad it is.
+    /// Severity of the finding.
     pub level: Level,
-    /// What was found.
+    /// Description of the result.
     pub found: String,
-    /// What to do; empty where nothing is.
+    /// Advice to the user; empty if there is nothing to do.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub remedy: String,
 }
 
 impl Finding {
-    /// As it should be.
+    /// A finding of level [`Level::Ok`], without a remedy.
     pub fn ok(check: &'static str, found: impl Into<String>) -> Self {
         Self {
             check,
@@ -54,7 +54,7 @@ impl Finding {
         }
     }
 
-    /// With what to do.
+    /// A finding of the given level, with its remedy.
     pub fn bad(
         check: &'static str,
         level: Level,

@@ -1,14 +1,14 @@
-//! The machine: processor, memory, compilers.
+//! Checks of the machine: processor, memory, compilers.
 
 use std::path::Path;
 
 use super::finding::{Finding, Level};
 use crate::engine::first_line;
 
-/// Memory that a beat on the default mesh, with the coordinator beside it, is comfortable with, MB.
+/// Memory that is ample for a beat on the default mesh and the coordinator beside it, MB.
 const ENOUGH_MEMORY_MB: f64 = 500.0;
 
-/// Processor, memory and compilers.
+/// Checks processor, memory and compilers.
 pub fn look() -> Vec<Finding> {
     vec![processor(), memory(), compilers()]
 }
@@ -63,7 +63,7 @@ fn memory() -> Finding {
     }
 }
 
-/// Only who builds from source needs them.
+/// Compilers are needed only to build from source.
 fn compilers() -> Finding {
     let found: Vec<String> = ["cc", "cargo", "mpicc"]
         .iter()

@@ -47,10 +47,10 @@ struct Answer<'a> {
     findings: &'a [Finding],
 }
 
-/// Looks at everything.
+/// Runs all checks and prints their findings.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// Stdout cannot be written.
 pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let mut findings = machine::look();
@@ -86,7 +86,7 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(if worst > 0 { Exit::Problems } else { Exit::Ok })
 }
 
-/// Where attempts lie, where that is not the run's folder.
+/// Folder of the attempts, if it is not in the run's folder.
 fn scratch_of(folders: &Folders) -> Option<PathBuf> {
     if let Ok(link) = std::fs::read_link(folders.run.join(engine::ATTEMPTS)) {
         return Some(link);
@@ -121,7 +121,7 @@ fn table(findings: &[Finding], talk: &Talk) -> String {
     table.text()
 }
 
-/// Slurm: what the profile and the site itself say.
+/// Checks Slurm: the site's profile, and Slurm's own answers.
 async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
     let Some(site) = &args.site else {
         let remedy = "--site NAME looks at a cluster with that profile";

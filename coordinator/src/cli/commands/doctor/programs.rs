@@ -1,4 +1,4 @@
-//! The worker beside this program, and the launch of two ranks.
+//! Checks of the worker beside this program and of a launch on two ranks.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use super::finding::{Finding, Level};
 use crate::engine::first_line;
 
-/// Longer than two ranks take to find each other on a busy machine.
+/// Time limit for two ranks to find each other; a busy machine takes less.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Worker and ranks.
+/// Checks the worker's version and the launch of two ranks.
 pub fn look(worker: Option<&Path>) -> Vec<Finding> {
     let own = std::env::current_exe().unwrap_or_default();
     let worker = worker.map_or_else(|| own.with_file_name("cardiotwin-worker"), Path::to_owned);

@@ -1,4 +1,4 @@
-//! `cardiotwin fit afterload`: the three-element Windkessel from a measured flow and pressure.
+//! `cardiotwin fit afterload`: fit of the three-element Windkessel to a measured flow and pressure.
 
 use std::path::{Path, PathBuf};
 
@@ -21,9 +21,10 @@ pub use crate::preparation::afterload_table as table;
 use crate::report::afterload_fit_svg;
 use crate::results::atomic;
 
-/// Misfit over the pulse pressure from which the record is said to want more than three elements.
+/// Misfit over the pulse pressure above which a warning says that the record needs more than three
+/// elements.
 const LARGE_MISFIT: f64 = 0.05;
-/// Correlation of two estimates from which only their combination is said to be determined.
+/// Correlation of two estimates above which a warning says that they cannot be told apart.
 const STRONG_CORRELATION: f64 = 0.95;
 
 /// The three-element Windkessel (characteristic and peripheral resistance, compliance) from measured flow and pressure
@@ -70,10 +71,10 @@ pub struct AfterloadArgs {
     pub(super) json: bool,
 }
 
-/// Fits.
+/// Fits the Windkessel and prints the answer.
 ///
 /// # Errors
-/// As [`super::execute`].
+/// The same as for [`super::execute`].
 pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage(
@@ -85,7 +86,7 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
         return super::cuff::execute(args, source, talk);
     };
     let measured = record::read_from(source, pressure, talk)?;
-    // One cycle of volume says nothing of what was before it.
+    // One cycle of volume carries no information about the time before it.
     let periodic = args.periodic || args.volume.is_some();
     let start = if periodic {
         Start::Periodic
@@ -114,17 +115,17 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     say(args, &answer, &said, plot, talk)
 }
 
-/// What a fit says, but for JSON.
+/// Printable answer of a fit, other than its JSON.
 pub(super) struct Said<'a> {
-    /// Lines of patient.toml.
+    /// Lines for patient.toml.
     pub toml: &'a str,
-    /// A sentence each; the text has them, too.
+    /// Warnings, one sentence each; `text` repeats them.
     pub warnings: &'a [String],
-    /// For people.
+    /// Tables and sentences for the terminal.
     pub text: String,
 }
 
-/// Draws and prints what was asked for.
+/// Draws the plot if one was requested, and prints JSON, TOML or text as the arguments say.
 pub(super) fn say(
     args: &AfterloadArgs,
     answer: &impl Serialize,
@@ -153,7 +154,7 @@ pub(super) fn say(
     Ok(Exit::Ok)
 }
 
-/// The table of estimates; `determined` says how well one is known.
+/// Table of the estimates. `determined` gives the word for how well an estimate is determined.
 pub(super) fn estimates(
     estimates: &[AfterloadQuantity],
     confidence_level: f64,
@@ -190,7 +191,7 @@ pub(super) fn estimates(
     table.text()
 }
 
-/// How well it is known, in a word.
+/// Word for how well a quantity is determined.
 pub(super) fn in_a_word(determined: Determined) -> &'static str {
     match determined {
         Determined::Well => "well",
@@ -199,7 +200,7 @@ pub(super) fn in_a_word(determined: Determined) -> &'static str {
     }
 }
 
-/// Where flow and pressure come from; no pressure with a cuff.
+/// Sources of flow and pressure. With a cuff there is no pressure file.
 fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliError> {
     let usage = |text: &str| Err(CliError::Usage(text.to_owned()));
     if args
@@ -231,7 +232,7 @@ fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliE
     }
 }
 
-/// R1, R2, C with their names in files.
+/// R1, R2 and C (mmHg·s/mL, mmHg·s/mL, mL/mmHg) under their names in files.
 #[must_use]
 pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
     WindkesselParameters {
@@ -241,7 +242,7 @@ pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
     }
 }
 
-/// What residuals are worth, as files have it.
+/// Effective number and correlation of the residuals, in the form of the file schema.
 #[must_use]
 pub fn noise(worth: &Worth) -> AfterloadNoise {
     AfterloadNoise {
@@ -251,7 +252,7 @@ pub fn noise(worth: &Worth) -> AfterloadNoise {
     }
 }
 
-/// A file's name in a comment: a line feed in it would end the comment.
+/// A file's name as it may stand in a TOML comment: a line feed in it would end the comment.
 pub(super) fn one_line(name: &str) -> String {
     name.chars()
         .map(|c| if c.is_control() { '?' } else { c })

@@ -1,4 +1,4 @@
-//! `cardiotwin fit calcium`: Rice's calcium from a measured transient.
+//! `cardiotwin fit calcium`: fit of Rice's calcium transient to a measured one.
 
 use std::path::{Path, PathBuf};
 
@@ -17,9 +17,10 @@ use crate::cli::talk::Talk;
 use crate::report::calcium_fit_svg;
 use crate::results::atomic;
 
-/// Correlation of neighbouring residuals from which the curve is said to miss the trace's shape.
+/// Correlation of neighbouring residuals above which a warning says that the curve misses the
+/// trace's shape.
 const CORRELATED: f64 = 0.5;
-/// Points of the fitted curve in the plot.
+/// Number of intervals between the points of the fitted curve in the plot.
 const CURVE_POINTS: usize = 400;
 
 /// Rice's calcium (resting and peak calcium, two time constants) from one measured transient
@@ -69,10 +70,10 @@ enum Defaults {
     Bounds,
 }
 
-/// Fits.
+/// Fits the transient and prints the answer.
 ///
 /// # Errors
-/// As [`super::execute`].
+/// The same as for [`super::execute`].
 pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.activation.is_finite() && args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage(
@@ -108,7 +109,7 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// What the fit refused, as a problem of the file.
+/// Error of the fit as a problem of the trace's file.
 fn problem(file: &Path, error: &CalciumFitError) -> Problem {
     match error {
         CalciumFitError::Samples { n_times, .. } => {
@@ -202,7 +203,8 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
     }
     let rho = fit.residual_correlation;
     if rho > CORRELATED {
-        // Exact traces and curves that miss the shape altogether come close to one.
+        // The correlation is close to one for traces without noise and for curves that miss the
+        // shape altogether.
         let factor = ((1.0 + rho) / (1.0 - rho.min(0.999))).sqrt();
         found.push(format!(
             "neighbouring residuals are alike (correlation {rho:.2}): the curve misses the trace's shape, or its noise is \
@@ -304,7 +306,7 @@ mod tests {
         ));
     }
 
-    /// A narrow gamma curve: no pair of time constants fits, and the fit says so.
+    /// A narrow gamma curve: no pair of time constants fits it, and the answer says so.
     #[test]
     fn a_shape_that_rice_does_not_have_is_said() {
         let mut csv = "time_ms,calcium_uM\n".to_owned();

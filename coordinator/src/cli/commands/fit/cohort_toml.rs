@@ -14,7 +14,7 @@ fn by_name(fit: &CalciumFit) -> [(&'static str, &Estimate); 4] {
     ]
 }
 
-/// Both ways to use the fit, `trace` being where it came from.
+/// Both ways to use the fit in a cohort. `trace` is the name of the fitted file.
 #[must_use]
 pub fn cohort_defaults(fit: &CalciumFit, trace: &str) -> CohortDefaults {
     CohortDefaults {
@@ -61,7 +61,8 @@ fn bounds(fit: &CalciumFit, trace: &str) -> String {
         },
     ) in by_name(fit)
     {
-        // Where the trace sets no end: the usual one, as long as the value lies inside.
+        // If the trace leaves an end of the interval open, the default bound is taken, provided
+        // that the value lies inside it.
         let usual = defaults
             .get(name)
             .copied()
@@ -80,7 +81,7 @@ fn bounds(fit: &CalciumFit, trace: &str) -> String {
                 2.0 * value
             }
         });
-        // An exact trace has intervals narrower than the digits written here.
+        // The interval of an exact trace can be narrower than the digits written here.
         let (lower, upper) = (
             lower.min(value * (1.0 - 1e-4)),
             upper.max(value * (1.0 + 1e-4)),
@@ -103,7 +104,7 @@ fn comment(words: &str, trace: &str) -> String {
     format!("# {words} {name}.\n")
 }
 
-/// Six significant digits, as TOML writes a number.
+/// The value with six significant digits, as TOML writes a float.
 fn rounded(value: f64) -> String {
     let value: f64 = format!("{value:.5e}").parse().unwrap_or(value);
     format!("{value:?}")
@@ -123,7 +124,7 @@ mod tests {
             tau_cr_ms,
             tau_cd_ms,
         };
-        // Some noise that needs no generator.
+        // Noise that needs no random generator.
         let noise = |i: usize| 0.01 * (i as f64 * 2.3).sin();
         let trace: Vec<f64> = rice
             .transient_um(&times)
@@ -134,7 +135,8 @@ mod tests {
         fit_calcium(&times, &trace, CalciumFitSettings::default()).unwrap()
     }
 
-    /// Whatever the trace, `check` has nothing against either text, and step 2's settings hold the fitted values.
+    /// For each trace `check` has no findings in either text, and step 2's settings contain the
+    /// fitted values.
     #[test]
     fn both_texts_are_sound_settings() {
         let folder = tempfile::tempdir().unwrap();

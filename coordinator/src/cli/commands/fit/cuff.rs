@@ -1,4 +1,4 @@
-//! `cardiotwin fit afterload --cuff`: the three-element Windkessel through a cuff's pressures.
+//! `cardiotwin fit afterload --cuff`: fit of the three-element Windkessel to cuff pressures.
 
 use std::str::FromStr;
 
@@ -18,10 +18,10 @@ use crate::cli::table::number;
 use crate::cli::talk::Talk;
 use crate::report::cuff_fit_svg;
 
-/// Half width of an interval over the value beyond which a parameter is poorly determined.
+/// Half width of an interval over the value, above which a parameter counts as poorly determined.
 const POOR: f64 = 0.3;
 
-/// `115/70` or `115/70/88`.
+/// Cuff pressures, written as `115/70` or `115/70/88` (systolic/diastolic/mean, mmHg).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pressures {
     systolic_mmhg: f64,
@@ -58,10 +58,11 @@ impl FromStr for Pressures {
     }
 }
 
-/// Fits.
+/// Fits the Windkessel and prints the answer.
 ///
 /// # Errors
-/// [`CliError::Trace`] for a flow that cannot be used or pressures that no load has with it.
+/// [`CliError::Trace`] if the flow cannot be used, or if no load gives the pressures with this
+/// flow.
 pub fn execute(
     args: &AfterloadArgs,
     source: FlowSource<'_>,
@@ -73,7 +74,7 @@ pub fn execute(
     let flow = source.read(talk)?;
     let n = flow.n_samples();
     let step_ms = (flow.end_ms() - flow.time_ms()[0]) / (n - 1) as f64;
-    // Samples of any spacing: the load is computed on an even grid.
+    // The flow's samples may have any spacing, but the load is computed on an even grid.
     let even: Vec<f64> = (0..n)
         .map(|i| flow.at(flow.time_ms()[0] + i as f64 * step_ms))
         .collect();

@@ -1,4 +1,4 @@
-//! `cardiotwin fit`: parameters from measured traces, outside of any run.
+//! `cardiotwin fit`: fits of parameters to measured traces, outside any run.
 
 pub mod afterload;
 mod calcium;
@@ -26,10 +26,11 @@ enum FitCommand {
     Calcium(calcium::CalciumArgs),
 }
 
-/// Fits.
+/// Runs the fit that the arguments name.
 ///
 /// # Errors
-/// [`CliError::Trace`] for a trace that cannot be used, [`CliError::File`] for a plot that cannot be written.
+/// [`CliError::Trace`] if a trace cannot be used, [`CliError::File`] if a plot cannot be written,
+/// [`CliError::Usage`] for arguments or a record that cannot be fitted.
 pub fn execute(args: &FitArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
         FitCommand::Afterload(args) => afterload::execute(args, talk),

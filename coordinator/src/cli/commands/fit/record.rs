@@ -1,4 +1,4 @@
-//! A flow and a pressure named on the command line, as one record.
+//! A flow and a pressure named on the command line, read as one record.
 
 use std::path::Path;
 
@@ -12,27 +12,27 @@ use crate::cli::error::CliError;
 use crate::cli::talk::{Talk, count};
 use crate::preparation::ejection_flow;
 
-/// What was read.
+/// A record that was read, with its description.
 pub struct Measured {
-    /// For the fit.
+    /// Flow and pressure on one time grid, for the fit.
     pub record: Record,
-    /// For the answer.
+    /// Names, counts and means, for the answer.
     pub described: AfterloadRecord,
-    /// Pressure samples in use: time since the first, ms, and mmHg.
+    /// Pressure samples in use: time since the first sample, ms, and pressure, mmHg.
     pub pressure: Vec<(f64, f64)>,
 }
 
-/// Where a flow comes from.
+/// Source of a flow.
 #[derive(Debug, Clone, Copy)]
 pub enum FlowSource<'a> {
-    /// A file of flow.
+    /// A file of measured flow.
     Measured(&'a Path),
-    /// The fall of a volume in ejection; its cycle length in ms where it is given.
+    /// A file of volume whose fall in ejection is the flow, and its cycle length in ms if given.
     Ejected(&'a Path, Option<f64>),
 }
 
 impl FlowSource<'_> {
-    /// The file that is read.
+    /// The file from which the flow is computed.
     #[must_use]
     pub fn file(&self) -> &Path {
         match self {
@@ -40,7 +40,7 @@ impl FlowSource<'_> {
         }
     }
 
-    /// What answers call it.
+    /// Name of the flow in answers.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -49,10 +49,10 @@ impl FlowSource<'_> {
         }
     }
 
-    /// The flow; says every problem.
+    /// Reads the flow and prints every problem.
     ///
     /// # Errors
-    /// [`CliError::Trace`] for what cannot be used.
+    /// [`CliError::Trace`] if the trace has errors or no flow can be derived from the volume.
     pub fn read(&self, talk: &Talk) -> Result<Trace, CliError> {
         let (file, given) = match self {
             Self::Measured(file) => return trace::read(file, Quantity::Flow, talk),
@@ -74,24 +74,24 @@ impl FlowSource<'_> {
     }
 }
 
-/// Reads both files; says every problem, and how different samplings are dealt with.
+/// Reads both files, prints every problem, and prints a note if their sampling differs.
 ///
 /// # Errors
-/// [`CliError::Trace`] for what cannot be used.
+/// [`CliError::Trace`] if a trace has errors or the two do not make a record.
 pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliError> {
     read_from(FlowSource::Measured(flow), pressure, talk)
 }
 
-/// The same with a flow from elsewhere.
+/// Reads flow and pressure, where the flow may come from a volume.
 ///
 /// # Errors
-/// As [`read`].
+/// The same as for [`read`].
 pub fn read_from(
     source: FlowSource<'_>,
     pressure: &Path,
     talk: &Talk,
 ) -> Result<Measured, CliError> {
-    // Both are read before either is refused, so that all problems are said at once.
+    // Both files are read before either is refused, so that the user sees all problems at once.
     let (q, p) = (
         source.read(talk),
         trace::read(pressure, Quantity::Pressure, talk),
@@ -129,7 +129,7 @@ pub fn read_from(
     })
 }
 
-/// What the record refused, as a problem of a file.
+/// Error of the record as a problem of one of its files.
 fn problem(flow: &Path, pressure: &Path, error: &AfterloadError) -> Problem {
     match error {
         AfterloadError::Samples { trace, n_times, .. } => {

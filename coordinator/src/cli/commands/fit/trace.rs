@@ -1,4 +1,4 @@
-//! A trace named on the command line.
+//! Reading of a trace named on the command line.
 
 use std::path::Path;
 
@@ -9,10 +9,10 @@ use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
 use crate::input::Report;
 
-/// Reads a trace; says every problem.
+/// Reads a trace and prints every problem.
 ///
 /// # Errors
-/// [`CliError::Trace`] where there is an error among them.
+/// [`CliError::Trace`] if any problem is an error.
 pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliError> {
     let reading = read_trace_from(Origin::CommandLine, file, quantity);
     let n_errors = say(reading.problems, talk);
@@ -22,7 +22,7 @@ pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliEr
         .ok_or_else(|| unusable(n_errors))
 }
 
-/// Says what a fit refused.
+/// Prints why a fit refused the trace, and returns the error for it.
 pub fn refused(problem: Problem, talk: &Talk) -> CliError {
     unusable(say(vec![problem], talk))
 }
@@ -33,7 +33,7 @@ fn unusable(n_errors: usize) -> CliError {
     }
 }
 
-/// Number of errors.
+/// Prints the problems and returns the number of errors.
 fn say(found: Vec<Problem>, talk: &Talk) -> usize {
     let mut report = Report::default();
     found

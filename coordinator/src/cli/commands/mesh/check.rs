@@ -1,4 +1,4 @@
-//! `cardiotwin mesh check`: everything that step 0 would find wrong with a mesh, and its figures.
+//! `cardiotwin mesh check`: defects that step 0 would report for a mesh, and the mesh's figures.
 
 use std::path::Path;
 
@@ -64,10 +64,10 @@ struct Answer<'a> {
     defects: Vec<Told>,
 }
 
-/// Checks.
+/// Checks a mesh and prints its figures and defects.
 ///
 /// # Errors
-/// When the file is no mesh, or stdout cannot be written.
+/// The file is not a mesh, its unit is unknown, or stdout cannot be written.
 pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     let asked = Asked {
         unit: args.source.length_unit()?,
@@ -91,7 +91,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     tell(&intake, file, args.json, talk)
 }
 
-/// Prints figures and defects; the exit code says whether the mesh can be computed with.
+/// Prints figures and defects. The exit code says whether the mesh can be used for a simulation.
 pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exit, CliError> {
     let figures = Figures::of(intake);
     if json {

@@ -1,4 +1,5 @@
-//! Files of the `mesh` commands: read with their unit, written beside what is there.
+//! Reading and writing of mesh files for the `mesh` commands: units of the input, and no
+//! overwriting of the output.
 
 use std::path::{Path, PathBuf};
 
@@ -10,24 +11,24 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::error::CliError;
 
-/// A mesh command could not read, mend or write a mesh.
+/// Errors of a mesh command in reading, repairing or writing a mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileCommandError {
-    /// The file.
+    /// A mesh file could not be read or written.
     #[error(transparent)]
     File(#[from] MeshFileError),
-    /// What is there already.
+    /// The output file exists and `--force` was not given.
     #[error("{path} is there already; name another file with --out, or replace it with --force")]
     Exists {
-        /// Which.
+        /// Path of the existing file.
         path: String,
     },
-    /// Mending.
+    /// The mesh could not be repaired.
     #[error("{path} is not mended: {source}")]
     Repair {
-        /// Which file.
+        /// Path of the mesh's file.
         path: String,
-        /// Why.
+        /// Reason given by the repair.
         source: RepairError,
     },
 }
@@ -68,10 +69,10 @@ pub struct Source {
 }
 
 impl Source {
-    /// The unit that was said, or that the format has.
+    /// The unit given with `--unit`, or the one that the file format implies.
     ///
     /// # Errors
-    /// [`CliError::Usage`] where neither says it.
+    /// [`CliError::Usage`] if neither determines the unit.
     pub fn length_unit(&self) -> Result<LengthUnit, CliError> {
         match (self.unit, is_carp(&self.file)) {
             (Some(unit), _) => Ok(unit.length()),
@@ -83,10 +84,10 @@ impl Source {
         }
     }
 
-    /// Reads it.
+    /// Reads the mesh.
     ///
     /// # Errors
-    /// [`CliError::Mesh`], [`CliError::Usage`].
+    /// [`CliError::Mesh`] if the file is not a mesh, [`CliError::Usage`] if its unit is unknown.
     pub fn read(&self) -> Result<TetMesh, CliError> {
         let read = files::read(&readable_path(&self.file), self.length_unit()?);
         read.map_err(|error| CliError::Mesh(Box::new(error.into())))
@@ -112,10 +113,11 @@ fn is_carp(file: &Path) -> bool {
 }
 
 impl Target {
-    /// Refuses to write over something, before any work is done.
+    /// Refuses to overwrite a file, before any work is done.
     ///
     /// # Errors
-    /// [`CliError::Mesh`], [`CliError::Usage`].
+    /// [`CliError::Mesh`] if an output file exists and `--force` was not given, [`CliError::Usage`]
+    /// for a gmsh file, which cannot be written.
     pub fn refuse_existing(&self) -> Result<(), CliError> {
         if self.out.extension().is_some_and(|e| e == "msh") {
             return Err(CliError::Usage(
@@ -142,7 +144,7 @@ impl Target {
         }
     }
 
-    /// CARP files of the stem, those that are there and those that will be.
+    /// CARP files with this stem: surfaces that exist, and the files that will be written.
     fn carp_files(&self) -> Vec<PathBuf> {
         let stem = readable_path(&self.out);
         let name = stem
@@ -168,10 +170,11 @@ impl Target {
         files
     }
 
-    /// Writes a mesh.
+    /// Writes a mesh in the format that the file's extension names.
     ///
     /// # Errors
-    /// [`CliError::Mesh`], [`CliError::File`].
+    /// The errors of [`Target::refuse_existing`]; [`CliError::Mesh`] if the mesh cannot be written,
+    /// [`CliError::File`] if an old file cannot be removed.
     pub fn write(&self, mesh: &TetMesh) -> Result<(), CliError> {
         self.refuse_existing()?;
         let failed = |error: MeshFileError| CliError::Mesh(Box::new(error.into()));
@@ -185,7 +188,8 @@ impl Target {
             }
             Some("mesh") => medit::write(mesh, &self.out).map_err(failed),
             _ => {
-                // Surfaces and fibres of another mesh would be read as this one's.
+                // Surface and fibre files left over from another mesh would be read as belonging to
+                // this one.
                 for file in self.carp_files().into_iter().filter(|file| file.exists()) {
                     std::fs::remove_file(&file).map_err(CliError::file("replace", &file))?;
                 }
@@ -194,7 +198,7 @@ impl Target {
         }
     }
 
-    /// The unit in which it is written.
+    /// Unit of the coordinates in the written file.
     pub fn unit(&self) -> &'static str {
         if is_carp(&self.out) { "um" } else { "mm" }
     }

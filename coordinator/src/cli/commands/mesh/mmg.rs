@@ -1,4 +1,4 @@
-//! mmg3d as a program of its own: found, called in a temporary folder, its answer read.
+//! Calls of mmg3d as a separate program, which exchanges meshes through a temporary folder.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,47 +10,47 @@ use cardiotwin_mesh::{LengthUnit, TetMesh, transfer};
 
 use crate::cli::error::CliError;
 
-/// Names under which it is installed.
+/// Names under which mmg3d is installed.
 const NAMES: [&str; 2] = ["mmg3d_O3", "mmg3d"];
-/// Lines of its output that a message repeats.
+/// Number of last output lines that an error message repeats.
 const SHOWN: usize = 6;
 
-/// mmg could not be asked, or did not answer.
+/// Errors of a call of mmg3d.
 #[derive(Debug, thiserror::Error)]
 pub enum MmgError {
-    /// Not installed.
+    /// mmg3d is not installed.
     #[error(
         "mmg3d is not in PATH; install it with `pip install mmgpy` or from https://www.mmgtools.org, or name it with --mmg3d"
     )]
     Missing,
-    /// Not started.
+    /// The program cannot be started.
     #[error("{program} does not start")]
     Start {
-        /// Which.
+        /// Path of the program.
         program: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Ended with an error.
+    /// The program ended with an error or wrote no mesh.
     #[error("{program} made no mesh; it said:\n{said}")]
     Failed {
-        /// Which.
+        /// Path of the program.
         program: PathBuf,
-        /// Its last words.
+        /// Last lines of its output.
         said: String,
     },
-    /// The exchange of files.
+    /// A mesh could not be written for mmg3d, or its answer could not be read.
     #[error("the exchange of files with mmg3d")]
     File(#[from] MeshFileError),
-    /// A place for the exchange.
+    /// The temporary folder could not be made.
     #[error("no temporary folder for mmg3d")]
     Folder(#[source] std::io::Error),
 }
 
-/// The program: the one that was named, else the first in PATH.
+/// Path of mmg3d: the named one, otherwise the first in PATH.
 ///
 /// # Errors
-/// [`MmgError::Missing`].
+/// [`MmgError::Missing`] if no path was named and PATH holds no mmg3d.
 pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
     if let Some(named) = named {
         return Ok(named.to_owned());
@@ -66,11 +66,12 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
         .ok_or_else(|| MmgError::Missing.into())
 }
 
-/// Another mesh of the same body with edges of about `edge_mm`, its surface within `distance_mm` of the old one: tags and surfaces
-/// by mmg's references, directions from the nearest old element.
+/// Meshes the same body anew with edges of about `edge_mm`; the new surface lies within
+/// `distance_mm` of the old one. Tags and surfaces follow mmg's references, directions come from
+/// the nearest old element.
 ///
 /// # Errors
-/// [`MmgError`].
+/// [`CliError::Mmg`] if mmg3d cannot be run or its answer cannot be read.
 pub fn remesh(
     program: &Path,
     old: &TetMesh,
@@ -123,11 +124,12 @@ pub fn remesh(
     Ok(mesh)
 }
 
-/// A mesh whose surfaces share no triangle: where they do (a file's own `endo` beside `endocardium`), each combination of them is a
-/// surface of its own, since mmg knows one reference for a triangle.
+/// A mesh whose surfaces share no triangle. If surfaces of the old mesh overlap (a file's own
+/// `endo` beside `endocardium`), each combination of them becomes a surface of its own, because mmg
+/// keeps one reference per triangle.
 struct Parts {
     mesh: TetMesh,
-    /// Surfaces of the old mesh that each part belongs to.
+    /// Indices of the old mesh's surfaces that contain each part.
     of: Vec<Vec<usize>>,
 }
 
@@ -165,7 +167,8 @@ impl Parts {
         }
     }
 
-    /// The old mesh's surfaces out of the parts that mmg gave back, by their references.
+    /// The old mesh's surfaces, put together again from the parts in mmg's answer by their
+    /// references.
     fn joined(&self, found: &[Surface], old: &TetMesh) -> Vec<Surface> {
         let empty = |surface: &Surface| Surface {
             name: surface.name.clone(),

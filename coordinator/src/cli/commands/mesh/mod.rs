@@ -1,4 +1,4 @@
-//! `cardiotwin mesh`: a patient's own mesh looked at, mended, meshed anew, refined.
+//! `cardiotwin mesh`: check, repair, remeshing and refinement of a patient's own mesh.
 
 mod check;
 mod file;
@@ -33,11 +33,11 @@ enum MeshCommand {
     Refine(refine::RefineArgs),
 }
 
-/// Does it.
+/// Runs the mesh command.
 ///
 /// # Errors
-/// [`CliError::Mesh`] for files, [`CliError::Mmg`] where mmg is asked for and is not there or fails, [`CliError::Usage`] for
-/// arguments that contradict each other.
+/// [`CliError::Mesh`] for files, [`CliError::Mmg`] if mmg is needed and is missing or fails,
+/// [`CliError::Usage`] for arguments that contradict each other.
 pub fn execute(args: &MeshArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
         MeshCommand::Check(args) => check::execute(args, talk),

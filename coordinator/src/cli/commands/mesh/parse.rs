@@ -1,4 +1,4 @@
-//! Arguments that are more than one number or word.
+//! Parsers for arguments that consist of more than one number or word.
 
 use cardiotwin_mesh::repair::Plane;
 use cardiotwin_mesh::vec3::{Vec3, unit};
@@ -18,12 +18,12 @@ fn numbers<const N: usize>(text: &str, expected: &str) -> Result<[f64; N], Strin
     Ok(values)
 }
 
-/// `x,y,z` in mm.
+/// Parses `x,y,z`, a point in mm.
 pub fn point(text: &str) -> Result<Vec3, String> {
     numbers::<3>(text, "x,y,z in mm")
 }
 
-/// `x,y,z,nx,ny,nz`: a point in mm and a normal.
+/// Parses `x,y,z,nx,ny,nz`: a point in mm and a normal, which is scaled to unit length.
 pub fn plane(text: &str) -> Result<Plane, String> {
     let [x, y, z, nx, ny, nz] = numbers::<6>(text, "x,y,z,nx,ny,nz: a point in mm and a normal")?;
     let normal = unit([nx, ny, nz]).ok_or("the normal has no length")?;
@@ -33,7 +33,7 @@ pub fn plane(text: &str) -> Result<Plane, String> {
     })
 }
 
-/// `NEW=OLD`.
+/// Parses `NEW=OLD`.
 pub fn pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((new, old)) if !new.is_empty() && !old.is_empty() => {
@@ -43,7 +43,7 @@ pub fn pair(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// `NEW=OLD`, two tags.
+/// Parses `NEW=OLD` with two tags.
 pub fn tags(text: &str) -> Result<(i32, i32), String> {
     let refuse = || "expected NEW=OLD, two whole numbers".to_owned();
     let (new, old) = text.split_once('=').ok_or_else(refuse)?;
@@ -53,7 +53,7 @@ pub fn tags(text: &str) -> Result<(i32, i32), String> {
     ))
 }
 
-/// A number above zero.
+/// Parses a finite number above zero.
 pub fn positive(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()

@@ -1,4 +1,4 @@
-//! `cardiotwin mesh refine`: every edge halved, with surfaces, tags and fibres.
+//! `cardiotwin mesh refine`: halves every edge of a mesh and keeps its surfaces, tags and fibres.
 
 use cardiotwin_mesh::refine::halve_edges;
 use clap::Args;
@@ -24,10 +24,10 @@ pub struct RefineArgs {
     json: bool,
 }
 
-/// Refines and writes.
+/// Refines the mesh and writes it.
 ///
 /// # Errors
-/// When a file cannot be read or written.
+/// A file cannot be read or written.
 pub fn execute(args: &RefineArgs, talk: &Talk) -> Result<Exit, CliError> {
     args.target.refuse_existing()?;
     let mut mesh = args.source.read()?;

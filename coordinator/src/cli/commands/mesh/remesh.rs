@@ -1,4 +1,4 @@
-//! `cardiotwin mesh remesh`: another mesh of the same body, by mmg.
+//! `cardiotwin mesh remesh`: another mesh of the same body, made by mmg.
 
 use std::path::{Path, PathBuf};
 
@@ -12,9 +12,9 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Calls of mmg after which a number of nodes is as near as it gets.
+/// Number of mmg calls after which the search for a number of nodes ends.
 const CALLS: usize = 4;
-/// How far the number of nodes may be from what was asked for, as a share.
+/// Accepted deviation of the number of nodes from the requested one, as a share.
 const NEAR: f64 = 0.1;
 
 /// Mesh the same body anew, to an edge length or a number of nodes, with the program mmg3d
@@ -45,10 +45,10 @@ pub struct RemeshArgs {
     json: bool,
 }
 
-/// Meshes anew and writes.
+/// Meshes the body anew and writes the mesh.
 ///
 /// # Errors
-/// When a file cannot be read or written, or mmg is not there or fails.
+/// A file cannot be read or written, or mmg is missing or fails.
 pub fn execute(args: &RemeshArgs, talk: &Talk) -> Result<Exit, CliError> {
     args.target.refuse_existing()?;
     let program = mmg::program(args.mmg3d.as_deref())?;
@@ -87,7 +87,7 @@ pub fn execute(args: &RemeshArgs, talk: &Talk) -> Result<Exit, CliError> {
     tell_written(mesh, &args.target.out, args.json, talk)
 }
 
-/// Figures and defects of a mesh that was written.
+/// Prints figures and defects of a mesh that was written.
 pub fn tell_written(mesh: TetMesh, out: &Path, json: bool, talk: &Talk) -> Result<Exit, CliError> {
     let asked = Asked {
         unit: LengthUnit::Millimetre,

@@ -1,4 +1,4 @@
-//! `cardiotwin mesh repair`: what can be mended without meshing anew.
+//! `cardiotwin mesh repair`: repairs that need no remeshing.
 
 use std::path::Path;
 
@@ -94,10 +94,10 @@ struct Answer<'a> {
     left: Vec<Told>,
 }
 
-/// Mends, writes, and checks what was written.
+/// Repairs the mesh, writes it, and checks the result.
 ///
 /// # Errors
-/// When a file cannot be read or written, or when what was asked for cannot be done.
+/// A file cannot be read or written, or a requested repair is impossible.
 pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
     args.target.refuse_existing()?;
     let mut mesh = args.source.read()?;

@@ -1,4 +1,4 @@
-//! A mesh in figures: for people, and for machines.
+//! Figures and defects of a mesh, as text and as JSON.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::cli::talk::count;
 
-/// A mesh in figures.
+/// Sizes, quality, tags, surfaces, cavity and landmarks of a mesh.
 #[derive(Debug, Serialize)]
 pub struct Figures {
     nodes: usize,
@@ -55,7 +55,7 @@ struct Marks {
     usual_activation_sites_mm: Vec<Vec3>,
 }
 
-/// A defect for machines.
+/// A defect as it is written to JSON.
 #[derive(Debug, Serialize)]
 pub struct Told {
     name: &'static str,
@@ -76,7 +76,7 @@ struct Where {
 }
 
 impl Told {
-    /// All places of a defect.
+    /// The defect with all its places.
     pub fn of(defect: &Defect) -> Self {
         let place = |place: &cardiotwin_mesh::checks::Place| {
             let (element, nodes) = match place.item {
@@ -108,7 +108,8 @@ impl Told {
 }
 
 impl Figures {
-    /// Figures of a mesh that was looked at.
+    /// Figures of a checked mesh. If its elements cannot be evaluated, the figures that depend on
+    /// them are empty.
     pub fn of(intake: &Intake) -> Self {
         let mesh = &intake.mesh;
         let readable = |defect: &Defect| {
@@ -166,7 +167,7 @@ impl Figures {
         }
     }
 
-    /// A line for each thing.
+    /// Text with one line per figure.
     pub fn text(&self) -> String {
         let place = |x: &Vec3| format!("({:.1}, {:.1}, {:.1})", x[0], x[1], x[2]);
         let mut text = format!(

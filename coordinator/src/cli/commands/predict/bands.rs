@@ -1,4 +1,4 @@
-//! How sure a prediction is: the change on draws of the twin's posterior.
+//! Uncertainty of a prediction: the same change on draws of the twin's posterior.
 
 use std::collections::BTreeMap;
 use std::panic::resume_unwind;
@@ -14,20 +14,20 @@ use super::simulate;
 use crate::cli::error::CliError;
 use crate::cli::ventricle::AskedFor;
 
-/// Values below which 5 and 95 % of the draws lie, by index.
+/// 5th and 95th percentile over the draws, by index.
 pub type Bands = BTreeMap<&'static str, [f64; 2]>;
-/// Indices of one beat.
+/// Indices of one beat by name.
 type Indices = Vec<(&'static str, f64)>;
-/// Draws without whose beats there is no band.
+/// Least number of draws with a successful beat from which a band is computed.
 const FEWEST: usize = 20;
 
-/// The changed beat of each draw, in the one-fibre ventricle and its periodic state. Draws whose beat fails are left out;
-/// nothing where hardly any is left.
+/// Bands of the changed beat over all draws, in the one-fibre ventricle and its periodic state.
+/// Draws whose beat fails are left out; fewer than `FEWEST` successful draws give no bands.
 ///
 /// - `twin`: the unchanged beat
 ///
 /// # Errors
-/// [`CliError::Worker`] where a worker cannot be asked.
+/// [`CliError::Worker`] if the worker cannot be run.
 pub fn of(
     posterior: &PosteriorResult,
     twin: &OrganBeatSpec,
@@ -35,11 +35,12 @@ pub fn of(
     worker: &Path,
 ) -> Result<Bands, CliError> {
     let n_threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    // Every n-th draw to a thread.
+    // A thread simulates every n-th draw.
     let some = |first: usize| -> Result<Vec<Indices>, CliError> {
         let found = (first..posterior.draws.len()).step_by(n_threads).map(|at| {
             let mut beat = twin.with_parameters(&posterior.draw(at));
-            // A change that makes sense of the twin does so of its draws: signs are the same.
+            // A change that is valid for the twin is valid for its draws, because their values have
+            // the same signs.
             if changes.iter().any(|change| change.make(&mut beat).is_err()) {
                 return Ok(None);
             }

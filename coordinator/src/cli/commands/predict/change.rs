@@ -1,4 +1,4 @@
-//! A change of a twin: which quantity, and to what or by how much.
+//! A change of a twin: a quantity and its new value or relative change.
 
 use std::str::FromStr;
 
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::input::nearest;
 
-/// Loads and pacing, beside the parameters of cell and valves.
+/// Loads and pacing. The parameters of cell and valves can be changed, too.
 const LOADS: [&str; 5] = [
     "cycle_length_ms",
     "left_atrial_pressure_mmHg",
@@ -19,7 +19,8 @@ const LOADS: [&str; 5] = [
     "compliance_mL_per_mmHg",
 ];
 
-/// Quantities of which the model says nothing, or which are no causes, each with the reason.
+/// Quantities that cannot be changed, because the model does not describe such a change or the
+/// quantity is not a cause in it, each with the reason.
 const UNSAYABLE: [(&str, &str); 7] = [
     (
         "wall_volume_mL",
@@ -48,7 +49,7 @@ const UNSAYABLE: [(&str, &str); 7] = [
     ),
 ];
 
-/// Quantities that come out of a beat.
+/// Quantities that result from a beat.
 const OUTCOMES: [&str; 10] = [
     "P_max_mmHg",
     "dPdt_max_mmHg_per_ms",
@@ -62,28 +63,28 @@ const OUTCOMES: [&str; 10] = [
     "tau_VR_ms",
 ];
 
-/// To what, or by how much.
+/// New value, or change in percent of the twin's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Amount {
     Value(f64),
     Percent(f64),
 }
 
-/// `KEY=VALUE`, `KEY=+10%` or `KEY=-20%`.
+/// A change written as `KEY=VALUE`, `KEY=+10%` or `KEY=-20%`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     key: String,
     amount: Amount,
 }
 
-/// A change that was made.
+/// A change that was applied to a beat.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Changed {
-    /// Quantity with its unit.
+    /// Name of the quantity, including its unit.
     pub key: String,
-    /// The twin's value.
+    /// Value of the twin.
     pub before: f64,
-    /// The new one.
+    /// Value after the change.
     pub after: f64,
 }
 
@@ -149,10 +150,10 @@ fn known(key: &str) -> Result<(), String> {
 }
 
 impl Change {
-    /// Makes the change.
+    /// Applies the change to a beat.
     ///
     /// # Errors
-    /// Which value makes no sense, and why.
+    /// A message that names the invalid value and the reason.
     pub fn make(&self, beat: &mut OrganBeatSpec) -> Result<Changed, String> {
         let key = &self.key;
         let place = self
@@ -206,7 +207,7 @@ impl Change {
         }
     }
 
-    /// What a reader should know of a change that was made.
+    /// Caveat of the model that a reader of this change's prediction should know.
     pub fn remark(&self) -> Option<&'static str> {
         match self.key.as_str() {
             "cycle_length_ms" => Some(

@@ -1,13 +1,13 @@
-//! Indices of a beat that a treatment is judged by.
+//! Indices of a beat by which a treatment is judged.
 
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::biomarkers::Biomarkers;
 
-/// mJ per mmHg mL.
+/// Millijoules per mmHg·mL.
 const MJ_PER_MMHG_ML: f64 = 0.133_322_4;
 
-/// A beat's traces.
+/// Traces of one beat.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Traces {
     /// Columns of `traces.csv` by name.
@@ -15,7 +15,7 @@ pub struct Traces {
 }
 
 impl Traces {
-    /// Reads `traces.csv`; cells that are no numbers end it.
+    /// Reads `traces.csv` up to the first row with a missing cell or a cell that is not a number.
     pub fn of(text: &str) -> Self {
         let mut lines = text.lines();
         let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -38,12 +38,12 @@ impl Traces {
         }
     }
 
-    /// A column; empty where there is none.
+    /// A column by name; empty if the traces lack it.
     pub fn column(&self, name: &str) -> &[f64] {
         self.columns.get(name).map_or(&[], Vec::as_slice)
     }
 
-    /// Points of one column over another.
+    /// Points of column `y` over column `x`.
     pub fn points(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         self.column(x)
             .iter()
@@ -52,7 +52,8 @@ impl Traces {
             .collect()
     }
 
-    /// Area of the pressure-volume loop, closed from its last point to its first \[mmHg mL\].
+    /// Area of the pressure-volume loop, closed from its last point to its first, mmHg·mL; `None`
+    /// for fewer than three points.
     fn loop_area(&self) -> Option<f64> {
         let points = self.points("volume_mL", "pressure_mmHg");
         let next = points.iter().cycle().skip(1);
@@ -65,7 +66,7 @@ impl Traces {
     }
 }
 
-/// Indices by name, in the order of the table; those that a beat does not have are left out.
+/// Indices by name, in the order of the table. An index that the beat lacks is left out.
 pub fn indices(
     biomarkers: &Biomarkers,
     traces: &Traces,

@@ -1,4 +1,4 @@
-//! `cardiotwin predict`: what a treatment does to a personalised twin.
+//! `cardiotwin predict`: effect of a treatment on a personalised twin.
 
 mod bands;
 mod change;
@@ -27,12 +27,13 @@ use crate::engine::{Reader, find_worker};
 use crate::report::prediction::{BeatLines, figure};
 use crate::results::atomic;
 
-/// Most beats to the periodic state of the one-fibre ventricle, and what it is called periodic at (mmHg and mL).
+/// Most beats to the periodic state of the one-fibre ventricle, and the tolerance (mmHg and mL) at
+/// which a beat counts as periodic.
 const PERIODIC: BeatCount = BeatCount::Periodic {
     max: 100,
     tolerance: 0.05,
 };
-/// The same of a finite-element ventricle, whose beats cost seconds to minutes.
+/// The same for a finite-element ventricle, whose beats take seconds to minutes.
 const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
     max: 10,
     tolerance: 0.5,
@@ -82,36 +83,38 @@ pub struct PredictArgs {
     of: OfCohort,
 }
 
-/// An index of the twin, and what is predicted of it.
+/// An index of the twin and its prediction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Predicted {
     name: &'static str,
-    /// Of the twin's own beat.
+    /// Value in the twin's own beat.
     twin: Option<f64>,
     /// (after − before) / before of the periodic states.
     relative_change: Option<f64>,
-    /// The twin's with that change.
+    /// The twin's value with `relative_change` applied.
     predicted: Option<f64>,
-    /// Values below which 5 and 95 % of predictions with draws of the twin's posterior lie; absent without any.
+    /// 5th and 95th percentile of the predictions on draws of the twin's posterior; `None` without
+    /// enough draws.
     band: Option<[f64; 2]>,
-    /// In the periodic state of the ventricle that was simulated, unchanged.
+    /// Value in the periodic state of the simulated ventricle before the change.
     simulated_before: Option<f64>,
-    /// The same, changed.
+    /// Value in the periodic state of the simulated ventricle after the change.
     simulated_after: Option<f64>,
 }
 
-/// What a change does to a twin.
+/// Effect of the changes on one twin.
 #[derive(Debug, Serialize)]
 struct Prediction {
     scenario: Option<String>,
     patient: String,
     changes: Vec<Changed>,
-    /// `one-fibre` or `finite-element`, or that of another solver.
+    /// `one-fibre`, `finite-element` or `external`.
     ventricle: &'static str,
-    /// Beats simulated before and after, and whether both ended in their periodic state.
+    /// Number of beats simulated before and after the change. `periodic` says whether both
+    /// simulations reached their periodic state, or is true because `--beats` fixed the number.
     beats: [u32; 2],
     periodic: bool,
-    /// Whether the twin is personalised.
+    /// Whether the twin's verdict says that it is personalised.
     personalised: bool,
     indices: Vec<Predicted>,
     remarks: Vec<String>,
@@ -124,10 +127,11 @@ struct Answer<'a> {
     predictions: &'a [Prediction],
 }
 
-/// Predicts.
+/// Runs the predictions and prints them.
 ///
 /// # Errors
-/// [`CliError::Usage`] for what the model cannot say, [`CliError::Simulation`] for a beat that diverges, [`CliError::Worker`].
+/// [`CliError::Usage`] for a change that the model does not describe, [`CliError::Simulation`] for
+/// a beat that diverges, [`CliError::Worker`] if the worker cannot be run.
 pub async fn execute(args: &PredictArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let worker = find_worker(args.worker.as_deref())?;
@@ -155,7 +159,7 @@ pub async fn execute(args: &PredictArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(if whole { Exit::Ok } else { Exit::Problems })
 }
 
-/// Scenario, patient and changes of each prediction.
+/// Scenario, patient and changes of each requested prediction.
 async fn asked(
     args: &PredictArgs,
     folders: &Folders,
@@ -232,7 +236,8 @@ fn predict(
         &of(&result_before, &traces_before, &before),
         &of(&result_after, &traces_after, &after),
     );
-    // As the twin's own beat is to the unchanged one, so is a prediction to a draw's changed one.
+    // Bands are scaled like the prediction itself: by the twin's own beat over the simulated
+    // unchanged one.
     for index in &mut indices {
         let band = bands.get(index.name).copied();
         let scale = index
@@ -290,7 +295,7 @@ fn predict(
     Ok(prediction)
 }
 
-/// Result and `traces.csv` of a beat.
+/// Simulates a beat. Returns its result and the text of its `traces.csv`.
 fn simulate(
     beat: &OrganBeatSpec,
     asked: AskedFor,
@@ -352,7 +357,7 @@ fn side_by_side(
     before.iter().map(|(name, _)| row(name)).collect()
 }
 
-/// Traces, plot and prediction, all or none of each file.
+/// Writes traces, plot and prediction, each file completely or not at all.
 fn write(
     folder: &Path,
     prediction: &mut Prediction,
@@ -408,7 +413,7 @@ fn words(changed: &Changed) -> String {
     )
 }
 
-/// One prediction: changes, indices, remarks, files.
+/// Text of one prediction: changes, indices, remarks, files.
 fn screen(prediction: &Prediction, talk: &Talk) -> String {
     let mut text: String = prediction
         .changes
@@ -450,7 +455,7 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
     text
 }
 
-/// Scenarios and patients, a line each.
+/// Table of several predictions, one row per scenario and patient.
 fn overview(predictions: &[Prediction], talk: &Talk) -> String {
     const SHOWN: [(&str, &str); 5] = [
         ("P_max_mmHg", ">P_MAX"),

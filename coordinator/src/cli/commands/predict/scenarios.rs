@@ -1,4 +1,4 @@
-//! A file of scenarios: changes that are tried on every twin of a cohort.
+//! A file of scenarios: changes to try on every twin of a cohort.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,16 +8,16 @@ use serde::Deserialize;
 use super::change::Change;
 use crate::cli::error::CliError;
 
-/// One scenario.
+/// A scenario: changes and the patients to apply them to.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// One sentence.
+    /// Description in one sentence, for readers of the file.
     #[serde(default)]
     pub description: String,
-    /// Changes, as `--set` takes them.
+    /// Changes in the syntax of `--set`.
     pub set: Vec<String>,
-    /// Patients; absent: every patient with a twin.
+    /// Ids of patients; `None` stands for every patient with a twin.
     #[serde(default)]
     pub patients: Option<Vec<String>>,
 }
@@ -25,7 +25,8 @@ pub struct Scenario {
 /// The scenarios of a file, by name.
 ///
 /// # Errors
-/// [`CliError::Usage`] naming file and place.
+/// [`CliError::File`] if the file cannot be read, [`CliError::Usage`] with the file and the
+/// scenario if its content is invalid.
 pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
     let text = std::fs::read_to_string(path).map_err(CliError::file("read", path))?;
     let refuse = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
@@ -42,10 +43,10 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
     Ok(found)
 }
 
-/// The changes of a list.
+/// Parses a list of changes.
 ///
 /// # Errors
-/// What is wrong with the first that is no change, or that there is none.
+/// A message about the first invalid change, or about an empty list.
 pub fn changes(set: &[String]) -> Result<Vec<Change>, String> {
     if set.is_empty() {
         return Err("no change; expected KEY=VALUE or KEY=±N%".to_owned());

@@ -1,4 +1,4 @@
-//! What is drawn of a preparation, as the lines that the report draws.
+//! Lines of a preparation in the form that the report draws.
 
 use std::collections::BTreeSet;
 
@@ -12,12 +12,12 @@ use crate::input::RawFolder;
 use crate::preparation::Made;
 use crate::report::preparation::{BeatLines, Line, VolumeLines};
 
-/// Points of one beat's line, at most: half an hour has thousands of beats.
+/// Most points in the line of one beat. Half an hour of recording has thousands of beats.
 const POINTS: f64 = 160.0;
-/// Points of the lines of all beats, about.
+/// Approximate number of points in the lines of all beats together.
 const ALL_POINTS: f64 = 80_000.0;
 
-/// What some of the steps did, a line each.
+/// Descriptions of the wanted steps, one line each.
 fn steps(answer: &Preparation, wanted: &[&str]) -> Vec<String> {
     let chosen = answer
         .steps
@@ -28,7 +28,7 @@ fn steps(answer: &Preparation, wanted: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// Every beat as it was recorded, and the mean.
+/// Lines of all beats as recorded, and their mean with its standard deviation.
 pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
     let prepared: &Prepared = &made.prepared;
     let recording = &folder.recording;
@@ -118,7 +118,7 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
     found
 }
 
-/// Frames and loops; none without a cine series.
+/// Volume frames and pressure-volume loops; `None` without a cine series.
 pub fn volume(folder: &RawFolder, made: &Made) -> Option<VolumeLines> {
     let prepared: &Prepared = &made.prepared;
     let volume = prepared.volume.as_ref()?;

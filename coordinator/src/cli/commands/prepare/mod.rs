@@ -1,4 +1,5 @@
-//! `cardiotwin prepare`: from continuous recordings to a patient's folder. It never writes over a patient unless asked to.
+//! `cardiotwin prepare`: a patient's folder from continuous recordings. It replaces a folder only
+//! with `--replace`.
 
 mod drawings;
 
@@ -18,7 +19,7 @@ use crate::results::WriteError;
 use crate::results::folder::WholeFolder;
 use cardiotwin_schemas::preparation::{Preparation, StepState};
 
-/// Beats that are named one by one; the rest stands in beats.csv.
+/// Number of left-out beats that the table lists; beats.csv lists all of them.
 const MOST_NAMED: usize = 12;
 
 /// Make a patient's folder of continuous recordings: find, judge and average beats, adjust and synchronise volumes
@@ -47,10 +48,12 @@ pub struct PrepareArgs {
     json: bool,
 }
 
-/// Prepares.
+/// Prepares a patient's folder.
 ///
 /// # Errors
-/// [`CliError::Recordings`] for recordings that cannot be used, [`CliError::File`] where the folder cannot be written.
+/// [`CliError::Recordings`] if the recordings have errors, [`CliError::Usage`] if no beats can be
+/// made from them or the folder must not be replaced, [`CliError::Export`] if the folder cannot be
+/// written.
 pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut report = Report::default();
     let raw = read_raw(&args.raw, &mut report);
@@ -124,7 +127,8 @@ fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
     }
 }
 
-/// A folder is made where there is none, or takes the place of one that was made by this command.
+/// Checks that the folder does not exist yet, is empty, or was made by this command and `--replace`
+/// was given.
 fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError> {
     let usage = |text: String| Err(CliError::Usage(text));
     if id.is_empty() || id == ".." || id == "." {
@@ -174,7 +178,7 @@ fn write(folder: &Path, files: &[(String, String)]) -> Result<(), WriteError> {
     whole.publish()
 }
 
-/// `check` of what was made: the same eyes as before a run.
+/// Checks the new folder as `cardiotwin check` does before a run, and prints the findings.
 fn afterwards(folder: &Path, talk: &Talk) {
     let mut report = Report::default();
     load_alone(folder, &mut report);

@@ -1,4 +1,4 @@
-//! `cardiotwin sweep cancel`: ends a sweep; what is published stays.
+//! `cardiotwin sweep cancel`: ends a sweep; published results stay.
 
 use std::path::PathBuf;
 
@@ -19,10 +19,11 @@ pub struct CancelArgs {
     folder: PathBuf,
 }
 
-/// Asks for it.
+/// Requests the cancellation.
 ///
 /// # Errors
-/// [`SweepError::NoSweep`](crate::sweep::SweepError::NoSweep); the engine's.
+/// [`SweepError::NoSweep`](crate::sweep::SweepError::NoSweep) if the folder holds no sweep; errors
+/// of the engine.
 pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
     folder::read(&args.folder)?;
     let answer = engine::cancel(&args.folder, None).await?;

@@ -1,4 +1,4 @@
-//! Running a sweep's members: progress on stderr, Ctrl-C as in `run`.
+//! Runs of a sweep's members, with progress on stderr and Ctrl-C as in `run`.
 
 use cardiotwin_schemas::ids::PatientId;
 
@@ -8,12 +8,13 @@ use crate::cli::progress::Watcher;
 use crate::cli::talk::Talk;
 use crate::engine::{self, EngineEvent, RunOptions, RunSummary, StopSignal};
 
-/// Runs what is left; a cancelled member is taken up again, since it was asked for once more.
+/// Runs the unfinished members. Cancelled members are run, too, because the user has called the
+/// command again.
 ///
-/// - `members`: what they are called, in the plural
+/// - `members`: plural noun for the members in messages
 ///
 /// # Errors
-/// The engine's.
+/// Errors of the engine.
 pub async fn drive(
     options: RunOptions,
     members: &'static str,
@@ -29,7 +30,8 @@ pub async fn drive(
     let mut watcher = Watcher::new(talk, members);
     let watching = tokio::spawn(async move {
         while let Some(event) = received.recv().await {
-            // A member of one task is over when its task is published: one line for both.
+            // A member with a single task ends when that task is published: one line is enough for
+            // both events.
             if !matches!(event, EngineEvent::TaskPublished { ref step, .. } if step == "task") {
                 watcher.on(&event, None);
             }
@@ -37,7 +39,7 @@ pub async fn drive(
         watcher.finish();
     });
     let outcome = engine::run(options, events, stop).await;
-    // The watcher ends when the engine has dropped its sender.
+    // The watcher ends when the engine drops its sender.
     let _ = watching.await;
     Ok(outcome?)
 }

@@ -1,4 +1,5 @@
-//! `cardiotwin sweep gsa`: the Sobol sensitivity analysis of the 0D cell, or of a patient's organ; again, it goes on.
+//! `cardiotwin sweep gsa`: Sobol sensitivity analysis of the 0D cell or of a patient's organ. A
+//! second call continues it.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -133,7 +134,7 @@ fn number(text: &str) -> Result<f64, String> {
 }
 
 impl GsaArgs {
-    /// Folder of the sweep.
+    /// Folder of the sweep: `--out`, or the default name.
     fn out(&self) -> PathBuf {
         let default = || {
             self.organ
@@ -143,9 +144,11 @@ impl GsaArgs {
         self.out.clone().unwrap_or_else(default)
     }
 
-    /// - `beat`: that of the organ, where there is one
+    /// Settings given on the command line.
+    ///
+    /// - `beat`: beat of the swept organ; `None` for the cell
     fn wishes(&self, beat: Option<&OrganBeatSpec>) -> Wishes {
-        // First, so that intervals that are given win.
+        // The box comes first, so that intervals from `--bounds` replace its own.
         let mut bounds = match self.r#box {
             None => Vec::new(),
             Some(Intervals::Paper) => spec::of_paper(),
@@ -173,10 +176,11 @@ impl GsaArgs {
     }
 }
 
-/// Runs, analyses, shows.
+/// Runs the sweep, analyses it and prints the result.
 ///
 /// # Errors
-/// [`SweepError`] for settings that make no sense or do not belong to the folder; the engine's.
+/// [`SweepError`] for settings that are invalid or do not fit the sweep in the folder; errors of
+/// the engine.
 pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let (out, spec) = (args.out(), settle(args).await?);
@@ -242,7 +246,8 @@ fn subject(spec: &GsaSpec) -> String {
     )
 }
 
-/// The design in the patient's ventricle, where one was asked for, else the cell's own.
+/// The default design: in the patient's ventricle with `--organ`, otherwise the published one of
+/// the cell.
 async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
     let Some(patient) = &args.organ else {
         return Ok(spec::published());
@@ -266,7 +271,7 @@ async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
         } => (parameters, lambda_0),
         ContractionSpec::Tanh { .. } => (BTreeMap::new(), 1.0),
     };
-    // The calcium's parameters are swept, too: no trace of it.
+    // Calcium parameters are swept, too, so that the beat must not use a calcium trace.
     beat.contraction = ContractionSpec::Land2017Rice {
         parameters,
         lambda_0,
@@ -280,7 +285,8 @@ async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
     ))
 }
 
-/// The settings of this call, in the folder's file.
+/// Combines this call's settings with those in the folder's file, and writes the file if they
+/// differ.
 async fn settle(args: &GsaArgs) -> Result<GsaSpec, CliError> {
     let (out, base) = (args.out(), base(args).await?);
     let beat = base.design.organ.as_ref().map(|organ| organ.beat.clone());
@@ -324,7 +330,7 @@ async fn settle(args: &GsaArgs) -> Result<GsaSpec, CliError> {
     Ok(spec)
 }
 
-/// Analysis, files, tables, hints and exit code.
+/// Analyses the sweep, writes files, prints tables and hints, and returns the exit code.
 async fn finish(
     args: &GsaArgs,
     summary: &RunSummary,
@@ -337,7 +343,7 @@ async fn finish(
     let found = outcome::analysed(&out, None, &mut phases).await;
     let record = match found {
         Ok(record) => Some(record),
-        // A sweep that was stopped at once has nothing to show, and says so below.
+        // A sweep that was stopped at once has no results; `hints` says that it was stopped.
         Err(CliError::Sweep(SweepError::TooEarly { .. })) if !whole => None,
         Err(error) => return Err(error),
     };

@@ -37,10 +37,10 @@ enum SweepCommand {
     Cancel(cancel::CancelArgs),
 }
 
-/// Does it.
+/// Runs the sweep command.
 ///
 /// # Errors
-/// The engine's, the store's and the sweep's.
+/// Errors of the engine, the store and the sweep.
 pub async fn execute(args: &SweepArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
         SweepCommand::Gsa(args) => gsa::execute(args, talk).await,

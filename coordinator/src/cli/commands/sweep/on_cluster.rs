@@ -1,4 +1,4 @@
-//! Sweeps on a cluster: where, and whether the command stays.
+//! Options of sweeps on a cluster: the site, its account, and whether the command waits.
 
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use clap::Args;
@@ -21,7 +21,7 @@ pub struct OnCluster {
 }
 
 impl OnCluster {
-    /// Lays the options over the settings.
+    /// Applies the options to the executor's settings.
     pub fn apply(&self, executor: &mut ExecutorSettings) {
         if let Some(site) = &self.slurm {
             executor.kind = ExecutorKind::Slurm;
@@ -31,7 +31,7 @@ impl OnCluster {
     }
 }
 
-/// Says what is to be done where jobs wait or run.
+/// Prints how many members are over, and that jobs still wait or run.
 pub fn tell(summary: &RunSummary, members: &str, talk: &Talk) {
     talk.say(&format!(
         "{} of {} {members} are over, {} jobs wait or run; the same command goes on",

@@ -1,4 +1,4 @@
-//! From a sweep's folder to its results, and to the files that hold them.
+//! Analysis of a sweep's folder, and the files that hold its results.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -14,32 +14,32 @@ use crate::sweep::folder::{self, write_result};
 use crate::sweep::gsa::samples::read_first;
 use crate::sweep::gsa::{analysis, spec, tables};
 
-/// Wall time of what a sweep does one after the other.
+/// Wall times of the successive phases of a sweep.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Phases {
-    /// Chunks through the engine, until the run is closed.
+    /// Simulation of the chunks through the engine until the run is closed, s.
     pub simulate_s: f64,
-    /// Reading the samples back and checking their hashes.
+    /// Reading of the samples, including the check of their hashes, s.
     pub read_s: f64,
-    /// Indices, bootstrap and ranking.
+    /// Indices, bootstrap and ranking, s.
     pub analyse_s: f64,
-    /// Files.
+    /// Writing of the result files, s.
     pub write_s: f64,
-    /// All of it.
+    /// The whole command, s.
     pub total_s: f64,
 }
 
-/// What `sweep gsa --json` prints.
+/// Answer of `sweep gsa --json`.
 #[derive(Debug, Serialize)]
 pub struct Answer<'a> {
     schema_version: u32,
     folder: &'a Path,
-    /// Chunks by how they stand, and those published by this call.
+    /// Numbers of chunks by state, and of those published by this call.
     chunks: Chunks,
     stopped: bool,
     phases: Phases,
     files: &'a [PathBuf],
-    /// None before two blocks are complete.
+    /// `None` before two blocks are complete.
     sensitivity: Option<&'a SensitivityRecord>,
 }
 
@@ -54,7 +54,7 @@ struct Chunks {
 }
 
 impl<'a> Answer<'a> {
-    /// Of a call.
+    /// The answer for one call.
     pub fn new(
         folder: &'a Path,
         run: &RunSummary,
@@ -82,10 +82,11 @@ impl<'a> Answer<'a> {
     }
 }
 
-/// The analysis of what is there: all blocks, the first complete ones, or at most `blocks` of them.
+/// Analyses the complete blocks from the first on, at most `blocks` of them.
 ///
 /// # Errors
-/// [`SweepError`](crate::sweep::SweepError) when there is no sweep, too little of it, or an artefact is damaged.
+/// [`SweepError`](crate::sweep::SweepError) if the folder holds no sweep, if too few blocks are
+/// complete, or if an artefact is damaged.
 pub async fn analysed(
     folder: &Path,
     blocks: Option<u32>,
@@ -109,7 +110,7 @@ pub async fn analysed(
 /// Writes tables, figure, page and record into the folder's `results`.
 ///
 /// # Errors
-/// Whatever the file system says.
+/// A file cannot be written.
 pub fn write(folder: &Path, record: &SensitivityRecord) -> Result<Vec<PathBuf>, CliError> {
     let json = serde_json::to_string_pretty(record).map_err(|error| CliError::Io {
         what: "cannot write JSON",

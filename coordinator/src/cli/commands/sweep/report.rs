@@ -1,4 +1,4 @@
-//! `cardiotwin sweep report`: tables, figure and page of what is complete so far.
+//! `cardiotwin sweep report`: tables, figure and page of the results so far.
 
 use std::path::PathBuf;
 
@@ -27,10 +27,11 @@ pub struct ReportArgs {
     select: Option<usize>,
 }
 
-/// Writes, and prints the paths.
+/// Writes the files and prints their paths.
 ///
 /// # Errors
-/// [`SweepError`](crate::sweep::SweepError) when there is no sweep or too little of it.
+/// [`SweepError`](crate::sweep::SweepError) if the folder holds no sweep, or too few of its members
+/// are complete.
 pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
         let (result, record) = robustness::stored(&args.folder, &spec).await?;

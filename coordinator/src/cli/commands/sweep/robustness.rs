@@ -1,4 +1,4 @@
-//! `cardiotwin sweep robustness`: whole personalisations around uncertain data or initial guesses.
+//! `cardiotwin sweep robustness`: personalisations with perturbed data or initial guesses.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -25,14 +25,16 @@ use crate::input::{self, Cohort, Options, Report};
 use crate::report::write_robustness;
 use crate::sweep::{SweepError, folder, robustness};
 
-/// Word that names every patient.
+/// Value of `--patient` that stands for every patient.
 const ALL: &str = "all";
 
-/// Setting that says where step 1 stops.
+/// Setting for the stopping rule of step 1, as it begins in `--set`.
 const STOP: &str = "step1.stop=";
-/// Over guesses, step 1 goes on until nothing is gained any more: else the guess decides where within the tolerance it
-/// stops, and that would be taken for its effect. Over data it stops as in the paper: beyond, parameters that uncertain
-/// targets hardly determine pay for the last thousandth (docs/robustness.md).
+/// Settings over guesses: step 1 goes on until no iteration improves the cost any more. Otherwise
+/// the guess would decide where within the tolerance step 1 stops, and that difference would be
+/// taken for an effect of the guess. Over data, step 1 stops as in the paper: beyond that point,
+/// parameters that uncertain targets hardly determine pay for the last thousandth
+/// (docs/robustness.md).
 const TO_THE_END: [&str; 3] = [
     "step1.stop=best-of-limit",
     "step1.max_iterations=30",
@@ -107,10 +109,10 @@ impl Kind {
     }
 }
 
-/// Runs, and tells.
+/// Runs the personalisations and prints the spread.
 ///
 /// # Errors
-/// [`CliError::Input`] when anything is wrong with the cohort; the sweep's, the engine's and the report's.
+/// [`CliError::Input`] if the cohort has errors; errors of the sweep, the engine and the report.
 pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let out = args.out.clone().unwrap_or_else(|| {
@@ -145,10 +147,11 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
     Ok(summary.map_or(Exit::Ok, |summary| ended(&summary, began, talk)))
 }
 
-/// What a folder's members say so far, and the record that it rests on; nothing is asked of the cohort's files.
+/// Results of the members so far, and the record from which they are computed. The cohort's files
+/// are not read.
 ///
 /// # Errors
-/// The store's; [`SweepError::Empty`] before the first member is known.
+/// Errors of the store; [`SweepError::Empty`] if the run has no member yet.
 pub(super) async fn stored(
     out: &Path,
     spec: &RobustnessSpec,
@@ -165,7 +168,8 @@ pub(super) async fn stored(
     Ok((result, record))
 }
 
-/// What the folder is about already.
+/// Specification of the sweep that is already in the folder; an error if that sweep is of another
+/// kind.
 fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliError> {
     match folder::find(out)?.map(|file| file.sweep) {
         None => Ok(None),
@@ -181,7 +185,8 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
     }
 }
 
-/// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
+/// Loads the patients that are named and those already in the sweep, or the whole cohort if none is
+/// named. Prints all problems.
 fn load(
     args: &RobustnessArgs,
     before: Option<&RobustnessSpec>,
@@ -191,7 +196,7 @@ fn load(
     if matches!(args.kind.over(), Uncertainty::Guess)
         && !set.iter().any(|setting| setting.starts_with(STOP))
     {
-        // First, so that what the caller sets wins.
+        // The defaults come first, so that settings from `--set` replace them.
         set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
@@ -228,7 +233,8 @@ fn load(
         })
 }
 
-/// What was asked for; what was not is as the folder has it, else as in the paper.
+/// Specification from the arguments. An absent argument takes the value in the folder, or the
+/// paper's.
 fn specification(
     args: &RobustnessArgs,
     before: Option<&RobustnessSpec>,
@@ -284,7 +290,7 @@ fn described(sweep: &SweepSpec) -> String {
     }
 }
 
-/// Settings on which the samples depend. More patients and more seeds are no change.
+/// Changed settings on which the samples depend. More patients or more seeds are allowed.
 fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
     let mut changes = Vec::new();
     let mut compare = |name: &str, before: String, now: String| {
@@ -302,7 +308,7 @@ fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
     changes
 }
 
-/// All members of all patients.
+/// Members of all patients.
 fn members(
     spec: &RobustnessSpec,
     plans: &[ResolvedPatient],
@@ -315,7 +321,7 @@ fn members(
     Ok(all)
 }
 
-/// Says in the folder what it is about.
+/// Writes the specification into the folder, unless it is there already.
 fn take(out: &Path, spec: &RobustnessSpec) -> Result<(), CliError> {
     let sweep = SweepSpec::Robustness(Box::new(spec.clone()));
     let before = folder::find(out)?;
@@ -355,7 +361,7 @@ async fn run(
     drive(options, "personalisations", talk).await
 }
 
-/// Writes all files; tells the page.
+/// Writes all files and returns the path of the page.
 pub(super) fn write(
     result: &RobustnessResult,
     record: &RunRecord,

@@ -1,4 +1,4 @@
-//! Tables 3 to 10 for a terminal.
+//! Tables 3 to 10 of the paper for a terminal.
 
 use cardiotwin_schemas::robustness::{
     Condition, PatientRobustness, QuantitySpread, RobustnessResult, Uncertainty,
@@ -7,7 +7,7 @@ use cardiotwin_schemas::robustness::{
 use crate::cli::table::{Columns, number, optional};
 use crate::cli::talk::{Talk, Tone, count, paint};
 
-/// All patients: tables, inputs, spread by seed, errors to targets, conditions.
+/// Text for all patients: tables, spread by seed, errors to targets, failures, conditions.
 #[must_use]
 pub fn tables(result: &RobustnessResult, talk: &Talk) -> String {
     let patients = result.patients.iter().map(|p| patient(p, result, talk));
@@ -125,7 +125,7 @@ fn errors(patient: &PatientRobustness, talk: &Talk) -> String {
     table.text()
 }
 
-/// A line each: what is found and asked for may be long.
+/// One line for each condition instead of a table, because its result and its limit may be long.
 fn conditions(conditions: &[Condition], talk: &Talk) -> String {
     let line = |c: &Condition| {
         let (word, tone) = match c.passed {

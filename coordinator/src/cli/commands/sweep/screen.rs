@@ -1,4 +1,4 @@
-//! A sensitivity analysis for people: ranking, indices, remarks.
+//! Terminal output of a sensitivity analysis: ranking, indices, remarks.
 
 use std::path::PathBuf;
 
@@ -21,7 +21,8 @@ pub enum Order {
     Total,
 }
 
-/// Parameters by rank: sum of total indices, ranks of the resamples, one column a biomarker, reference and paper.
+/// Parameters by rank: sum of total indices, ranks over the resamples, one column per biomarker,
+/// reference and paper.
 #[must_use]
 pub fn ranking(record: &SensitivityRecord, order: Order, talk: &Talk) -> String {
     let word = match order {
@@ -50,7 +51,7 @@ pub fn ranking(record: &SensitivityRecord, order: Order, talk: &Talk) -> String 
     table.text()
 }
 
-/// Whether the sweep is the cell's, of which there is a reference.
+/// Whether the sweep is the cell's, for which reference values exist.
 fn of_cell(record: &SensitivityRecord) -> bool {
     record.spec.design.organ.is_none()
 }
@@ -126,7 +127,7 @@ fn with_half_width(value: f64, half_width: Option<f64>) -> String {
     )
 }
 
-/// Without its unit.
+/// Name of a biomarker without its unit.
 fn short(biomarker: &str) -> &str {
     ["_kPa_per_ms", "_mmHg_per_ms", "_kPa", "_mmHg", "_ms", "_mL"]
         .iter()
@@ -134,7 +135,7 @@ fn short(biomarker: &str) -> &str {
         .unwrap_or(biomarker)
 }
 
-/// The largest second-order indices of each biomarker.
+/// The `n` largest second-order indices of each biomarker.
 #[must_use]
 pub fn pairs(record: &SensitivityRecord, n: usize, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &["BIOMARKER", "PARAMETER", "PARAMETER", ">S2"]);
@@ -153,7 +154,7 @@ pub fn pairs(record: &SensitivityRecord, n: usize, talk: &Talk) -> String {
     table.text()
 }
 
-/// On what the indices rest, and how they stand beside the paper.
+/// Number of samples behind the indices, and the agreement with the paper.
 #[must_use]
 pub fn remarks(record: &SensitivityRecord) -> String {
     let samples = &record.samples;
@@ -198,7 +199,7 @@ pub fn remarks(record: &SensitivityRecord) -> String {
     )
 }
 
-/// What was done in which time, and where it lies.
+/// Number of chunks, wall times, and paths of the files.
 #[must_use]
 pub fn closing(run: &RunSummary, phases: &Phases, files: &[PathBuf]) -> String {
     let done = if run.nothing_to_do() {

@@ -1,4 +1,4 @@
-//! `cardiotwin sweep show`: indices or tables so far, at any time.
+//! `cardiotwin sweep show`: indices or tables from the results so far.
 
 use std::path::PathBuf;
 
@@ -33,10 +33,11 @@ pub struct ShowArgs {
     json: bool,
 }
 
-/// Analyses and shows; writes nothing.
+/// Analyses the sweep and prints the result. Writes no files.
 ///
 /// # Errors
-/// [`SweepError`](crate::sweep::SweepError) when there is no sweep or too little of it.
+/// [`SweepError`](crate::sweep::SweepError) if the folder holds no sweep, or too few of its members
+/// are complete.
 pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
         let (result, _) = robustness::stored(&args.folder, &spec).await?;

@@ -1,4 +1,4 @@
-//! `cardiotwin sweep status`: how far a sweep is, and what holds it.
+//! `cardiotwin sweep status`: progress and failures of a sweep.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,28 +28,29 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// How far a sweep is.
+/// Progress of a sensitivity analysis.
 #[derive(Debug, Serialize)]
 struct SweepStatus {
     schema_version: u32,
     kind: &'static str,
-    /// UTC, RFC 3339: when the store was read.
+    /// Time at which the store was read, UTC, RFC 3339.
     as_of: String,
     coordinator_running: bool,
-    /// Blocks of the whole sweep.
+    /// Number of blocks in the whole sweep.
     blocks: u32,
-    /// First blocks without a gap: what indices can rest on now.
+    /// Number of complete blocks before the first gap, from which indices can be computed now.
     blocks_complete: u32,
     samples_complete: u64,
-    /// Chunks by state.
+    /// Number of chunks by state.
     chunks: BTreeMap<String, u64>,
     failed: Vec<PatientStatus>,
 }
 
-/// Shows it.
+/// Prints the sweep's progress.
 ///
 /// # Errors
-/// [`SweepError::NoSweep`](crate::sweep::SweepError::NoSweep); the store's.
+/// [`SweepError::NoSweep`](crate::sweep::SweepError::NoSweep) if the folder holds no sweep; errors
+/// of the store.
 pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
         return robustness(args, &spec, talk).await;
@@ -69,17 +70,17 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(Exit::Ok)
 }
 
-/// How far a robustness sweep is.
+/// Progress of a robustness sweep.
 #[derive(Debug, Serialize)]
 struct RobustnessStatus {
     schema_version: u32,
     kind: &'static str,
     over: &'static str,
-    /// UTC, RFC 3339: when the store was read.
+    /// Time at which the store was read, UTC, RFC 3339.
     as_of: String,
     coordinator_running: bool,
     patients: usize,
-    /// Personalisations by state.
+    /// Number of personalisations by state.
     members: BTreeMap<String, u64>,
     failed: Vec<PatientStatus>,
 }
@@ -162,7 +163,7 @@ fn text(status: &SweepStatus) -> String {
     failures(&status.failed) + &line
 }
 
-/// A line for each failed member.
+/// Text with one line per failed member.
 fn failures(failed: &[PatientStatus]) -> String {
     let line = |member: &PatientStatus| {
         let class = member.failure_class.map_or("", |class| class.as_str());
@@ -171,7 +172,7 @@ fn failures(failed: &[PatientStatus]) -> String {
     failed.iter().map(line).collect()
 }
 
-/// Members by state, who is at work, and when.
+/// Members by state, whether a coordinator is running, and the time of reading.
 fn ending(counts: &BTreeMap<String, u64>, coordinator_running: bool, as_of: &str) -> String {
     let counts: Vec<String> = counts
         .iter()

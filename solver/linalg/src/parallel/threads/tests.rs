@@ -1,4 +1,4 @@
-//! Every operation against what it should give, on more ranks than cores; and every way to fail.
+//! Tests of all operations with more ranks than cores, and of all kinds of failure.
 
 use std::sync::mpsc::channel;
 
@@ -13,7 +13,7 @@ fn reductions_give_all_ranks_the_same_bits_in_the_order_of_ranks() {
         let got = on_threads(n_ranks, ThreadSettings::default(), |comm| {
             let mut seen = vec![];
             for round in 0..300 {
-                // Longer than one post.
+                // More values than one post holds.
                 let mut values: Vec<f64> = (0..20).map(|k| value(comm.rank(), round, k)).collect();
                 let mut largest = [values[0], -1.0];
                 comm.sum(&mut values);
@@ -52,7 +52,8 @@ fn a_number_that_is_none_spoils_the_largest() {
 
 #[test]
 fn ghosts_gathers_and_scatters_bring_what_others_hold() {
-    // A ring of ranks: each owns two nodes, and holds the second of the one before and the first of the one after.
+    // A ring of ranks. Each owns two nodes and holds the second node of its predecessor and the
+    // first node of its successor.
     let n_ranks = 4;
     let got = on_threads(n_ranks, ThreadSettings::default(), |comm| {
         let (rank, n) = (comm.rank(), comm.n_ranks());
@@ -140,7 +141,7 @@ fn a_rank_that_makes_no_progress_ends_the_group() {
         patience: Duration::from_millis(50),
     };
     let got = on_threads(3, short, |comm| match comm.rank() {
-        // Does nothing until rank 0 gives up.
+        // Waits until rank 0 gives up.
         1 => drop(locked(&stuck).recv()),
         0 => {
             let waited = catch_unwind(AssertUnwindSafe(|| comm.sum(&mut [1.0])));

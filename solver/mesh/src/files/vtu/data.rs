@@ -1,20 +1,21 @@
-//! The encodings of a VTK data array.
+//! Encodings of a VTK data array.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use std::io::{Read as _, Write as _};
 
-/// Bytes of a block before compression, as VTK's own default.
+/// Size of a block before compression in bytes, VTK's own default.
 const BLOCK: usize = 32_768;
 
-/// zlib blocks behind a header of 64-bit numbers (blocks, block size, last block's size, compressed sizes), both base64.
+/// Compresses bytes into zlib blocks, preceded by a header of 64-bit numbers (number of blocks,
+/// block size, size of the last block, compressed sizes); both are encoded in base64.
 pub fn compress(bytes: &[u8]) -> String {
     let mut sizes = Vec::new();
     let mut packed = Vec::new();
     for block in bytes.chunks(BLOCK) {
         let before = packed.len();
         let mut encoder = flate2::write::ZlibEncoder::new(&mut packed, flate2::Compression::fast());
-        // writing into memory cannot fail
+        // Writing to memory cannot fail.
         let _ = encoder.write_all(block);
         let _ = encoder.finish();
         sizes.push((packed.len() - before) as u64);
@@ -29,11 +30,11 @@ pub fn compress(bytes: &[u8]) -> String {
     format!("{}{}", STANDARD.encode(header), STANDARD.encode(packed))
 }
 
-/// How a file encodes its binary arrays.
+/// Encoding of the binary arrays in a file.
 #[derive(Debug, Clone, Copy)]
 pub struct Encoding {
     pub big_endian: bool,
-    /// Bytes of a number in headers: 4 or 8.
+    /// Size of the numbers in headers, 4 or 8 bytes.
     pub header_size: usize,
     pub compressed: bool,
 }
@@ -51,7 +52,7 @@ impl Encoding {
         }
     }
 
-    /// The array's bytes out of base64 text, from its beginning; what follows the array is not looked at.
+    /// Decodes the array at the beginning of base64 text; text after the array is ignored.
     pub fn base64(self, text: &str) -> Option<Vec<u8>> {
         let text: Vec<u8> = text
             .bytes()
@@ -82,7 +83,7 @@ impl Encoding {
         self.unpack(&header, &packed)
     }
 
-    /// The array's bytes out of raw ones, from its beginning.
+    /// Decodes the array at the beginning of raw bytes.
     pub fn raw(self, bytes: &[u8]) -> Option<Vec<u8>> {
         let first = self.integer(bytes)?;
         if !self.compressed {
@@ -116,7 +117,8 @@ impl Encoding {
     }
 }
 
-/// Bytes as numbers of a VTK type; none for types that hold no numbers or a length that does not fit.
+/// Decodes bytes as numbers of a VTK type; `None` for types other than numbers or a length that
+/// does not fit.
 pub fn numbers(kind: &str, bytes: &[u8], big_endian: bool) -> Option<Vec<f64>> {
     macro_rules! decode {
         ($type:ty) => {{

@@ -1,7 +1,8 @@
-//! VTU, VTK's XML format of unstructured grids, as ParaView reads and writes it.
+//! VTU files, VTK's XML format of unstructured grids, which ParaView reads and writes.
 //!
-//! Points are in mm. Tetrahedra come first, then, if wanted, the triangles of surfaces. Cell arrays: `tag`; `fibre` and
-//! `sheet`; for each surface `surface:NAME`, 1 on its triangles and 0 elsewhere.
+//! Points are in mm. Tetrahedra come first, then, if wanted, the triangles of surfaces. Cell
+//! arrays: `tag`; `fibre` and `sheet`; for each surface `surface:NAME`, 1 on its triangles and 0
+//! elsewhere.
 
 mod data;
 mod read;
@@ -13,23 +14,23 @@ pub use write::{Content, encode, write};
 /// Prefix of the cell arrays that mark surfaces.
 pub const SURFACE_PREFIX: &str = "surface:";
 
-/// VTK's cell types.
+/// Cell types of VTK.
 const TRIANGLE: i64 = 5;
 const TETRAHEDRON: i64 = 10;
 
-/// Named values, at nodes or at elements.
+/// Named values at nodes or at elements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// As ParaView lists it; put the unit into it, `Ta_kPa`.
+    /// Name that ParaView lists. It should contain the unit, as in `Ta_kPa`.
     pub name: String,
-    /// 1 for a number, 3 for a vector.
+    /// Number of components: 1 for a scalar, 3 for a vector.
     pub n_components: usize,
-    /// `n_components` for each node or element.
+    /// Values, `n_components` for each node or element.
     pub values: Vec<f64>,
 }
 
 impl Field {
-    /// A number for each.
+    /// A field with one value for each node or element.
     #[must_use]
     pub fn scalar(name: &str, values: Vec<f64>) -> Self {
         Self {
@@ -39,7 +40,7 @@ impl Field {
         }
     }
 
-    /// A vector for each.
+    /// A field with one vector for each node or element.
     #[must_use]
     pub fn vector(name: &str, values: &[[f64; 3]]) -> Self {
         Self {
@@ -50,13 +51,13 @@ impl Field {
     }
 }
 
-/// A mesh with the fields that came with it.
+/// A mesh with the fields of its file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Grid {
     /// The mesh.
     pub mesh: crate::tet_mesh::TetMesh,
-    /// Fields of numbers at nodes.
+    /// Numeric fields at nodes.
     pub point_fields: Vec<Field>,
-    /// Fields of numbers at elements, without tag, directions and surfaces.
+    /// Numeric fields at elements, except for tag, directions and surfaces.
     pub cell_fields: Vec<Field>,
 }

@@ -1,4 +1,5 @@
-//! Reading: one piece; arrays as text, base64 or appended (base64 or raw), compressed with zlib or not.
+//! Reader for VTU files with one piece. Arrays may be text, base64 or appended (base64 or raw),
+//! with or without zlib compression.
 
 use super::data::{Encoding, numbers};
 use super::{Field, Grid, SURFACE_PREFIX, TETRAHEDRON, TRIANGLE};
@@ -12,20 +13,21 @@ use crate::vec3::Vec3;
 use roxmltree::{Document, Node};
 use std::path::Path;
 
-/// Reads a file whose coordinates are in `unit`. The array `tag` gives tags (0 where there is none), `fibre` and `sheet`
-/// the directions, at cells or at points; all other arrays of numbers become fields.
+/// Reads a file with coordinates in `unit`. The array `tag` gives the tags (0 if it is missing);
+/// `fibre` and `sheet` give the directions, at cells or at points. All other numeric arrays become
+/// fields.
 ///
 /// # Errors
-/// [`MeshFileError`] with file and line: several pieces, other cells than tetrahedra and triangles, arrays that cannot
-/// be decoded.
+/// [`MeshFileError`] with file and line, also for several pieces, cells other than tetrahedra and
+/// triangles, and arrays that cannot be decoded.
 pub fn read(file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
     parse(&read_bytes(file)?, file, unit)
 }
 
-/// [`read`] from a file's contents.
+/// [`read`] from the content of a file.
 ///
 /// # Errors
-/// As [`read`].
+/// Same as for [`read`].
 pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
     let (xml, appended) = split_appended(bytes);
     let xml = std::str::from_utf8(&xml)
@@ -41,7 +43,7 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
     reader.grid(unit)
 }
 
-/// Cuts the appended data out of the file: raw bytes are no XML.
+/// Separates the appended data from the file, because raw bytes are not valid XML.
 fn split_appended(bytes: &[u8]) -> (Vec<u8>, &[u8]) {
     let find = |from: usize, what: &[u8]| {
         bytes
@@ -150,7 +152,7 @@ impl<'a> Reader<'a> {
             .map_err(|_| self.error(piece, format!("{name}=\"{text}\""), "a whole number"))
     }
 
-    /// The numbers of an array, so many of them.
+    /// Values of an array, which must have `n_expected` of them.
     fn array(&self, node: Node, n_expected: usize) -> Result<Vec<f64>, MeshFileError> {
         let name = node.attribute("Name").unwrap_or("?");
         let kind = node.attribute("type").unwrap_or_default();
@@ -165,7 +167,7 @@ impl<'a> Reader<'a> {
             let bytes = bytes.ok_or_else(|| bad("that cannot be decoded"))?;
             numbers(kind, &bytes, self.encoding.big_endian).ok_or_else(|| bad("of another type"))
         };
-        // VTK puts keys of its own between or behind the numbers
+        // VTK inserts keys of its own between the numbers or after them.
         let text: String = node
             .children()
             .filter(|part| part.is_text())
@@ -217,7 +219,7 @@ impl<'a> Reader<'a> {
             })
     }
 
-    /// All arrays of numbers of a section, for so many nodes or cells.
+    /// All numeric arrays of a section with `n` nodes or cells.
     fn fields(
         &self,
         piece: Node<'a, 'a>,
@@ -356,7 +358,7 @@ impl<'a> Reader<'a> {
         Ok(grid)
     }
 
-    /// Corners of each cell: four or three nodes.
+    /// Corners of each cell, four or three nodes.
     fn cells(
         &self,
         section: Node<'a, 'a>,

@@ -1,27 +1,29 @@
-//! Writing: base64, compressed with zlib.
+//! Writer for VTU files, in base64 with zlib compression.
 
 use super::{Field, SURFACE_PREFIX, TETRAHEDRON, TRIANGLE, data};
 use crate::files::error::{MeshFileError, write_bytes};
 use crate::tet_mesh::TetMesh;
 use std::path::Path;
 
-/// What to write beside points, elements and tags.
+/// Content of a file besides points, elements and tags.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Content<'a> {
-    /// The mesh's own surfaces, as triangles behind the tetrahedra.
+    /// Whether to write the mesh's surfaces, as triangles after the tetrahedra.
     pub surfaces: bool,
     /// Fields at nodes.
     pub point_fields: &'a [Field],
     /// Fields at elements.
     pub cell_fields: &'a [Field],
-    /// Numbers in half the space: fields and points as 32-bit. For series that are looked at, not computed with.
+    /// Whether to write fields and points as 32-bit numbers, in half the space. This suits series
+    /// for viewing, not for computation.
     pub compact: bool,
 }
 
-/// Writes a mesh, in mm.
+/// Writes a mesh in mm.
 ///
 /// # Errors
-/// [`MeshFileError::Write`]; [`MeshFileError::Content`] for a field of the wrong length.
+/// [`MeshFileError::Write`] if the file cannot be written; [`MeshFileError::Content`] for a field
+/// of the wrong length.
 pub fn write(file: &Path, mesh: &TetMesh, content: &Content) -> Result<(), MeshFileError> {
     for (fields, n, what) in [
         (content.point_fields, mesh.n_nodes(), "nodes"),
@@ -41,7 +43,7 @@ pub fn write(file: &Path, mesh: &TetMesh, content: &Content) -> Result<(), MeshF
     write_bytes(file, encode(mesh, content).as_bytes())
 }
 
-/// The file's text. Fields must have the right length.
+/// Text of the file. Fields must have the right length.
 #[must_use]
 pub fn encode(mesh: &TetMesh, content: &Content) -> String {
     let surfaces = if content.surfaces {
@@ -161,7 +163,7 @@ impl Document {
         }
     }
 
-    /// A field of elements; triangles behind them get zeros.
+    /// Writes a field of elements; the triangles after them get zeros.
     fn cells(&mut self, name: &str, n_components: usize, mut values: Vec<f64>, n_triangles: usize) {
         values.resize(values.len() + n_components * n_triangles, 0.0);
         self.floats(name, n_components, &values);

@@ -1,7 +1,9 @@
-//! A beat by a solver that is not ours: parameters are written, a command runs, its results are read and judged like ours.
+//! A beat by an external solver: parameters are written, a command runs, and its results are read
+//! and checked like those of our own solvers.
 //!
-//! All of it happens in the folder `external` of the attempt. Artefacts: `traces.csv` and `nodal.csv` as from our own
-//! solvers; what the solver says is in `external.log` there.
+//! The command runs in the folder `external` of the attempt. The artefacts `traces.csv` and
+//! `nodal.csv` have the format of our own solvers; the solver's output is in `external.log` in that
+//! folder.
 
 mod outflow;
 mod parameters;
@@ -32,22 +34,22 @@ use results::Unusable;
 
 /// Folder of the attempt in which the solver runs.
 const FOLDER: &str = "external";
-/// What it says.
+/// File with the solver's output.
 const LOG: &str = "external.log";
-/// A valve has opened when so much of the volume has moved through it, mL.
+/// Volume that must flow through a valve for it to count as opened \[mL\].
 const MOVED_ML: f64 = 0.5;
 
-/// Runs the solver and judges what it leaves.
+/// Runs the solver and checks its results.
 ///
 /// # Errors
-/// [`TaskError`] when it cannot be started, or files cannot be read or written.
+/// [`TaskError`] when the solver cannot be started, or files cannot be read or written.
 pub(super) fn run(
     spec: &OrganBeatSpec,
     organ: &ExternalOrgan,
     context: &mut Context,
 ) -> Result<Ending, TaskError> {
     let folder = context.artefacts.directory().join(FOLDER);
-    // What an earlier try left, of a simulation without an attempt's own directory.
+    // Without an attempt's own directory, an earlier simulation may have left files here.
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).map_err(|source| TaskError::Write {
         file: folder.clone(),
@@ -100,7 +102,7 @@ pub(super) fn run(
     }
 }
 
-/// Parameters, calcium and files made out of templates.
+/// Writes parameters, calcium, and the files made from templates.
 fn prepare(
     spec: &OrganBeatSpec,
     organ: &ExternalOrgan,
@@ -119,7 +121,7 @@ fn prepare(
     if let ContractionSpec::Land2017Trace { calcium, .. } = &spec.contraction {
         write(parameters::CALCIUM_FILE, &read_verified(calcium)?)?;
     }
-    // Whatever the command reads has to be what the task was planned with.
+    // All files that the command reads must be the planned ones.
     let mut contents = BTreeMap::new();
     for file in &organ.files {
         contents.insert(file.name.as_str(), (&file.path, read_verified(file)?));
@@ -129,7 +131,7 @@ fn prepare(
     values.insert("openCARP.plugin".to_owned(), plugin.name.to_owned());
     values.insert("openCARP.plug_param".to_owned(), plugin.parameters);
     for (made, template) in &settings.templates {
-        // Models have parameters of their own: a template may have a twin for one of them.
+        // Models have different parameters, so that a template may have a variant for a model.
         let twin = format!("{template}@{}", handed.contraction.model);
         let content = contents
             .get(twin.as_str())
@@ -188,7 +190,7 @@ fn with_last_words(message: &str, log: &Path) -> String {
     }
 }
 
-/// What a status other than success means.
+/// The ending for an unsuccessful exit status.
 fn failure_of(status: ExitStatus, organ: &ExternalOrgan, log: &Path) -> Option<Ending> {
     if status.success() {
         return None;
@@ -225,7 +227,7 @@ fn failure_of(status: ExitStatus, organ: &ExternalOrgan, log: &Path) -> Option<E
     })
 }
 
-/// Results in the form of our own solvers.
+/// Converts the results to the form of our own solvers.
 fn answer(
     spec: &OrganBeatSpec,
     organ: &ExternalOrgan,
@@ -271,7 +273,7 @@ fn answer(
         },
     )?;
     result.remarks.extend(estimated);
-    // They count our own time steps.
+    // These counters count time steps of our own solvers.
     result
         .counters
         .retain(|name, _| name.ends_with("mL") || name.ends_with("mmHg"));
@@ -280,7 +282,8 @@ fn answer(
     }))
 }
 
-/// Success of a beat (SPEC section 5) as far as pressure and volume tell: what valves do is read from the volume.
+/// Conditions of a successful beat (SPEC section 5) that pressure and volume can show. The action
+/// of the valves is inferred from the volume.
 fn checks(traces: &BeatTraces) -> Vec<BeatCheck> {
     let largest = |volume: &[f64]| volume.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let low = traces

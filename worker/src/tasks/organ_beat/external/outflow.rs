@@ -1,12 +1,13 @@
-//! Flows and aortic pressure where an external solver tells none: from the volume and the patient's Windkessel, for pictures.
+//! Flows and aortic pressure for plots, if an external solver does not provide them. They are
+//! computed from the volume and the patient's Windkessel.
 
 use cardiotwin_models::beat::BeatTraces;
 use cardiotwin_schemas::organ::CirculationSpec;
 
-/// Fills what is not a number; says so.
+/// Fills missing values and describes them in words.
 ///
-/// Flows are −dV/dt and dV/dt, as if valves did not leak; aortic pressure follows from the outflow by the three-element
-/// Windkessel, stepped implicitly between samples.
+/// Flows are −dV/dt and dV/dt, as if valves had no leakage. The aortic pressure follows from the
+/// outflow by the three-element Windkessel, with implicit steps between samples.
 pub(super) fn fill(traces: &mut BeatTraces, circulation: &CirculationSpec) -> Option<String> {
     let lacks = |trace: &[f64]| trace.iter().any(|value| value.is_nan());
     let mut named = Vec::new();

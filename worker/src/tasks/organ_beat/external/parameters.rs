@@ -1,4 +1,4 @@
-//! What an external solver is handed: a file with all parameters, and files made out of templates.
+//! Input of an external solver: a file with all parameters, and files made from templates.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,10 +13,10 @@ use cardiotwin_schemas::organ::{
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde_json::Value;
 
-/// Calcium of a fixed input, beside the parameters.
+/// File with the calcium transient if it is a fixed input.
 pub(super) const CALCIUM_FILE: &str = "calcium.csv";
 
-/// All that the solver has to know of a simulation.
+/// All parameters of a simulation.
 pub(super) fn of(spec: &OrganBeatSpec, organ: &ExternalOrgan) -> ExternalParameters {
     ExternalParameters {
         schema_version: SCHEMA_VERSION,
@@ -61,7 +61,8 @@ fn contraction(spec: &ContractionSpec) -> ExternalContraction {
     }
 }
 
-/// Land's active parameters and, where asked for, Rice's: the patient's, else the defaults. `a_p_kPa` is the 0D cell's.
+/// Land's active parameters and, with `with_rice`, those of Rice: the patient's values, otherwise
+/// the defaults. `a_p_kPa` is left out because it belongs to the 0D cell.
 fn cell(fitted: &BTreeMap<String, f64>, with_rice: bool) -> BTreeMap<String, f64> {
     let known = CELL_PARAMETERS.into_iter().zip(CELL_DEFAULTS);
     let wanted = known
@@ -76,10 +77,10 @@ fn cell(fitted: &BTreeMap<String, f64>, with_rice: bool) -> BTreeMap<String, f64
         .collect()
 }
 
-/// The file's text.
+/// Text of the file.
 pub(super) fn text(parameters: &ExternalParameters, format: ParametersFormat) -> String {
     match format {
-        // Plain values of types that both formats have.
+        // Both formats support the types of these plain values.
         ParametersFormat::Toml => toml::to_string(parameters).unwrap_or_default(),
         ParametersFormat::Json => {
             serde_json::to_string_pretty(parameters).unwrap_or_default() + "\n"
@@ -87,8 +88,8 @@ pub(super) fn text(parameters: &ExternalParameters, format: ParametersFormat) ->
     }
 }
 
-/// Every parameter by the name that stands for it in a template: numbers and texts by their key, those of effects as
-/// `EFFECT.KEY`.
+/// Values of all parameters by their placeholders in templates: numbers and texts by key,
+/// parameters of effects as `EFFECT.KEY`.
 pub(super) fn by_name(parameters: &ExternalParameters) -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let value = serde_json::to_value(parameters).unwrap_or_default();

@@ -1,4 +1,5 @@
-//! The external solver's process: started in a folder of its own, watched, and ended when the work is not wanted any more.
+//! Process of the external solver. It runs in a folder of its own, is monitored, and is ended when
+//! its result is no longer needed.
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
@@ -11,19 +12,20 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// How often the process is looked at.
+/// Interval at which the process is polled.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
-/// How often its last line is told.
+/// Interval at which the last line of its output is reported.
 const TELL_EVERY: Duration = Duration::from_secs(1);
-/// How long it may take to leave after SIGTERM.
+/// Time that the process may take to exit after SIGTERM.
 const GRACE: Duration = Duration::from_secs(10);
-/// End of the log that is looked at for its last words.
+/// Number of bytes at the end of the log that are searched for the last line.
 const TAIL: u64 = 4096;
 
-/// Runs `command` in `folder` with what it says in `log`.
+/// Runs `command` in `folder` and writes its output to `log`.
 ///
 /// # Errors
-/// [`TaskError::ExternalStart`] when it cannot be started, [`TaskError::Cancelled`] when it was ended on request.
+/// [`TaskError::ExternalStart`] when the command cannot be started, [`TaskError::Cancelled`] when
+/// it was ended on request.
 pub(super) fn run(
     command: &[String],
     folder: &Path,
@@ -75,8 +77,9 @@ pub(super) fn run(
     }
 }
 
-/// The program, such that the kernel ends it when this process dies, where `setpriv` (util-linux) is there to ask for that.
-/// Without it, a solver whose worker was killed goes on to its end, and nobody looks at what it leaves.
+/// The program, wrapped by `setpriv` (util-linux) if available, so that the kernel ends it when
+/// this process dies. Without it, the solver of a killed worker runs to its end, and its results
+/// are ignored.
 fn dying_with_us(program: &str) -> Command {
     match found("setpriv").zip(found(program)) {
         Some((setpriv, program)) => {
@@ -92,7 +95,7 @@ fn dying_with_us(program: &str) -> Command {
     }
 }
 
-/// A program by its path, or found in `PATH`.
+/// Path of a program, which is given or searched in `PATH`.
 fn found(program: &str) -> Option<PathBuf> {
     if program.contains('/') {
         return Path::new(program).is_file().then(|| program.into());
@@ -105,7 +108,7 @@ fn found(program: &str) -> Option<PathBuf> {
 
 fn end(child: &mut Child) {
     if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
-        // One that ends in between is what was wanted.
+        // The process may exit before the signal; this is not an error.
         let _ = kill_process(pid, Signal::TERM);
     }
     let asked = Instant::now();
@@ -119,7 +122,7 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// The last line of what the solver said.
+/// Last line of the solver's output.
 pub(super) fn last_line(log: &Path) -> Option<String> {
     let tail = || -> io::Result<Vec<u8>> {
         let mut file = File::open(log)?;

@@ -1,4 +1,4 @@
-//! What an external solver left: traces of the cavity, and of every node.
+//! Results of an external solver: traces of the cavity and of every node.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -12,21 +12,22 @@ use cardiotwin_units::MMHG_PER_KPA;
 use crate::igb::{self, Igb};
 use crate::nodal::{NodalReadError, NodalRows};
 
-/// Columns that are read where they are there, the first two in place of each other.
+/// Alternative columns of the cavity pressure, with their factors to mmHg.
 const PRESSURES: [(&str, f64); 2] = [("pressure_mmHg", 1.0), ("pressure_kPa", MMHG_PER_KPA)];
 
-/// Results that cannot be used.
+/// Reasons why results are not usable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Unusable {
-    /// They are not there, or not in the form that was agreed on: the solver or its settings are wrong.
+    /// The results are missing or have the wrong format, so that the solver or its settings are at
+    /// fault.
     Form(String),
-    /// The solver ended early or with numbers that are none.
+    /// The solver ended early, or its results contain values that are not finite.
     Diverged {
         /// Time of the last good sample.
         last_good_ms: f64,
-        /// What is wrong with the next one.
+        /// Problem with the next sample.
         reason: String,
-        /// Up to there.
+        /// Traces up to the last good sample.
         traces: Box<BeatTraces>,
     },
 }
@@ -148,7 +149,7 @@ pub(super) fn traces(
             format!("{} holds {n} samples", file.display()),
         ));
     }
-    // The last sample may be that before the cycle's end.
+    // The last sample may lie one step before the end of the cycle.
     let step = (found.time_ms[n - 1] - found.time_ms[0]) / (n - 1) as f64;
     if found.time_ms[n - 1] < cycle_length_ms - 1.5 * step {
         let reason = format!(
@@ -176,10 +177,10 @@ fn diverged(traces: BeatTraces, reason: String) -> Unusable {
     }
 }
 
-/// Traces of every node as the text of a `nodal.csv`, with the smallest stretch.
+/// Reads the traces of every node. Returns the times, the traces, and whether they include calcium.
 ///
 /// # Errors
-/// [`Unusable`] with file and what is wrong.
+/// [`Unusable`] with the file and the problem.
 pub(super) fn nodes(
     folder: &Path,
     results: &ExternalResults,
@@ -252,7 +253,7 @@ pub(super) fn nodes(
         ));
     }
     weights.iter_mut().for_each(|weight| *weight /= sum);
-    // Nodes without weight do not contract: they are left out.
+    // Nodes without weight do not contract and are left out.
     let kept: Vec<usize> = (0..n_nodes).filter(|node| weights[*node] > 0.0).collect();
     let of_kept = |values: &[f64]| -> Vec<f64> {
         values
@@ -274,7 +275,7 @@ pub(super) fn nodes(
     Ok((stress.time_ms.clone(), nodes, calcium.is_some()))
 }
 
-/// A file as our own solvers leave it.
+/// Reads a file in the format of our own solvers.
 fn nodal_csv(file: &Path) -> Result<(Vec<f64>, NodalTraces, bool), Unusable> {
     let opened = File::open(file)
         .map_err(|error| form(file, format!("expected results here, found none ({error})")))?;
@@ -307,7 +308,7 @@ fn nodal_csv(file: &Path) -> Result<(Vec<f64>, NodalTraces, bool), Unusable> {
     Ok((time_ms, nodes, rows.has_calcium))
 }
 
-/// One number a line, as in openCARP's `.dat` files.
+/// Reads a file with one number per line, like openCARP's `.dat` files.
 fn numbers(file: &Path, expected: usize) -> Result<Vec<f64>, Unusable> {
     let text = text(file)?;
     let mut found = Vec::with_capacity(expected);
