@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw, PassiveTissues};
+use crate::muscle::{ActiveConvention, HolzapfelOgden, MuscleLaw, PassiveTissues};
 use crate::organ::EffectSpec;
 use crate::task::InputFile;
 
@@ -71,7 +71,7 @@ pub struct WallSettings {
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
     /// Constants of Holzapfel and Ogden's law; the search for the patient's moduli begins with them.
-    pub holzapfel_ogden: HolzapfelOgdenSettings,
+    pub holzapfel_ogden: HolzapfelOgden,
     /// Shear modulus of a neo-Hookean muscle with which the search for the patient's begins.
     #[serde(rename = "neo_hookean_mu_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
@@ -169,7 +169,7 @@ impl Default for WallSettings {
             b_f: 18.48,
             b_t: 3.58,
             b_fs: 1.627,
-            holzapfel_ogden: HolzapfelOgdenSettings::default(),
+            holzapfel_ogden: HolzapfelOgden::default(),
             neo_hookean_mu_kpa: 5.0,
             kappa_kpa: 1000.0,
             pointwise_share: None,

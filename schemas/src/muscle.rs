@@ -1,90 +1,13 @@
-//! Laws of the wall's tissue: materials of muscle and passive parts, and the direction of active
-//! stress.
+//! Tissue of the wall: passive tissue by the mesh's tags. The laws of muscle are part of the vocabulary.
 
 use std::collections::BTreeMap;
 
+pub use cardiotwin_vocabulary::passive_law::{
+    ActiveConvention, Guccione, HolzapfelOgden, MuscleLaw, NeoHookean,
+};
 use schemars::JsonSchema;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-
-/// Passive law of muscle. Step 0 fits one factor of all its moduli and, where it has exponents, one of all exponents.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum MuscleLaw {
-    /// Guccione et al. 1995: `guccione_C_kPa`, `b_f`, `b_t`, `b_fs`.
-    #[default]
-    Guccione,
-    /// Holzapfel and Ogden 2009: table `holzapfel_ogden`.
-    HolzapfelOgden,
-    /// Neo-Hookean: `neo_hookean_mu_kPa`. Without exponents it meets one volume, not two.
-    NeoHookean,
-}
-
-/// Constants of Holzapfel and Ogden's law; defaults are theirs of 2009, for the shear tests of Dokos et al. 2002.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct HolzapfelOgdenSettings {
-    /// Modulus of the ground substance: that of the search's beginning, and the one that tells the law's stiffness.
-    #[serde(rename = "a_kPa")]
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
-    pub a_kpa: f64,
-    /// Its exponent.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
-    pub b: f64,
-    /// Modulus along the fibre.
-    #[serde(rename = "a_f_kPa")]
-    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
-    pub a_f_kpa: f64,
-    /// Its exponent.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
-    pub b_f: f64,
-    /// Modulus along the sheet.
-    #[serde(rename = "a_s_kPa")]
-    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
-    pub a_s_kpa: f64,
-    /// Its exponent.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
-    pub b_s: f64,
-    /// Modulus of shear between fibre and sheet.
-    #[serde(rename = "a_fs_kPa")]
-    #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
-    pub a_fs_kpa: f64,
-    /// Its exponent.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
-    pub b_fs: f64,
-    /// Sharpness of the switch by which fibres and sheets bear load in extension only.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
-    pub switch: f64,
-}
-
-impl Default for HolzapfelOgdenSettings {
-    fn default() -> Self {
-        Self {
-            a_kpa: 0.059,
-            b: 8.023,
-            a_f_kpa: 18.472,
-            b_f: 16.026,
-            a_s_kpa: 2.481,
-            b_s: 11.12,
-            a_fs_kpa: 0.216,
-            b_fs: 11.436,
-            switch: 100.0,
-        }
-    }
-}
-
-/// Which tensor the contraction model's stress multiplies: what `Ta` is a force over.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ActiveConvention {
-    /// `S = Ta/λ² f⊗f`, the paper's.
-    #[default]
-    PerSquaredStretch,
-    /// `S = Ta/λ f⊗f`: force per reference area.
-    FirstPiola,
-    /// `S = Ta f⊗f`: the mechanics benchmarks'.
-    SecondPiola,
-}
 
 /// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -70,7 +70,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "mechanics",
-        may: &["units", "linalg", "mesh", "models", "signals"],
+        may: &["vocabulary", "units", "linalg", "mesh", "models", "signals"],
         why: "a solver of the organ knows no task, queue or file of a patient",
     },
     Rule {

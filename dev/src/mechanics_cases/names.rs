@@ -9,7 +9,7 @@ use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::prescribed::{Schedule, TimeCourse};
 
 use cardiotwin_schemas::finite_element::WallSettings;
-use cardiotwin_schemas::muscle::{HolzapfelOgdenSettings, MuscleLaw};
+use cardiotwin_schemas::muscle::{HolzapfelOgden, MuscleLaw};
 
 use super::error::CaseError;
 use super::file::{
@@ -111,7 +111,7 @@ pub(super) fn tissue(table: &TissueTable) -> Tissue {
             switch,
         } => WallSettings {
             muscle_law: MuscleLaw::HolzapfelOgden,
-            holzapfel_ogden: HolzapfelOgdenSettings {
+            holzapfel_ogden: HolzapfelOgden {
                 a_kpa,
                 b,
                 a_f_kpa,

@@ -8,5 +8,6 @@ pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cell;
 pub mod label;
+pub mod passive_law;
 pub mod step1;
 pub mod step1_settings;

@@ -4,14 +4,14 @@
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::element::kernel::VolumeChange;
-use cardiotwin_mechanics::material::{self, ActiveLaw, Guccione, HolzapfelOgden, Law, NeoHookean};
+use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, NeoHookean};
 use cardiotwin_mechanics::newton;
 use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, SprungSurface, WallParameters};
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_schemas::finite_element::{
     ElementKind, EquationSettings, LinearSolver, WallSettings,
 };
-use cardiotwin_schemas::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw};
+use cardiotwin_schemas::muscle::{ActiveConvention, MuscleLaw};
 
 /// Parameters of the wall, with all exponents multiplied by a factor and an additional share of the
 /// active stress across the fibre.
@@ -63,53 +63,24 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
     }
 }
 
-/// Passive law of the muscle.
+/// The muscle's passive law.
 #[must_use]
 pub fn muscle(wall: &WallSettings) -> Law {
-    let WallSettings {
-        guccione_c_kpa: c_kpa,
-        b_f,
-        b_t,
-        b_fs,
-        neo_hookean_mu_kpa: mu_kpa,
-        ..
-    } = *wall;
     match wall.muscle_law {
         MuscleLaw::Guccione => Law::Guccione(Guccione {
-            c_kpa,
-            b_f,
-            b_t,
-            b_fs,
+            c_kpa: wall.guccione_c_kpa,
+            b_f: wall.b_f,
+            b_t: wall.b_t,
+            b_fs: wall.b_fs,
         }),
-        MuscleLaw::HolzapfelOgden => {
-            let HolzapfelOgdenSettings {
-                a_kpa,
-                b,
-                a_f_kpa,
-                b_f,
-                a_s_kpa,
-                b_s,
-                a_fs_kpa,
-                b_fs,
-                switch,
-            } = wall.holzapfel_ogden;
-            Law::HolzapfelOgden(HolzapfelOgden {
-                a_kpa,
-                b,
-                a_f_kpa,
-                b_f,
-                a_s_kpa,
-                b_s,
-                a_fs_kpa,
-                b_fs,
-                switch,
-            })
-        }
-        MuscleLaw::NeoHookean => Law::NeoHookean(NeoHookean { mu_kpa }),
+        MuscleLaw::HolzapfelOgden => Law::HolzapfelOgden(wall.holzapfel_ogden),
+        MuscleLaw::NeoHookean => Law::NeoHookean(NeoHookean {
+            mu_kpa: wall.neo_hookean_mu_kpa,
+        }),
     }
 }
 
-/// Settings with the constants of a law; [`muscle`] restores the law from them.
+/// The settings with the constants of `law`; [`muscle`] makes that law of them.
 #[must_use]
 pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
     let mut wall = wall.clone();
@@ -123,29 +94,9 @@ pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
             wall.muscle_law = MuscleLaw::Guccione;
             (wall.guccione_c_kpa, wall.b_f, wall.b_t, wall.b_fs) = (c_kpa, b_f, b_t, b_fs);
         }
-        Law::HolzapfelOgden(HolzapfelOgden {
-            a_kpa,
-            b,
-            a_f_kpa,
-            b_f,
-            a_s_kpa,
-            b_s,
-            a_fs_kpa,
-            b_fs,
-            switch,
-        }) => {
+        Law::HolzapfelOgden(constants) => {
             wall.muscle_law = MuscleLaw::HolzapfelOgden;
-            wall.holzapfel_ogden = HolzapfelOgdenSettings {
-                a_kpa,
-                b,
-                a_f_kpa,
-                b_f,
-                a_s_kpa,
-                b_s,
-                a_fs_kpa,
-                b_fs,
-                switch,
-            };
+            wall.holzapfel_ogden = constants;
         }
         Law::NeoHookean(NeoHookean { mu_kpa }) => {
             wall.muscle_law = MuscleLaw::NeoHookean;
@@ -164,11 +115,6 @@ pub fn with_stiffness(wall: &WallSettings, kpa: f64) -> WallSettings {
 /// Action of the active stress.
 #[must_use]
 pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
-    let convention = match convention {
-        ActiveConvention::PerSquaredStretch => material::ActiveConvention::PerSquaredStretch,
-        ActiveConvention::FirstPiola => material::ActiveConvention::FirstPiola,
-        ActiveConvention::SecondPiola => material::ActiveConvention::SecondPiola,
-    };
     ActiveLaw {
         convention,
         cross_fibre,
@@ -296,7 +242,7 @@ mod tests {
             change(&mut wall);
             parameters(&wall, 1.0, 0.0)
         };
-        let of_ogden = |change: fn(&mut HolzapfelOgdenSettings)| {
+        let of_ogden = |change: fn(&mut HolzapfelOgden)| {
             made(&move |wall| {
                 wall.muscle_law = MuscleLaw::HolzapfelOgden;
                 change(&mut wall.holzapfel_ogden);

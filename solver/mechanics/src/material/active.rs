@@ -1,19 +1,10 @@
 //! Active stress along the fibre, with optional shares across it.
 
+use cardiotwin_vocabulary::passive_law::ActiveConvention;
+
 use super::tensor::{Sym, at};
 use super::{Load, MaterialError, Response};
 use crate::number::Real;
-
-/// Stress measure of the scalar active stress. At λ = 0.85 the factors of the last two are 1.18 and 1.38.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ActiveConvention {
-    /// `S = Ta f⊗f`, a second Piola–Kirchhoff stress, as in both mechanics benchmarks.
-    SecondPiola,
-    /// `S = Ta/λ f⊗f`, a force per reference area.
-    FirstPiola,
-    /// `S = Ta/λ² f⊗f`, as in the paper.
-    PerSquaredStretch,
-}
 
 /// How active stress acts in a tissue.
 #[derive(Debug, Clone, Copy, PartialEq)]

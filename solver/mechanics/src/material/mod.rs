@@ -7,30 +7,20 @@
 mod active;
 mod guccione;
 mod holzapfel_ogden;
+mod law;
 mod neo_hookean;
-mod scale;
 pub mod tensor;
 mod volumetric;
 
-pub use active::{ActiveConvention, ActiveLaw};
-pub use guccione::Guccione;
-pub use holzapfel_ogden::HolzapfelOgden;
-pub use neo_hookean::NeoHookean;
+pub use active::ActiveLaw;
+pub use cardiotwin_vocabulary::passive_law::{
+    ActiveConvention, Guccione, HolzapfelOgden, NeoHookean,
+};
+pub use law::{Law, PassiveLaw};
 pub use volumetric::{Volumetric, VolumetricLaw};
 
 use crate::number::Real;
 use tensor::{Sym, Tangent, add_pair, add_square, add_symmetric_product, apply, contract, inverse};
-
-/// A passive law of tissue.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Law {
-    /// Guccione's exponential, transversely isotropic law (1995).
-    Guccione(Guccione),
-    /// Holzapfel and Ogden's orthotropic law (2009).
-    HolzapfelOgden(HolzapfelOgden),
-    /// The isotropic neo-Hookean law.
-    NeoHookean(NeoHookean),
-}
 
 /// A tissue: passive law, resistance to a change of volume, active stress.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,11 +77,7 @@ impl Tissue {
         if let Some(active) = &self.active {
             active.check()?;
         }
-        match &self.law {
-            Law::Guccione(law) => law.check(),
-            Law::HolzapfelOgden(law) => law.check(),
-            Law::NeoHookean(law) => law.check(),
-        }
+        self.law.check()
     }
 }
 
@@ -121,10 +107,10 @@ impl Law {
     /// Strain energy density without the volumetric part \[kPa\], from `C` and `J = √det C`.
     pub fn energy<R: Real>(&self, c: &Sym<R>, j: R) -> R {
         let cbar = scaled(c, (j.ln().times(-2.0 / 3.0)).exp());
-        match self {
-            Self::Guccione(law) => law.energy(&cbar),
-            Self::HolzapfelOgden(law) => law.isochoric_energy(&cbar) + law.fibre_energy(c),
-            Self::NeoHookean(law) => law.energy(&cbar),
+        let isochoric = self.isochoric_energy(&cbar);
+        match self.fibre_energy(c) {
+            Some(fibres) => isochoric + fibres,
+            None => isochoric,
         }
     }
 }
@@ -159,11 +145,7 @@ pub fn respond<R: Real, const TANGENT: bool>(
         s: [zero; 6],
         d: [zero; 21],
     };
-    match &tissue.law {
-        Law::Guccione(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
-        Law::HolzapfelOgden(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
-        Law::NeoHookean(law) => law.add_isochoric(&cbar, &mut bar),
-    }
+    tissue.law.add_isochoric::<R, TANGENT>(&cbar, &mut bar);
     let c_inv = inverse(c, j * j);
     let t = contract(&bar.s, c);
     let third_t = t.times(1.0 / 3.0);
@@ -195,9 +177,7 @@ pub fn respond<R: Real, const TANGENT: bool>(
         }
         add_pair(&mut out.d, &c_inv, &v);
     }
-    if let Law::HolzapfelOgden(law) = &tissue.law {
-        law.add_fibres::<R, TANGENT>(c, &mut out);
-    }
+    tissue.law.add_fibres::<R, TANGENT>(c, &mut out);
     if let Some(active) = &tissue.active {
         active.add::<R, TANGENT>(c, load, &mut out);
     }
