@@ -10,7 +10,7 @@ use crate::cli::place::Place;
 use crate::cli::talk::Talk;
 use crate::engine;
 
-/// Copy a run's database, beside a running coordinator too, and check the copy
+/// Copy a run's database, even while a coordinator is running, and check the copy
 #[derive(Debug, Args)]
 #[command(
     after_help = "The copy is a run's cardiotwin.db: put it in the place of a damaged one. Attempts' folders are not in it."
@@ -18,7 +18,7 @@ use crate::engine;
 pub struct BackupArgs {
     #[command(flatten)]
     place: Place,
-    /// File of the copy; must not be there
+    /// File of the copy, which must not exist
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
 }

@@ -11,13 +11,13 @@ use crate::cli::store::open;
 use crate::cli::talk::Talk;
 use crate::engine::{self, Answer, StopSignal};
 
-/// Stop working on a patient, or on all; results so far stay
+/// Stop the work on one patient or on all; results so far are kept
 #[derive(Debug, Args)]
 pub struct CancelArgs {
-    /// Whose work to stop
+    /// Patient to cancel
     #[arg(required_unless_present = "all", conflicts_with = "all")]
     patient: Option<String>,
-    /// Everybody's
+    /// Cancel all patients
     #[arg(long)]
     all: bool,
     #[command(flatten)]

@@ -9,7 +9,7 @@ use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 use crate::engine::{self, DriverPlace};
 
-/// Walk the chains of a job's patients, on one node of it
+/// Run the tasks of a job's patients on one of its nodes
 #[derive(Debug, Args)]
 pub struct DriveArgs {
     /// Folder of the job

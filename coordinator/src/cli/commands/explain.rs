@@ -15,12 +15,13 @@ use crate::cli::talk::{Talk, Tone};
 use crate::engine::{JobRecord, LeafChange, StepExplanation};
 use crate::input::{self, Options, Patient, Report};
 
-/// Why a patient's tasks are what they are: what waits for what, which input changed and where it is set
+/// Explain the state of a patient's tasks: dependencies, changed inputs, and the files that set
+/// them
 #[derive(Debug, Args)]
 pub struct ExplainArgs {
-    /// Whose
+    /// Name of the patient
     patient: String,
-    /// One JSON object instead of text
+    /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -21,7 +21,8 @@ use crate::report::write_report;
 use crate::results::PatientView;
 use crate::results::folder::WholeFolder;
 
-/// Write the paper's tables for this run as CSV and JSON, and all traces as tidy CSV; models for openCARP; an RO-Crate
+/// Export the paper's tables as CSV and JSON, all traces as tidy CSV, models for openCARP, and an
+/// RO-Crate
 #[derive(Debug, Args)]
 #[command(
     after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and land17.par (active stress of step 1 and \
@@ -35,25 +36,25 @@ pub struct ExportArgs {
     /// Folder to write into [default: export in the run's folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Personalised models, meshes and activation times in openCARP's formats, too
+    /// Write personalised models, meshes and activation times in openCARP's formats, too
     #[arg(long)]
     opencarp: bool,
-    /// A crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
+    /// Write a crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
     #[arg(long)]
     ro_crate: bool,
-    /// With --ro-crate: the measured traces themselves, not only their hashes
+    /// Put the measured traces themselves into the crate, not only their hashes
     #[arg(long, requires = "ro_crate")]
     with_inputs: bool,
-    /// With --ro-crate: the terms of use
+    /// Licence of the crate
     #[arg(long, value_name = "URL", requires = "ro_crate")]
     license: Option<String>,
-    /// With --ro-crate: who made it
+    /// Author of the crate
     #[arg(long, value_name = "NAME", requires = "ro_crate")]
     author: Option<String>,
-    /// One JSON object instead of a list of files
+    /// Print one JSON object instead of a list of files
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }

@@ -9,10 +9,10 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Make a cohort folder with a commented cohort.toml and one patient to fill in
+/// Create a cohort folder with a commented cohort.toml and one patient to fill in
 #[derive(Debug, Args)]
 pub struct InitArgs {
-    /// Folder to make
+    /// Folder to create
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     /// Name of the cohort [default: the folder's name]

@@ -9,10 +9,10 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Print the manual page, or write all of them
+/// Print the manual page, or write the pages of all commands
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// Write cardiotwin.1 and a page per command into this folder
+    /// Write cardiotwin.1 and one page per command into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -12,21 +12,22 @@ use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::engine::{self, PlannedRun};
 
-/// Which jobs a run on a cluster would submit, what they cost, and when they may end; submits nothing
+/// Show the jobs that a run on a cluster would submit, their cost and likely end, without
+/// submitting
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     #[command(flatten)]
     place: Place,
-    /// Settings on top of all files (may be given several times)
+    /// Override a setting of all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Print the batch scripts instead, exact but for names, which are made at the submission
+    /// Print the batch scripts instead, exact except for names, which are made at submission
     #[arg(long)]
     script: bool,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long, conflicts_with = "script")]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH", hide = true)]
     worker: Option<PathBuf>,
 }

@@ -32,7 +32,7 @@ const LINES_WITH_RESULTS: usize = 100;
 /// Rows of the status table that a run on a cluster prints.
 const ROWS: usize = 60;
 
-/// Personalise a cohort; the same command goes on where an earlier one stopped
+/// Personalise a cohort; the same command continues an interrupted run
 #[derive(Debug, Args)]
 #[command(
     after_help = "Ctrl-C once finishes what is cheap to finish and stops; twice stops now. Both lose nothing that is finished."
@@ -40,43 +40,45 @@ const ROWS: usize = 60;
 pub struct RunArgs {
     #[command(flatten)]
     place: Place,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
-    /// Work on these patients only (may be given several times)
+    /// Personalise only this patient (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Which ventricle is simulated (solver.fidelity)
+    /// Ventricle to simulate (solver.fidelity)
     #[arg(long, value_name = "NAME", value_parser = ["reduced", "finite-element"])]
     fidelity: Option<String>,
-    /// About how many nodes the finite-element mesh has (solver.finite_element.mesh_nodes)
+    /// Approximate number of nodes of the finite-element mesh (solver.finite_element.mesh_nodes)
     #[arg(long, value_name = "N")]
     mesh_nodes: Option<u32>,
-    /// How step 1 finds the next parameters (step1.update)
+    /// Method by which step 1 finds the next parameters (step1.update)
     #[arg(long, value_name = "NAME", value_parser = ["auto", "fixed-point", "space-mapping"])]
     update: Option<String>,
-    /// Write a series of VTU files for ParaView each so many simulated ms in every 3D simulation (executor.vtu_every_ms)
+    /// Write a VTU file for ParaView at this interval of simulated time, in ms, in every 3D
+    /// simulation (executor.vtu_every_ms)
     #[arg(long, value_name = "MS")]
     vtu_every: Option<f64>,
-    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    /// Override a setting of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where tasks run (executor.kind)
+    /// Executor of the tasks (executor.kind)
     #[arg(long, value_name = "NAME", value_parser = ["local", "slurm"])]
     executor: Option<String>,
-    /// On a cluster: stay, and bring jobs on until everything is over; else this is one tick, like `advance`
+    /// On a cluster, keep advancing until all jobs are finished, instead of one tick as in
+    /// `advance`
     #[arg(long)]
     watch: bool,
-    /// Write no report at the end
+    /// Do not write a report at the end
     #[arg(long)]
     no_report: bool,
-    /// Say what would be done, and do nothing
+    /// Show what would be done without doing it
     #[arg(long)]
     dry_run: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// Go on with this worker, though the run began with another version
+    /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
 }

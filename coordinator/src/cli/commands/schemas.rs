@@ -11,7 +11,7 @@ use crate::cli::talk::Talk;
 /// Print or write the JSON Schemas of all file formats
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// Write a file per schema into this folder instead of one object to stdout
+    /// Write one file per schema into this folder instead of one object to stdout
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -20,15 +20,16 @@ use crate::cli::talk::{Talk, Tone};
 use crate::report::spread_svg;
 use crate::results::{PatientView, SpreadFile, Step};
 
-/// All about one patient: results, iterations, parameters, failure and where its files lie
+/// Show one patient in detail: results, iterations, parameters, failure and location of its files
 #[derive(Debug, Args)]
 pub struct ShowArgs {
-    /// Whom
+    /// Name of the patient
     patient: String,
-    /// One JSON object instead of text
+    /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
-    /// Draw how the nodes' stretch and active stress spread around their medians as an SVG file
+    /// Draw the spread of the nodes' stretch and active stress around their medians into an SVG
+    /// file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]

@@ -19,21 +19,21 @@ const ROWS: usize = 60;
 /// Largest length of a note, characters.
 const LONGEST_NOTE: usize = 100;
 
-/// Where each patient stands, failures first
+/// Show the state of each patient, failures first
 #[derive(Debug, Args)]
 pub struct StatusArgs {
     #[command(flatten)]
     place: Place,
-    /// One JSON object (status.schema.json) instead of a table
+    /// Print one JSON object (status.schema.json) instead of a table
     #[arg(long)]
     json: bool,
-    /// Show again every two seconds until the run is over
+    /// Refresh every two seconds until the run is finished
     #[arg(long)]
     watch: bool,
-    /// Failed patients only
+    /// Show only failed patients
     #[arg(long)]
     failed: bool,
-    /// Every patient, however many
+    /// Show all patients, even in a large cohort
     #[arg(long)]
     all: bool,
 }

@@ -20,22 +20,22 @@ use crate::engine;
 use crate::input::{self, Options, Report};
 use finding::{Finding, Level};
 
-/// Whether this machine, file system and site can run cohorts; what to do where they can't
+/// Check whether this machine, file system and site can run cohorts, and show remedies
 #[derive(Debug, Args)]
 #[command(after_help = "Exit code 1 where something would make runs fail.")]
 pub struct DoctorArgs {
     #[command(flatten)]
     place: Place,
-    /// Look at the cluster with this profile, too: generic, archer2, laptop, or a file
+    /// Check the cluster of this site profile, too: generic, archer2, laptop, or a file
     #[arg(long, value_name = "NAME")]
     site: Option<String>,
-    /// Account for the cluster's jobs
+    /// Account that the cluster's jobs are charged to
     #[arg(long, value_name = "NAME", requires = "site")]
     account: Option<String>,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }

@@ -27,7 +27,8 @@ const LARGE_MISFIT: f64 = 0.05;
 /// Correlation of two estimates above which a warning says that they cannot be told apart.
 const STRONG_CORRELATION: f64 = 0.95;
 
-/// The three-element Windkessel (characteristic and peripheral resistance, compliance) from measured flow and pressure
+/// Fit the three-element Windkessel (characteristic and peripheral resistance, compliance) to
+/// measured flow and pressure
 #[derive(Debug, Args)]
 #[command(
     after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, PRESSURE.csv time_ms and pressure_mmHg, on one clock, \
@@ -35,38 +36,41 @@ const STRONG_CORRELATION: f64 = 0.95;
                         What three elements miss in the record: `cardiotwin discover --afterload FLOW.csv PRESSURE.csv`."
 )]
 pub struct AfterloadArgs {
-    /// FLOW.csv and PRESSURE.csv; with --volume the pressure alone, with --cuff the flow alone, with both none
+    /// FLOW.csv and PRESSURE.csv; only PRESSURE.csv with --volume, only FLOW.csv with --cuff, no
+    /// file with both
     #[arg(value_name = "TRACE.csv", num_args = 0..=2)]
     traces: Vec<PathBuf>,
-    /// In the place of a flow: -dV/dt in ejection of this volume, one cycle in the columns time_ms,volume_mL
+    /// Take -dV/dt of this volume in ejection as the flow; one cycle in the columns
+    /// time_ms,volume_mL
     #[arg(long, value_name = "VOLUME.csv")]
     volume: Option<PathBuf>,
-    /// Length of the volume's cycle in ms [default: to one step after its last sample]
+    /// Length of the volume's cycle in ms [default: until one step after the last sample]
     #[arg(long, value_name = "MS", requires = "volume")]
     cycle_length: Option<f64>,
-    /// In the place of a pressure: the cuff's in mmHg
+    /// Fit to cuff pressures in mmHg instead of a measured pressure trace
     #[arg(
         long,
         value_name = "SYSTOLIC/DIASTOLIC[/MEAN]",
         conflicts_with = "periodic"
     )]
     pub(super) cuff: Option<super::cuff::Pressures>,
-    /// Standard deviation of the cuff's pressures in mmHg [default: 4]
+    /// Standard deviation of the cuff pressures in mmHg [default: 4]
     #[arg(long, value_name = "MMHG", requires = "cuff")]
     pub(super) cuff_sd: Option<f64>,
-    /// Begin in the periodic steady state of the first cycle, instead of fitting the pressure at the beginning
+    /// Start from the periodic steady state of the first cycle instead of fitting the initial
+    /// pressure
     #[arg(long)]
     periodic: bool,
-    /// Probability that an interval covers
+    /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     pub(super) confidence: f64,
-    /// Draw pressure and fit into this SVG file
+    /// Draw the pressure and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
-    /// Print the lines for patient.toml instead
+    /// Print lines for patient.toml instead of a table
     #[arg(long, conflicts_with = "json")]
     pub(super) toml: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     pub(super) json: bool,
 }

@@ -23,7 +23,7 @@ const CORRELATED: f64 = 0.5;
 /// Number of intervals between the points of the fitted curve in the plot.
 const CURVE_POINTS: usize = 400;
 
-/// Rice's calcium (resting and peak calcium, two time constants) from one measured transient
+/// Fit Rice's calcium (resting and peak calcium, two time constants) to one measured transient
 #[derive(Debug, Args)]
 #[command(
     after_help = "TRACE.csv has the columns time_ms and calcium_uM, one beat, samples of any spacing; lines that begin \
@@ -32,10 +32,10 @@ const CURVE_POINTS: usize = 400;
                         each other."
 )]
 pub struct CalciumArgs {
-    /// The transient: a CSV file with the columns time_ms,calcium_uM
+    /// CSV file of the transient with the columns time_ms,calcium_uM
     #[arg(value_name = "TRACE.csv")]
     trace: PathBuf,
-    /// Time of activation on the trace's clock, from which calcium rises
+    /// Time of activation on the trace's clock, in ms; calcium rises from then on
     #[arg(
         long,
         value_name = "MS",
@@ -43,13 +43,14 @@ pub struct CalciumArgs {
         allow_negative_numbers = true
     )]
     activation: f64,
-    /// Probability that an interval covers
+    /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     confidence: f64,
-    /// Draw trace and fit into this SVG file
+    /// Draw the trace and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print the result as tables of cohort.toml instead: calcium held at the values, or bounded by the intervals
+    /// Print tables for cohort.toml instead: calcium frozen at the values, or bounded by the
+    /// intervals
     #[arg(
         long,
         value_name = "frozen|bounds",
@@ -58,7 +59,7 @@ pub struct CalciumArgs {
         conflicts_with = "json"
     )]
     toml: Option<Defaults>,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }

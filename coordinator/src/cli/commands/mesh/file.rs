@@ -36,7 +36,7 @@ pub enum MeshFileCommandError {
 /// Units of coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Unit {
-    /// Micrometres, CARP's unit
+    /// Micrometres, the unit of CARP files
     Um,
     /// Millimetres
     Mm,
@@ -63,7 +63,7 @@ pub struct Source {
     /// Stem of CARP files (`heart` for heart.pts, heart.elem …), or a .vtu, .msh (gmsh) or .mesh (Medit) file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Unit of its coordinates; may be left out for CARP files, whose unit is um
+    /// Unit of the coordinates; optional for CARP files, which are in um
     #[arg(long, value_name = "UNIT", value_enum)]
     pub unit: Option<Unit>,
 }
@@ -97,10 +97,10 @@ impl Source {
 /// The mesh to be written.
 #[derive(Debug, Args)]
 pub struct Target {
-    /// What to write: a .vtu file (mm), a .mesh file (mm), or a stem of CARP files (um)
+    /// File to write: a .vtu file (mm), a .mesh file (mm), or the stem of CARP files (um)
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
-    /// Replace files that are there
+    /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
 }

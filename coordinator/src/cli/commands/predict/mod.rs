@@ -39,7 +39,7 @@ const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
     tolerance: 0.5,
 };
 
-/// What a change of loads, pacing, cell or valves does to a personalised twin: before against after
+/// Predict the effect of changed loads, pacing, cell or valves on a personalised twin
 #[derive(Debug, Args)]
 #[command(
     after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, characteristic_resistance_mmHg_s_per_mL,\n\
@@ -47,10 +47,10 @@ const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
                   Beats go on to the periodic state; the change between both periodic states is carried over to the twin's own beat."
 )]
 pub struct PredictArgs {
-    /// Patient whose twin is changed; with --scenarios: the only one [default: every patient with a twin]
+    /// Patient of the twin; optional with --scenarios [default: every patient with a twin]
     #[arg(required_unless_present = "scenarios")]
     patient: Option<String>,
-    /// A change: to a value, or by a percentage such as -20% (may be given several times)
+    /// Change a quantity to a value, or by a percentage such as -20% (may be given several times)
     #[arg(
         long = "set",
         value_name = "KEY=VALUE",
@@ -58,25 +58,27 @@ pub struct PredictArgs {
         allow_hyphen_values = true
     )]
     set: Vec<String>,
-    /// A file of scenarios, each a table with `set` and, where not every twin is meant, `patients`
+    /// File of scenarios, each a table with `set` and, to restrict it to some twins, `patients`
     #[arg(long, value_name = "FILE", conflicts_with = "set")]
     scenarios: Option<PathBuf>,
-    /// Simulate the run's finite-element ventricle instead of the one-fibre one of its volumes and pressure
+    /// Simulate the run's finite-element ventricle instead of a one-fibre ventricle of its volumes
+    /// and pressure
     #[arg(long)]
     in_3d: bool,
-    /// Leave out how sure the prediction is: the change on draws of the twin's posterior
+    /// Skip the uncertainty of the prediction, which simulates the change on draws of the twin's
+    /// posterior
     #[arg(long)]
     no_band: bool,
-    /// Number of beats instead of as many as the periodic state takes
+    /// Number of beats [default: as many as the periodic state takes]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     beats: Option<u32>,
     /// Write traces (CSV), plot (SVG) and prediction (JSON) into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// JSON instead of a table
+    /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     #[command(flatten)]

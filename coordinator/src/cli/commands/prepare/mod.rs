@@ -22,7 +22,8 @@ use cardiotwin_schemas::preparation::{Preparation, StepState};
 /// Number of left-out beats that the table lists; beats.csv lists all of them.
 const MOST_NAMED: usize = 12;
 
-/// Make a patient's folder of continuous recordings: find, judge and average beats, adjust and synchronise volumes
+/// Create a patient's folder from continuous recordings: find, judge and average beats, adjust and
+/// synchronise volumes
 #[derive(Debug, Args)]
 #[command(
     after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, aortic_pressure_mmHg, flow_mL_per_s, \
@@ -34,16 +35,16 @@ pub struct PrepareArgs {
     /// Folder of the recordings
     #[arg(value_name = "RAW_DIR")]
     raw: PathBuf,
-    /// The patient's folder to make; its name is the patient's unless prepare.toml says another
+    /// Folder of the patient to create; its name is the patient's unless prepare.toml sets another
     #[arg(value_name = "PATIENT_DIR", required_unless_present = "dry_run")]
     patient: Option<PathBuf>,
-    /// Say what each step would change, and write nothing
+    /// Show what each step would change without writing anything
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// Take the place of a folder that `cardiotwin prepare` made before
+    /// Replace a folder that an earlier `cardiotwin prepare` created
     #[arg(long)]
     replace: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }

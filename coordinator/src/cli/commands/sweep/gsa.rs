@@ -27,20 +27,23 @@ use crate::sweep::gsa::spec::{self, Wishes};
 use crate::sweep::gsa::{chunks, selection};
 use crate::sweep::{SweepError, folder};
 
-/// Which of the cell's parameters matter: Sobol indices of its biomarkers, as in Jung et al. 2022, or of a patient's organ
+/// Rank the cell's parameters by Sobol indices of its biomarkers, as in Jung et al. 2022, or of a
+/// patient's organ
 #[derive(Debug, Args)]
 #[command(
     after_help = "The defaults of the cell are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
                   goes on where it stopped; more --samples extend a sweep without repeating any. Ctrl-C as in `run`."
 )]
 pub struct GsaArgs {
-    /// Folder of the sweep, made if absent [default: gsa, or gsa-PATIENT with --organ]
+    /// Folder of the sweep, created if absent [default: gsa, or gsa-PATIENT with --organ]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Patient whose reduced ventricle is simulated with each cell: indices of the organ's seven biomarkers
+    /// Simulate this patient's reduced ventricle with each cell, for indices of the organ's seven
+    /// biomarkers
     #[arg(long, value_name = "PATIENT", conflicts_with_all = ["cycle_length_ms", "lambda_0", "tolerance"])]
     organ: Option<String>,
-    /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or `paper`, Table A5's
+    /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or
+    /// `paper`, those of Table A5
     #[arg(
         long,
         value_name = "BOX",
@@ -58,31 +61,33 @@ pub struct GsaArgs {
     /// Folder of the patient's run [default: COHORT/run]
     #[arg(long, value_name = "DIR", requires = "organ")]
     run_dir: Option<PathBuf>,
-    /// Base points N, best a power of two; each gives 2D + 2 samples [default: 1024]
+    /// Number of base points, best a power of two; each gives 2D + 2 samples for D parameters
+    /// [default: 1024]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
-    /// Seed of bootstrap and scrambling [default: 1]
+    /// Seed of the bootstrap and the scrambling [default: 1]
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
-    /// Scrambled Sobol points instead of plain ones
+    /// Use scrambled Sobol points instead of plain ones
     #[arg(long)]
     scramble: bool,
-    /// Blocks that a task computes; changes no result [default: 64, 32 with --organ]
+    /// Number of blocks per task, which does not affect results [default: 64, 32 with --organ]
     #[arg(long, value_name = "N")]
     chunk_blocks: Option<u32>,
-    /// Bootstrap resamples for the intervals [default: 1000]
+    /// Number of bootstrap resamples for the intervals [default: 1000]
     #[arg(long, value_name = "N")]
     resamples: Option<u32>,
-    /// Probability that an interval covers [default: 0.95]
+    /// Coverage probability of the intervals [default: 0.95]
     #[arg(long, value_name = "P")]
     confidence: Option<f64>,
-    /// Another interval of a parameter, or a further parameter (may be given several times)
+    /// Change the interval of a swept parameter, or sweep a further parameter (may be given several
+    /// times)
     #[arg(long, value_name = "NAME=LOWER,UPPER", value_parser = bounds)]
     bounds: Vec<(String, [f64; 2])>,
-    /// Value of a parameter that is not swept; one of the swept leaves the design (may be given several times)
+    /// Fix a parameter at a value; a swept parameter leaves the design (may be given several times)
     #[arg(long, value_name = "NAME=VALUE", value_parser = value)]
     set: Vec<(String, f64)>,
-    /// Cycle length [default: 1000]
+    /// Cycle length in ms [default: 1000]
     #[arg(long, value_name = "MS")]
     cycle_length_ms: Option<f64>,
     /// Initial stretch [default: 1.1]
@@ -91,18 +96,19 @@ pub struct GsaArgs {
     /// Tolerance of the cell engine [default: 1e-4]
     #[arg(long, value_name = "TOLERANCE")]
     tolerance: Option<f64>,
-    /// Write settings with the N most influential parameters: step 2's, or step 3's of an organ
+    /// Write settings that fit the N most influential parameters: of step 2, or of step 3 for an
+    /// organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: u32,
     #[command(flatten)]
     cluster: OnCluster,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
 }

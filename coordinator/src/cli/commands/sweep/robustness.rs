@@ -41,7 +41,8 @@ const TO_THE_END: [&str; 3] = [
     "step1.stall_iterations=6",
 ];
 
-/// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
+/// Personalise with perturbed data or initial guesses, and tabulate the spread of results (Tables 3
+/// to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
     after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
@@ -54,19 +55,21 @@ pub struct RobustnessArgs {
     /// Folder of the cohort
     #[arg(value_name = "COHORT", default_value = ".")]
     cohort: PathBuf,
-    /// What is varied: the measured biomarkers, or the initial guesses of both steps
+    /// Inputs to vary: the measured biomarkers, or the initial guesses of both steps
     #[arg(long, value_name = "data|guess", value_enum)]
     kind: Kind,
-    /// Whose personalisation (may be given several times), or `all` [default: all]
+    /// Patient to personalise (may be given several times), or `all` [default: all]
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Samples of the Latin hypercube [default: 10 for data, 5 for guess, as in the paper]
+    /// Number of samples of the Latin hypercube [default: 10 for data, 5 for guess, as in the
+    /// paper]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     samples: Option<u32>,
-    /// Members that differ in step 2's seed alone [default: 0 for data, 5 for guess]
+    /// Number of members that differ only in step 2's seed [default: 0 for data, 5 for guess]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=100_000))]
     seeds: Option<u32>,
-    /// Half-width of the hypercube as a share of each value [default: 0.1 for data, 0.5 for guess]
+    /// Half-width of the hypercube as a fraction of each value [default: 0.1 for data, 0.5 for
+    /// guess]
     #[arg(long, value_name = "SHARE")]
     range: Option<f64>,
     /// Seed of the hypercube [default: 1]
@@ -75,21 +78,21 @@ pub struct RobustnessArgs {
     /// Folder of the sweep [default: COHORT/sweeps/robustness-KIND]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
-    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    /// Override a setting of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Make the tables of what is there, and run nothing
+    /// Write the tables of finished members without running any
     #[arg(long)]
     results_only: bool,
     #[command(flatten)]
     cluster: OnCluster,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
 }
