@@ -72,7 +72,7 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     cohort.call(&["archive", "--to", "archive"]).expect(0);
     let again = cohort.call(&["archive", "--to", "archive"]);
     assert!(
-        again.code != 0 && again.err.contains("is there already"),
+        again.code != 0 && again.err.contains("already exists"),
         "{}",
         again.err
     );

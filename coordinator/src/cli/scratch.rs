@@ -28,7 +28,7 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
     };
     if !scratch.is_absolute() {
         let message = format!(
-            "executor.scratch = \"{}\": a path from the root, such as /scratch/me",
+            "executor.scratch is \"{}\", expected an absolute path such as /scratch/me",
             scratch.display()
         );
         return Err(CliError::Usage(message));
@@ -38,8 +38,8 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
     let elsewhere = |at: &Path| {
         let (at, to) = (at.display(), target.display());
         CliError::Usage(format!(
-            "the attempts of this run lie in {at}, and executor.scratch says {to}: leave the setting away, or move them while nothing \
-             runs: `mv {at} {to}`, then remove {}",
+            "the attempts of this run are in {at}, but executor.scratch is {to}: remove the \
+             setting, or move them while nothing runs: `mv {at} {to}`, then remove {}",
             link.display()
         ))
     };

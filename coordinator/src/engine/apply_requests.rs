@@ -168,7 +168,7 @@ impl Decider {
             changes.push(format!("{name}: {step} will be tried again"));
         }
         if cancelled {
-            changes.push(format!("{name} goes on"));
+            changes.push(format!("{name} continues"));
         }
         self.reopen(world, i);
         world.plan_changed(i);

@@ -78,7 +78,7 @@ fn words(result: &PosteriorResult) -> String {
         sampling.evaluations
     );
     if let Some(doubt) = sampling.doubt() {
-        text += &format!("; take the bands for a guess: {doubt}");
+        text += &format!("; the bands are only a rough estimate: {doubt}");
     }
     text += ".";
     if let Some(outside) = result.outside_words() {

@@ -14,7 +14,9 @@ use crate::engine::{self, RunOptions, RunSummary, StopSignal};
 /// Advance a run on a cluster by one tick: collect results of jobs, decide, submit jobs, and exit
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Says nothing and waits for nothing that lasts: made for cron, scrontab and self-resubmitting jobs (docs/slurm.md).\nKilled anywhere it costs nothing."
+    after_help = "For use in cron, scrontab and self-resubmitting jobs (docs/slurm.md): it asks no \
+                  questions and does not wait for jobs.\n\
+                  Killing it at any moment loses nothing."
 )]
 pub struct AdvanceArgs {
     #[command(flatten)]
@@ -77,7 +79,7 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
             summary.done, summary.failed, summary.cancelled
         );
         talk.data(&format!(
-            "{}: {parts}; nothing is left to do\n",
+            "{}: {parts}; nothing left to do\n",
             count(summary.patients, "patient")
         ))?;
     } else {

@@ -13,7 +13,8 @@ use crate::engine;
 /// Copy a run's database, even while a coordinator is running, and check the copy
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The copy is a run's cardiotwin.db: put it in the place of a damaged one. Attempts' folders are not in it."
+    after_help = "The copy can replace a damaged cardiotwin.db of the run. It does not contain the \
+                  attempts' folders."
 )]
 pub struct BackupArgs {
     #[command(flatten)]
@@ -30,7 +31,7 @@ pub struct BackupArgs {
 pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.to.exists() {
         return Err(CliError::Usage(format!(
-            "{} is there already: name another file",
+            "{} already exists: name another file",
             args.to.display()
         )));
     }

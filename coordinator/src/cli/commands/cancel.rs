@@ -44,7 +44,9 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
             what: "cannot listen to signals",
             source,
         })?;
-        talk.say("waiting for the end of jobs that nobody wants any more; Ctrl-C leaves, `advance` goes on");
+        talk.say(
+            "waiting for cancelled jobs to end; Ctrl-C stops waiting, and `advance` continues",
+        );
         engine::end_unwanted_jobs(&folders.run, stop).await?;
     }
     Ok(Exit::Ok)

@@ -73,7 +73,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
             .map_or("the cohort", |cohort| cohort.name.as_str());
         if errors + warnings == 0 {
             talk.data(&format!(
-                "{name}: {}, nothing to complain about\n",
+                "{name}: {}, no problems\n",
                 count(n_patients, "patient")
             ))?;
         } else {

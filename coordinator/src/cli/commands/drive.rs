@@ -49,9 +49,7 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
             Ok(Exit::Ok)
         }
         None => {
-            talk.say(
-                "another driver had claimed this part of the job before: nothing is done twice",
-            );
+            talk.say("another driver has already claimed this part of the job; nothing to do");
             Ok(Exit::Locked)
         }
     }

@@ -25,10 +25,12 @@ use crate::results::folder::WholeFolder;
 /// RO-Crate
 #[derive(Debug, Args)]
 #[command(
-    after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and land17.par (active stress of step 1 and \
-                        step 2), calcium.csv, and in 3D heart.pts, .elem, .lon, .surf and activation.dat.\n\
-                        --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and parameters, and what \
-                        computed them. Inputs are named by their hashes; --with-inputs takes them along."
+    after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and \
+                  land17.par (active stress of step 1 and step 2), calcium.csv, and in 3D \
+                  heart.pts, .elem, .lon, .surf and activation.dat.\n\
+                  --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and \
+                  parameters, and the programs that computed them. Inputs are identified by their \
+                  hashes; --with-inputs copies them, too."
 )]
 pub struct ExportArgs {
     #[command(flatten)]
@@ -89,7 +91,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
             let id = &patient.plan.id;
             let written = opencarp(patient, &worker, &out.join("opencarp").join(id.as_str()))?;
             if written.is_empty() {
-                problems.push(format!("{id}: no simulation of step 1 yet"));
+                problems.push(format!("{id}: no simulation of step 1 has finished"));
             }
             parts.extend(written.iter().map(|file| Part::model(file, id.as_str())));
             files.extend(written);
@@ -194,7 +196,7 @@ impl Part {
     fn table(file: &Path) -> Self {
         let is_traces = file.file_stem().is_some_and(|stem| stem == "traces");
         let sentence = if is_traces {
-            "All traces, one value a row"
+            "All traces, one value per row"
         } else {
             "A table of the paper, for this cohort"
         };
@@ -255,7 +257,7 @@ fn crate_of(
         .count();
     if open > 0 {
         talk.say(&format!(
-            "{} of the crate not personalised to the end: it says so",
+            "{} of the crate not fully personalised, as their records state",
             count(open, "patient")
         ));
     }

@@ -28,7 +28,8 @@ pub struct DuArgs {
 /// provenance needs stay
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would go."
+    after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would be \
+                  removed."
 )]
 pub struct CleanArgs {
     #[command(flatten)]
@@ -135,7 +136,7 @@ pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> 
         let (to, files) = (target.display(), count(done.copied.files as usize, "file"));
         let (copied, left) = (size(done.copied.bytes), size(done.left.bytes));
         talk.data(&format!(
-            "{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"
+            "{to}: {files}, {copied}, each checked; {left} of scratch not copied\n"
         ))?;
     }
     Ok(Exit::Ok)
@@ -148,7 +149,8 @@ fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
         Some((cohort.name, cohort.settings.settings.executor.archive?))
     });
     let Some((name, folder)) = cohort.filter(|(_, folder)| folder.is_absolute()) else {
-        let message = "nowhere to put it: name a folder with --to, or set executor.archive to a path from the root";
+        let message = "no folder for the archive: name one with --to, or set executor.archive to an \
+                       absolute path";
         return Err(CliError::Usage(message.to_owned()));
     };
     std::fs::create_dir_all(&folder).map_err(CliError::file("make", &folder))?;

@@ -48,7 +48,7 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
     ];
     if let Some((there, _)) = files.iter().find(|(path, _)| path.exists()) {
         let message = format!(
-            "{} is there already; give another folder, nothing was written",
+            "{} already exists; nothing was written: name another folder",
             there.display()
         );
         return Err(CliError::Usage(message));

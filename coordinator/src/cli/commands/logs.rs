@@ -61,7 +61,7 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
             }
         }
         if attempts.is_empty() && !args.follow {
-            talk.say(&format!("no attempt at any task of {id} yet"));
+            talk.say(&format!("{id} has no attempt of any task yet"));
         }
         let first = if args.all {
             0

@@ -93,7 +93,8 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
         String::new()
     };
     text.push_str(&format!(
-        "{}: {}, {:.3} node-hours{charge}; over {} after the first begins, if the queue gave at once all that its limits allow\n",
+        "{}: {}, {:.3} node-hours{charge}; finished {} after the first job begins, if the queue \
+         runs as many jobs as its limits allow\n",
         plan.site,
         count(jobs, "job"),
         plan.node_hours,
@@ -102,7 +103,7 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
     text.push_str(&format!("{}\n", plan.disk.words()));
     if plan.others > 0 {
         text.push_str(&format!(
-            "{} over, in jobs already, or waiting for another's task\n",
+            "{} finished, already in jobs, or waiting for another patient's task\n",
             count(plan.others, "patient")
         ));
     }

@@ -19,9 +19,10 @@ use crate::input::{Layer, Report, check_on_top, nearest};
 /// Redo a patient from a step on with other settings; step 1 continues from its stored iterations
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The settings are stored for this patient and win over all files until another rerun changes them.\n\
-                        `cardiotwin config show --origin --patient PATIENT` shows them.\n\
-                        To repeat a failed task with the same settings: `cardiotwin retry`."
+    after_help = "The settings are stored for this patient and override all files until another \
+                  rerun changes them.\n\
+                  `cardiotwin config show --origin --patient PATIENT` shows them.\n\
+                  To repeat a failed task with the same settings, use `cardiotwin retry`."
 )]
 pub struct RerunArgs {
     /// Name of the patient
@@ -96,7 +97,7 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
             let known = || Step1Parameter::KEYS.iter().chain(&CELL_PARAMETERS).copied();
             let meant = nearest(key, known()).map(|meant| format!("; did you mean `{meant}`?"));
             return Err(format!(
-                "--bounds {text}: no parameter `{key}`{}",
+                "--bounds {text}: unknown parameter `{key}`{}",
                 meant.unwrap_or_default()
             ));
         }

@@ -14,7 +14,7 @@ use crate::engine;
 
 /// Repeat the task of a failed or cancelled patient with the same settings
 #[derive(Debug, Args)]
-#[command(after_help = "To change settings instead: `cardiotwin rerun`.")]
+#[command(after_help = "To change settings instead, use `cardiotwin rerun`.")]
 pub struct RetryArgs {
     /// Patient to retry
     #[arg(required_unless_present = "failed", conflicts_with = "failed")]
@@ -86,7 +86,7 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
         }
     };
     if patients.is_empty() {
-        talk.say("no patient has failed so: nothing to retry");
+        talk.say("no patient has such a failure: nothing to retry");
     }
     for patient in &patients {
         let answer = engine::retry(&folders.run, patient).await?;

@@ -35,7 +35,8 @@ const ROWS: usize = 60;
 /// Personalise a cohort; the same command continues an interrupted run
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Ctrl-C once finishes what is cheap to finish and stops; twice stops now. Both lose nothing that is finished."
+    after_help = "One Ctrl-C lets short tasks finish and then stops; a second one stops at once. \
+                  Neither loses a finished result."
 )]
 pub struct RunArgs {
     #[command(flatten)]
@@ -91,7 +92,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
     folders
-        .refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
+        .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
     let cohort = load(&folders, &args.settings(), &args.patients, true, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
@@ -360,9 +361,9 @@ async fn finish(
         parts.join(", ")
     ))?;
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost");
+        talk.say("stopped; no finished result is lost");
         talk.hint(&format!(
-            "`cardiotwin run{}` goes on",
+            "continue with `cardiotwin run{}`",
             folders.as_argument("")
         ));
         return Ok(Exit::Interrupted);
@@ -370,7 +371,7 @@ async fn finish(
     if summary.failed > 0 {
         let place = folders.as_argument("");
         talk.hint(&format!(
-            "`cardiotwin status{place}` names the failures, first"
+            "`cardiotwin status{place}` lists the failures first"
         ));
     }
     Ok(if summary.failed + summary.cancelled > 0 {
@@ -390,10 +391,11 @@ pub(super) async fn on_cluster(
     talk.data(&status::screen(&status, "PATIENT", ROWS, talk))?;
     let place = folders.as_argument("");
     if summary.stopped {
-        talk.say("stopped; jobs on the cluster go on");
+        talk.say("stopped; jobs on the cluster keep running");
     }
     talk.hint(&format!(
-        "`cardiotwin advance{place}` takes up what jobs have done and goes on, `run{place} --watch` stays"
+        "`cardiotwin advance{place}` collects the results of jobs and continues once, `run{place} \
+         --watch` until the end"
     ));
     Ok(Exit::Unfinished)
 }
@@ -414,10 +416,10 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
     for plan in plans {
         let would = match foreseen.get(&plan.id) {
-            None => "begin at step 0".to_owned(),
-            Some(Foreseen::Stays) => "stay as it is".to_owned(),
-            Some(Foreseen::GoesOn(step)) => format!("go on with {step}"),
-            Some(Foreseen::Redone(step)) => format!("redo {step} and what follows from it"),
+            None => "start with step 0".to_owned(),
+            Some(Foreseen::Stays) => "change nothing".to_owned(),
+            Some(Foreseen::GoesOn(step)) => format!("continue with {step}"),
+            Some(Foreseen::Redone(step)) => format!("redo {step} and all later steps"),
         };
         let stands = stands.get(&plan.id).map_or("-", String::as_str).to_owned();
         table.row([plan.id.to_string(), stands, would]);
@@ -425,7 +427,7 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     talk.data(&table.text())?;
     let executor = &cohort.settings.settings.executor;
     let workers = if executor.workers == 0 {
-        "one worker for each core".to_owned()
+        "one worker per core".to_owned()
     } else {
         count(executor.workers as usize, "worker")
     };

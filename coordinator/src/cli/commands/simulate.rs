@@ -30,8 +30,9 @@ const PERIODIC: BeatCount = BeatCount::Periodic {
 /// Simulate a patient's organ once and print its traces; files are written only with --out
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Parameters are those of the run's best iteration where there is a run, else step 1's first guess.\n\
-                        Without --out, traces go to stdout as CSV and biomarkers to stderr."
+    after_help = "Parameters are those of the run's best iteration, or step 1's first guess if \
+                  there is no run.\n\
+                  Without --out, traces go to stdout as CSV and biomarkers to stderr."
 )]
 pub struct SimulateArgs {
     /// Name of the patient
@@ -194,7 +195,7 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
             let meant = nearest(name, known.iter().map(String::as_str))
                 .map(|meant| format!("; did you mean `{meant}`?"));
             return Err(format!(
-                "--set {name}: no such parameter{}",
+                "--set {name}: unknown parameter{}",
                 meant.unwrap_or_default()
             ));
         }

@@ -313,7 +313,7 @@ pub async fn archive(
     with_series: bool,
 ) -> Result<Archived, EngineError> {
     if target.exists() {
-        let message = format!("{} is there already: name another folder", target.display());
+        let message = format!("{} already exists: name another folder", target.display());
         return Err(EngineError::Request { message });
     }
     let _held = enter_with_lease(run_dir)?;

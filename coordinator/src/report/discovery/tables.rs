@@ -169,7 +169,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
     scrolling(&html! { table {
         caption { "Patients" }
         thead { tr {
-            th { "patient" } th.unit { "missing" } th { "gap before" } th { "after" } th { "held out, before" } th { "after" } th.unit { "cannot be told from" }
+            th { "patient" } th.unit { "missing" } th { "gap before" } th { "after" } th { "held out, before" } th { "after" } th.unit { "indistinguishable from" }
         } }
         tbody { @for case in cases.values() {
             @let found = &case.found;

@@ -33,7 +33,7 @@ use source::Source;
 /// docs/missing-effects.md explains the method and its limits.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The same command goes on where an earlier one stopped. Ctrl-C as in `run`."
+    after_help = "The same command continues an interrupted search. Ctrl-C works as in `run`."
 )]
 pub struct DiscoverArgs {
     /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
@@ -100,7 +100,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     let source = Source::read(args, talk)?;
     if source.is_cohort() && args.plot.is_some() {
         return Err(CliError::Usage(
-            "--plot draws one patient: name a patient's folder".to_owned(),
+            "--plot draws only one patient: name a patient's folder".to_owned(),
         ));
     }
     if args.accept || args.revert {
@@ -158,7 +158,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         page.display()
     ));
     if ended.stopped {
-        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        talk.say("stopped; no finished result is lost, and the same command continues");
         return Ok(Exit::Interrupted);
     }
     Ok(if ended.failures.is_empty() {

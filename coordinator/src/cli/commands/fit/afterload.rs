@@ -31,9 +31,11 @@ const STRONG_CORRELATION: f64 = 0.95;
 /// measured flow and pressure
 #[derive(Debug, Args)]
 #[command(
-    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, PRESSURE.csv time_ms and pressure_mmHg, on one clock, \
-                        one beat or more, samples of any spacing; lines that begin with # are comments.\n\
-                        What three elements miss in the record: `cardiotwin discover --afterload FLOW.csv PRESSURE.csv`."
+    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, and PRESSURE.csv time_ms and \
+                  pressure_mmHg, with times from the same instant. They hold one or more beats with \
+                  samples of any spacing; lines that begin with # are comments.\n\
+                  `cardiotwin discover --afterload FLOW.csv PRESSURE.csv` searches for effects that \
+                  three elements lack."
 )]
 pub struct AfterloadArgs {
     /// FLOW.csv and PRESSURE.csv; only PRESSURE.csv with --volume, only FLOW.csv with --cuff, no
@@ -82,7 +84,7 @@ pub struct AfterloadArgs {
 pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage(
-            "--confidence lies between 0 and 1".to_owned(),
+            "--confidence must lie between 0 and 1".to_owned(),
         ));
     }
     let (source, pressure) = sources(args)?;
@@ -148,7 +150,7 @@ pub(super) fn say(
         talk.data(said.toml)?;
     } else {
         talk.data(&said.text)?;
-        talk.hint("`--toml` prints the lines for patient.toml");
+        talk.hint("`--toml` prints lines for patient.toml");
     }
     if args.json || args.toml {
         said.warnings
@@ -211,10 +213,10 @@ fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliE
         .cycle_length
         .is_some_and(|ms| !(200.0..=3000.0).contains(&ms))
     {
-        return usage("--cycle-length is 200 to 3000 ms");
+        return usage("--cycle-length must lie between 200 and 3000 ms");
     }
     if args.cuff_sd.is_some_and(|sd| !(0.1..=50.0).contains(&sd)) {
-        return usage("--cuff-sd is 0.1 to 50 mmHg");
+        return usage("--cuff-sd must lie between 0.1 and 50 mmHg");
     }
     let volume = args
         .volume
@@ -226,13 +228,12 @@ fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliE
         (None, Some(_), [flow]) => Ok((FlowSource::Measured(flow), None)),
         (Some(volume), Some(_), []) => Ok((volume, None)),
         (None, None, _) => usage(
-            "give FLOW.csv and PRESSURE.csv; --volume takes the place of the one, --cuff of the other",
+            "give FLOW.csv and PRESSURE.csv, or --volume instead of FLOW.csv, or --cuff instead of \
+             PRESSURE.csv",
         ),
-        (Some(_), None, _) => usage("with --volume give PRESSURE.csv alone, or --cuff"),
-        (None, Some(_), _) => usage("with --cuff give FLOW.csv alone, or --volume"),
-        (Some(_), Some(_), _) => {
-            usage("--volume and --cuff take the place of both files: give none")
-        }
+        (Some(_), None, _) => usage("with --volume, give only PRESSURE.csv, or --cuff"),
+        (None, Some(_), _) => usage("with --cuff, give only FLOW.csv, or --volume"),
+        (Some(_), Some(_), _) => usage("--volume and --cuff replace both files: give no file"),
     }
 }
 
@@ -328,7 +329,7 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
     let mut found = Vec::new();
     if !answer.converged {
         found.push(
-            "the minimisation ended before it met its tolerance: look at the plot".to_owned(),
+            "the minimisation stopped before it reached its tolerance: check the plot".to_owned(),
         );
     }
     let open: Vec<&str> = answer
@@ -339,7 +340,7 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
         .collect();
     if !open.is_empty() {
         found.push(format!(
-            "the record does not determine {}: its interval has no end on a side",
+            "the record does not determine {}: the interval is open on one side or both",
             open.join(", ")
         ));
     }
@@ -347,13 +348,14 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
     for (pair, correlation) in pairs.iter().zip(answer.correlations) {
         if correlation.is_some_and(|c| c.abs() > STRONG_CORRELATION) {
             found.push(format!(
-                "{pair} are not told apart: their estimates go together"
+                "{pair} cannot be distinguished: their estimates are strongly correlated"
             ));
         }
     }
     if answer.share_of_pulse > LARGE_MISFIT {
         found.push(format!(
-            "three elements miss {:.0} % of the pulse pressure; `cardiotwin discover --afterload` says what is lacking",
+            "three elements misfit by {:.0} % of the pulse pressure; `cardiotwin discover \
+             --afterload` searches for the missing effect",
             100.0 * answer.share_of_pulse
         ));
     }
@@ -379,10 +381,9 @@ fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
         100.0 * answer.share_of_pulse,
         number(record.pulse_pressure_mmhg)
     ));
-    let alike = answer
-        .noise
-        .beat_correlation
-        .map_or(String::new(), |c| format!(", beats alike {c:.2}"));
+    let alike = answer.noise.beat_correlation.map_or(String::new(), |c| {
+        format!(", correlation between beats {c:.2}")
+    });
     text.push_str(&format!(
         "samples: {}, worth {} independent ones (correlation time {} ms{alike}); {} of {} ms, mean flow {} mL/s\n",
         record.n_samples,

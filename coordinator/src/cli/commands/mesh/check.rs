@@ -114,7 +114,7 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
         talk.data(&problems::text(&report, talk.colour_out))?;
         let (errors, warnings) = (report.n_errors(), report.n_warnings());
         if errors + warnings == 0 {
-            talk.data(&format!("{}: nothing to complain about\n", file.display()))?;
+            talk.data(&format!("{}: no problems\n", file.display()))?;
         } else {
             let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
             talk.data(&format!("{}: {errors}, {warnings}\n", file.display()))?;

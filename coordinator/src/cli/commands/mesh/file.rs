@@ -18,13 +18,13 @@ pub enum MeshFileCommandError {
     #[error(transparent)]
     File(#[from] MeshFileError),
     /// The output file exists and `--force` was not given.
-    #[error("{path} is there already; name another file with --out, or replace it with --force")]
+    #[error("{path} already exists; name another file with --out, or replace it with --force")]
     Exists {
         /// Path of the existing file.
         path: String,
     },
     /// The mesh could not be repaired.
-    #[error("{path} is not mended: {source}")]
+    #[error("{path} cannot be repaired: {source}")]
     Repair {
         /// Path of the mesh's file.
         path: String,
@@ -78,7 +78,7 @@ impl Source {
             (Some(unit), _) => Ok(unit.length()),
             (None, true) => Ok(LengthUnit::Micrometre),
             (None, false) => Err(CliError::Usage(format!(
-                "{} does not say in which unit its coordinates are: add --unit um, mm, cm or m",
+                "{} does not state the unit of its coordinates: add --unit um, mm, cm or m",
                 self.file.display()
             ))),
         }
@@ -121,7 +121,7 @@ impl Target {
     pub fn refuse_existing(&self) -> Result<(), CliError> {
         if self.out.extension().is_some_and(|e| e == "msh") {
             return Err(CliError::Usage(
-                "gmsh files are read, not written: use .vtu, .mesh or a stem of CARP files".into(),
+                "gmsh files cannot be written: use .vtu, .mesh or a stem of CARP files".into(),
             ));
         }
         let there = if is_carp(&self.out) {

@@ -157,7 +157,7 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
         });
     }
     match done.steps.is_empty() {
-        true => talk.data("nothing to mend\n")?,
+        true => talk.data("nothing to repair\n")?,
         false => done
             .steps
             .iter()

@@ -42,9 +42,12 @@ const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
 /// Predict the effect of changed loads, pacing, cell or valves on a personalised twin
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, characteristic_resistance_mmHg_s_per_mL,\n\
-                  compliance_mL_per_mmHg, cycle_length_ms, R_AV_f_mmHg_s_per_mL, R_MV_f_mmHg_s_per_mL, and the cell's parameters.\n\
-                  Beats go on to the periodic state; the change between both periodic states is carried over to the twin's own beat."
+    after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, \
+                  characteristic_resistance_mmHg_s_per_mL,\n\
+                  compliance_mL_per_mmHg, cycle_length_ms, R_AV_f_mmHg_s_per_mL, \
+                  R_MV_f_mmHg_s_per_mL, and the cell's parameters.\n\
+                  Beats are simulated until the periodic state; the change between both periodic \
+                  states is added to the twin's own beat."
 )]
 pub struct PredictArgs {
     /// Patient of the twin; optional with --scenarios [default: every patient with a twin]
@@ -194,7 +197,7 @@ async fn asked(
     }
     if all.is_empty() {
         return Err(CliError::Usage(
-            "no patient of the run has a twin yet: `cardiotwin run` makes them".to_owned(),
+            "no patient of the run has a twin yet: run `cardiotwin run` first".to_owned(),
         ));
     }
     Ok(all)
@@ -258,11 +261,12 @@ fn predict(
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
         remarks.push(format!(
-            "the twin is not personalised ({verdict}): what it predicts is as far off"
+            "the twin is not personalised ({verdict}): its predictions have errors of this size, \
+             too"
         ));
     }
     if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
-        remarks.push(format!("take the intervals for a guess: {doubt}"));
+        remarks.push(format!("the intervals are only a rough estimate: {doubt}"));
     }
     for (word, result) in [("before", &result_before), ("after", &result_after)] {
         if let Some(check) = result.failed_check() {
@@ -288,7 +292,7 @@ fn predict(
     if !prediction.periodic {
         let [a, b] = prediction.beats;
         prediction.remarks.push(format!(
-            "no periodic state after {a} and {b} beats: numbers still drift"
+            "no periodic state after {a} and {b} beats: the values still drift"
         ));
     }
     if let Some(folder) = &args.out {
@@ -490,8 +494,9 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
         row.extend(SHOWN.map(|(name, _)| cell(name)));
         table.row(row);
     }
-    let mut text =
-        table.text() + "predicted, and in brackets the change between both periodic states\n";
+    let mut text = table.text()
+        + "predicted values, with the change between both periodic states in \
+                        brackets\n";
     for prediction in predictions {
         prediction
             .remarks

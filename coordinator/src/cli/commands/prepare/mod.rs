@@ -26,10 +26,12 @@ const MOST_NAMED: usize = 12;
 /// synchronise volumes
 #[derive(Debug, Args)]
 #[command(
-    after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, aortic_pressure_mmHg, flow_mL_per_s, \
-                        ecg_mV; a pressure is needed), cine.csv (time_ms, volume_mL), flow.csv, and prepare.toml, which names other \
-                        files and columns, gives whole-heart volume and cuff pressure, and switches or overrides each step.\n\
-                        All of it: docs/prepare.md. RAW_DIR itself is never changed."
+    after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, \
+                  aortic_pressure_mmHg, flow_mL_per_s, ecg_mV; at least one pressure), cine.csv \
+                  (time_ms, volume_mL), flow.csv, and prepare.toml, which names other files and \
+                  columns, states whole-heart volume and cuff pressure, and switches or overrides \
+                  each step.\n\
+                  docs/prepare.md has the details. RAW_DIR itself is never changed."
 )]
 pub struct PrepareArgs {
     /// Folder of the recordings
@@ -73,7 +75,7 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     let mut made = preparation::make(&raw, &id).map_err(|error| {
         CliError::Usage(format!(
-            "{}: {error}; [steps] of {PREPARE_TOML} can say more",
+            "{}: {error}; adjust [steps] in {PREPARE_TOML}",
             args.raw.display()
         ))
     })?;
@@ -105,7 +107,10 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     match folder {
         Some(folder) => afterwards(folder, talk),
-        None => talk.hint("nothing was written; without --dry-run a patient's folder is made"),
+        None => talk.hint(
+            "nothing was written; run without --dry-run to create the patient's \
+                           folder",
+        ),
     }
     Ok(Exit::Ok)
 }
@@ -120,7 +125,8 @@ fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
     let folder = args.patient.as_deref().and_then(name);
     match (&raw.file.id, folder) {
         (Some(id), Some(folder)) if *id != folder => Err(CliError::Usage(format!(
-            "{PREPARE_TOML} says id = {id:?}, but the patient's folder is to be called {folder:?}: give both the same name"
+            "{PREPARE_TOML} has id = {id:?}, but the patient's folder is named {folder:?}: give \
+             both the same name"
         ))),
         (Some(id), _) => Ok(id.clone()),
         (None, Some(folder)) => Ok(folder),
@@ -134,7 +140,7 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     let usage = |text: String| Err(CliError::Usage(text));
     if id.is_empty() || id == ".." || id == "." {
         return usage(format!(
-            "{} is no name of a patient's folder",
+            "{} is not a valid name of a patient's folder",
             folder.display()
         ));
     }
@@ -148,7 +154,7 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     };
     if inside(&args.raw, folder) || inside(folder, &args.raw) {
         return usage(format!(
-            "{} and {} lie in each other: give the patient a folder of its own",
+            "{} and {} contain each other: name a separate folder for the patient",
             folder.display(),
             args.raw.display()
         ));
@@ -161,11 +167,12 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     match (args.replace, ours) {
         (true, true) => Ok(()),
         (false, true) => usage(format!(
-            "{} is there already; `--replace` makes it anew",
+            "{} already exists; `--replace` replaces it",
             folder.display()
         )),
         (_, false) => usage(format!(
-            "{} is there already and was not made by `cardiotwin prepare`; give another folder, nothing was written",
+            "{} already exists and was not created by `cardiotwin prepare`; nothing was written: \
+             name another folder",
             folder.display()
         )),
     }
@@ -189,7 +196,7 @@ fn afterwards(folder: &Path, talk: &Talk) {
     }
     let complaints = report.n_errors() + report.n_warnings();
     let checked = if complaints == 0 {
-        "nothing to complain about".to_owned()
+        "no problems".to_owned()
     } else {
         format!(
             "{}, {}",
@@ -198,7 +205,7 @@ fn afterwards(folder: &Path, talk: &Talk) {
         )
     };
     talk.say(&format!(
-        "made {}; checked as `cardiotwin check` does: {checked}",
+        "created {}; result of `cardiotwin check`: {checked}",
         folder.display()
     ));
     talk.hint(&format!(

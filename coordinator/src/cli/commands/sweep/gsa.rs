@@ -31,8 +31,10 @@ use crate::sweep::{SweepError, folder};
 /// patient's organ
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The defaults of the cell are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
-                  goes on where it stopped; more --samples extend a sweep without repeating any. Ctrl-C as in `run`."
+    after_help = "The defaults of the cell are those of the paper: 1024 blocks of 44 samples over \
+                  17 Land and 4 Rice parameters. The same command continues an interrupted sweep, \
+                  and with more --samples it extends a sweep without repeating any. Ctrl-C works as \
+                  in `run`."
 )]
 pub struct GsaArgs {
     /// Folder of the sweep, created if absent [default: gsa, or gsa-PATIENT with --organ]
@@ -136,7 +138,7 @@ fn value(text: &str) -> Result<(String, f64), String> {
 fn number(text: &str) -> Result<f64, String> {
     text.trim()
         .parse()
-        .map_err(|_| format!("`{text}` is no number"))
+        .map_err(|_| format!("`{text}` is not a number"))
 }
 
 impl GsaArgs {
@@ -195,7 +197,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         .select
         .is_some_and(|n| !(1..=n_parameters).contains(&n))
     {
-        let expected = format!("1 to {n_parameters}, the parameters swept");
+        let expected = format!("1 to {n_parameters}, the number of swept parameters");
         let found = args.select.unwrap_or_default().to_string();
         return Err(SweepError::Setting {
             name: "--select".into(),
@@ -389,12 +391,14 @@ fn hints(args: &GsaArgs, summary: &RunSummary, talk: &Talk) {
     let out = args.out();
     let folder = out.display();
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost");
-        talk.hint(&format!("`cardiotwin sweep gsa --out {folder}` goes on"));
+        talk.say("stopped; no finished result is lost");
+        talk.hint(&format!(
+            "continue with `cardiotwin sweep gsa --out {folder}`"
+        ));
     } else if summary.failed > 0 {
         talk.hint(&format!(
-            "`cardiotwin sweep status {folder}` names the failures; `cardiotwin retry --failed --cohort {folder}` opens \
-             them for another try"
+            "`cardiotwin sweep status {folder}` lists the failures; `cardiotwin retry --failed \
+             --cohort {folder}` retries them"
         ));
     }
 }
@@ -408,7 +412,7 @@ mod tests {
         assert_eq!(bounds("n_Tm=3,7.5"), Ok(("n_Tm".into(), [3.0, 7.5])));
         assert_eq!(value("phi=-1e-3"), Ok(("phi".into(), -1e-3)));
         assert_eq!(bounds("n_Tm=3"), Err("expected NAME=LOWER,UPPER".into()));
-        assert_eq!(bounds("n_Tm=3,x"), Err("`x` is no number".into()));
+        assert_eq!(bounds("n_Tm=3,x"), Err("`x` is not a number".into()));
         assert_eq!(value("phi"), Err("expected NAME=VALUE".into()));
     }
 }

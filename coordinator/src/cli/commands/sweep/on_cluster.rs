@@ -36,7 +36,7 @@ impl OnCluster {
 /// Prints how many members are over, and that jobs still wait or run.
 pub fn tell(summary: &RunSummary, members: &str, talk: &Talk) {
     talk.say(&format!(
-        "{} of {} {members} are over, {} jobs wait or run; the same command goes on",
+        "{} of {} {members} finished, {} jobs pending or running; the same command continues",
         summary.done + summary.failed + summary.cancelled,
         summary.patients,
         summary.jobs,

@@ -45,11 +45,12 @@ const TO_THE_END: [&str; 3] = [
 /// to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it. Over data, step 1 stops at the first iterate \
-                  within the tolerance, as in the paper. Over guesses it goes on until six iterations in a row gain \
-                  nothing, at most 30: else the guess decides where it stops. --set step1.stop=first-converged or \
-                  best-of-limit is for either."
+    after_help = "The same command continues an interrupted sweep without recomputing finished \
+                  members. The folder is a run: `status`, `show`, `logs` and `cancel` work on it. \
+                  For data, step 1 stops at the first iterate within the tolerance, as in the \
+                  paper. For guesses it continues until six iterations in a row bring no \
+                  improvement, at most 30, since the guess would otherwise decide where it stops. \
+                  --set step1.stop=first-converged or best-of-limit overrides either."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
@@ -178,7 +179,7 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
         None => Ok(None),
         Some(SweepSpec::Robustness(spec)) if spec.over == over => Ok(Some(*spec)),
         Some(other) => {
-            let changes = format!("it is a sweep of {}", described(&other));
+            let changes = format!("it holds a sweep of {}", described(&other));
             Err(SweepError::Changed {
                 path: out.to_owned(),
                 changes,
@@ -265,7 +266,7 @@ fn specification(
         seed: args.seed.or(before.map(|s| s.seed)).unwrap_or(1),
     };
     if !(spec.range > 0.0 && spec.range < 1.0) {
-        let expected = "a share above 0 and below 1, for example 0.1 for ±10 %".to_owned();
+        let expected = "a fraction above 0 and below 1, for example 0.1 for ±10 %".to_owned();
         return Err(SweepError::Setting {
             name: "--range".into(),
             found: spec.range.to_string(),
@@ -298,7 +299,7 @@ fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
     let mut changes = Vec::new();
     let mut compare = |name: &str, before: String, now: String| {
         if before != now {
-            changes.push(format!("{name} {before} then, {now} now"));
+            changes.push(format!("{name} was {before}, now {now}"));
         }
     };
     compare(
@@ -387,7 +388,7 @@ pub(super) fn write(
 fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
     let failed = summary.failed + summary.cancelled;
     talk.say(&format!(
-        "{} in {}: {} done, {failed} failed or cancelled, {} not over; {} published",
+        "{} in {}: {} done, {failed} failed or cancelled, {} unfinished; {} published",
         count(summary.patients, "personalisation"),
         duration(began.elapsed().as_secs_f64()),
         summary.done,
@@ -398,7 +399,7 @@ fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
         ),
     ));
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        talk.say("stopped; no finished result is lost, and the same command continues");
         return Exit::Interrupted;
     }
     if failed > 0 { Exit::Problems } else { Exit::Ok }
