@@ -80,7 +80,7 @@ pub struct Step {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ScriptError {
     /// A text that cannot be part of a script.
-    #[error("{what} '{found}' cannot stand in a batch script: {why}")]
+    #[error("{what} '{found}' is not allowed in a batch script: {why}")]
     Text {
         /// Name of the text.
         what: &'static str,
@@ -90,13 +90,13 @@ pub enum ScriptError {
         why: &'static str,
     },
     /// The site needs an account, and none is set.
-    #[error("site {site} needs an account: name one in the profile of the run")]
+    #[error("site {site} needs an account: set executor.slurm.account")]
     NoAccount {
         /// Name of the site.
         site: String,
     },
     /// The job exceeds a limit of the queue.
-    #[error("job {name}: {what} is {asked}, queue '{queue}' gives {limit}")]
+    #[error("job {name}: {what} is {asked}, but queue '{queue}' allows {limit}")]
     Limit {
         /// Name of the job.
         name: String,
@@ -141,7 +141,7 @@ fn directive(what: &'static str, value: &str) -> Result<String, ScriptError> {
     let bad =
         |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');
     if value.is_empty() || value.chars().any(bad) {
-        let why = "it is empty or holds a blank, a quote, '\\', '#' or '%'";
+        let why = "it is empty or contains a blank, a quote, '\\', '#' or '%'";
         return Err(ScriptError::Text {
             what,
             found: value.to_owned(),
@@ -200,7 +200,7 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
         return Err(ScriptError::Text {
             what: "an argument",
             found: word.clone(),
-            why: "it holds the end of a line",
+            why: "it contains a line break",
         });
     }
     Ok(())

@@ -156,7 +156,7 @@ async fn tell_one(
                 .to_string_lossy()
                 .into_owned();
             said.push(format!(
-                "notice {event}: {} {how}; the run goes on",
+                "notice {event}: {} {how}; the run continues",
                 command.join(" ")
             ));
         }
@@ -207,7 +207,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
         .map(|(state, n)| format!("{n} {state}"))
         .collect();
     lines.push(format!("patients: {}", counts.join(", ")));
-    lines.push("`cardiotwin status` tells more.".to_owned());
+    lines.push("`cardiotwin status` shows details.".to_owned());
     // Names come from files, so control characters are replaced: no name may add a header.
     let plain = |line: &String| {
         line.chars()

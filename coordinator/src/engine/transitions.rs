@@ -272,7 +272,7 @@ impl Decider {
             world.patient_event(
                 i,
                 PatientEvent::Replan {
-                    reason: "the chain is derived anew".into(),
+                    reason: "the chain is recomputed".into(),
                 },
             )?;
         }

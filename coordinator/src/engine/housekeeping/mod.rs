@@ -356,7 +356,7 @@ pub async fn archive(
         let copied = hash_of(&to).map_err(file_error("read", &to))?;
         if hash != copied {
             let message = format!(
-                "{} changed while it was copied: is somebody at work on the run?",
+                "{} changed while it was copied: check that nobody works on the run",
                 from.display()
             );
             return Err(EngineError::Request { message });

@@ -151,7 +151,7 @@ fn operations(folder: &Path) -> Finding {
 
 async fn locks(folder: &Path) -> Finding {
     match engine::try_locks(folder).await {
-        Ok(()) => Finding::ok("SQLite's locks", "a second writer is kept out"),
+        Ok(()) => Finding::ok("SQLite's locks", "a second writer is excluded"),
         Err(error) => Finding::bad(
             "SQLite's locks",
             Level::Error,
