@@ -53,7 +53,7 @@ fn words(result: &PosteriorResult) -> String {
         &result.sampling,
     );
     let mut text = format!(
-        "Ninety of a hundred hearts that agree with the data lie in the shaded bands. Noise of the traces: {} mmHg and {} mL a frame",
+        "The shaded bands contain 90 % of the hearts that agree with the data. Noise of the traces: {} mmHg, and {} mL per frame",
         significant(noise.pressure_rms_mmhg, 2),
         significant(noise.volume_rms_ml, 2),
     );
@@ -68,7 +68,7 @@ fn words(result: &PosteriorResult) -> String {
         .collect();
     if !beyond.is_empty() {
         text += &format!(
-            "; beyond it the twin misses them by {}, which counts as an error of the model",
+            "; the twin's misfit beyond this noise is {}, which counts as an error of the model",
             beyond.join(" and ")
         );
     }
