@@ -39,7 +39,7 @@ fn sentence(run: &RunRecord) -> String {
         .iter()
         .filter_map(|p| match &p.step1 {
             Some(s) if matches!(s.quality, Step1Quality::Stalled { .. }) => Some(format!(
-                "{} (iteration {} taken)",
+                "{} (iteration {} selected)",
                 p.plan.id, s.best_iteration
             )),
             _ => None,
