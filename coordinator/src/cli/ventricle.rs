@@ -260,7 +260,7 @@ fn passive_state(
         return Ok(step0.result.clone());
     }
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     match ask_worker(worker, &task, scratch.path(), 0.0, AskedFor::TheOrgan)?.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::PassiveState(result) => Ok(result),
@@ -288,7 +288,7 @@ pub fn ask_worker(
         worker: worker.to_owned(),
         message,
     };
-    std::fs::create_dir_all(out).map_err(CliError::file("make", out))?;
+    std::fs::create_dir_all(out).map_err(CliError::file("create", out))?;
     let spec = out.join("spec.json");
     let text = serde_json::to_string_pretty(task).map_err(|error| said(error.to_string()))?;
     std::fs::write(&spec, text).map_err(CliError::file("write", &spec))?;

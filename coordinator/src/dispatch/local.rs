@@ -137,7 +137,7 @@ impl Local {
     fn spawn(&mut self, order: &Order) -> Result<u32, DispatchError> {
         let directory = &order.directory;
         let file = |what, path: PathBuf| move |source| DispatchError::File { what, path, source };
-        fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
+        fs::create_dir_all(directory).map_err(file("create", directory.clone()))?;
         let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
         // A worker of an earlier coordinator may be reading the file, so that it is replaced as a
         // whole.

@@ -128,7 +128,7 @@ async fn tell_one(
     {
         return Ok(said);
     }
-    fs::create_dir_all(folder).map_err(file("make", folder))?;
+    fs::create_dir_all(folder).map_err(file("create", folder))?;
     let json = serde_json::to_string_pretty(notice).expect("a notice is JSON");
     write_synced(&folder.join("event.json"), &json)?;
     let limit = Duration::from_secs_f64(settings.time_limit_s);
@@ -221,7 +221,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
 fn claim(path: &Path) -> Result<bool, EngineError> {
     SyncedDraft::beside(path, b"")
         .and_then(|draft| draft.place_exclusively(path))
-        .map_err(file("make", path))
+        .map_err(file("create", path))
 }
 
 fn write_synced(path: &Path, text: &str) -> Result<(), EngineError> {

@@ -27,7 +27,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     let result = &task.result;
     let none = Markup::default();
     html! {
-        h3 { "How sure" }
+        h3 { "Uncertainty" }
         p.quiet { (words(result)) }
         div.figures {
             (figure("Pressure", band(patient, signals, SignalKind::Pressure, &result.pressure_mmhg), "No pressure was sampled.", &none))

@@ -133,7 +133,7 @@ fn conditions(conditions: &[Condition]) -> Markup {
                     Some(false) => ("warn", "▲", "missed"),
                     None => ("quiet", "○", "open"),
                 };
-                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (asked: " (c.limit) ")" } }
+                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (required: " (c.limit) ")" } }
             }
         }
     }

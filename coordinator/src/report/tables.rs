@@ -435,7 +435,7 @@ fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
 pub fn failed_checks(what: &str, beat: &OrganBeatResult) -> Vec<Markup> {
     let failed = beat.checks.iter().filter(|c| !c.passed);
     failed
-        .map(|c| html! { b { (what) ": " (c.name) } " does not hold: found " (c.found) ", expected " (c.expected) "." })
+        .map(|c| html! { b { (what) ": " (c.name) } " failed: found " (c.found) ", expected " (c.expected) "." })
         .collect()
 }
 

@@ -39,12 +39,12 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
     match engine::drive_here(&place).await? {
         Some(end) => {
             talk.say(&format!(
-                "driver ended: {:?}, {} patients left",
+                "driver ended: {:?}, {} patients unfinished",
                 end.because,
                 end.left.len()
             ));
             for (patient, why) in &end.left {
-                talk.say(&format!("left {patient}: {why}"));
+                talk.say(&format!("{patient} unfinished: {why}"));
             }
             Ok(Exit::Ok)
         }

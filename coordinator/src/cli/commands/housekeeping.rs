@@ -153,7 +153,7 @@ fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
                        absolute path";
         return Err(CliError::Usage(message.to_owned()));
     };
-    std::fs::create_dir_all(&folder).map_err(CliError::file("make", &folder))?;
+    std::fs::create_dir_all(&folder).map_err(CliError::file("create", &folder))?;
     let day = clock::utc_text(clock::now_ms())
         .chars()
         .take(10)

@@ -53,7 +53,7 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
         );
         return Err(CliError::Usage(message));
     }
-    std::fs::create_dir_all(&patient).map_err(CliError::file("make", &patient))?;
+    std::fs::create_dir_all(&patient).map_err(CliError::file("create", &patient))?;
     for (path, text) in &files {
         write_new(path, text)?;
         talk.data(&format!("{}\n", path.display()))?;
@@ -69,7 +69,7 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
 
 /// Writes a file and fails if it exists already.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
-    let mut file = std::fs::File::create_new(path).map_err(CliError::file("make", path))?;
+    let mut file = std::fs::File::create_new(path).map_err(CliError::file("create", path))?;
     file.write_all(text.as_bytes())
         .map_err(CliError::file("write", path))
 }

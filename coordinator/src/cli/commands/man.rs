@@ -34,7 +34,7 @@ pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.data(&String::from_utf8_lossy(&text))?;
         return Ok(Exit::Ok);
     };
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     clap_mangen::generate_to(crate::cli::command(), folder).map_err(io)?;
     talk.say(&format!("manual pages written to {}", folder.display()));
     Ok(Exit::Ok)

@@ -337,7 +337,7 @@ async fn finish(
         (summary.done, "done"),
         (summary.failed, "failed"),
         (summary.cancelled, "cancelled"),
-        (summary.unfinished, "not over"),
+        (summary.unfinished, "unfinished"),
     ];
     let parts: Vec<String> = parts
         .iter()

@@ -30,7 +30,7 @@ pub fn execute(args: &SchemasArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.json(&object)?;
         return Ok(Exit::Ok);
     };
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     for (name, schema) in all {
         let path = folder.join(name);
         std::fs::write(&path, cardiotwin_schemas::json_schemas::text(&schema))

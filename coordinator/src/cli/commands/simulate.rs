@@ -108,7 +108,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     };
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     let out = args
         .out
         .clone()

@@ -88,7 +88,7 @@ impl<S: Scheduler> Cluster<S> {
         let directory = self.world.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
         std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
-            what: "make",
+            what: "create",
             path: directory.clone(),
             source,
         })?;

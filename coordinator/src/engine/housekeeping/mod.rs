@@ -325,7 +325,7 @@ pub async fn archive(
     if draft.exists() {
         fs::remove_dir_all(&draft).map_err(file_error("remove", &draft))?;
     }
-    fs::create_dir_all(&draft).map_err(file_error("make", &draft))?;
+    fs::create_dir_all(&draft).map_err(file_error("create", &draft))?;
     let mut done = Archived::default();
     let mut manifest = String::new();
     let database = draft.join(DATABASE_FILE);
@@ -347,7 +347,7 @@ pub async fn archive(
         }
         let (from, to) = (run_dir.join(&entry.file), draft.join(&entry.file));
         let folder = to.parent().unwrap_or(&draft);
-        fs::create_dir_all(folder).map_err(file_error("make", folder))?;
+        fs::create_dir_all(folder).map_err(file_error("create", folder))?;
         fs::copy(&from, &to).map_err(file_error("copy", &from))?;
         fs::File::open(&to)
             .and_then(|copy| copy.sync_all())
@@ -366,7 +366,7 @@ pub async fn archive(
     }
     let file = draft.join(MANIFEST);
     fs::write(&file, manifest).map_err(file_error("write", &file))?;
-    fs::rename(&draft, target).map_err(file_error("make", target))?;
+    fs::rename(&draft, target).map_err(file_error("create", target))?;
     Ok(done)
 }
 

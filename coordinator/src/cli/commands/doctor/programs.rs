@@ -104,7 +104,7 @@ fn ranks(worker: &Path) -> Finding {
             let line = said
                 .lines()
                 .find(|line| !line.trim().is_empty())
-                .unwrap_or("no word")
+                .unwrap_or("no message")
                 .trim()
                 .to_owned();
             Finding::bad(check, Level::Warning, line, remedy)

@@ -43,7 +43,7 @@ pub enum MmgError {
     #[error("cannot exchange files with mmg3d")]
     File(#[from] MeshFileError),
     /// The temporary folder could not be made.
-    #[error("cannot make a temporary folder for mmg3d")]
+    #[error("cannot create a temporary folder for mmg3d")]
     Folder(#[source] std::io::Error),
 }
 

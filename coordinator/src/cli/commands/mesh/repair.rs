@@ -161,7 +161,7 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
         false => done
             .steps
             .iter()
-            .try_for_each(|step| talk.data(&format!("mended    {step}\n")))?,
+            .try_for_each(|step| talk.data(&format!("repaired  {step}\n")))?,
     }
     let exit = check::tell(&intake, out, false, talk)?;
     talk.hint(&format!(

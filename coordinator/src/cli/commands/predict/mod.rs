@@ -308,7 +308,7 @@ fn simulate(
     worker: &Path,
 ) -> Result<(OrganBeatResult, String), CliError> {
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     let task = TaskSpec::OrganBeat(Box::new(beat.clone()));
     let outcome = ask_worker(worker, &task, scratch.path(), 0.0, asked)?;
     let traces = outcome
@@ -370,7 +370,7 @@ fn write(
     before: &str,
     after: &str,
 ) -> Result<(), CliError> {
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     let stem = match &prediction.scenario {
         Some(scenario) => format!("{scenario}-{}", prediction.patient),
         None => prediction.patient.clone(),

@@ -209,7 +209,7 @@ fn afterwards(folder: &Path, talk: &Talk) {
         folder.display()
     ));
     talk.hint(&format!(
-        "look at {}",
+        "see {}",
         folder.join(PREPARED).join("beats.svg").display()
     ));
 }

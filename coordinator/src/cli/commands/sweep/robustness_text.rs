@@ -134,7 +134,7 @@ fn conditions(conditions: &[Condition], talk: &Talk) -> String {
             None => ("open  ", Tone::Quiet),
         };
         format!(
-            "{}  {}: {} (asked: {})\n",
+            "{}  {}: {} (required: {})\n",
             paint(talk.colour_out, tone, word),
             c.name,
             c.found,
