@@ -327,7 +327,7 @@ fn a_load_needs_no_measured_flow() {
         .complains_of(&["systolic lies above"]);
     call(&["--volume", volume, "--cuff", "71/70"])
         .expect(3)
-        .complains_of(&["no three elements have 71/70"]);
+        .complains_of(&["no three-element Windkessel with 71/70"]);
     call(&["--volume", aorta, "--cuff", "115/70"])
         .expect(3)
         .complains_of(&["volume_mL"]);
