@@ -7,46 +7,51 @@ use serde::{Deserialize, Serialize};
 
 use crate::organ::{EffectSpec, WindkesselParameters};
 
-/// `cardiotwin fit afterload --json`: the three-element Windkessel of a measured flow and pressure.
+/// Result of `cardiotwin fit afterload --json`: the three-element Windkessel fitted to a measured
+/// flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadFitAnswer {
-    /// Of the formats.
+    /// Version of the formats.
     pub schema_version: u32,
-    /// The record.
+    /// Measured record.
     pub record: AfterloadRecord,
-    /// The values as a patient file takes them.
+    /// Values as they are written to a patient file.
     pub afterload: WindkesselParameters,
-    /// Each parameter, R2 C (`time_constant_s`) and the pressure on the compliance at the first sample, with intervals.
+    /// Estimates with intervals: each parameter, R2 C (`time_constant_s`), and the pressure on the
+    /// compliance at the first sample.
     pub estimates: Vec<AfterloadQuantity>,
-    /// Probability that an interval covers, for the effective number of samples.
+    /// Coverage probability of the intervals, for the effective number of samples.
     pub confidence_level: f64,
-    /// Correlations of the estimates: R1 with R2, R1 with C, R2 with C; absent where the record does not tell them apart.
+    /// Correlations of the estimates: R1 with R2, R1 with C, R2 with C; absent if the record does
+    /// not separate them.
     pub correlations: [Option<f64>; 3],
-    /// Whether the pressure at the beginning was taken from the periodic steady state, not fitted.
+    /// Whether the initial pressure was taken from the periodic steady state instead of being
+    /// fitted.
     pub periodic: bool,
     /// Root of the mean squared residual.
     #[serde(rename = "root_mean_square_mmHg")]
     pub root_mean_square_mmhg: f64,
-    /// The same over the pulse pressure.
+    /// Root of the mean squared residual over the pulse pressure.
     pub share_of_pulse: f64,
-    /// What the residuals are worth.
+    /// Statistics of the residuals.
     pub noise: AfterloadNoise,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
-    /// What to mind before the values are used.
+    /// Points to check before the values are used.
     pub warnings: Vec<String>,
     /// Lines for `patient.toml`.
     pub patient_toml: String,
 }
 
-/// `cardiotwin fit afterload --cuff --json`: the three-element Windkessel through a cuff's pressures.
+/// Result of `cardiotwin fit afterload --cuff --json`: the three-element Windkessel fitted to cuff
+/// pressures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CuffFitAnswer {
-    /// Of the formats.
+    /// Version of the formats.
     pub schema_version: u32,
-    /// Where the flow is from.
+    /// Source of the flow.
     pub flow: String,
     /// Mean flow.
     #[serde(rename = "mean_flow_mL_per_s")]
@@ -57,21 +62,23 @@ pub struct CuffFitAnswer {
     /// Diastolic pressure.
     #[serde(rename = "diastolic_mmHg")]
     pub diastolic_mmhg: f64,
-    /// Mean pressure; absent where it was not measured.
+    /// Mean pressure; absent if it was not measured.
     #[serde(rename = "mean_mmHg")]
     pub mean_mmhg: Option<f64>,
     /// Standard deviation of each pressure.
     #[serde(rename = "sd_mmHg")]
     pub sd_mmhg: f64,
-    /// The values as a patient file takes them.
+    /// Values as they are written to a patient file.
     pub afterload: WindkesselParameters,
-    /// Each parameter and R2 C (`time_constant_s`), with intervals of the cuff's and the flow's uncertainty.
+    /// Estimates of each parameter and of R2 C (`time_constant_s`). The intervals come from the
+    /// uncertainty of cuff and flow.
     pub estimates: Vec<AfterloadQuantity>,
-    /// Probability that an interval covers.
+    /// Coverage probability of the intervals.
     pub confidence_level: f64,
-    /// Whether R1 is a usual share of R2: without a mean pressure, or where none goes with it.
+    /// Whether a typical ratio of R1 to R2 is assumed. This is so if there is no mean pressure or
+    /// no ratio fits it.
     pub assumed_share: bool,
-    /// What to mind before the values are used.
+    /// Points to check before the values are used.
     pub warnings: Vec<String>,
     /// Lines for `patient.toml`.
     pub patient_toml: String,
@@ -81,33 +88,34 @@ pub struct CuffFitAnswer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadRecord {
-    /// The flow's file, as it was named.
+    /// File of the flow, as named on the command line.
     pub flow: String,
-    /// The pressure's file, as it was named.
+    /// File of the pressure, as named on the command line.
     pub pressure: String,
-    /// Pressure samples in use.
+    /// Number of pressure samples in use.
     pub n_samples: usize,
-    /// Pressure samples left out, where no flow was measured.
+    /// Number of pressure samples left out because no flow was measured at their times.
     pub n_left_out: usize,
-    /// Ejections.
+    /// Number of ejections.
     pub n_beats: usize,
-    /// Usual time between upstrokes; the record's length where there is one.
+    /// Typical time between upstrokes; the length of the record if there is one upstroke.
     pub cycle_length_ms: f64,
     /// Mean flow.
     #[serde(rename = "mean_flow_mL_per_s")]
     pub mean_flow_ml_per_s: f64,
-    /// Highest less lowest pressure.
+    /// Difference between the highest and the lowest pressure.
     #[serde(rename = "pulse_pressure_mmHg")]
     pub pulse_pressure_mmhg: f64,
 }
 
-/// What coloured residuals are worth.
+/// Statistics of correlated residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadNoise {
     /// Correlation time of the residuals.
     pub correlation_time_ms: f64,
-    /// Correlation of the residuals of neighbouring beats at the same phase; absent for one beat.
+    /// Correlation of the residuals of neighbouring beats at the same phase; absent if there is one
+    /// beat.
     pub beat_correlation: Option<f64>,
     /// Effective number of samples.
     pub n_effective: f64,
@@ -121,13 +129,15 @@ pub struct AfterloadQuantity {
     pub name: String,
     /// Best value.
     pub value: f64,
-    /// Standard error of the linearised model; absent where there is none.
+    /// Standard error of the linearised model; absent if it does not exist.
     pub standard_error: Option<f64>,
-    /// Lower end of the profile's interval; absent where the record sets none.
+    /// Lower end of the interval from the profile likelihood; absent if the record does not bound
+    /// it.
     pub lower: Option<f64>,
-    /// Upper end of the profile's interval; absent where the record sets none.
+    /// Upper end of the interval from the profile likelihood; absent if the record does not bound
+    /// it.
     pub upper: Option<f64>,
-    /// What the interval says.
+    /// How well the record determines the quantity.
     pub determined: Determined,
 }
 
@@ -137,139 +147,143 @@ pub struct AfterloadQuantity {
 pub enum Determined {
     /// The interval's half width is at most 30 % of the value.
     Well,
-    /// It is wider.
+    /// The half width is more than 30 % of the value.
     Poorly,
-    /// At least one end does not exist.
+    /// The interval has only one end or none.
     Not,
 }
 
-/// `cardiotwin discover --afterload --json`: what three elements miss in a record.
+/// Result of `cardiotwin discover --afterload --json`: effects in a record that a three-element
+/// Windkessel lacks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadDiscovery {
-    /// Of the formats.
+    /// Version of the formats.
     pub schema_version: u32,
-    /// The flow's file, as it was named.
+    /// File of the flow, as named on the command line.
     pub case: String,
-    /// The record.
+    /// Measured record.
     pub record: AfterloadRecord,
-    /// Whether nothing is named: nothing is missing, or the gap is unexplained.
+    /// Whether no effect is named, because nothing is missing or because the gap is unexplained.
     pub none: bool,
-    /// Candidates beside the three elements, best first.
+    /// Candidate effects besides the three elements, best first.
     pub effects: Vec<AfterloadCandidate>,
-    /// Names of the effects that were added.
+    /// Names of the effects that were added to the model.
     pub accepted: Vec<String>,
-    /// The effects that were added, as they are in the final model.
+    /// Effects that were added, with their values in the final model.
     pub added: Vec<AfterloadEffect>,
-    /// Probability that nothing is missing, among candidates, the nameless competitor and nothing.
+    /// Probability that nothing is missing, compared with the candidates and the nameless
+    /// competitor.
     pub none_probability: f64,
     /// Probability of the nameless competitor.
     pub nameless_probability: f64,
-    /// What passes for an accepted effect in this record.
+    /// Rival effects that the record does not distinguish from an accepted effect.
     pub confusable: Vec<AfterloadConfusable>,
-    /// What would tell accepted effects from those.
+    /// Measurements that would distinguish the accepted effects from their rivals.
     pub deciding_measurement: Vec<String>,
-    /// What this record cannot show, with the reason.
+    /// Effects that this record cannot show, with the reason.
     pub not_identifiable: BTreeMap<String, String>,
-    /// What every beat repeats and no candidate explains.
+    /// Residual that every beat repeats and no candidate explains.
     pub unexplained: Option<AfterloadUnexplained>,
-    /// Misfit of three elements over the pulse pressure, all samples.
+    /// Misfit of three elements over the pulse pressure, for all samples.
     pub gap_before: f64,
-    /// Misfit of the final model.
+    /// Misfit of the final model over the pulse pressure, for all samples.
     pub gap_after: f64,
     /// Misfit of three elements on samples held out of their fit.
     pub gap_heldout_before: f64,
     /// Misfit of the final model on samples held out of its fit.
     pub gap_heldout_after: f64,
-    /// What was held out in turn: `beats`, or `blocks` of a record with few beats.
+    /// Data that were held out in turn: `beats`, or `blocks` of a record with few beats.
     pub held_out: String,
-    /// Three elements alone.
+    /// Windkessel fitted without effects.
     pub before: WindkesselParameters,
-    /// The three elements of the final model.
+    /// Windkessel of the final model.
     pub after: WindkesselParameters,
-    /// What the residuals of the final model are worth.
+    /// Statistics of the final model's residuals.
     pub noise: AfterloadNoise,
-    /// Effects and afterload as the organ model takes them (`model.toml`), where it can; and in words.
+    /// Representation of the found load in the organ model (`model.toml`).
     pub organ: AfterloadInOrgan,
 }
 
-/// How the organ model takes a found load.
+/// Representation of a found load in the organ model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadInOrgan {
-    /// The three elements to go with.
+    /// Windkessel that goes with the effects.
     pub afterload: WindkesselParameters,
-    /// Effects of the heart's catalogue.
+    /// Effects from the catalogue of the heart.
     pub effects: Vec<EffectSpec>,
-    /// In words.
+    /// Explanation in words; it also says if the organ model cannot represent the load.
     pub how: String,
 }
 
-/// A candidate beside the three elements, refitted with them.
+/// A candidate effect, fitted together with the three elements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadCandidate {
-    /// Name.
+    /// Name of the effect.
     pub name: String,
-    /// What it is.
+    /// Meaning of the effect in words.
     pub meaning: String,
-    /// Whether the measurement is to be corrected rather than the arteries; absent where either may be.
+    /// Whether the measurement is to be corrected rather than the arteries; absent if either may
+    /// apply.
     pub artefact: Option<bool>,
     /// Probability among all candidates, the nameless competitor and nothing.
     pub probability: f64,
     /// Fall of BIC for the effective number of samples.
     pub delta_bic: f64,
-    /// Misfit with it over the pulse pressure.
+    /// Misfit of the model with the effect, over the pulse pressure.
     pub gap: f64,
     /// Fitted parameters; their names carry the units.
     pub strength: BTreeMap<String, f64>,
-    /// Intervals of 95 %, linearised.
+    /// Intervals of 95 % from the linearised model.
     pub interval: BTreeMap<String, [f64; 2]>,
-    /// The three elements beside it.
+    /// Windkessel fitted together with the effect.
     pub afterload: WindkesselParameters,
-    /// Why it was not named, where it was not.
+    /// Reason why the effect was not named; absent if it was.
     pub refused: Option<String>,
 }
 
-/// An effect that was added.
+/// An effect that was added to the model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadEffect {
-    /// Name.
+    /// Name of the effect.
     pub name: String,
-    /// Rise of BIC without it.
+    /// Rise of BIC if the effect is removed.
     pub delta_bic: f64,
-    /// Fitted parameters.
+    /// Fitted parameters; their names carry the units.
     pub strength: BTreeMap<String, f64>,
-    /// Intervals of 95 %, linearised.
+    /// Intervals of 95 % from the linearised model.
     pub interval: BTreeMap<String, [f64; 2]>,
 }
 
-/// What passes for an accepted effect.
+/// A rival effect that the record does not distinguish from an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadConfusable {
     /// The accepted effect.
     pub effect: String,
-    /// Its rival.
+    /// Its rival effect.
     pub rival: String,
-    /// Evidence that this record would hold against the rival if the effect were true; zero where their equations agree.
+    /// Expected evidence of this record against the rival if the effect were true; zero if their
+    /// equations agree.
     pub expected_delta_bic: f64,
 }
 
-/// A gap without a name.
+/// A gap that no named effect explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AfterloadUnexplained {
-    /// Fall of BIC with it.
+    /// Fall of BIC when the gap is added to the model.
     pub delta_bic: f64,
-    /// Harmonics of the beat that it takes.
+    /// Number of harmonics of the beat that describe the gap.
     pub n_harmonics: usize,
-    /// Its size, root of the mean square.
+    /// Root mean square of the gap.
     #[serde(rename = "size_mmHg")]
     pub size_mmhg: f64,
-    /// Time after the upstroke of the flow where it is largest.
+    /// Time after the upstroke of the flow at which the gap is largest.
     pub largest_at_ms: f64,
-    /// Share of its variance that a cubic of each of these explains, by name.
+    /// Share of the gap's variance that a cubic of each variable explains, by the variable's name.
     pub depends_on: BTreeMap<String, f64>,
 }

@@ -9,46 +9,46 @@ use crate::settings::Settings;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CohortFile {
-    /// Short name; appears in tables, job names and reports.
+    /// Short name, which appears in tables, job names and reports.
     pub name: String,
-    /// One sentence.
+    /// Description in one sentence.
     #[serde(default)]
     pub description: String,
-    /// Folder with one folder per patient, relative to `cohort.toml`.
+    /// Folder that contains one folder per patient, relative to `cohort.toml`.
     #[serde(default = "patients_folder")]
     pub patients: String,
     /// Values for patient files that lack them.
     #[serde(default)]
     pub defaults: PatientDefaults,
-    /// See [`Settings::solver`]; absent keys keep their default, here and below.
+    /// Settings of the organ and its simulation. Here and below, absent keys keep their default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::SolverSettings>")]
     pub solver: Option<serde_json::Value>,
-    /// See [`Settings::step1`].
+    /// Settings of step 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::Step1Settings>")]
     pub step1: Option<serde_json::Value>,
-    /// See [`Settings::step2`].
+    /// Settings of step 2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::CellFitSettings>")]
     pub step2: Option<serde_json::Value>,
-    /// See [`Settings::verification`].
+    /// Settings of the verification beat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::VerificationSettings>")]
     pub verification: Option<serde_json::Value>,
-    /// See [`Settings::step3`].
+    /// Settings of step 3.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::step3::Step3Settings>")]
     pub step3: Option<serde_json::Value>,
-    /// See [`Settings::posterior`].
+    /// Settings of the posterior's sampling.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::posterior::PosteriorSettings>")]
     pub posterior: Option<serde_json::Value>,
-    /// See [`Settings::workflow`].
+    /// Settings of the workflow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::WorkflowSettings>")]
     pub workflow: Option<serde_json::Value>,
-    /// See [`Settings::executor`].
+    /// Settings of the executor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::ExecutorSettings>")]
     pub executor: Option<serde_json::Value>,
@@ -75,39 +75,39 @@ fn patients_folder() -> String {
     "patients".to_owned()
 }
 
-/// The tables of [`Settings`] as they stand in one file: anything may be absent. Checked against [`Settings`] after
-/// the layers are merged, so that an error names the file and the key.
+/// Tables of settings as given in one file; all are optional. They are checked after the layers are
+/// merged so that an error names the file and the key.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(with = "Settings")]
 pub struct SettingsLayer {
-    /// See [`Settings::solver`].
+    /// Settings of the organ and its simulation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solver: Option<serde_json::Value>,
-    /// See [`Settings::step1`].
+    /// Settings of step 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step1: Option<serde_json::Value>,
-    /// See [`Settings::step2`].
+    /// Settings of step 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step2: Option<serde_json::Value>,
-    /// See [`Settings::verification`].
+    /// Settings of the verification beat.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verification: Option<serde_json::Value>,
-    /// See [`Settings::step3`].
+    /// Settings of step 3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step3: Option<serde_json::Value>,
-    /// See [`Settings::posterior`].
+    /// Settings of the posterior's sampling.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior: Option<serde_json::Value>,
-    /// See [`Settings::workflow`].
+    /// Settings of the workflow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub workflow: Option<serde_json::Value>,
-    /// See [`Settings::executor`].
+    /// Settings of the executor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub executor: Option<serde_json::Value>,
 }
 
-/// Values that stand in for a patient file that lacks them. They are flagged as the cohort's, not the patient's.
+/// Values for patient files that lack them. They are marked as the cohort's and not the patient's.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PatientDefaults {
@@ -117,7 +117,7 @@ pub struct PatientDefaults {
         skip_serializing_if = "Option::is_none"
     )]
     pub left_atrial_pressure_mmhg: Option<f64>,
-    /// Passive exponent b.
+    /// Exponent b of the one-fibre passive law.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passive_exponent: Option<f64>,
 }

@@ -10,46 +10,46 @@ use crate::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 use crate::task::InputFile;
 
-/// Everything that a search follows from.
+/// Input of a search for missing effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DiscoverSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
-    /// Measured pressure trace.
+    /// File with the measured pressure trace.
     pub pressure: InputFile,
-    /// Measured volume frames.
+    /// File with the measured volume frames.
     pub volume: InputFile,
-    /// Noise as the patient file states it; what is absent is estimated.
+    /// Noise as stated in the patient file. Absent values are estimated.
     #[serde(default)]
     pub noise: Noise,
-    /// Arm cuff, independent of the catheter.
+    /// Arm cuff pressures, which are independent of the catheter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aortic_pressure: Option<AorticPressure>,
-    /// Net forward flow of a beat.
+    /// Net forward flow per beat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub forward_stroke_volume: Option<VolumeWithError>,
-    /// Whole-heart image.
+    /// Volume in the whole-heart image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
-    /// Wall volume; estimated when absent.
+    /// Volume of the left ventricular wall; estimated if absent.
     #[serde(
         default,
         rename = "wall_volume_mL",
         skip_serializing_if = "Option::is_none"
     )]
     pub wall_volume_ml: Option<f64>,
-    /// Filling pressure that the patient file states.
+    /// Filling pressure as stated in the patient file.
     #[serde(
         default,
         rename = "left_atrial_pressure_mmHg",
         skip_serializing_if = "Option::is_none"
     )]
     pub left_atrial_pressure_mmhg: Option<f64>,
-    /// Windkessel that the patient file states.
+    /// Windkessel as stated in the patient file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub afterload: Option<WindkesselParameters>,
-    /// Candidates by their names in the catalogue; the whole catalogue when empty.
+    /// Names of the candidates in the catalogue; empty for the whole catalogue.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<String>,
     /// Seed of the bootstrap.
@@ -62,17 +62,19 @@ pub struct DiscoverSpec {
 pub struct RankedEffect {
     /// Name in the catalogue.
     pub name: String,
-    /// What it is, in one sentence.
+    /// Meaning of the effect in one sentence.
     pub meaning: String,
     /// Whether the measurement is to be corrected rather than the heart.
     pub artefact: bool,
-    /// Probability among all candidates, the nameless ones and "nothing", from tempered evidence.
+    /// Probability among all candidates, the nameless competitors and "nothing", from tempered
+    /// evidence.
     pub probability: f64,
-    /// Fall of the deviance less k ln n for its parameters.
+    /// Fall of the deviance less k ln n, where k is the number of the effect's parameters.
     pub delta_bic: f64,
-    /// Twice the logarithm of the Bayes factor against the model without it.
+    /// Twice the logarithm of the Bayes factor against the model without the effect.
     pub log_evidence: f64,
-    /// The same with the best nameless competitor allowed on either side: what is left of it if something else is missing too.
+    /// Evidence like `log_evidence`, but with the best nameless competitor allowed in both models.
+    /// It is the evidence that remains if something else is missing too.
     #[serde(default)]
     pub robust_evidence: f64,
     /// Fall of the deviance.
@@ -81,93 +83,94 @@ pub struct RankedEffect {
     pub strength: BTreeMap<String, f64>,
     /// Intervals of 95 %.
     pub interval: BTreeMap<String, [f64; 2]>,
-    /// Whether the strength is above the smallest meaningful one and inside its range.
+    /// Whether the strength exceeds the smallest meaningful one and lies inside its range.
     pub plausible: bool,
-    /// How the three-dimensional ventricle takes it over.
+    /// Representation of the effect in the three-dimensional ventricle.
     pub in_3d: InThreeDimensions,
-    /// What to do about an artefact.
+    /// Recommended action for an artefact.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
 
-/// How a finite-element ventricle takes an effect over.
+/// Representation of an effect in a finite-element ventricle.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InThreeDimensions {
-    /// `as-it-is`, `activation-map`, `passive-exponents`, `material-term` or `cannot`.
+    /// Kind of representation: `as-it-is`, `activation-map`, `passive-exponents`, `material-term`
+    /// or `cannot`.
     pub way: String,
-    /// How it follows from the parameters, or why it cannot.
+    /// Derivation from the effect's parameters, or the reason why the effect cannot be represented.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<String>,
 }
 
-/// What cannot be told from an accepted effect.
+/// A rival effect that the data do not distinguish from an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Confusable {
     /// The accepted effect.
     pub effect: String,
-    /// Its rival.
+    /// Its rival effect.
     pub rival: String,
-    /// Misfit that the rival leaves on noise-free output of the model with the effect.
+    /// Misfit that the rival leaves on noise-free output of the model with the accepted effect.
     pub expected_misfit: f64,
 }
 
-/// A candidate that these data would not show even at a typical strength.
+/// A candidate that the data would not show even at a typical strength.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NotIdentifiable {
     /// Name in the catalogue.
     pub name: String,
-    /// Misfit that a typical strength leaves after the base is refitted.
+    /// Misfit that the effect leaves at a typical strength after the base model is refitted.
     pub expected_misfit: f64,
-    /// Data that would show it.
+    /// Data that would show the effect.
     pub would_show: Vec<String>,
 }
 
-/// A place where model and data disagree: a signal in a phase, or a scalar.
+/// A discrepancy between model and data: a signal in a phase, or a scalar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Place {
-    /// `pressure`, `pressure_rate`, `volume`, or the scalar's name.
+    /// Signal `pressure`, `pressure_rate` or `volume`, or the name of the scalar.
     pub signal: String,
     /// Phase of the beat; `beat` for scalars.
     pub phase: String,
-    /// `above` where the data lie above the model, else `below`.
+    /// Side of the model on which the data lie.
     pub sign: Side,
     /// Mean of data minus model.
     pub size: f64,
-    /// Its unit: mmHg, mmHg/s or mL.
+    /// Unit of `size`: mmHg, mmHg/s or mL.
     pub unit: String,
-    /// Size over its standard deviation.
+    /// Ratio of `size` to its standard deviation.
     pub z: f64,
-    /// Share of the whole misfit; 0 for rows that repeat what others show.
+    /// Share of the total misfit; 0 for rows that repeat other rows.
     pub share: f64,
-    /// Measured biomarkers that it moves.
+    /// Measured biomarkers that the discrepancy affects.
     pub biomarkers: Vec<String>,
 }
 
-/// On which side of the model the data lie.
+/// Side of the model on which the data lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Side {
-    /// Above.
+    /// The data lie above the model.
     Above,
-    /// Below.
+    /// The data lie below the model.
     Below,
 }
 
-/// A gap without a name.
+/// A gap that no named effect explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Unexplained {
-    /// Which nameless competitor explains it best: `activation` or `discrepancy`.
+    /// Nameless competitor that explains the gap best: `activation` or `discrepancy`.
     pub kind: String,
-    /// Its evidence against the model without it.
+    /// Evidence of this competitor against the model without it.
     pub log_evidence: f64,
-    /// Where it is largest, and how large.
+    /// Largest discrepancy of the gap.
     pub place: Place,
-    /// What the discrepancy of pressure and volume depends on, best first.
+    /// Variables that explain the discrepancy of pressure and volume, best first.
     pub depends_on: Vec<Dependence>,
 }
 
@@ -175,11 +178,12 @@ pub struct Unexplained {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Dependence {
-    /// `pressure` or `volume`.
+    /// Signal, `pressure` or `volume`.
     pub signal: String,
-    /// `time`, `volume`, `volume_rate`, `aortic_flow`, `aortic_flow_squared` or `pressure`.
+    /// Variable: `time`, `volume`, `volume_rate`, `aortic_flow`, `aortic_flow_squared` or
+    /// `pressure`.
     pub variable: String,
-    /// Share of the discrepancy's variance that a cubic of it explains.
+    /// Share of the discrepancy's variance that a cubic of the variable explains.
     pub share: f64,
 }
 
@@ -187,37 +191,37 @@ pub struct Dependence {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GapAt {
-    /// `pressure` or `volume`.
+    /// Signal, `pressure` or `volume`.
     pub signal: String,
-    /// Phase of the beat, or `beat` for all of it.
+    /// Phase of the beat, or `beat` for the whole beat.
     pub phase: String,
     /// Number of samples: pressure bins or volume frames.
     pub n: u32,
-    /// Base model.
+    /// Residual of the base model.
     pub before: f64,
-    /// With the accepted effects.
+    /// Residual with the accepted effects.
     pub after: f64,
-    /// Base model on data held out; none where a refit failed.
+    /// Residual of the base model on held-out data; absent if a refit failed.
     pub heldout_before: Option<f64>,
-    /// With the accepted effects on data held out.
+    /// Residual with the accepted effects on held-out data; absent if a refit failed.
     pub heldout_after: Option<f64>,
 }
 
-/// A biomarker as measured and as both models have it.
+/// Measured and simulated values of a biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BiomarkerGap {
     /// Name with unit, as in `biomarkers`.
     pub name: String,
-    /// As measured.
+    /// Measured value.
     pub measured: f64,
-    /// Base model.
+    /// Value of the base model.
     pub before: Option<f64>,
-    /// With the accepted effects.
+    /// Value with the accepted effects.
     pub after: Option<f64>,
 }
 
-/// A signal at the times of its data. All lists have the length of `time_ms`.
+/// A signal at the times of its data. All lists have as many entries as `time_ms`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ComparedSignal {
@@ -225,15 +229,15 @@ pub struct ComparedSignal {
     pub time_ms: Vec<f64>,
     /// Pressure bins in mmHg or volume frames in mL.
     pub measured: Vec<f64>,
-    /// Base model.
+    /// Values of the base model.
     pub before: Vec<f64>,
-    /// With the accepted effects.
+    /// Values with the accepted effects.
     pub after: Vec<f64>,
-    /// Base model fitted without the block of data in which the sample lies.
+    /// Values of the base model fitted without the block of data that contains the sample.
     pub heldout_before: Option<Vec<f64>>,
-    /// The same with the accepted effects.
+    /// Values with the accepted effects, fitted without the block of data that contains the sample.
     pub heldout_after: Option<Vec<f64>>,
-    /// Standard deviation of a sample's noise.
+    /// Standard deviation of the noise of a sample.
     pub noise_sd: f64,
 }
 
@@ -241,209 +245,212 @@ pub struct ComparedSignal {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedCurves {
-    /// Times.
+    /// Times in the beat.
     pub time_ms: Vec<f64>,
-    /// Base model, pressure as it would be measured.
+    /// Pressure of the base model as it would be measured.
     #[serde(rename = "pressure_before_mmHg")]
     pub pressure_before_mmhg: Vec<f64>,
-    /// With the accepted effects.
+    /// Pressure with the accepted effects as it would be measured.
     #[serde(rename = "pressure_after_mmHg")]
     pub pressure_after_mmhg: Vec<f64>,
-    /// Base model, volume as it would be measured.
+    /// Volume of the base model as it would be measured.
     #[serde(rename = "volume_before_mL")]
     pub volume_before_ml: Vec<f64>,
-    /// With the accepted effects.
+    /// Volume with the accepted effects as it would be measured.
     #[serde(rename = "volume_after_mL")]
     pub volume_after_ml: Vec<f64>,
 }
 
-/// What can be drawn.
+/// Curves for figures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DiscoverSeries {
     /// Beginning of each phase, in the order of the beat.
     pub phases: Vec<PhaseBegin>,
-    /// Pressure.
+    /// Measured and simulated pressure.
     pub pressure: ComparedSignal,
-    /// Volume.
+    /// Measured and simulated volume.
     pub volume: ComparedSignal,
-    /// Simulated beats.
+    /// Simulated beats on a common grid.
     pub curves: SimulatedCurves,
 }
 
-/// Where a phase begins; it ends where the next one does.
+/// Beginning of a phase, which is also the end of the previous phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PhaseBegin {
     /// Name of the phase.
     pub phase: String,
-    /// Its beginning in the cycle.
+    /// Beginning of the phase in the cycle.
     pub begin_ms: f64,
 }
 
-/// The periodic beat with the filling pressure that the patient file states.
+/// Periodic beat with the filling pressure that the patient file states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StatedFilling {
-    /// The stated pressure.
+    /// Filling pressure that the patient file states.
     #[serde(rename = "left_atrial_pressure_mmHg")]
     pub left_atrial_pressure_mmhg: f64,
     /// Measured end-diastolic volume: the mean of the frames around end-diastole.
     #[serde(rename = "measured_mL")]
     pub measured_ml: f64,
-    /// The base model's end-diastolic volume; none where it has no periodic beat.
+    /// End-diastolic volume of the base model; absent if the base model has no periodic beat.
     #[serde(rename = "before_mL")]
     pub before_ml: Option<f64>,
-    /// That with the accepted effects.
+    /// End-diastolic volume with the accepted effects; absent if there is no periodic beat.
     #[serde(rename = "after_mL")]
     pub after_ml: Option<f64>,
-    /// Rms volume residual in diastasis and atrial systole, base model.
+    /// Rms volume residual of the base model in diastasis and atrial systole.
     #[serde(rename = "late_filling_before_mL")]
     pub late_filling_before_ml: Option<f64>,
-    /// That with the accepted effects.
+    /// Rms volume residual with the accepted effects in diastasis and atrial systole.
     #[serde(rename = "late_filling_after_mL")]
     pub late_filling_after_ml: Option<f64>,
 }
 
-/// What `--accept` writes: effects, corrections of the data, and the base values fitted with them.
+/// Model that `--accept` writes: effects, corrections of the data, and the base values fitted with
+/// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FoundModel {
-    /// Effects of heart and vessels.
+    /// Accepted effects of heart and vessels.
     pub effects: Vec<EffectSpec>,
-    /// Artefacts: the data are corrected for them.
+    /// Accepted artefacts, for which the data are corrected.
     pub corrections: Vec<EffectSpec>,
     /// Arterial load.
     pub afterload: WindkesselParameters,
     /// Constant filling pressure.
     #[serde(rename = "left_atrial_pressure_mmHg")]
     pub left_atrial_pressure_mmhg: f64,
-    /// Passive law, through the volume at which the active stretch is 1.
+    /// Passive law through the volume at which the stretch of the active law is 1.
     pub passive: OneFibrePassive,
 }
 
-/// Settings of a search that its answer depends on.
+/// Settings of a search that affect its answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SearchSettings {
-    /// Candidates by name, all that were tried.
+    /// Names of all candidates that were tried.
     pub effects: Vec<String>,
-    /// Least evidence for a name.
+    /// Smallest evidence with which an effect is named.
     pub least_evidence: f64,
-    /// Probability of a name where nothing is missing.
+    /// Probability that an effect is named although nothing is missing.
     pub false_alarm: f64,
-    /// Draws of the bootstrap.
+    /// Number of bootstrap draws.
     pub n_bootstrap: u32,
-    /// Most effects of one patient.
+    /// Largest number of effects of one patient.
     pub max_effects: u32,
 }
 
-/// What the search found in a patient.
+/// Result of the search for a patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Discovered {
-    /// Whether no effect is named: nothing is missing, or the gap is unexplained.
+    /// Whether no effect is named, because nothing is missing or because the gap is unexplained.
     pub none: bool,
-    /// Candidates: accepted ones first, then by probability.
+    /// Candidates: accepted ones first, the others by probability.
     pub effects: Vec<RankedEffect>,
     /// Names of the effects that the selection added to the model.
     pub accepted: Vec<String>,
-    /// Names that cannot be told from the accepted ones.
+    /// Names of effects that the data do not distinguish from the accepted ones.
     pub confusable: Vec<String>,
-    /// Which cannot be told from which.
+    /// Accepted effects with the rivals from which the data do not distinguish them.
     pub confusable_with: Vec<Confusable>,
-    /// Measurements that would separate those.
+    /// Measurements that would distinguish these effects.
     pub deciding_measurement: Vec<String>,
-    /// Names of candidates that these data cannot show.
+    /// Names of candidates that the data cannot show.
     pub not_identifiable: Vec<String>,
-    /// What would show them.
+    /// Candidates that the data cannot show, with the data that would show them.
     pub not_identifiable_without: Vec<NotIdentifiable>,
-    /// A gap that no candidate explains.
+    /// Gap that no candidate explains.
     pub unexplained: Option<Unexplained>,
     /// Rms standardised residual of the base model.
     pub gap_before: f64,
-    /// The same with the accepted effects.
+    /// Rms standardised residual with the accepted effects.
     pub gap_after: f64,
-    /// The base model's on data held out; none where a refit failed.
+    /// Rms standardised residual of the base model on held-out data; absent if a refit failed.
     pub gap_heldout_before: Option<f64>,
-    /// The same with the accepted effects.
+    /// Rms standardised residual with the accepted effects on held-out data; absent if a refit
+    /// failed.
     pub gap_heldout_after: Option<f64>,
-    /// Probability that data of the base model alone give evidence as large.
+    /// Probability that data of the base model alone give evidence as large as this.
     pub p_value: f64,
-    /// Evidence that a name needed.
+    /// Evidence that an effect needed to be named.
     pub threshold: f64,
     /// Evidence of the best nameless competitor.
     pub nameless_evidence: f64,
-    /// Where the base model and the data disagree.
+    /// Discrepancies between the base model and the data.
     #[serde(rename = "where")]
     pub places: Vec<Place>,
-    /// The same places with the accepted effects.
+    /// Discrepancies at the same places with the accepted effects.
     pub where_after: Vec<Place>,
-    /// Residuals by signal and phase, before and after, on fitted and on held-out data.
+    /// Residuals by signal and phase, before and after, on fitted and held-out data.
     pub gaps: Vec<GapAt>,
-    /// Biomarkers before and after.
+    /// Biomarkers before and after the effects.
     pub biomarkers: Vec<BiomarkerGap>,
-    /// The periodic beat with the filling pressure of the patient file, where it states one.
+    /// Periodic beat with the filling pressure of the patient file, if the file states one.
     pub stated_filling: Option<StatedFilling>,
     /// Fitted base values with the accepted effects.
     pub base: BTreeMap<String, f64>,
     /// Fitted base values without effects.
     pub base_before: BTreeMap<String, f64>,
-    /// What `--accept` writes.
+    /// Model that `--accept` writes.
     pub model: FoundModel,
-    /// Noise power seen in the pressure's high band over the stated one.
+    /// Ratio of the noise power in the high band of the pressure to the stated noise power.
     pub noise_seen_over_stated: Option<f64>,
-    /// Simulated beats' parameter sets.
+    /// Number of parameter sets that were simulated.
     pub n_evaluations: u64,
-    /// What can be drawn.
+    /// Curves for figures.
     pub series: DiscoverSeries,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Settings of the search.
+    /// Settings of the search that affect its answer.
     pub settings: SearchSettings,
     /// SHA-256 of each input file, by role.
     pub data: BTreeMap<String, String>,
 }
 
-/// What `cardiotwin discover --json` writes of one patient.
+/// Result of `cardiotwin discover --json` for one patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DiscoverCase {
     /// Format version.
     pub schema_version: u32,
-    /// The patient.
+    /// Pseudonym of the patient.
     pub case: String,
-    /// The finding in plain language.
+    /// Result in plain language.
     pub summary: String,
-    /// Key of the task that found it.
+    /// Key of the task that computed the result.
     pub task: String,
-    /// What the beats of the cohort's run miss of the measured traces, where it personalised the patient.
+    /// Differences between the measured traces and the beats of the cohort's run, if the run
+    /// personalised the patient.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<RunMisses>,
-    /// What was found.
+    /// Result of the search.
     #[serde(flatten)]
     pub found: Discovered,
 }
 
-/// What beats of a personalised patient miss of the measured traces.
+/// Differences between beats of a personalised patient and the measured traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunMisses {
-    /// Of the pressure, mmHg; absent where it was not measured.
+    /// Differences of the pressure, mmHg; absent if it was not measured.
     #[serde(rename = "pressure_mmHg")]
     pub pressure_mmhg: Option<TraceMisses>,
-    /// Of the volume, mL; absent where it was not measured.
+    /// Differences of the volume, mL; absent if it was not measured.
     #[serde(rename = "volume_mL")]
     pub volume_ml: Option<TraceMisses>,
 }
 
-/// Root mean squares of simulated minus measured over one beat, in the trace's unit.
+/// Root mean squares of simulated minus measured values over one beat, in the unit of the trace.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TraceMisses {
-    /// Of step 1's beat, whose active stress moved freely.
+    /// Difference of the beat of step 1, in which the active stress was adjusted freely.
     pub step1: f64,
-    /// Of the verification beat, with the cell that was fitted outside of the organ.
+    /// Difference of the verification beat, with the cell that was fitted outside of the organ.
     pub verification: f64,
-    /// Of the twin's beat.
+    /// Difference of the twin's beat.
     pub twin: f64,
 }
 
@@ -467,18 +474,19 @@ impl TraceMisses {
 /// Result of `cardiotwin discover COHORT --json`: cases by name.
 pub type DiscoverCases = BTreeMap<String, DiscoverCase>;
 
-/// A candidate over a cohort.
+/// Results for a candidate over a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PooledEffect {
     /// Name in the catalogue.
     pub name: String,
-    /// Patients in whom it was accepted.
+    /// Number of patients in whom it was accepted.
     pub accepted_in: u32,
-    /// Patients in whom it was tried.
+    /// Number of patients in whom it was tried.
     pub tried_in: u32,
-    /// Sum over the patients of `robust_evidence`, each counted up to a largest share.
+    /// Sum of `robust_evidence` over the patients, each limited to a largest contribution.
     pub log_evidence: f64,
-    /// Whether more than half of the patients lack it: a fault of the model rather than of a patient.
+    /// Whether it is missing in more than half of the patients, which suggests a defect of the
+    /// model rather than a property of a patient.
     pub of_the_model: bool,
 }

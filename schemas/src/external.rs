@@ -13,7 +13,7 @@ use crate::task::InputFile;
 /// and the number of threads.
 pub const COMMAND_PLACEHOLDERS: [&str; 3] = ["parameters", "out", "threads"];
 
-/// How the parameters are written.
+/// Format of the file with the parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ParametersFormat {
@@ -35,21 +35,26 @@ impl ParametersFormat {
     }
 }
 
-/// Where the solver leaves its results, relative to the folder that it runs in.
+/// Files in which the solver leaves its results, relative to its working directory.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExternalResults {
-    /// Pressure and volume of the cavity over the last beat: columns `time_ms`, `pressure_mmHg` (or `pressure_kPa`),
-    /// `volume_mL` and, where known, `aortic_pressure_mmHg`, `aortic_flow_mL_per_s`, `mitral_flow_mL_per_s`.
+    /// Pressure and volume of the cavity over the last beat: columns `time_ms`, `pressure_mmHg` (or
+    /// `pressure_kPa`), `volume_mL` and, if known, `aortic_pressure_mmHg`, `aortic_flow_mL_per_s`,
+    /// `mitral_flow_mL_per_s`.
     pub traces: String,
-    /// Active stress, calcium where the model has it, and stretch of every node: a file as `nodal.csv` of our own solvers.
+    /// Active stress, stretch and, if the model has it, calcium of every node, in the format of our
+    /// own solvers' `nodal.csv`.
     pub nodal: String,
-    /// The same in openCARP's `.igb` format, in place of `nodal`: files by quantity, `Sa_kPa`, `lambda`, `Ca_uM`.
+    /// Files in openCARP's `.igb` format in place of `nodal`, by quantity: `Sa_kPa`, `lambda`,
+    /// `Ca_uM`.
     pub igb: BTreeMap<String, String>,
-    /// With `igb`: activation time of each node in ms, one number a line. Absent: all at the first activation.
+    /// With `igb`: activation time of each node in ms, one number per line. If absent, all nodes
+    /// are activated at the first activation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub activation: Option<String>,
-    /// With `igb`: weight of each node in medians, one number a line, or 0 for nodes that do not contract. Absent: all alike.
+    /// With `igb`: weight of each node in medians, one number per line; 0 for nodes that do not
+    /// contract. If absent, all weights are equal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
 }
@@ -66,17 +71,17 @@ impl Default for ExternalResults {
     }
 }
 
-/// What exit codes other than 0 mean; those that are not listed are `numerics`.
+/// Meaning of the exit codes other than 0. Codes that are not listed mean `numerics`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExitCodes {
-    /// Data or settings are wrong: not tried again as it is.
+    /// Exit codes for wrong data or settings. The simulation is not repeated unchanged.
     pub input: Vec<i32>,
-    /// The machine or the site failed: tried again.
+    /// Exit codes for a failure of the machine or the site. The simulation is repeated.
     pub site: Vec<i32>,
-    /// The simulation diverged.
+    /// Exit codes for a diverged simulation.
     pub numerics: Vec<i32>,
-    /// A defect of the solver: stop there.
+    /// Exit codes for a defect of the solver. Nothing is repeated.
     pub bug: Vec<i32>,
 }
 
@@ -97,57 +102,60 @@ impl ExitCodes {
     }
 }
 
-/// `[solver.external]`: the solver of `fidelity = "external"`.
+/// `[solver.external]`: settings of the solver with `fidelity = "external"`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExternalSettings {
-    /// Program and arguments. `{parameters}` stands for the file with the parameters, `{out}` for the folder that the
-    /// solver runs in and leaves its results in, `{threads}` for the threads it may use, `{NAME}` for a file of `files`;
-    /// `{{` and `}}` for braces.
+    /// Program with arguments. `{parameters}` stands for the file with the parameters, `{out}` for
+    /// the directory in which the solver runs and leaves its results, `{threads}` for the number of
+    /// threads, `{NAME}` for a file of `files`; `{{` and `}}` for braces.
     pub command: Vec<String>,
-    /// Files that simulations depend on, by the name that stands for them: relative to the patient's folder where they are
-    /// there, else to the folder of `cohort.toml`. A changed file makes simulations that used it be done again.
+    /// Files on which simulations depend, by the name that stands for them. Paths are relative to
+    /// the patient's folder if the file exists there, otherwise to the folder of `cohort.toml`. If
+    /// a file changes, simulations that used it are repeated.
     pub files: BTreeMap<String, String>,
-    /// Files that are made for each simulation in the folder that the solver runs in: name of the file, and the name in
-    /// `files` of its template, in which `{KEY}` stands for a parameter (docs/external-solvers.md has the list). A file named
-    /// `NAME@MODEL` (`par@land2017-rice`) goes before `NAME` in simulations with that model of active stress.
+    /// Files that are written for each simulation into the directory in which the solver runs: name
+    /// of the file, and name in `files` of its template, in which `{KEY}` stands for a parameter
+    /// (docs/external-solvers.md has the list). A file named `NAME@MODEL` (`par@land2017-rice`)
+    /// takes precedence over `NAME` in simulations with that model of active stress.
     pub templates: BTreeMap<String, String>,
-    /// How the parameters are written.
+    /// Format of the file with the parameters.
     pub parameters: ParametersFormat,
-    /// Where results are left.
+    /// Files in which the solver leaves its results.
     pub results: ExternalResults,
-    /// What exit codes mean.
+    /// Meaning of the exit codes.
     pub exit_codes: ExitCodes,
 }
 
-/// The organ that another solver simulates.
+/// An organ that an external solver simulates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExternalOrgan {
-    /// Volumes, pressure and one-fibre law of step 0: the state that a beat begins with.
+    /// Volumes, pressure and one-fibre law from step 0, which define the state at the beginning of
+    /// a beat.
     pub passive: OneFibrePassive,
-    /// Activation as the reduced ventricle would have it.
+    /// Activation with the same distribution as in the reduced ventricle.
     pub activation: ActivationSpec,
-    /// Command, templates, results, exit codes; `files` is empty here.
+    /// Command, templates, results and exit codes. `files` is empty here.
     pub settings: ExternalSettings,
-    /// The files by their content.
+    /// Files, identified by their content.
     pub files: Vec<InputFile>,
 }
 
-/// What produces the active stress, flat: model and parameters by the names of files.
+/// Model of the active stress and its parameters, by the names used in files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExternalContraction {
     /// `tanh`, `land2017-rice` or `land2017-trace`.
     pub model: String,
-    /// All of its parameters, with those that keep their default.
+    /// All parameters of the model, including those at their default.
     pub parameters: BTreeMap<String, f64>,
-    /// `land2017-trace`: calcium from activation on, columns `time_ms` and `Ca_uM`.
+    /// File with calcium from activation on for `land2017-trace`, columns `time_ms` and `Ca_uM`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium_file: Option<String>,
 }
 
-/// `parameters.toml` or `parameters.json`: what an external solver is handed for one simulation.
+/// `parameters.toml` or `parameters.json`: input of an external solver for one simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExternalParameters {
@@ -155,19 +163,19 @@ pub struct ExternalParameters {
     pub schema_version: u32,
     /// Cycle length.
     pub cycle_length_ms: f64,
-    /// Largest time step that was asked for.
+    /// Largest time step, from the settings.
     pub time_step_ms: f64,
-    /// Beats to simulate; the last one is reported.
+    /// Number of beats to simulate. The last one is reported.
     pub beats: u32,
     /// Active stress.
     pub contraction: ExternalContraction,
     /// Valves.
     pub valves: ValveParameters,
-    /// State at the beat's start, end-diastole, and the one-fibre law through it.
+    /// State at the start of the beat, which is end-diastole, and the one-fibre law through it.
     pub start: OneFibrePassive,
     /// Activation.
     pub activation: ActivationSpec,
-    /// Arterial load, its pressure at the start, filling pressure, accepted effects.
+    /// Arterial load with its initial pressure, filling pressure and accepted effects.
     pub circulation: CirculationSpec,
 }
 

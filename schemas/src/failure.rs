@@ -3,17 +3,18 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a failure asks for.
+/// Class of a failure. It determines what follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FailureClass {
-    /// The data or settings are wrong: fix them; never retried as it is.
+    /// Wrong data or settings. They must be corrected; the task is not repeated unchanged.
     Input,
-    /// The machine or site failed (process killed, disk full): the same task may be retried.
+    /// Failure of the machine or the site (process killed, disk full). The same task may be
+    /// repeated.
     Site,
-    /// The simulation diverged or broke a check of the science: other settings may help.
+    /// The simulation diverged or violated a scientific check. Other settings may help.
     Numerics,
-    /// A defect of ours (panic, impossible state): stop and report.
+    /// Defect of the program (panic, impossible state). It must be reported; nothing is repeated.
     Bug,
 }
 
@@ -30,25 +31,25 @@ impl FailureClass {
     }
 }
 
-/// What a scheduler's job died of: the finer side of [`FailureClass::Site`].
+/// Reason why a scheduler's job ended, a refinement of the class `site`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SiteCause {
-    /// It used up its walltime.
+    /// The job used up its walltime.
     Walltime,
-    /// It used more memory than it was given.
+    /// The job used more memory than it was given.
     OutOfMemory,
     /// A node failed.
     NodeFailure,
-    /// It had to make room for another job.
+    /// The job was preempted by another one.
     Preemption,
-    /// A person cancelled it.
+    /// A person cancelled the job.
     Cancelled,
-    /// The scheduler will never take it as it is.
+    /// The scheduler will never accept the job as it is.
     Refused,
-    /// A program of ours panicked.
+    /// One of our programs panicked.
     Defect,
-    /// It ended without a word.
+    /// The job ended without any trace of the reason.
     Unexplained,
 }
 
@@ -66,17 +67,17 @@ impl SiteCause {
     ];
 }
 
-/// What went wrong, in words for a person.
+/// A failure of a task with an explanation for people.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Failure {
-    /// Decides what follows.
+    /// Class, which determines what follows.
     pub class: FailureClass,
-    /// What was tried, with which values; lower case, no full stop.
+    /// What was attempted, with values; lower case without full stop.
     pub message: String,
-    /// What to do about it.
+    /// Action that may remove the failure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
-    /// What a scheduler's job died of, where it was one.
+    /// Reason why a scheduler's job ended, if the task ran in one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<SiteCause>,
 }

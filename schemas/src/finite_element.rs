@@ -14,65 +14,68 @@ use crate::task::InputFile;
 /// scale of that law.
 pub const EFFECTS_OF_THE_PASSIVE_LAW: [&str; 1] = ["passive_stiffening"];
 
-/// Elements of the wall.
+/// Tetrahedral elements of the wall.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ElementKind {
     /// Linear tetrahedra whose change of volume is resisted by nodal averages.
     #[default]
     LinearNodal,
-    /// Linear tetrahedra with a plain penalty (P1/P0): the paper's, which locks.
+    /// Linear tetrahedra with a plain penalty (P1/P0), as in the paper. They suffer from volumetric
+    /// locking.
     LinearPointwise,
-    /// Quadratic tetrahedra with nodal averages.
+    /// Quadratic tetrahedra whose change of volume is resisted by nodal averages.
     QuadraticNodal,
 }
 
-/// How the linear systems of a time step are solved.
+/// Solver of the linear systems of a time step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LinearSolver {
-    /// Conjugate gradients, block Jacobi.
+    /// Conjugate gradients with a block Jacobi preconditioner.
     #[default]
     BlockJacobi,
-    /// Conjugate gradients, symmetric block Gauss-Seidel.
+    /// Conjugate gradients with a symmetric block Gauss-Seidel preconditioner.
     SymmetricSweep,
-    /// Conjugate gradients, preconditioned by a factorisation that is kept.
+    /// Conjugate gradients preconditioned by a factorisation that is reused.
     Direct,
 }
 
-/// What is computed of electrophysiology.
+/// Model of the electrophysiology.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Electrophysiology {
-    /// Activation times.
+    /// Activation times only.
     #[default]
     Eikonal,
-    /// Transmembrane potentials too, after the verification beat: nothing waits for them.
+    /// Activation times and, after the verification beat, transmembrane potentials. No other task
+    /// waits for the potentials.
     ReactionEikonal,
 }
 
-/// Material, supports and damping of the wall. Those without a source are assumptions (docs/models.md).
+/// Material, supports and damping of the wall. Values without a source are assumptions
+/// (docs/models.md).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WallSettings {
     /// Passive law of muscle.
     pub muscle_law: MuscleLaw,
-    /// Guccione's C with which the search for the patient's begins.
+    /// Guccione's C at which the search for the patient's value begins.
     #[serde(rename = "guccione_C_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub guccione_c_kpa: f64,
     /// Exponent along the fibre.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_f: f64,
-    /// Exponent across it.
+    /// Exponent across the fibre.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_t: f64,
     /// Exponent of fibre shear.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
-    /// Constants of Holzapfel and Ogden's law; the search for the patient's moduli begins with them.
+    /// Constants of Holzapfel and Ogden's law, at which the search for the patient's moduli begins.
     pub holzapfel_ogden: HolzapfelOgden,
-    /// Shear modulus of a neo-Hookean muscle with which the search for the patient's begins.
+    /// Shear modulus of neo-Hookean muscle at which the search for the patient's value begins.
     #[serde(rename = "neo_hookean_mu_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub neo_hookean_mu_kpa: f64,
@@ -80,24 +83,26 @@ pub struct WallSettings {
     #[serde(rename = "kappa_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub kappa_kpa: f64,
-    /// Share of it that resists each element's own change of volume, where the rest resists nodal averages; absent: a hundredth in
-    /// linear elements, none in quadratic ones.
+    /// Share of the bulk modulus that resists each element's own change of volume; the rest resists
+    /// nodal averages. If absent, it is 0.01 in linear elements and 0 in quadratic ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub pointwise_share: Option<f64>,
-    /// How active stress acts along the fibre.
+    /// Stress tensor along the fibre that the contraction model's stress enters.
     pub active_convention: ActiveConvention,
-    /// Share of the active stress that acts along the sheet, too; shares of effects come on top.
+    /// Share of the active stress that acts along the sheet, in addition to the stress along the
+    /// fibre. Shares of effects are added to it.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub cross_fibre_share: f64,
-    /// How long contraction lasts at the epicardium over how long at the endocardium; linear in the depth between.
+    /// Ratio of the contraction's duration at the epicardium to that at the endocardium; linear in
+    /// the depth between.
     #[schemars(extend("minimum" = 0.5, "maximum" = 2.0))]
     pub epicardial_duration_share: f64,
-    /// Share of the active stress that acts along the normal of the sheet, across the fibre in the plane of the wall where
-    /// sheets are transmural.
+    /// Share of the active stress that acts along the normal of the sheet. Where sheets are
+    /// transmural, this direction lies across the fibre in the plane of the wall.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub sheet_normal_share: f64,
-    /// Shear modulus of the aortic root, and of all passive tissue that has no entry in `passive`.
+    /// Shear modulus of the aortic root and of all passive tissue without an entry in `passive`.
     #[serde(rename = "aorta_mu_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub aorta_mu_kpa: f64,
@@ -105,7 +110,7 @@ pub struct WallSettings {
     #[serde(rename = "aorta_kappa_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub aorta_kappa_kpa: f64,
-    /// Passive tissue of its own by the mesh's tags.
+    /// Passive tissues with their own moduli, by the mesh's tags.
     #[serde(
         skip_serializing_if = "PassiveTissues::is_empty",
         deserialize_with = "crate::muscle::by_tag"
@@ -120,34 +125,36 @@ pub struct WallSettings {
     /// Rayleigh damping by stiffness.
     #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub stiffness_damping_ms: f64,
-    /// Pericardium: springs along the normal of epicardium and septum, at the apex.
+    /// Stiffness of the pericardium at the apex: springs along the normal of epicardium and septum.
     #[serde(rename = "epicardial_spring_kPa_per_mm")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub epicardial_spring_kpa_per_mm: f64,
-    /// Pericardium: dashpots beside these springs.
+    /// Damping of the pericardium at the apex: dashpots parallel to the springs.
     #[serde(rename = "epicardial_dashpot_kPa_ms_per_mm")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub epicardial_dashpot_kpa_ms_per_mm: f64,
-    /// Stiffness and damping of the pericardium at the base over those at the apex; linear in the height between.
+    /// Ratio of the pericardium's stiffness and damping at the base to those at the apex; linear in
+    /// the height between.
     #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub epicardial_base_share: f64,
-    /// Springs in all directions on the rim.
+    /// Stiffness of the springs in all directions on the rim.
     #[serde(rename = "rim_spring_kPa_per_mm")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub rim_spring_kpa_per_mm: f64,
-    /// Dashpots beside these springs.
+    /// Damping of the dashpots parallel to the springs on the rim.
     #[serde(rename = "rim_dashpot_kPa_ms_per_mm")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub rim_dashpot_kpa_ms_per_mm: f64,
-    /// Springs and dashpots of further surfaces of the patient's own mesh, by their names.
+    /// Springs and dashpots of further surfaces of the patient's own mesh, by surface name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub surface: BTreeMap<String, SurfaceSpring>,
-    /// Spectral radius of generalised-α: 0 damps the highest frequencies at once.
+    /// Spectral radius of the generalised-α method; 0 damps the highest frequencies within one
+    /// step.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub spectral_radius: f64,
 }
 
-/// Springs and dashpots along the normal of a surface, at rest in end-diastole.
+/// Springs and dashpots along the normal of a surface. The springs are unloaded at end-diastole.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SurfaceSpring {
@@ -155,7 +162,7 @@ pub struct SurfaceSpring {
     #[serde(rename = "spring_kPa_per_mm")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub spring_kpa_per_mm: f64,
-    /// Dashpots beside them.
+    /// Damping along the normal.
     #[serde(rename = "dashpot_kPa_ms_per_mm")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub dashpot_kpa_ms_per_mm: f64,
@@ -223,17 +230,17 @@ impl Default for FibreSettings {
     }
 }
 
-/// Speeds of the eikonal activation.
+/// Conduction velocities of the eikonal activation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ConductionSettings {
-    /// Along the fibre.
+    /// Velocity along the fibre.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub along_m_per_s: f64,
-    /// Across it.
+    /// Velocity across the fibre.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub across_m_per_s: f64,
-    /// Of the fast endocardial layer; 0 for none.
+    /// Velocity in the fast endocardial layer; 0 for no such layer.
     #[schemars(extend("minimum" = 0.0, "maximum" = 100.0))]
     pub endocardium_m_per_s: f64,
 }
@@ -248,17 +255,19 @@ impl Default for ConductionSettings {
     }
 }
 
-/// What keeps Newton's method on its way: `[solver.finite_element.newton]`.
+/// Step control of Newton's method: `[solver.finite_element.newton]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NewtonSettings {
-    /// An iteration's step is halved so often at most; then the time step fails, and is halved itself.
+    /// Largest number of times that an iteration's step is halved. After that the time step fails
+    /// and is halved itself.
     #[schemars(range(min = 0, max = 30))]
     pub halvings: u32,
-    /// It is halved when an element's volume would shrink below this share.
+    /// Ratio of an element's deformed volume to its reference volume at or below which an
+    /// iteration's step is halved.
     #[schemars(extend("minimum" = 0.0, "maximum" = 0.9))]
     pub smallest_volume_ratio: f64,
-    /// Farthest that an iteration moves a node; 0: as far as it likes.
+    /// Largest displacement of a node in an iteration; 0 for no limit.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub farthest_mm: f64,
 }
@@ -279,37 +288,37 @@ impl NewtonSettings {
     }
 }
 
-/// The finite-element ventricle: `[solver.finite_element]`.
+/// Settings of the finite-element ventricle: `[solver.finite_element]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FiniteElementSettings {
-    /// About how many nodes the generated mesh has.
+    /// Approximate number of nodes of the generated mesh.
     #[schemars(range(min = 500, max = 2_000_000))]
     pub mesh_nodes: u32,
-    /// Which elements.
+    /// Elements of the wall.
     pub element: ElementKind,
-    /// Residual of a time step over the scale of its forces at which it has converged.
+    /// Ratio of a time step's residual to the scale of its forces at which the step has converged.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 0.1))]
     pub tolerance: f64,
-    /// Newton iterations after which a step fails.
+    /// Number of Newton iterations after which a step fails.
     #[schemars(range(min = 1, max = 1000))]
     pub newton_iterations: u32,
-    /// What keeps Newton's method on its way.
+    /// Step control of Newton's method.
     pub newton: NewtonSettings,
-    /// How linear systems are solved.
+    /// Solver of the linear systems.
     pub linear_solver: LinearSolver,
-    /// Longest time step of late filling: after ejection, with the mitral valve open, while pressure changes by less than 0.1 mmHg
-    /// a millisecond. 0: as any other.
+    /// Longest time step of late filling, that is after ejection, with the mitral valve open, while
+    /// the pressure changes by less than 0.1 mmHg per millisecond. 0 for no separate limit.
     #[serde(skip_serializing_if = "crate::task::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
-    /// The wall.
+    /// Material, supports and damping of the wall.
     pub wall: WallSettings,
-    /// Fibres.
+    /// Angles of the fibres.
     pub fibres: FibreSettings,
-    /// Activation.
+    /// Conduction velocities of the activation.
     pub conduction: ConductionSettings,
-    /// Whether transmembrane potentials are wanted.
+    /// Whether transmembrane potentials are computed besides the activation times.
     #[serde(skip_serializing_if = "is_eikonal")]
     pub ep: Electrophysiology,
 }
@@ -373,57 +382,58 @@ impl FiniteElementSettings {
     }
 }
 
-/// What step 0 makes of a finite-element ventricle.
+/// Input from which step 0 makes a finite-element ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AnatomySpec {
-    /// About how many nodes.
+    /// Approximate number of nodes.
     pub mesh_nodes: u32,
-    /// Which elements.
+    /// Elements of the wall.
     pub element: ElementKind,
-    /// The wall.
+    /// Material, supports and damping of the wall.
     pub wall: WallSettings,
-    /// Fibres.
+    /// Angles of the fibres.
     pub fibres: FibreSettings,
-    /// Activation.
+    /// Conduction velocities of the activation.
     pub conduction: ConductionSettings,
-    /// Effects of the patient's model that change the passive law: [`EFFECTS_OF_THE_PASSIVE_LAW`].
+    /// Effects of the patient's model that change the passive law, such as `passive_stiffening`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
 }
 
-/// Where the fibres of a patient's own mesh come from.
+/// Source of the fibres of a patient's own mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeshFibres {
-    /// The mesh's own, where it has some, else the rule.
+    /// Fibres of the mesh if it has any, otherwise those of the rule.
     #[default]
     Auto,
-    /// The mesh's own.
+    /// Fibres of the mesh.
     Mesh,
-    /// The rule of `solver.finite_element.fibres`.
+    /// Fibres of the rule with the angles of `solver.finite_element.fibres`.
     Rule,
 }
 
-/// A patient's own mesh, by its files' contents.
+/// A patient's own mesh, identified by the contents of its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OwnMesh {
-    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu`, `.msh` or `.mesh`.
+    /// Files of the mesh. The extension of the first file determines the format: `.pts`, `.vtu`,
+    /// `.msh` or `.mesh`.
     pub files: Vec<InputFile>,
-    /// Unit of its coordinates: um, mm, cm or m.
+    /// Unit of the coordinates: um, mm, cm or m.
     pub unit: String,
     /// Tags of contracting tissue; all other tissue is passive.
     pub left_ventricle: Vec<i32>,
-    /// Where its fibres come from.
+    /// Source of the fibres.
     pub fibres: MeshFibres,
-    /// File of activation times, one number a node.
+    /// File of activation times, one number per node.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activation_times: Option<InputFile>,
-    /// Where activation begins, without such a file.
+    /// Points where activation begins if there is no file of activation times.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub activation_sites_mm: Vec<[f64; 3]>,
-    /// Its right ventricle, where that has a pressure.
+    /// Right ventricle of the mesh, if its pressure is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub right_ventricle: Option<OwnRightVentricle>,
 }
@@ -432,9 +442,9 @@ pub struct OwnMesh {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OwnRightVentricle {
-    /// Surface of its endocardium.
+    /// Surface of the right ventricular endocardium.
     pub surface: String,
-    /// Pressure in its cavity.
+    /// Pressure in the right ventricular cavity.
     pub pressure: RightPressureSpec,
 }
 
@@ -442,45 +452,47 @@ pub struct OwnRightVentricle {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum RightPressureSpec {
-    /// The same at all times.
+    /// Constant pressure.
     Constant {
         /// Pressure at all times.
         #[serde(rename = "pressure_mmHg")]
         pressure_mmhg: f64,
     },
-    /// A trace over one cycle.
+    /// Trace over one cycle.
     Trace {
-        /// Columns `time_ms` and `pressure_mmHg`.
+        /// File with the columns `time_ms` and `pressure_mmHg`.
         file: InputFile,
     },
 }
 
-/// How the equations of a beat are solved.
+/// Settings by which the equations of a beat are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EquationSettings {
-    /// Residual of a time step over the scale of its forces.
+    /// Ratio of a time step's residual to the scale of its forces at which the step has converged.
     pub tolerance: f64,
-    /// What keeps Newton's method on its way.
+    /// Step control of Newton's method.
     #[serde(default, skip_serializing_if = "NewtonSettings::are_default")]
     pub newton: NewtonSettings,
-    /// How linear systems are solved.
+    /// Solver of the linear systems.
     pub linear_solver: LinearSolver,
-    /// Longest time step of late filling \[ms\]; 0: as any other.
+    /// Longest time step of late filling \[ms\]; 0 for no separate limit.
     #[serde(default, skip_serializing_if = "crate::task::is_zero")]
     pub diastolic_step_ms: f64,
-    /// Speeds of the wave whose transmembrane potentials are wanted after the beat; absent: none are.
+    /// Conduction velocities of the wave for transmembrane potentials, which are computed after the
+    /// beat; absent if no potentials are computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub potentials: Option<ConductionSettings>,
 }
 
-/// A finite-element ventricle that step 0 made.
+/// A finite-element ventricle from step 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FiniteElementOrgan {
-    /// Mesh, fibres, activation, unloaded geometry and end-diastolic state (artefact `ventricle` of step 0).
+    /// Mesh, fibres, activation, unloaded geometry and end-diastolic state (artefact `ventricle` of
+    /// step 0).
     pub ventricle: InputFile,
-    /// What is in it.
+    /// Figures of this ventricle.
     pub figures: VentricleFigures,
 }
 
@@ -492,35 +504,36 @@ pub struct VentricleFigures {
     pub nodes: u64,
     /// Tetrahedra.
     pub elements: u64,
-    /// Displacements that are solved for.
+    /// Number of unknown displacements.
     pub degrees_of_freedom: u64,
-    /// Mean length of an edge in the image.
+    /// Mean length of the edges in the image's geometry.
     pub mean_edge_mm: f64,
     /// Volume of the contracting wall.
     #[serde(rename = "wall_volume_mL")]
     pub wall_volume_ml: f64,
-    /// Cavity volume of the image that the mesh was made for.
+    /// Cavity volume of the image from which the mesh was made.
     #[serde(rename = "image_volume_mL")]
     pub image_volume_ml: f64,
-    /// Pressure that the image is in equilibrium with.
+    /// Pressure with which the image is in equilibrium.
     #[serde(rename = "image_pressure_mmHg")]
     pub image_pressure_mmhg: f64,
-    /// Cavity volume without pressure.
+    /// Cavity volume at zero pressure.
     #[serde(rename = "unloaded_volume_mL")]
     pub unloaded_volume_ml: f64,
-    /// Cavity volume at end-diastole, where the beat starts and the active stretch is 1.
+    /// Cavity volume at end-diastole, where the beat starts and the stretch of the active law is 1.
     #[serde(rename = "end_diastolic_volume_mL")]
     pub end_diastolic_volume_ml: f64,
     /// Pressure at end-diastole.
     #[serde(rename = "end_diastolic_pressure_mmHg")]
     pub end_diastolic_pressure_mmhg: f64,
-    /// Stiffness of the muscle's law, fitted or given: Guccione's C, Holzapfel and Ogden's a, the neo-Hookean µ.
+    /// Stiffness of the muscle's law, fitted or given: Guccione's C, Holzapfel and Ogden's a or the
+    /// neo-Hookean µ.
     #[serde(rename = "stiffness_kPa")]
     pub stiffness_kpa: f64,
-    /// Factor of all exponents of the law; 1 for one without.
+    /// Factor on all exponents of the law; 1 for a law without exponents.
     pub exponent_factor: f64,
-    /// First activation after the beat's start.
+    /// First activation, from the start of the beat.
     pub onset_ms: f64,
-    /// First activation of muscle to last.
+    /// Time from the first to the last activation of muscle.
     pub spread_ms: f64,
 }

@@ -3,13 +3,14 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `cardiotwin fit calcium --json`: Rice's calcium (docs/models.md) as fitted to a measured transient.
+/// Result of `cardiotwin fit calcium --json`: Rice's calcium (docs/models.md) fitted to a measured
+/// transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CalciumFitAnswer {
-    /// Of the formats.
+    /// Version of the formats.
     pub schema_version: u32,
-    /// The trace's file, as it was named.
+    /// File of the trace, as named on the command line.
     pub trace: String,
     /// Time of activation on the trace's clock.
     pub activation_ms: f64,
@@ -19,30 +20,32 @@ pub struct CalciumFitAnswer {
     /// Peak calcium.
     #[serde(rename = "ca_max_uM")]
     pub ca_max_um: f64,
-    /// The longer time constant: the transient is the same with both exchanged.
+    /// Longer time constant. The transient does not change if the two are exchanged.
     pub tau_cr_ms: f64,
-    /// The shorter time constant.
+    /// Shorter time constant.
     pub tau_cd_ms: f64,
-    /// Each parameter, and the mean of both time constants (`tau_mean_ms`), with errors and intervals.
+    /// Estimates of each parameter and of the mean time constant (`tau_mean_ms`), with errors and
+    /// intervals.
     pub estimates: Vec<FittedQuantity>,
-    /// Probability that an interval covers, for independent residuals.
+    /// Coverage probability of the intervals, for independent residuals.
     pub confidence_level: f64,
-    /// What the trace tells about the two time constants.
+    /// Information of the trace about the two time constants.
     pub time_constants: TimeConstants,
-    /// The same in words.
+    /// Explanation of `time_constants` in words.
     pub time_constants_in_words: String,
     /// Number of samples.
     pub n_samples: usize,
     /// Root of the mean squared residual.
     #[serde(rename = "root_mean_square_uM")]
     pub root_mean_square_um: f64,
-    /// Correlation of neighbouring residuals: near zero for noise, near one where the curve misses the trace's shape.
+    /// Correlation of neighbouring residuals: near zero for noise, near one if the curve does not
+    /// follow the shape of the trace.
     pub residual_correlation: f64,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
-    /// What to mind before the values are used.
+    /// Points to check before the values are used.
     pub warnings: Vec<String>,
-    /// The result for `cohort.toml`.
+    /// Result as tables for `cohort.toml`.
     pub cohort_toml: CohortDefaults,
 }
 
@@ -54,23 +57,27 @@ pub struct FittedQuantity {
     pub name: String,
     /// Best value.
     pub value: f64,
-    /// Standard error of the linearised model; absent where it does not hold, as for equal time constants.
+    /// Standard error of the linearised model; absent if that model does not hold, as for equal
+    /// time constants.
     pub standard_error: Option<f64>,
-    /// Lower end of the profile's interval; absent where the trace sets none.
+    /// Lower end of the interval from the profile likelihood; absent if the trace does not bound
+    /// it.
     pub lower: Option<f64>,
-    /// Upper end of the profile's interval; absent where the trace sets none.
+    /// Upper end of the interval from the profile likelihood; absent if the trace does not bound
+    /// it.
     pub upper: Option<f64>,
 }
 
-/// What a trace tells about two time constants that may be exchanged.
+/// Information of a trace about two time constants that can be exchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeConstants {
-    /// Two different ones: equal ones do not fit.
+    /// Two different time constants; equal ones do not fit.
     Distinct,
-    /// Two different ones fit best, equal ones fit as well within the confidence level.
+    /// Two different time constants fit best, but equal ones fit as well within the confidence
+    /// level.
     Indistinct,
-    /// Equal ones fit best.
+    /// Equal time constants fit best.
     Equal,
 }
 
@@ -78,8 +85,8 @@ pub enum TimeConstants {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CohortDefaults {
-    /// Step 2 holds calcium at the fitted values and fits the other parameters.
+    /// Tables with which step 2 holds calcium at the fitted values and fits the other parameters.
     pub frozen: String,
-    /// Step 2 fits calcium within the intervals.
+    /// Tables with which step 2 fits calcium within the intervals.
     pub bounds: String,
 }

@@ -4,10 +4,11 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The surface of the half of the wall behind a plane through the long axis, thinned out, in several states.
+/// Surface of the half of the wall behind a plane through the long axis, in several states, with
+/// fewer triangles than the mesh.
 ///
-/// The cut goes through the same tissue in each state. Positions are rounded to 0.01 mm, stress to 0.01 kPa, stretch to
-/// 0.0001.
+/// The cut goes through the same tissue in each state. Positions are rounded to 0.01 mm, stress to
+/// 0.01 kPa, stretch to 0.0001.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeartSurface {
@@ -17,11 +18,12 @@ pub struct HeartSurface {
     pub long_axis: [f64; 3],
     /// Unit vector out of the cut, towards the viewer.
     pub towards_viewer: [f64; 3],
-    /// Triangles of this surface before it was thinned out.
+    /// Number of triangles of this surface before it was simplified.
     pub triangles_before: u64,
-    /// Parts of the surface; their triangles' normals point out of the tissue.
+    /// Parts of the surface. The normals of their triangles point out of the tissue.
     pub parts: Vec<HeartPart>,
-    /// End-diastole first, then end-systole: the last beat's smallest volume, to half a percent of the stroke.
+    /// End-diastole first, then end-systole, which is the smallest volume of the last beat to
+    /// within half a percent of the stroke volume.
     pub states: Vec<HeartState>,
 }
 
@@ -29,15 +31,15 @@ pub struct HeartSurface {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeartPart {
-    /// Name of the mesh's surface, or `cut`.
+    /// Name of the surface in the mesh, or `cut`.
     pub surface: String,
-    /// Whether it is of tissue that contracts; the aortic root does not.
+    /// Whether the tissue contracts; the aortic root does not.
     pub contracts: bool,
-    /// Corners of each triangle, from 0.
+    /// Indices of each triangle's corners, from 0.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// One instant.
+/// State at one instant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeartState {
@@ -53,10 +55,10 @@ pub struct HeartState {
     pub pressure_mmhg: f64,
     /// Positions of the corners.
     pub points_mm: Vec<[f64; 3]>,
-    /// Active stress at the corners; absent where nothing contracts.
+    /// Active stress at the corners; absent where the tissue does not contract.
     #[serde(rename = "Sa_kPa")]
     pub sa_kpa: Vec<Option<f64>>,
-    /// Fibre stretch from end-diastole at the corners; absent where nothing contracts.
+    /// Fibre stretch from end-diastole at the corners; absent where the tissue does not contract.
     pub lambda: Vec<Option<f64>>,
 }
 

@@ -36,26 +36,28 @@ macro_rules! text_id {
 }
 
 text_id!(
-    /// A patient's pseudonym, unique in the cohort.
+    /// Pseudonym of a patient, unique in the cohort.
     PatientId
 );
 text_id!(
-    /// What is wanted: hash of the canonical spec, its inputs' contents and the model version (64 hex digits).
+    /// Key of a task: hash of the canonical spec, the contents of its inputs and the model version
+    /// (64 hex digits).
     TaskKey
 );
 text_id!(
-    /// What a scheduler gave: a process id for the local executor, a job id for Slurm.
+    /// Identifier given by the executor: a process id (local) or a job id (Slurm).
     ExternalId
 );
 
-/// One try at a task: the generation fences it, since only the current generation publishes.
+/// Identifier of an attempt at a task. Only the current generation may publish, which excludes
+/// earlier attempts.
 #[derive(
     Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 pub struct AttemptId {
-    /// The task that is tried.
+    /// Key of the task.
     pub task: TaskKey,
-    /// 1 for the first try, raised by one at each further one.
+    /// Number of the attempt, from 1.
     pub generation: u32,
 }
 

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
+/// Neo-Hookean tissue without contraction, for one tag of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassiveTissueSettings {

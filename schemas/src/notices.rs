@@ -7,17 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
 
-/// What there is to tell.
+/// Event of which a notice is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoticeKind {
-    /// Every patient of the cohort is over.
+    /// Every patient of the cohort has ended.
     Done,
-    /// Step 1 of a patient ended with its best iteration, not within the tolerance.
+    /// Step 1 of a patient ended with its best iteration without meeting the tolerance.
     Stalled,
-    /// A patient is held by a failure.
+    /// A failure holds a patient.
     Failed,
-    /// Little room is left where the run lies.
+    /// The file system of the run has little free space left.
     QuotaLow,
 }
 
@@ -45,22 +45,23 @@ impl NoticeKind {
     }
 }
 
-/// Who is told, and of what. Never part of a task's key.
+/// Recipients and events of notices. These settings never enter a task's key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoticeSettings {
-    /// Program with arguments that reads one [`Notice`] as JSON from its input; none where empty.
+    /// Program with arguments that reads one notice as JSON from its standard input; empty for
+    /// none.
     pub command: Vec<String>,
-    /// Addresses that are written to; none where empty.
+    /// E-mail addresses to which notices are sent; empty for none.
     pub mail: Vec<String>,
-    /// Program with arguments that sends what it reads, as sendmail does.
+    /// Program with arguments that sends a message from its standard input, as sendmail does.
     pub sendmail: Vec<String>,
-    /// Of what.
+    /// Events of which notices are sent.
     pub events: Vec<NoticeKind>,
-    /// How long a command may take before it is killed, s.
+    /// Time after which a command is killed, s.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 3600.0))]
     pub time_limit_s: f64,
-    /// Less room than this where the run lies is `quota-low`.
+    /// Free space on the file system of the run, GB, below which `quota-low` is sent.
     #[serde(rename = "least_free_GB")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e9))]
     pub least_free_gb: f64,
@@ -111,29 +112,30 @@ impl NoticeSettings {
     }
 }
 
-/// What a hook reads: pseudonyms, steps and classes, never data, paths or messages.
+/// A notice as a hook reads it. It contains pseudonyms, steps and classes, but never data, paths or
+/// messages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Notice {
     /// Format version.
     pub schema_version: u32,
-    /// What happened.
+    /// Event of the notice.
     pub event: NoticeKind,
-    /// The cohort's name.
+    /// Name of the cohort.
     pub cohort: String,
-    /// UTC, RFC 3339: when it was noticed.
+    /// Time at which the event was noticed, UTC, RFC 3339.
     pub at: String,
-    /// Pseudonym, where it is about one patient.
+    /// Pseudonym of the patient, if the event concerns one patient.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub patient: Option<String>,
-    /// Where the patient stands.
+    /// Step that the patient has reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<String>,
     /// Class of the failure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub class: Option<FailureClass>,
-    /// Patients by state.
+    /// Number of patients by state.
     pub counts: BTreeMap<String, u64>,
-    /// Room where the run lies, for `quota-low`.
+    /// Free space on the file system of the run, for `quota-low`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_bytes: Option<u64>,
 }

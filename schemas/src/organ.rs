@@ -16,17 +16,17 @@ pub use cardiotwin_vocabulary::step1::{
     Step1Parameters, TanhParameters, VALVE_PARAMETERS, ValveParameters,
 };
 
-/// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
-/// (Tables A2, A4); names that are absent keep their default.
+/// Model of the active stress. The parameters of Land's and Rice's models have the names of Tables
+/// A2 and A4; absent parameters keep their default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum ContractionSpec {
-    /// Phenomenological, step 1.
+    /// Phenomenological model of step 1.
     Tanh {
-        /// Its parameters.
+        /// Parameters of the model.
         parameters: TanhParameters,
     },
-    /// Land 2017 driven by Rice's calcium transient, verification.
+    /// Land 2017 driven by Rice's calcium transient, for the verification beat.
     Land2017Rice {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
@@ -34,14 +34,14 @@ pub enum ContractionSpec {
         #[serde(default = "one")]
         lambda_0: f64,
     },
-    /// Land 2017 driven by a given calcium transient, verification.
+    /// Land 2017 driven by a given calcium transient, for the verification beat.
     Land2017Trace {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
         /// Stretch at which the cell's periodic beat begins.
         #[serde(default = "one")]
         lambda_0: f64,
-        /// Calcium from activation on, columns `time_ms` and `Ca_uM`.
+        /// File with calcium from activation on, columns `time_ms` and `Ca_uM`.
         calcium: InputFile,
     },
 }
@@ -64,23 +64,24 @@ const fn one() -> f64 {
     1.0
 }
 
-/// The length from which a cell's stretch is counted.
+/// Length at which the stretch of a cell is 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StretchOrigin {
-    /// Its own slack length, which follows from the unloaded wall.
+    /// Slack length of the cell, which follows from the unloaded wall.
     Unloaded,
-    /// Its length at end-diastole, where the stretch is one (the paper's).
+    /// Length at end-diastole (the paper's choice).
     EndDiastole,
 }
 
-/// The stretch that a cell in the organ knows.
+/// Definition of the stretch in the cells of the organ.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellStretch {
-    /// Where it is counted from.
+    /// Length at which the stretch is 1.
     pub origin: StretchOrigin,
-    /// Slack length over the length in the unloaded wall; of no effect from end-diastole.
+    /// Ratio of the slack length to the length in the unloaded wall. It has no effect with
+    /// `end-diastole`.
     pub slack_stretch: f64,
 }
 
@@ -104,34 +105,35 @@ pub fn is_parameter(name: &str) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WindkesselParameters {
-    /// R1.
+    /// Characteristic resistance R1.
     #[serde(rename = "characteristic_resistance_mmHg_s_per_mL")]
     pub characteristic_resistance_mmhg_s_per_ml: f64,
-    /// R2.
+    /// Peripheral resistance R2.
     #[serde(rename = "peripheral_resistance_mmHg_s_per_mL")]
     pub peripheral_resistance_mmhg_s_per_ml: f64,
-    /// C.
+    /// Compliance C.
     #[serde(rename = "compliance_mL_per_mmHg")]
     pub compliance_ml_per_mmhg: f64,
 }
 
-/// An effect beyond the base model, by its catalogue name, with its parameters (keys carry units).
+/// An effect beyond the base model with its parameters. The keys of the parameters carry their
+/// units.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EffectSpec {
-    /// Catalogue name, for example `atrial_kick`.
+    /// Name in the catalogue, for example `atrial_kick`.
     pub name: String,
-    /// Its parameters.
+    /// Parameters of the effect.
     pub parameters: BTreeMap<String, f64>,
 }
 
-/// What the cavity is coupled to.
+/// Loads to which the cavity is coupled.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CirculationSpec {
-    /// The arterial load.
+    /// Arterial load.
     pub afterload: WindkesselParameters,
-    /// Windkessel pressure Pc at the beat's start.
+    /// Windkessel pressure Pc at the start of the beat.
     #[serde(rename = "initial_windkessel_pressure_mmHg")]
     pub initial_windkessel_pressure_mmhg: f64,
     /// Constant filling pressure.
@@ -142,68 +144,69 @@ pub struct CirculationSpec {
     pub effects: Vec<EffectSpec>,
 }
 
-/// The passive one-fibre ventricle after step 0 (Arts 1991; SPEC section 4).
+/// Passive one-fibre ventricle after step 0 (Arts 1991; SPEC section 4).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OneFibrePassive {
-    /// Volume of the wall.
+    /// Volume of the left ventricular wall.
     #[serde(rename = "wall_volume_mL")]
     pub wall_volume_ml: f64,
-    /// Volume at zero pressure.
+    /// Cavity volume at zero pressure.
     #[serde(rename = "unloaded_volume_mL")]
     pub unloaded_volume_ml: f64,
-    /// Volume at end-diastole, where the beat starts and the active stretch is 1.
+    /// Cavity volume at end-diastole, where the beat starts and the stretch of the active law is 1.
     #[serde(rename = "end_diastolic_volume_mL")]
     pub end_diastolic_volume_ml: f64,
-    /// Pressure at end-diastole.
+    /// Cavity pressure at end-diastole.
     #[serde(rename = "end_diastolic_pressure_mmHg")]
     pub end_diastolic_pressure_mmhg: f64,
-    /// Scale s of σ_p = s (e^{bE} − 1).
+    /// Scale s in σ_p = s (e^{bE} − 1).
     #[serde(rename = "stiffness_kPa")]
     pub stiffness_kpa: f64,
-    /// Exponent b.
+    /// Exponent b in σ_p = s (e^{bE} − 1).
     pub exponent: f64,
 }
 
-/// How the wall is activated: a fixed distribution of `groups` equal parts over `spread_ms`.
+/// Activation of the wall: `groups` equal parts, distributed over `spread_ms`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationSpec {
-    /// First activation to last.
+    /// Time from the first to the last activation.
     pub spread_ms: f64,
-    /// Number of parts, each with its own time.
+    /// Number of parts with their own activation time.
     pub groups: u32,
-    /// First activation after the beat's start, before it where negative.
+    /// First activation from the start of the beat; negative if it comes before.
     pub onset_ms: f64,
 }
 
-/// The organ that is simulated.
+/// Organ of a simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "fidelity", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum OrganSpec {
-    /// The reduced one-fibre ventricle.
+    /// Reduced one-fibre ventricle.
     Reduced {
-        /// Its passive state.
+        /// Passive state of the ventricle.
         passive: OneFibrePassive,
-        /// Its activation.
+        /// Activation of the ventricle.
         activation: ActivationSpec,
     },
-    /// The 3D finite-element ventricle.
+    /// 3D finite-element ventricle.
     FiniteElement(Box<FiniteElementOrgan>),
-    /// Whatever another solver simulates.
+    /// Organ of an external solver.
     External(Box<ExternalOrgan>),
 }
 
-/// How many beats are simulated.
+/// Number of beats of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "mode", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum BeatCount {
-    /// Exactly `n`, the last one reported; one beat is never taken as periodic.
+    /// Exactly `n` beats, of which the last one is reported. A single beat never counts as
+    /// periodic.
     Fixed {
         /// Number of beats.
         n: u32,
     },
-    /// Until the beat's start and end agree, at most `max`.
+    /// Beats until start and end of a beat agree, at most `max`.
     Periodic {
         /// Largest number of beats.
         max: u32,

@@ -15,193 +15,200 @@ use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
 
-/// `outcome.json` of an attempt, written once, atomically.
+/// `outcome.json` of an attempt, which is written once and atomically.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TaskOutcome {
     /// Format version.
     pub schema_version: u32,
-    /// Which try of which task.
+    /// Task and number of the attempt.
     pub attempt: AttemptId,
-    /// How it ended.
+    /// Ending of the attempt with its result or failure.
     pub ending: Ending,
-    /// Files beside `outcome.json`.
+    /// Files in the directory of `outcome.json`.
     pub artefacts: Vec<Artefact>,
-    /// How it was made.
+    /// Provenance of the outcome.
     pub provenance: Provenance,
 }
 
-/// `outcome.json` of an attempt that was revoked before its worker published: the coordinator took the name first.
+/// `outcome.json` of an attempt that was revoked before its worker published. The coordinator
+/// created the file first.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RevokedAttempt {
-    /// The revocation in an outcome's place.
+    /// Revocation in the place of an outcome.
     pub revoked: Revocation,
 }
 
-/// The coordinator's word that an attempt is to publish nothing.
+/// Revocation of an attempt by the coordinator. The attempt must not publish.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Revocation {
     /// Format version.
     pub schema_version: u32,
-    /// Which try of which task.
+    /// Task and number of the attempt.
     pub attempt: AttemptId,
-    /// Why, for a person.
+    /// Reason of the revocation, for people.
     pub reason: String,
-    /// UTC, RFC 3339.
+    /// Time of the revocation, UTC, RFC 3339.
     pub at: String,
 }
 
-/// How an attempt ended. Divergence is an ending with data, not an error.
+/// Ending of an attempt. Divergence is an ending with data rather than an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "ending", rename_all = "kebab-case")]
 pub enum Ending {
-    /// Finished; the checks inside the result say whether the science holds.
+    /// The attempt finished. The checks in the result tell if it is scientifically valid.
     Succeeded {
-        /// What was computed.
+        /// Result of the computation.
         result: Box<TaskResult>,
     },
-    /// The simulation could not be saved.
+    /// The simulation diverged.
     Diverged {
-        /// Simulated time of the last good state.
+        /// Simulated time of the last converged state.
         last_good_ms: f64,
-        /// Newton, non-finite, volume out of range, …
+        /// Reason of the divergence, for example Newton's method, a non-finite value or a volume
+        /// out of range.
         reason: String,
     },
-    /// Anything else.
+    /// The attempt failed for another reason.
     Failed {
-        /// Why, with its class.
+        /// Failure with its class.
         failure: Failure,
     },
-    /// Stopped on request before the end.
+    /// The attempt was stopped on request before its end.
     Cancelled,
 }
 
-/// A file that an attempt made, relative to its directory.
+/// A file made by an attempt, relative to the attempt's directory.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Artefact {
-    /// Role, for example `traces`, `nodal`, `median`.
+    /// Role of the file, for example `traces`, `nodal`, `median`.
     pub name: String,
-    /// File name inside the attempt directory.
+    /// Name of the file in the directory of the attempt.
     pub file: String,
     /// SHA-256 of the content.
     pub sha256: String,
-    /// Size.
+    /// Size of the file.
     pub bytes: u64,
 }
 
-/// What was computed, by task kind.
+/// Result of a task, by kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum TaskResult {
-    /// Step 0.
+    /// Result of step 0.
     PassiveState(PassiveStateResult),
-    /// A simulation.
+    /// Result of a simulation of the organ.
     OrganBeat(OrganBeatResult),
-    /// What to simulate next in step 1.
+    /// Parameters for the next simulation of step 1.
     Step1Proposal(Step1ProposalResult),
-    /// What to simulate next in step 3.
+    /// Parameters for the next simulation of step 3.
     Step3Proposal(Step3ProposalResult),
-    /// How sure the twin is.
+    /// Posterior of the twin's parameters.
     Posterior(Box<PosteriorResult>),
-    /// Step 2's targets.
+    /// Targets of step 2.
     Targets(TargetsResult),
-    /// Step 2.
+    /// Result of step 2.
     CellFit(CellFitResult),
-    /// A chunk of a sensitivity sweep.
+    /// Result of a part of a sensitivity sweep.
     CellSweep(CellSweepResult),
-    /// What the reduced ventricle lacks in a patient's traces.
+    /// Effects that the reduced ventricle lacks in a patient's traces.
     Discover(Box<Discovered>),
-    /// Nothing.
+    /// No result.
     Noop,
 }
 
-/// A quantity that the patient's file lacked and that was estimated.
+/// A quantity that the patient's file lacks and that was estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Estimate {
-    /// Which key of the patient file it stands for.
+    /// Key of the patient file for which the estimate stands.
     pub key: String,
-    /// The value, in the unit that the key names.
+    /// Value in the unit of the key.
     pub value: f64,
-    /// How it was estimated.
+    /// Method of the estimate.
     pub method: String,
 }
 
-/// Step 0: everything that the simulations of this patient share.
+/// Result of step 0: the input that all simulations of this patient share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassiveStateResult {
-    /// The organ, passive state fitted.
+    /// Organ with the fitted passive state.
     pub organ: OrganSpec,
-    /// The loads.
+    /// Arterial load, filling pressure and effects.
     pub circulation: CirculationSpec,
-    /// Measured biomarkers, from the traces or as given, times `biomarker_factors`.
+    /// Measured biomarkers, from the traces or as given, multiplied by `biomarker_factors`.
     pub measured: Biomarkers,
-    /// Factors that `measured` holds, where it is a sample of uncertain data and not what was measured.
+    /// Factors contained in `measured` if it is a sample of uncertain data instead of the
+    /// measurement.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
-    /// Windows over which noisy traces are read, measured and simulated alike; absent where measured traces are smooth.
+    /// Windows over which biomarkers of noisy traces are read, both measured and simulated ones;
+    /// absent if the measured traces are smooth.
     #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
     pub noise_windows: NoiseWindows,
-    /// Their time points.
+    /// Time points of the measured biomarkers.
     pub time_points: TimePoints,
     /// Samples of the measured traces.
     #[serde(default)]
     pub samples: BeatSamples,
-    /// What was estimated for lack of data.
+    /// Quantities that were estimated for lack of data.
     pub estimates: Vec<Estimate>,
-    /// Volume at the diastasis pressure minus the measured diastasis volume, where both are known.
+    /// Volume at the diastasis pressure minus the measured diastasis volume, if both are known.
     #[serde(rename = "diastasis_volume_error_mL")]
     pub diastasis_volume_error_ml: Option<f64>,
-    /// Biomarkers whose level was not reached before the beat's end, and other remarks.
+    /// Remarks, such as biomarkers with levels that were not reached before the end of the beat.
     pub remarks: Vec<String>,
-    /// What step 0 of a finite-element ventricle cost: iterations, passes, seconds of each phase, by name.
+    /// Effort of step 0 for a finite-element ventricle, by name: iterations, passes, seconds of
+    /// each phase.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, f64>,
 }
 
-/// A check of the science with what was found and what is allowed.
+/// A scientific check with the found and the allowed value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Check {
-    /// For example `aortic valve opened and closed`.
+    /// Name of the check, for example `aortic valve opened and closed`.
     pub name: String,
-    /// Whether it holds.
+    /// Whether the check passed.
     pub passed: bool,
-    /// What was found, with its unit.
+    /// Value that was found, with its unit.
     pub found: String,
-    /// What is expected.
+    /// Value that is allowed.
     pub expected: String,
 }
 
-/// One simulation of the organ. Artefacts: `traces` (`traces.csv`), `nodal` (`nodal.csv`).
+/// Result of one simulation of the organ. Artefacts: `traces` (`traces.csv`), `nodal`
+/// (`nodal.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OrganBeatResult {
     /// Simulated biomarkers of the last beat.
     pub biomarkers: Biomarkers,
-    /// Their time points.
+    /// Time points of the biomarkers.
     pub time_points: TimePoints,
-    /// Pressure and volume of the last beat at a few times.
+    /// Samples of pressure and volume in the last beat.
     #[serde(default)]
     pub samples: BeatSamples,
-    /// SPEC section 5: the run counts only if all hold.
+    /// Scientific checks (SPEC section 5). The run counts only if all of them pass.
     pub checks: Vec<Check>,
-    /// Beats simulated.
+    /// Number of simulated beats.
     pub beats: u32,
     /// Whether start and end of the last beat agree.
     pub periodic: bool,
-    /// Levels not reached and other remarks.
+    /// Remarks, such as levels that were not reached.
     pub remarks: Vec<String>,
-    /// Smallest stretch over nodes and time.
+    /// Smallest stretch of any node at any time.
     pub lambda_min: f64,
-    /// How a finite-element ventricle moved in the last beat; absent where it did not eject.
+    /// Motion of a finite-element ventricle in the last beat; absent if the ventricle did not
+    /// eject.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionMeasures>,
-    /// Time steps, cut steps, Newton iterations and such, by name.
+    /// Counters by name, such as time steps, cut steps and Newton iterations.
     pub counters: BTreeMap<String, f64>,
 }
 
@@ -252,32 +259,34 @@ impl OrganBeatResult {
     }
 }
 
-/// What to simulate next, and what the corrected one-fibre ventricle promises of it.
+/// Parameters for the next simulation, and the prediction of the corrected one-fibre ventricle for
+/// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProposalResult<P> {
-    /// What to simulate.
+    /// Parameters to simulate.
     pub parameters: P,
-    /// Biomarkers of the corrected one-fibre ventricle there: those of step 1.
+    /// Biomarkers of step 1 that the corrected one-fibre ventricle predicts.
     pub predicted: Biomarkers,
-    /// Their cost.
+    /// Cost of the predicted biomarkers.
     pub predicted_cost: f64,
-    /// Their misfit, by the weights of the step.
+    /// Misfit of the predicted biomarkers with the weights of the step.
     #[serde(default)]
     pub predicted_misfit: f64,
-    /// The simulation, from 1, at which the correction is exact; absent where there was none of use.
+    /// Number of the simulation, from 1, at which the correction is exact; absent if there was no
+    /// usable simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_iteration: Option<u32>,
-    /// Largest change of a parameter's logarithm from there that was allowed.
+    /// Largest allowed change of a parameter's logarithm from this simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trust_radius: Option<f64>,
-    /// Largest change that was made.
+    /// Largest change of a parameter's logarithm that was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
-    /// Factor of each biomarker of the one-fibre ventricle at that simulation.
+    /// Factor on each biomarker of the one-fibre ventricle at this simulation.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, f64>,
-    /// Beats of the one-fibre ventricle that it took.
+    /// Number of beats of the one-fibre ventricle that were computed.
     pub reduced_beats: u64,
 }
 
@@ -287,7 +296,7 @@ pub type Step1ProposalResult = ProposalResult<Step1Parameters>;
 /// Proposal of step 3 for the next simulation: parameters of the cell and of the valves, by name.
 pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
 
-/// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
+/// Targets of step 2. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TargetsResult {
@@ -297,24 +306,27 @@ pub struct TargetsResult {
     pub lambda_max: f64,
     /// Biomarkers of the median traces.
     pub targets: CellBiomarkers,
-    /// Nodes that entered the medians.
+    /// Number of nodes in the medians.
     pub n_nodes: u64,
-    /// Whether the medians have calcium: the contraction model had it as a state or an input.
+    /// Whether the medians contain calcium. They do if calcium was a state or an input of the
+    /// contraction model.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub has_calcium: bool,
 }
 
-/// What the data say of a fitted parameter.
+/// Degree to which the data determine a fitted parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Determination {
-    /// Near-optimal values fill at most a fifth of the interval between the bounds, away from them.
+    /// Near-optimal values fill at most a fifth of the interval between the bounds and lie away
+    /// from the bounds.
     Determined,
-    /// They fill more.
+    /// Near-optimal values fill more than a fifth of the interval.
     Sloppy,
-    /// They fill at most a fifth, and the best one is a bound: the data would have it beyond.
+    /// Near-optimal values fill at most a fifth of the interval, but the best value is a bound. The
+    /// data favour values beyond it.
     AtBound,
-    /// They reach from bound to bound: the data say nothing.
+    /// Near-optimal values extend from bound to bound. The data do not determine the parameter.
     NotDetermined,
 }
 
@@ -331,8 +343,8 @@ impl Determination {
     }
 }
 
-/// Values of a parameter with which a near-optimal cost is reached, all other parameters fitted anew (profile
-/// likelihood; Raue et al. 2009, Bioinformatics 25:1923).
+/// Values of a parameter at which a near-optimal cost is reached with all other parameters refitted
+/// (profile likelihood; Raue et al. 2009, Bioinformatics 25:1923).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NearOptimal {
@@ -340,19 +352,19 @@ pub struct NearOptimal {
     pub lower: f64,
     /// Largest value.
     pub upper: f64,
-    /// What follows.
+    /// Conclusion from the interval.
     pub mark: Determination,
 }
 
-/// How near-optimal values were found.
+/// Effort and completeness of the search for near-optimal values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Identifiability {
     /// Largest cost that counts as near-optimal.
     pub threshold: f64,
-    /// Cell evaluations that it took, not among the fit's.
+    /// Number of cell evaluations, which the count of the fit does not include.
     pub evaluations: u64,
-    /// Whether every interval's ends were found; else those left lie further out.
+    /// Whether all ends of the intervals were found. If not, the remaining ends lie further out.
     pub complete: bool,
 }
 
@@ -362,62 +374,68 @@ pub struct Identifiability {
 pub struct FittedParameter {
     /// Name with unit.
     pub name: String,
-    /// Value.
+    /// Fitted value.
     pub value: f64,
     /// Lower bound.
     pub lower: f64,
     /// Upper bound.
     pub upper: f64,
-    /// Whether the value sits on a bound.
+    /// Whether the value lies on a bound.
     pub at_bound: bool,
-    /// What the data determine of it; absent where that was not looked at.
+    /// Near-optimal values; absent if they were not computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_optimal: Option<NearOptimal>,
 }
 
-/// Step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence` (`convergence.csv`).
+/// Result of step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence`
+/// (`convergence.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellFitResult {
-    /// Stretch at which the cell's beat begins: the median trace's first.
+    /// Stretch at the beginning of the cell's beat, which is the first value of the median trace.
     pub lambda_0: f64,
     /// Fitted parameters in the order of the settings.
     pub parameters: Vec<FittedParameter>,
-    /// What the fit reached.
+    /// Biomarkers of the fitted cell.
     pub reached: CellBiomarkers,
-    /// What it should have reached.
+    /// Targets of the fit.
     pub targets: CellBiomarkers,
-    /// Weighted misfit and penalty.
+    /// Weighted misfit plus penalty.
     pub cost: f64,
-    /// Terms of the cost by name, the penalty's terms among them.
+    /// Terms of the cost by name, including those of the penalty.
     pub cost_terms: BTreeMap<String, f64>,
-    /// Cell evaluations.
+    /// Number of cell evaluations.
     pub evaluations: u64,
-    /// Generations of differential evolution.
+    /// Number of generations of differential evolution.
     pub generations: u64,
     /// Whether the population converged.
     pub converged: bool,
-    /// Empty, or which target is out of reach and what would reach it.
+    /// Targets that the cell cannot reach and changes that would allow it; empty if all can be
+    /// reached.
     pub unreachable_targets: Vec<String>,
-    /// How the parameters' near-optimal values were found.
+    /// Effort and completeness of the search for near-optimal values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identifiability: Option<Identifiability>,
 }
 
-/// A chunk of a sensitivity sweep. Artefact: `samples` (`samples.csv`), a line a sample in the design's order.
+/// Result of a part of a sensitivity sweep. Artefact: `samples` (`samples.csv`), one line per
+/// sample in the order of the design.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellSweepResult {
-    /// Samples computed; all other counts are parts of it.
+    /// Number of computed samples. All other counts are parts of it.
     pub n_samples: u64,
-    /// In their periodic state; of an organ: those whose beat ended.
+    /// Number of samples in their periodic state; for an organ, number of samples with a complete
+    /// beat.
     pub n_periodic: u64,
-    /// Not periodic after the largest number of beats; their last beat is reported.
+    /// Number of samples that are not periodic after the largest number of beats. Their last beat
+    /// is reported.
     pub n_not_periodic: u64,
-    /// Without a result: the integration did not end.
+    /// Number of samples without a result because the integration did not finish.
     pub n_stuck: u64,
-    /// Without a result: the equations have no meaning for the parameters.
+    /// Number of samples without a result because the equations are not defined for the parameters.
     pub n_refused: u64,
-    /// Instruction set of the cell engine, for example `avx512`: results agree between sets to rounding errors.
+    /// Instruction set of the cell engine, for example `avx512`. Results of different sets agree to
+    /// within rounding errors.
     pub arithmetic: String,
 }

@@ -11,17 +11,17 @@ use crate::organ::{
     EffectSpec, OneFibrePassive, TanhParameters, ValveParameters, WindkesselParameters,
 };
 
-/// One version of what was learned.
+/// One version of the values learned about a patient (`model.toml`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelOverlay {
-    /// 1 for the first, raised by one at each change.
+    /// Number of the version, from 1.
     pub version: u32,
-    /// The patient.
+    /// Pseudonym of the patient.
     pub patient: String,
-    /// UTC, RFC 3339.
+    /// Time at which the version was written, UTC, RFC 3339.
     pub written: String,
-    /// Which step wrote it, with the task keys that it rests on.
+    /// Tasks on which the version is based: the key of each, by step.
     pub from: BTreeMap<String, String>,
     /// Fitted or estimated afterload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -42,50 +42,50 @@ pub struct ModelOverlay {
     /// Personalised valves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valves: Option<ValveParameters>,
-    /// Personalised cell model, by the names of `organ::CELL_PARAMETERS`.
+    /// Personalised parameters of the cell model, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub cell: BTreeMap<String, f64>,
-    /// Accepted effects.
+    /// Accepted effects of heart and vessels.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
-    /// Artefacts that the measured traces are corrected for.
+    /// Artefacts for which the measured traces are corrected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
-    /// Why effects and corrections were accepted.
+    /// Evidence for which the effects and corrections were accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accepted: Option<Acceptance>,
 }
 
-/// What an acceptance rests on.
+/// Evidence and settings of an acceptance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Acceptance {
     /// Version of the program that wrote it.
     pub program: String,
-    /// The version of this file that was current before; absent where there was none.
+    /// Version of this file that was current before; absent if there was none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<u32>,
     /// Seed of the search.
     pub seed: u64,
-    /// Evidence that a name needed.
+    /// Evidence that an effect needed to be named.
     pub threshold: f64,
-    /// Probability that data of the base model alone give evidence as large.
+    /// Probability that data of the base model alone give evidence as large as this.
     pub p_value: f64,
     /// Rms standardised residual of the base model.
     pub gap_before: f64,
-    /// The same with the accepted effects.
+    /// Rms standardised residual with the accepted effects.
     pub gap_after: f64,
-    /// The base model's on data held out.
+    /// Rms standardised residual of the base model on held-out data.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_heldout_before: Option<f64>,
-    /// The same with the accepted effects.
+    /// Rms standardised residual with the accepted effects on held-out data.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_heldout_after: Option<f64>,
-    /// Settings of the search.
+    /// Settings of the search that affect its answer.
     pub settings: SearchSettings,
     /// SHA-256 of each measured file, by role.
     pub data: BTreeMap<String, String>,
-    /// Each accepted effect.
+    /// Evidence for each accepted effect.
     pub evidence: Vec<AcceptedEvidence>,
 }
 
@@ -95,12 +95,12 @@ pub struct Acceptance {
 pub struct AcceptedEvidence {
     /// Name in the catalogue.
     pub name: String,
-    /// See [`crate::discover::RankedEffect::probability`].
+    /// Probability among all candidates, the nameless competitors and "nothing".
     pub probability: f64,
-    /// See [`crate::discover::RankedEffect::delta_bic`].
+    /// Fall of the deviance less k ln n, where k is the number of the effect's parameters.
     pub delta_bic: f64,
-    /// See [`crate::discover::RankedEffect::log_evidence`].
+    /// Twice the logarithm of the Bayes factor against the model without the effect.
     pub log_evidence: f64,
-    /// Intervals of 95 %.
+    /// Intervals of 95 % by parameter.
     pub interval: BTreeMap<String, [f64; 2]>,
 }

@@ -12,40 +12,41 @@ use crate::organ::WindkesselParameters;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatientFile {
-    /// Pseudonym; equals the folder's name.
+    /// Pseudonym, which equals the name of the folder.
     pub id: String,
     /// Cycle length.
     pub cycle_length_ms: f64,
-    /// Measured data.
+    /// Measured traces and values.
     pub measured: Measured,
-    /// Anatomy.
+    /// Size and mesh of the wall.
     #[serde(default)]
     pub anatomy: Anatomy,
-    /// Windkessel, where it was determined beforehand.
+    /// Windkessel parameters, if they were determined beforehand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub afterload: Option<WindkesselParameters>,
-    /// Filling.
+    /// Filling pressure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preload: Option<Preload>,
-    /// Passive material, where known.
+    /// Passive material, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passive: Option<PassiveMaterial>,
-    /// Settings for this patient alone.
+    /// Settings of this patient alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub settings: Option<SettingsLayer>,
 }
 
-/// Measured data; traces, or biomarkers where traces are absent.
+/// Measured data: traces, or biomarkers if there are no traces.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Measured {
-    /// File with columns `time_ms,pressure_mmHg`, relative to `patient.toml`.
+    /// File with the columns `time_ms,pressure_mmHg`, relative to `patient.toml`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressure: Option<String>,
-    /// File with columns `time_ms,volume_mL`.
+    /// File with the columns `time_ms,volume_mL`, relative to `patient.toml`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<String>,
-    /// File with columns `time_ms,Ca_uM` from activation on, for `step2.calcium = "median-trace"`.
+    /// File with the columns `time_ms,Ca_uM`, from activation on, for `step2.calcium =
+    /// "median-trace"`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calcium: Option<String>,
     /// End-diastolic pressure.
@@ -54,28 +55,28 @@ pub struct Measured {
         skip_serializing_if = "Option::is_none"
     )]
     pub end_diastolic_pressure_mmhg: Option<f64>,
-    /// End-diastolic volume, where there is no volume trace.
+    /// End-diastolic volume, if there is no volume trace.
     #[serde(
         rename = "end_diastolic_volume_mL",
         skip_serializing_if = "Option::is_none"
     )]
     pub end_diastolic_volume_ml: Option<f64>,
-    /// Beats that were averaged into the traces.
+    /// Number of beats that were averaged into the traces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beats_averaged: Option<u32>,
-    /// Biomarkers given directly.
+    /// Biomarkers that are given directly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub biomarkers: Option<Biomarkers>,
     /// Noise of the traces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise: Option<Noise>,
-    /// Arm cuff or aortic catheter.
+    /// Aortic pressure by arm cuff or aortic catheter.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub aortic_pressure: Option<AorticPressure>,
     /// Net forward flow per beat in the ascending aorta.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub forward_stroke_volume: Option<VolumeWithError>,
-    /// Whole-heart image: volume and the time at which it was taken.
+    /// Volume in the whole-heart image and the time at which the image was taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
 }
@@ -84,31 +85,31 @@ pub struct Measured {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Noise {
-    /// rms of the pressure noise.
+    /// Root mean square of the pressure noise.
     #[serde(rename = "pressure_rms_mmHg", skip_serializing_if = "Option::is_none")]
     pub pressure_rms_mmhg: Option<f64>,
     /// Exponential correlation time of the pressure noise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressure_correlation_ms: Option<f64>,
-    /// rms of the volume noise per frame.
+    /// Root mean square of the volume noise of a frame.
     #[serde(rename = "volume_rms_mL", skip_serializing_if = "Option::is_none")]
     pub volume_rms_ml: Option<f64>,
-    /// Frames from which the volume trace was interpolated.
+    /// Number of frames from which the volume trace was interpolated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_frames: Option<u32>,
 }
 
-/// Aortic pressure, independent of the ventricular catheter.
+/// Aortic pressure that was measured independently of the ventricular catheter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AorticPressure {
-    /// Systolic.
+    /// Systolic pressure.
     #[serde(rename = "systolic_mmHg")]
     pub systolic_mmhg: f64,
-    /// Diastolic.
+    /// Diastolic pressure.
     #[serde(rename = "diastolic_mmHg")]
     pub diastolic_mmhg: f64,
-    /// Standard deviation.
+    /// Standard deviation of the pressures.
     #[serde(rename = "sd_mmHg", default, skip_serializing_if = "Option::is_none")]
     pub sd_mmhg: Option<f64>,
 }
@@ -120,81 +121,87 @@ pub struct VolumeWithError {
     /// Volume.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
-    /// Standard deviation.
+    /// Standard deviation of the volume.
     #[serde(rename = "sd_mL", default, skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,
 }
 
-/// The whole-heart image.
+/// Cavity volume in the whole-heart image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Diastasis {
-    /// Time from the trace's zero.
+    /// Time from the zero of the traces.
     pub time_ms: f64,
     /// Cavity volume.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
-    /// Standard deviation.
+    /// Standard deviation of the volume.
     #[serde(rename = "sd_mL", default, skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,
 }
 
-/// Anatomy.
+/// Size and mesh of the wall.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Anatomy {
     /// Volume of the left ventricular wall.
     #[serde(rename = "wall_volume_mL", skip_serializing_if = "Option::is_none")]
     pub wall_volume_ml: Option<f64>,
-    /// The patient's own mesh, for the finite-element ventricle; without one an ellipsoid is generated.
+    /// Patient's own mesh for the finite-element ventricle. Without it an ellipsoid is generated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PatientMesh>,
-    /// Size of the mesh in the paper's Table 1, for runs at the paper's size.
+    /// Size of the mesh in Table 1 of the paper, for runs at that size.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper_mesh: Option<MeshSize>,
 }
 
-/// The patient's own mesh, as it was imaged: at diastasis where `measured.diastasis` says so, else at end-diastole.
+/// Patient's own mesh as imaged: at diastasis if `measured.diastasis` is given, otherwise at
+/// end-diastole.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatientMesh {
-    /// Stem of CARP files (`heart` for `heart.pts`, `heart.elem`, `heart.lon`, `heart.NAME.surf`), or a `.vtu`, `.msh` or `.mesh` file;
-    /// relative to `patient.toml`. Surfaces `endocardium`, `epicardium`, `rim` and `septum` are taken where the mesh has them,
-    /// else found.
+    /// Stem of CARP files (`heart` for `heart.pts`, `heart.elem`, `heart.lon`, `heart.NAME.surf`),
+    /// or a `.vtu`, `.msh` or `.mesh` file; relative to `patient.toml`. Surfaces `endocardium`,
+    /// `epicardium`, `rim` and `septum` are used if the mesh has them and determined from the
+    /// geometry otherwise.
     pub file: String,
-    /// Unit of its coordinates: um, mm, cm or m.
+    /// Unit of the coordinates: um, mm, cm or m.
     pub unit: String,
     /// Tags of contracting tissue; all other tissue is passive.
     pub left_ventricle: Vec<i32>,
-    /// Where its fibres come from.
+    /// Source of the fibres.
     #[serde(default)]
     pub fibres: MeshFibres,
-    /// File of activation times, one number a node in the mesh's order; relative to `patient.toml`.
+    /// File of activation times, one number per node in the order of the mesh; relative to
+    /// `patient.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activation_times_ms: Option<String>,
-    /// Where activation begins, without such a file: points near the endocardium.
+    /// Points near the endocardium where activation begins if there is no file of activation times.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub activation_sites_mm: Vec<[f64; 3]>,
-    /// The passive right ventricle of a mesh of both, with its pressure.
+    /// Passive right ventricle with its pressure, if the mesh contains both ventricles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub right_ventricle: Option<PatientRightVentricle>,
 }
 
-/// The right ventricle of the patient's own mesh: passive tissue, as all without a tag of `left_ventricle`, around a cavity whose pressure is given. One of
-/// `pressure_mmHg` and `pressure`.
+/// Right ventricle of the patient's own mesh: passive tissue, like all tissue without a tag in
+/// `left_ventricle`, around a cavity with a given pressure. Exactly one of `pressure_mmHg` and
+/// `pressure` must be given.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatientRightVentricle {
-    /// Surface of its endocardium, the right side of the septum included; closed, or open at the rim.
+    /// Surface of the right ventricular endocardium, including the right side of the septum;
+    /// closed, or open at the rim.
     pub surface: String,
-    /// Pressure in its cavity, the same at all times.
+    /// Constant pressure in the cavity.
     #[serde(
         rename = "pressure_mmHg",
         default,
         skip_serializing_if = "Option::is_none"
     )]
     pub pressure_mmhg: Option<f64>,
-    /// Trace of that pressure over one cycle, columns `time_ms` and `pressure_mmHg`; relative to `patient.toml`.
+    /// File with a trace of the cavity's pressure over one cycle, columns `time_ms` and
+    /// `pressure_mmHg`; relative to `patient.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pressure: Option<String>,
 }
@@ -203,13 +210,13 @@ pub struct PatientRightVentricle {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSize {
-    /// Nodes.
+    /// Number of nodes.
     pub nodes: u64,
-    /// Tetrahedra.
+    /// Number of tetrahedra.
     pub elements: u64,
 }
 
-/// Filling.
+/// Filling pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Preload {
@@ -218,11 +225,11 @@ pub struct Preload {
     pub left_atrial_pressure_mmhg: f64,
 }
 
-/// Passive material, where known beforehand.
+/// Passive material, if it is known beforehand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassiveMaterial {
-    /// Guccione's C; the finite-element ventricle takes it as it is.
+    /// Guccione's C, which the finite-element ventricle uses unchanged.
     #[serde(
         rename = "guccione_C_kPa",
         default,

@@ -25,48 +25,50 @@ use crate::task::{
 /// make a difference.
 const PROPOSAL_SEED: u64 = 1;
 
-/// Which chain of tasks a patient runs through.
+/// Chain of tasks of a patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Workflow {
     /// Step 0, step 1, targets, step 2, verification.
     Personalise,
-    /// Three no-op tasks: measures orchestration.
+    /// Three no-op tasks, to measure the orchestration.
     Noop {
-        /// How long each pretends to work.
+        /// Time for which each task sleeps.
         sleep_ms: u64,
     },
-    /// One task of its own: an element of a sweep.
+    /// A single task, which is an element of a sweep.
     Task {
-        /// What to do.
+        /// The task.
         task: Box<TaskSpec>,
     },
 }
 
-/// A patient ready to run. Every task of the patient follows from this and from the outcomes so far.
+/// A patient ready to run. All tasks of the patient follow from this and from the outcomes so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ResolvedPatient {
     /// Pseudonym.
     pub id: PatientId,
-    /// Which chain.
+    /// Chain of tasks.
     pub workflow: Workflow,
-    /// Whose stream of random numbers it draws from, where not its own: members of a sweep share their patient's, so
-    /// that they differ in nothing but what the sweep varies.
+    /// Patient from whose stream random numbers are drawn; absent if the patient has its own
+    /// stream. Members of a sweep share the stream of their patient so that they differ only in
+    /// what the sweep varies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub random_stream: Option<PatientId>,
-    /// Step 0's task: all measured inputs, by content.
+    /// Task of step 0, which contains all measured inputs by content.
     pub step0: PassiveStateSpec,
     /// Measured calcium transient, for `step2.calcium = "median-trace"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
-    /// What the clinic states of its traces' noise.
+    /// Noise of the traces as stated by the clinic.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<Noise>,
-    /// Files of an external solver, by the names that its command knows them by.
+    /// Files of an external solver, by the names used in its command.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external_files: Vec<InputFile>,
-    /// Settings, all layers merged (executor included, which never enters a task's key).
+    /// Settings with all layers merged. They include those of the executor, which never enter a
+    /// task's key.
     pub settings: Settings,
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

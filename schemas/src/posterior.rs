@@ -12,21 +12,21 @@ use crate::patient::Noise;
 use crate::samples::{BeatSamples, N_SAMPLES};
 use crate::task::{MovedParameter, OrganBeatSpec};
 
-/// Sampling of the posterior after step 3.
+/// Settings of the posterior's sampling after step 3.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PosteriorSettings {
-    /// Whether it is sampled.
+    /// Whether the posterior is sampled.
     pub enabled: bool,
     /// Number of draws.
     // The 5 % quantile of fewer draws is the smallest of them.
     #[schemars(range(min = 40, max = 100_000))]
     pub draws: u32,
-    /// How long a difference between model and data lasts that is no noise.
+    /// Correlation time of the discrepancy between model and data that is not noise.
     #[schemars(extend("minimum" = 1.0, "maximum" = 1e4))]
     pub discrepancy_correlation_ms: f64,
-    /// Factor on the standard deviations of the data's errors, found on simulated patients so that intervals hold their share
-    /// of true values (docs/step3.md).
+    /// Factor on the standard deviations of the data's errors. It was calibrated on simulated
+    /// patients so that intervals contain the true values as often as they claim (docs/step3.md).
     #[schemars(extend("minimum" = 0.1, "maximum" = 10.0))]
     pub error_factor: f64,
 }
@@ -42,37 +42,38 @@ impl Default for PosteriorSettings {
     }
 }
 
-/// The beat of step 3 that was taken, or the verification beat.
+/// The twin's beat: the best one of step 3, or the verification beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TwinBeat {
-    /// Moved parameters by name.
+    /// Values of the varied parameters, by name.
     pub parameters: BTreeMap<String, f64>,
-    /// The organ's biomarkers.
+    /// Biomarkers of the organ.
     pub biomarkers: Biomarkers,
-    /// The organ's traces.
+    /// Traces of the organ.
     pub samples: BeatSamples,
 }
 
-/// The posterior of a twin's parameters in the one-fibre ventricle, corrected to the twin's beat.
+/// Posterior of a twin's parameters in the one-fibre ventricle, corrected to the twin's beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosteriorSpec {
-    /// The twin's beat; of a finite-element ventricle the figures are used.
+    /// Settings of the twin's beat. Only the figures of a finite-element ventricle are used.
     pub beat: OrganBeatSpec,
-    /// What it gave.
+    /// Parameters and results of the twin's beat.
     pub twin: TwinBeat,
-    /// What is uncertain, with its prior.
+    /// Uncertain parameters with their priors.
     pub parameters: BTreeMap<String, MovedParameter>,
-    /// Measured biomarkers: rates of pressure count, others where their trace was not measured.
+    /// Measured biomarkers. Pressure rates are always used, the others only if their trace was not
+    /// measured.
     pub measured: Biomarkers,
-    /// Measured pressure and volume, at the times of the twin's.
+    /// Measured pressure and volume at the times of the twin's samples.
     pub samples: BeatSamples,
-    /// What the patient's file states of their noise.
+    /// Noise of the traces as stated in the patient's file.
     pub noise: Noise,
-    /// Standard deviation of measured biomarkers, percent.
+    /// Standard deviations of the measured biomarkers, percent.
     pub uncertainty_percent: BTreeMap<String, f64>,
-    /// How it is sampled.
+    /// Settings of the sampling.
     pub settings: PosteriorSettings,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -87,19 +88,19 @@ pub const USUAL_NOISE: TraceNoise = TraceNoise {
     volume_frames: 25.0,
 };
 
-/// The noise of a patient's traces.
+/// Noise of a patient's traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TraceNoise {
     /// Standard deviation of the pressure.
     #[serde(rename = "pressure_rms_mmHg")]
     pub pressure_rms_mmhg: f64,
-    /// Its exponential correlation time.
+    /// Exponential correlation time of the pressure noise.
     pub pressure_correlation_ms: f64,
-    /// Standard deviation of each frame's volume.
+    /// Standard deviation of a frame's volume.
     #[serde(rename = "volume_rms_mL")]
     pub volume_rms_ml: f64,
-    /// Number of frames of a beat.
+    /// Number of volume frames in a beat.
     pub volume_frames: f64,
 }
 
@@ -130,30 +131,30 @@ impl TraceNoise {
     }
 }
 
-/// Values below which 5, 50 and 95 % of a distribution lie.
+/// Quantiles of a distribution at 5, 50 and 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
-    /// 5 %.
+    /// Quantile at 5 %.
     pub p5: f64,
-    /// 50 %.
+    /// Quantile at 50 %, the median.
     pub p50: f64,
-    /// 95 %.
+    /// Quantile at 95 %.
     pub p95: f64,
 }
 
-/// What is known of a parameter.
+/// Knowledge about a parameter before and after the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ParameterSpread {
-    /// The twin's value.
+    /// Value in the twin.
     pub twin: f64,
-    /// Given the data.
+    /// Distribution given the data.
     pub posterior: Spread,
-    /// Without data.
+    /// Distribution without data.
     pub prior: Spread,
-    /// What follows: *determined* where the 90 % interval of the logarithm is at most a third of the prior's, *not
-    /// determined* where it is four fifths or more, else *sloppy*.
+    /// Conclusion: *determined* if the 90 % interval of the logarithm is at most a third of that of
+    /// the prior, *not determined* if it is at least four fifths of it, otherwise *sloppy*.
     pub mark: Determination,
 }
 
@@ -165,28 +166,29 @@ impl ParameterSpread {
     }
 }
 
-/// A trace's distribution at the times of [`BeatSamples`].
+/// Distribution of a trace at the times of its samples.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Band {
-    /// 5 %.
+    /// Quantiles at 5 %.
     pub p5: Vec<f64>,
-    /// 50 %.
+    /// Quantiles at 50 %, the medians.
     pub p50: Vec<f64>,
-    /// 95 %.
+    /// Quantiles at 95 %.
     pub p95: Vec<f64>,
 }
 
-/// How the draws were made, and whether to trust them.
+/// Effort and reliability of the draws.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sampling {
-    /// Share of the draws that were asked for whose search ended by itself.
+    /// Share of the requested draws for which the search converged.
     pub converged_share: f64,
-    /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right, more
-    /// where the model cannot follow the data to within their errors.
+    /// Ratio of the remaining sum of squares of data and prior to its expected value: about 1 if
+    /// model, prior and errors are right, larger if the model cannot follow the data to within
+    /// their errors.
     pub left_over_expected: f64,
-    /// Beats of the one-fibre ventricle.
+    /// Number of beats of the one-fibre ventricle.
     pub evaluations: u64,
 }
 
@@ -215,41 +217,41 @@ impl Sampling {
     }
 }
 
-/// Standard deviations that the data were given.
+/// Standard deviations assumed for the data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Deviations {
     /// Noise of the traces.
     pub noise: TraceNoise,
-    /// What the twin's pressure misses beyond its noise, rms.
+    /// Rms difference between the pressure of the twin and the measured pressure beyond the noise.
     #[serde(rename = "pressure_discrepancy_mmHg")]
     pub pressure_discrepancy_mmhg: f64,
-    /// What its volume misses beyond its noise, rms.
+    /// Rms difference between the volume of the twin and the measured volume beyond the noise.
     #[serde(rename = "volume_discrepancy_mL")]
     pub volume_discrepancy_ml: f64,
 }
 
-/// The posterior of a twin.
+/// Posterior of a twin's parameters and predictions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosteriorResult {
-    /// What is known of each parameter, by name.
+    /// Knowledge about each parameter, by name.
     pub parameters: BTreeMap<String, ParameterSpread>,
-    /// By biomarker of the organ.
+    /// Distributions of the organ's biomarkers, by name.
     pub biomarkers: BTreeMap<String, Spread>,
-    /// Of the pressure, mmHg.
+    /// Distribution of the pressure, mmHg.
     #[serde(rename = "pressure_mmHg")]
     pub pressure_mmhg: Band,
-    /// Of the volume, mL.
+    /// Distribution of the volume, mL.
     #[serde(rename = "volume_mL")]
     pub volume_ml: Band,
-    /// Correlations of the parameters' logarithms, rows and columns in the order of `parameters`.
+    /// Correlations of the parameters' logarithms. Rows and columns have the order of `parameters`.
     pub correlations: Vec<Vec<f64>>,
-    /// Draws of all parameters, in their order: what predictions are made with.
+    /// Draws of all parameters in the order of `parameters`, for predictions.
     pub draws: Vec<Vec<f64>>,
-    /// What the data were taken to be worth.
+    /// Standard deviations assumed for the data.
     pub deviations: Deviations,
-    /// Whether to trust it.
+    /// Effort and reliability of the draws.
     pub sampling: Sampling,
 }
 

@@ -6,27 +6,28 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What was made.
+/// Result of `cardiotwin prepare`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Preparation {
-    /// Of the formats.
+    /// Version of the formats.
     pub schema_version: u32,
-    /// The patient.
+    /// Pseudonym of the patient.
     pub id: String,
-    /// Files that were read, with their contents' hashes.
+    /// Files that were read, with hashes of their contents.
     pub files: Vec<RawInput>,
     /// Cycle length of the beat.
     pub cycle_length_ms: f64,
-    /// Beats of the recording.
+    /// Beats that were found in the recording.
     pub beats: BeatsFound,
-    /// Steps in their order.
+    /// Steps in the order in which they were done.
     pub steps: Vec<StepDone>,
-    /// What to look at.
+    /// Points to check before the files are used.
     pub warnings: Vec<String>,
-    /// Files that were written, relative to the patient's folder; that would be with `--dry-run`.
+    /// Files that were written, relative to the patient's folder. With `--dry-run`, the files that
+    /// would have been written.
     pub written: Vec<String>,
-    /// `patient.toml` as it was written.
+    /// Text of `patient.toml` as written.
     pub patient_toml: String,
 }
 
@@ -34,11 +35,11 @@ pub struct Preparation {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RawInput {
-    /// Its name in the folder.
+    /// Name of the file in the folder.
     pub file: String,
     /// SHA-256 of its content.
     pub sha256: String,
-    /// Samples or frames.
+    /// Number of samples or frames.
     pub n_rows: usize,
 }
 
@@ -46,59 +47,60 @@ pub struct RawInput {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BeatsFound {
-    /// What they begin with, in words.
+    /// Description of the event that begins each beat.
     pub source: String,
-    /// How many.
+    /// Number of beats in the recording.
     pub found: usize,
-    /// How many are in the mean.
+    /// Number of beats that enter the mean.
     pub kept: usize,
-    /// Those that are not.
+    /// Beats that do not enter the mean.
     pub left_out: Vec<BeatLeftOut>,
 }
 
-/// A beat that is not in the mean.
+/// A beat that does not enter the mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BeatLeftOut {
-    /// Its number, from 1.
+    /// Number of the beat, from 1.
     pub number: usize,
-    /// Its beginning on the recording's clock.
+    /// Beginning of the beat on the recording's clock.
     pub onset_ms: f64,
-    /// Its length.
+    /// Length of the beat.
     pub length_ms: f64,
-    /// What kind of beat it is: damaged, ectopic, cut-short, after-ectopic, pause, no-single-rise, unusual-shape, by-hand.
+    /// Kind of the beat: damaged, ectopic, cut-short, after-ectopic, pause, no-single-rise,
+    /// unusual-shape, by-hand.
     pub kind: String,
-    /// Why, the gravest first.
+    /// Reasons why the beat was left out, the most serious first.
     pub reasons: Vec<String>,
 }
 
-/// A step.
+/// One step of the preparation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StepDone {
-    /// Its name, as in `prepare.toml`.
+    /// Name of the step, as in `prepare.toml`.
     pub step: String,
-    /// Whether it changed anything.
+    /// Outcome of the step.
     pub state: StepState,
-    /// What it changed, and by how much.
+    /// Description of the change and its size.
     pub what: String,
-    /// The numbers, each with its unit in the name.
+    /// Numbers of the step; each name contains the unit.
     pub numbers: BTreeMap<String, f64>,
 }
 
-/// How a step went.
+/// Outcome of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StepState {
-    /// Done by what the recordings show.
+    /// Done with values derived from the recordings.
     Done,
-    /// Done by what `prepare.toml` says.
+    /// Done with values from `prepare.toml`.
     Given,
-    /// Nothing was to be changed.
+    /// Done, but nothing had to be changed.
     Unchanged,
     /// Switched off in `prepare.toml`.
     Off,
-    /// What it needs was not recorded.
+    /// Not done, since data that it needs were not recorded.
     Lacking,
 }
 

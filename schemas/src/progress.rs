@@ -3,34 +3,36 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How far an attempt is.
+/// Progress of an attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Progress {
-    /// UTC, RFC 3339.
+    /// Time of the report, UTC, RFC 3339.
     pub at: String,
-    /// What is being done, for example `differential evolution`.
+    /// Phase of the work, for example `differential evolution`.
     pub phase: String,
-    /// Units of work done.
+    /// Completed units of work.
     pub done: f64,
-    /// Units of work in all, where known.
+    /// Total units of work, if known.
     pub total: Option<f64>,
-    /// For a person: `generation 41, cost 0.0432`.
+    /// Text for people, for example `generation 41, cost 0.0432`.
     pub note: String,
 }
 
-/// `started.json`: the worker's claim on the attempt, created exclusively; who holds it and how to see whether he lives.
+/// `started.json`: the worker's claim on the attempt, created exclusively. It identifies the
+/// process that holds the claim and allows to check if the process still exists.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
-    /// Host name.
+    /// Name of the host.
     pub host: String,
-    /// Boot id of the host: a pid means nothing after a reboot.
+    /// Boot id of the host. A process id is meaningless after a reboot.
     pub boot_id: String,
     /// Process id.
     pub pid: u32,
-    /// Start time of the process in clock ticks since boot (field 22 of /proc/PID/stat): a pid may be used again.
+    /// Start time of the process in clock ticks since boot (field 22 of /proc/PID/stat), since
+    /// process ids are reused.
     pub pid_start_ticks: u64,
-    /// UTC, RFC 3339.
+    /// Time of the claim, UTC, RFC 3339.
     pub at: String,
 }

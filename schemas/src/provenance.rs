@@ -5,29 +5,29 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Embedded in every outcome. The commit is provenance, not identity.
+/// Provenance of an outcome. The commit is provenance, not identity.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Provenance {
     /// Version of the worker.
     pub version: String,
-    /// Commit of the worker, where it was built from a checkout.
+    /// Commit of the worker, if it was built from a checkout.
     pub commit: Option<String>,
     /// SHA-256 of each input file, by role.
     pub inputs: BTreeMap<String, String>,
-    /// Seed, where random numbers were used.
+    /// Seed, if random numbers were used.
     pub seed: Option<u64>,
-    /// Threads used.
+    /// Number of threads.
     pub threads: u32,
-    /// MPI ranks used.
+    /// Number of MPI ranks.
     pub ranks: u32,
-    /// Host name.
+    /// Name of the host.
     pub host: String,
-    /// Arithmetic path, for example `x86-64 scalar`.
+    /// Arithmetic of the processor, for example `x86-64 scalar`.
     pub arithmetic: String,
-    /// UTC, RFC 3339.
+    /// Time of the start, UTC, RFC 3339.
     pub started: String,
-    /// Wall time.
+    /// Wall-clock time.
     pub wall_s: f64,
     /// Processor time of the process.
     pub cpu_s: f64,

@@ -6,181 +6,184 @@ use serde::{Deserialize, Serialize};
 
 use crate::patient::Preload;
 
-/// A folder of recordings. Every table and key may be absent: files have usual names, steps usual settings.
+/// A folder of recordings. All tables and keys are optional: files have default names, and steps
+/// have default settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawFile {
-    /// Pseudonym of the patient; without one the name of the patient's folder.
+    /// Pseudonym of the patient; by default the name of the patient's folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
     /// Continuous recording of the catheter laboratory.
     pub catheter: RawCatheter,
     /// Volumes of a cine series.
     pub cine: RawCine,
-    /// Aortic flow of one cycle, as phase contrast gives it, where it is not among the catheter's columns.
+    /// Aortic flow over one cycle from phase contrast, if flow is not among the columns of the
+    /// catheter.
     pub flow: RawFlow,
-    /// The whole-heart image.
+    /// Volume in the whole-heart image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub whole_heart: Option<RawImage>,
-    /// Arm cuff.
+    /// Arm cuff pressures.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cuff: Option<RawCuff>,
-    /// Anatomy.
+    /// Size of the wall.
     pub anatomy: RawAnatomy,
-    /// Filling, taken to the patient as it is.
+    /// Filling pressure, which is copied to the patient file unchanged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preload: Option<Preload>,
-    /// How each step is done.
+    /// Settings of each step.
     pub steps: RawSteps,
 }
 
-/// The catheter's recording.
+/// Recording of the catheter.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawCatheter {
-    /// Its file; `catheter.csv` where there is one.
+    /// Name of the file; by default `catheter.csv` if it exists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Names of its columns where they are not the keys' own.
+    /// Names of the columns, if they differ from the keys.
     pub columns: CatheterColumns,
 }
 
-/// Columns of a catheter's file: for each quantity and unit the column that holds it.
+/// Columns of a catheter's file: the name of the column for each quantity and unit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CatheterColumns {
-    /// Time.
+    /// Column with the time, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<String>,
-    /// Time.
+    /// Column with the time, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<String>,
-    /// Pressure of the left ventricle.
+    /// Column with the left ventricular pressure, mmHg.
     #[serde(rename = "lv_pressure_mmHg", skip_serializing_if = "Option::is_none")]
     pub lv_pressure_mmhg: Option<String>,
-    /// Pressure of the left ventricle.
+    /// Column with the left ventricular pressure, kPa.
     #[serde(rename = "lv_pressure_kPa", skip_serializing_if = "Option::is_none")]
     pub lv_pressure_kpa: Option<String>,
-    /// Pressure in the aorta.
+    /// Column with the aortic pressure, mmHg.
     #[serde(
         rename = "aortic_pressure_mmHg",
         skip_serializing_if = "Option::is_none"
     )]
     pub aortic_pressure_mmhg: Option<String>,
-    /// Pressure in the aorta.
+    /// Column with the aortic pressure, kPa.
     #[serde(
         rename = "aortic_pressure_kPa",
         skip_serializing_if = "Option::is_none"
     )]
     pub aortic_pressure_kpa: Option<String>,
-    /// Flow in the ascending aorta, positive out of the heart.
+    /// Column with the flow in the ascending aorta, positive out of the heart, mL/s.
     #[serde(rename = "flow_mL_per_s", skip_serializing_if = "Option::is_none")]
     pub flow_ml_per_s: Option<String>,
-    /// Flow in the ascending aorta, positive out of the heart.
+    /// Column with the flow in the ascending aorta, positive out of the heart, L/min.
     #[serde(rename = "flow_L_per_min", skip_serializing_if = "Option::is_none")]
     pub flow_l_per_min: Option<String>,
-    /// Electrocardiogram.
+    /// Column with the electrocardiogram, mV.
     #[serde(rename = "ecg_mV", skip_serializing_if = "Option::is_none")]
     pub ecg_mv: Option<String>,
-    /// Electrocardiogram.
+    /// Column with the electrocardiogram, µV.
     #[serde(rename = "ecg_uV", skip_serializing_if = "Option::is_none")]
     pub ecg_uv: Option<String>,
 }
 
-/// The cine series.
+/// Volumes of a cine series.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawCine {
-    /// Its file, a line a frame; `cine.csv` where there is one.
+    /// Name of the file, which has one line per frame; by default `cine.csv` if it exists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Its cycle length; without it one frame's step after the last frame.
+    /// Cycle length of the cine series; by default the last frame's time plus the step between
+    /// frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cycle_length_ms: Option<f64>,
-    /// Names of its columns where they are not the keys' own.
+    /// Names of the columns, if they differ from the keys.
     pub columns: VolumeColumns,
 }
 
-/// Columns of a file of volumes.
+/// Columns of a file of volumes: the name of the column for each quantity and unit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VolumeColumns {
-    /// Time from the trigger.
+    /// Column with the time from the trigger, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<String>,
-    /// Time from the trigger.
+    /// Column with the time from the trigger, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<String>,
-    /// Cavity volume.
+    /// Column with the cavity volume, mL.
     #[serde(rename = "volume_mL", skip_serializing_if = "Option::is_none")]
     pub volume_ml: Option<String>,
 }
 
-/// Aortic flow of one cycle.
+/// Aortic flow over one cycle.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawFlow {
-    /// Its file; `flow.csv` where there is one.
+    /// Name of the file; by default `flow.csv` if it exists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Standard deviation of the volume of a beat that it gives.
+    /// Standard deviation of the stroke volume that the flow gives.
     #[serde(rename = "sd_mL", skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,
-    /// Names of its columns where they are not the keys' own.
+    /// Names of the columns, if they differ from the keys.
     pub columns: FlowColumns,
 }
 
-/// Columns of a file of flow.
+/// Columns of a file of flow: the name of the column for each quantity and unit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlowColumns {
-    /// Time from the trigger.
+    /// Column with the time from the trigger, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<String>,
-    /// Time from the trigger.
+    /// Column with the time from the trigger, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<String>,
-    /// Flow in the ascending aorta, positive out of the heart.
+    /// Column with the flow in the ascending aorta, positive out of the heart, mL/s.
     #[serde(rename = "flow_mL_per_s", skip_serializing_if = "Option::is_none")]
     pub flow_ml_per_s: Option<String>,
-    /// Flow in the ascending aorta, positive out of the heart.
+    /// Column with the flow in the ascending aorta, positive out of the heart, L/min.
     #[serde(rename = "flow_L_per_min", skip_serializing_if = "Option::is_none")]
     pub flow_l_per_min: Option<String>,
 }
 
-/// The whole-heart image.
+/// Volume in the whole-heart image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RawImage {
-    /// Time from the trigger, in the cine's cycle.
+    /// Time from the trigger in the cycle of the cine series.
     pub time_ms: f64,
     /// Cavity volume.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
-    /// Standard deviation.
+    /// Standard deviation of the volume.
     #[serde(rename = "sd_mL", default, skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,
 }
 
-/// Arm cuff.
+/// Arm cuff pressures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RawCuff {
-    /// Systolic.
+    /// Systolic pressure.
     #[serde(rename = "systolic_mmHg")]
     pub systolic_mmhg: f64,
-    /// Diastolic.
+    /// Diastolic pressure.
     #[serde(rename = "diastolic_mmHg")]
     pub diastolic_mmhg: f64,
-    /// Mean, where the device measures it.
+    /// Mean pressure, if the device measures it.
     #[serde(rename = "mean_mmHg", default, skip_serializing_if = "Option::is_none")]
     pub mean_mmhg: Option<f64>,
-    /// Standard deviation of each.
+    /// Standard deviation of each pressure.
     #[serde(rename = "sd_mmHg", default, skip_serializing_if = "Option::is_none")]
     pub sd_mmhg: Option<f64>,
 }
 
-/// Anatomy.
+/// Size of the wall.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawAnatomy {
@@ -189,64 +192,65 @@ pub struct RawAnatomy {
     pub wall_volume_ml: Option<f64>,
 }
 
-/// The steps, in their order.
+/// Settings of the steps, in their order.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawSteps {
-    /// Where each beat begins.
+    /// Beginnings of the beats.
     pub beats: BeatsStep,
-    /// Which beats are left out.
+    /// Rejection of beats.
     pub reject: RejectStep,
-    /// The catheter's wandering zero.
+    /// Correction of drift in the catheter's zero.
     pub drift: DriftStep,
-    /// The mean beat.
+    /// Averaging of the beats.
     pub average: AverageStep,
-    /// Its noise.
+    /// Noise of the traces.
     pub noise: NoiseStep,
-    /// The volumes' size.
+    /// Adjustment of the volumes to the whole-heart image.
     pub volume: VolumeStep,
-    /// The cine's cycle.
+    /// Adjustment of the cine series to the cycle of the catheter.
     pub cycle: CycleStep,
-    /// The lag between pressure and volume.
+    /// Removal of the lag between pressure and volume.
     pub synchronise: SynchroniseStep,
-    /// The Windkessel.
+    /// Fit of the Windkessel.
     pub afterload: AfterloadStep,
 }
 
-/// What beats begin with.
+/// Event with which beats begin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum BeatSource {
-    /// The R wave.
+    /// R wave of the electrocardiogram.
     RWave,
-    /// The rise of the pressure.
+    /// Rise of the pressure.
     PressureRise,
-    /// The times in `onsets_ms`.
+    /// Times in `onsets_ms`.
     Given,
 }
 
-/// Where each beat begins.
+/// Beginnings of the beats.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BeatsStep {
-    /// From what; without it from the R wave where there is an electrocardiogram.
+    /// Event with which beats begin; by default the R wave if there is an electrocardiogram.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<BeatSource>,
-    /// Beginnings on the recording's clock, for `source = "given"`.
+    /// Beginnings of the beats on the recording's clock, for `source = "given"`.
     pub onsets_ms: Vec<f64>,
 }
 
-/// Which beats are left out.
+/// Rejection of beats.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RejectStep {
-    /// Whether beats are judged; those with missing samples are left out always.
+    /// Whether beats are checked. Beats with missing samples are always left out.
     pub enabled: bool,
-    /// Numbers of beats, from 1, that are kept.
+    /// Numbers of the beats, from 1, that are kept even if a check rejects them, unless samples are
+    /// missing.
     pub keep: Vec<u32>,
-    /// Numbers of beats, from 1, that are left out.
+    /// Numbers of the beats, from 1, that are always left out.
     pub leave_out: Vec<u32>,
-    /// Stretches on the recording's clock whose beats are left out.
+    /// Intervals on the recording's clock in which beats are left out.
     pub leave_out_ms: Vec<[f64; 2]>,
 }
 
@@ -261,26 +265,26 @@ impl Default for RejectStep {
     }
 }
 
-/// Where a catheter's zero is right.
+/// Time at which the zero of the catheter is right.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ZeroAt {
-    /// At the recording's begin.
+    /// Beginning of the recording.
     #[default]
     Begin,
-    /// In its middle.
+    /// Middle of the recording.
     Middle,
-    /// At its end.
+    /// End of the recording.
     End,
 }
 
-/// The catheter's wandering zero.
+/// Correction of drift in the catheter's zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DriftStep {
-    /// Whether drift is taken out.
+    /// Whether drift is removed.
     pub enabled: bool,
-    /// Where the zero is right.
+    /// Time at which the zero is right.
     pub zero_at: ZeroAt,
 }
 
@@ -293,18 +297,19 @@ impl Default for DriftStep {
     }
 }
 
-/// The mean beat.
+/// Averaging of the beats.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AverageStep {
-    /// Whether beats are averaged; if not, one is taken.
+    /// Whether beats are averaged. Otherwise a single beat is used.
     pub enabled: bool,
-    /// Whether rises and falls of pressure are laid on each other.
+    /// Whether the rises and falls of the pressure are aligned before averaging.
     pub align: bool,
-    /// Cycle length of the mean; without it the median.
+    /// Cycle length of the mean beat; by default the median.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cycle_length_ms: Option<f64>,
-    /// Number of the beat that is taken where none are averaged; without it the one nearest to the mean.
+    /// Number of the beat that is used if beats are not averaged; by default the beat closest to
+    /// the mean.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beat: Option<u32>,
 }
@@ -320,32 +325,32 @@ impl Default for AverageStep {
     }
 }
 
-/// Whose noise is stated.
+/// Quantity to which the stated noise refers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseOf {
-    /// What the mean is uncertain by.
+    /// Uncertainty of the mean beat.
     #[default]
     Mean,
-    /// What one beat differs from the mean by.
+    /// Difference of a single beat from the mean.
     Beat,
 }
 
-/// Noise, as the patient's file states it.
+/// Noise of the traces as stated in the patient file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseStep {
-    /// Whether it is taken from the recordings.
+    /// Whether the noise is estimated from the recordings.
     pub enabled: bool,
-    /// Whose.
+    /// Quantity to which the noise refers.
     pub of: NoiseOf,
-    /// Of the pressure, instead of what the beats show.
+    /// Root mean square of the pressure noise; by default from the differences between beats.
     #[serde(rename = "pressure_rms_mmHg", skip_serializing_if = "Option::is_none")]
     pub pressure_rms_mmhg: Option<f64>,
-    /// Its correlation time, instead of what the beats show.
+    /// Correlation time of the pressure noise; by default from the differences between beats.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressure_correlation_ms: Option<f64>,
-    /// Of a frame's volume, instead of what the frames show.
+    /// Root mean square of the volume noise of a frame; by default from the frames.
     #[serde(rename = "volume_rms_mL", skip_serializing_if = "Option::is_none")]
     pub volume_rms_ml: Option<f64>,
 }
@@ -362,26 +367,26 @@ impl Default for NoiseStep {
     }
 }
 
-/// How cine volumes are brought to the whole-heart image.
+/// Method by which the volumes of the cine series are adjusted to the whole-heart image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum VolumeAdjustment {
-    /// By a factor.
+    /// Multiplication by a factor.
     #[default]
     Scale,
-    /// By a shift.
+    /// Addition of a constant.
     Shift,
 }
 
-/// The volumes' size.
+/// Adjustment of the volumes to the whole-heart image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VolumeStep {
     /// Whether volumes are adjusted.
     pub enabled: bool,
-    /// How.
+    /// Method of the adjustment.
     pub adjust: VolumeAdjustment,
-    /// The factor, instead of the whole-heart image's.
+    /// Factor on the volumes; by default the factor from the whole-heart image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub factor: Option<f64>,
 }
@@ -396,13 +401,14 @@ impl Default for VolumeStep {
     }
 }
 
-/// The cine's cycle.
+/// Adjustment of the cine series to the cycle of the catheter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CycleStep {
-    /// Whether systole and diastole are scaled apart; if not, the whole cycle is scaled alike.
+    /// Whether systole and diastole are scaled separately. Otherwise the whole cycle is scaled
+    /// uniformly.
     pub enabled: bool,
-    /// The factor on systole, instead of the ratio of the ejections.
+    /// Factor on systole; by default the ratio of the ejection times.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub systole_factor: Option<f64>,
 }
@@ -416,13 +422,14 @@ impl Default for CycleStep {
     }
 }
 
-/// The lag between pressure and volume.
+/// Removal of the lag between pressure and volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SynchroniseStep {
-    /// Whether it is taken out.
+    /// Whether the lag is removed.
     pub enabled: bool,
-    /// By so much the volume comes after the pressure, instead of what the valves' events say.
+    /// Time by which the volume lags behind the pressure; by default from the times at which the
+    /// valves open and close.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lag_ms: Option<f64>,
 }
@@ -436,11 +443,11 @@ impl Default for SynchroniseStep {
     }
 }
 
-/// The Windkessel.
+/// Fit of the Windkessel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AfterloadStep {
-    /// Whether it is fitted.
+    /// Whether the Windkessel is fitted.
     pub enabled: bool,
 }
 

@@ -20,88 +20,89 @@ use crate::provenance::Provenance;
 use crate::status::PatientStatus;
 use crate::verdict::Verdict;
 
-/// A run of a cohort.
+/// Results of a cohort's run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunRecord {
     /// Format version.
     pub schema_version: u32,
-    /// Cohort name.
+    /// Name of the cohort.
     pub cohort: String,
-    /// One sentence.
+    /// Description of the cohort in one sentence.
     pub description: String,
-    /// Directory of the run; artefact paths are absolute.
+    /// Directory of the run. Paths of artefacts are absolute.
     pub run_directory: PathBuf,
-    /// UTC, RFC 3339: when the store was read.
+    /// Time at which the store was read, UTC, RFC 3339.
     pub as_of: String,
-    /// Version of the coordinator that read it.
+    /// Version of the coordinator that read the store.
     pub version: String,
-    /// In the cohort's order.
+    /// Patients in the order of the cohort.
     pub patients: Vec<PatientRecord>,
 }
 
-/// A patient's results so far.
+/// Results of one patient so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PatientRecord {
     /// Inputs and settings.
     pub plan: ResolvedPatient,
-    /// Where the patient stands.
+    /// State of the patient.
     pub status: PatientStatus,
-    /// Step 0.
+    /// Result of step 0.
     pub step0: Option<TaskRecord<PassiveStateResult>>,
-    /// Step 1's simulations, in order, failed ones included.
+    /// Simulations of step 1 in order, including failed ones.
     pub iterations: Vec<IterationRecord>,
-    /// How step 1 ended.
+    /// Ending and result of step 1.
     pub step1: Option<Step1Summary>,
-    /// Step 2's targets.
+    /// Targets of step 2.
     pub targets: Option<TaskRecord<TargetsResult>>,
-    /// Step 2.
+    /// Result of step 2.
     pub cell_fit: Option<TaskRecord<CellFitResult>>,
-    /// The verification beat.
+    /// Result of the verification beat.
     pub verification: Option<TaskRecord<OrganBeatResult>>,
-    /// Cost of the verification beat by step 1's formula.
+    /// Cost of the verification beat by the formula of step 1.
     pub verification_cost: Option<f64>,
-    /// Step 3's simulations, in order, failed ones included.
+    /// Simulations of step 3 in order, including failed ones.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub step3_iterations: Vec<Step3IterationRecord>,
-    /// How step 3 ended.
+    /// Ending and result of step 3.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step3: Option<Step3Summary>,
-    /// How sure the twin is.
+    /// Posterior of the twin's parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<TaskRecord<PosteriorResult>>,
-    /// What the twin's beat says of it: the verification beat, or the best one of step 3; absent without one.
+    /// Agreement of the twin's beat with the measured biomarkers. The twin's beat is the best one
+    /// of step 3 or else the verification beat; absent if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
-    /// The failure that holds the patient, if one does.
+    /// Failure that holds the patient, if there is one.
     pub failure: Option<Failure>,
-    /// The same ventricle before effects were accepted, where this run simulated it.
+    /// Results for the same ventricle before effects were accepted, if this run simulated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<Box<BeforeEffects>>,
 }
 
-/// Simulations of the same ventricle without the effects that were accepted since.
+/// Simulations of the same ventricle without the effects that have been accepted since.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct BeforeEffects {
-    /// Step 1's result.
+    /// Result of step 1.
     pub step1: Option<TaskRecord<OrganBeatResult>>,
-    /// The verification beat.
+    /// Result of the verification beat.
     pub verification: Option<TaskRecord<OrganBeatResult>>,
 }
 
-/// The published result of a task.
+/// Published result of a task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TaskRecord<T> {
-    /// The task.
+    /// Key of the task.
     pub key: TaskKey,
-    /// Which try published.
+    /// Number of the attempt that published the result.
     pub generation: u32,
-    /// Where its artefacts lie.
+    /// Directory of the artefacts.
     pub directory: PathBuf,
-    /// Its files.
+    /// Files of the attempt.
     pub artefacts: Vec<Artefact>,
-    /// How it was made.
+    /// Provenance of the result.
     pub provenance: Provenance,
-    /// What was computed.
+    /// Result of the computation.
     pub result: T,
 }
 
@@ -119,16 +120,16 @@ impl<T> TaskRecord<T> {
 /// One simulation of step 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct IterationRecord {
-    /// 1 for the first.
+    /// Number of the simulation, from 1.
     pub number: u32,
-    /// What was simulated.
+    /// Parameters of the simulation.
     pub parameters: Step1Parameters,
-    /// What proposed it, where a task of its own did.
+    /// Task that proposed the parameters, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub proposal: Option<TaskRecord<Step1ProposalResult>>,
-    /// What came out, where the simulation succeeded.
+    /// Result of the simulation, if it succeeded.
     pub run: Option<TaskRecord<OrganBeatResult>>,
-    /// Why it failed, where it did.
+    /// Failure of the simulation, if it failed.
     pub failure: Option<Failure>,
     /// Sum of squared relative differences to the measured biomarkers.
     pub cost: Option<f64>,
@@ -139,19 +140,19 @@ pub struct IterationRecord {
 /// One simulation of step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Step3IterationRecord {
-    /// 1 for the first.
+    /// Number of the simulation, from 1.
     pub number: u32,
-    /// What was simulated: parameters of the cell and of the valves, by name.
+    /// Parameters of the cell and the valves, by name.
     pub parameters: BTreeMap<String, f64>,
-    /// What proposed it.
+    /// Task that proposed the parameters.
     pub proposal: Option<TaskRecord<Step3ProposalResult>>,
-    /// What came out, where the simulation succeeded.
+    /// Result of the simulation, if it succeeded.
     pub run: Option<TaskRecord<OrganBeatResult>>,
-    /// Why it failed, where it did.
+    /// Failure of the simulation, if it failed.
     pub failure: Option<Failure>,
-    /// Squared differences over the measurements' variances.
+    /// Sum of squared differences to the measurements over the measurements' variances.
     pub misfit: Option<f64>,
-    /// What it says of the twin.
+    /// Agreement of the beat with the measured biomarkers.
     pub verdict: Option<Verdict>,
 }
 
@@ -170,11 +171,11 @@ impl PatientRecord {
     }
 }
 
-/// Why step 1 ended without converging.
+/// Reason why step 1 ended without converging.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StallReason {
-    /// No improvement for several iterations in a row.
+    /// Several iterations in a row brought no improvement.
     Stagnation,
     /// A simulation failed.
     SimulationFailed,
@@ -182,56 +183,57 @@ pub enum StallReason {
     IterationLimit,
 }
 
-/// Quality of step 1's result. A stalled step 1 is a result with a mark, not an end.
+/// Quality of step 1's result. A stalled step 1 still gives a result, which is marked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "quality", rename_all = "kebab-case")]
 pub enum Step1Quality {
     /// The best iterate is within the tolerance.
     Converged,
-    /// It is not.
+    /// The best iterate is not within the tolerance.
     Stalled {
-        /// Why the loop ended.
+        /// Reason why the loop ended.
         reason: StallReason,
     },
 }
 
-/// How step 1 ended.
+/// Ending and result of step 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Step1Summary {
-    /// Converged, or stalled and why.
+    /// Quality of the result.
     pub quality: Step1Quality,
-    /// The iterate that was taken.
+    /// Number of the iteration with the result.
     pub best_iteration: u32,
-    /// Its cost.
+    /// Cost of this iteration.
     pub cost: f64,
-    /// The first iterate within the tolerance.
+    /// Number of the first iteration within the tolerance.
     pub first_converged: Option<u32>,
-    /// The personalised parameters.
+    /// Personalised parameters.
     pub parameters: Step1Parameters,
 }
 
-/// Why step 3 ended.
+/// Reason why step 3 ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Step3Ending {
-    /// The best beat meets the measurements to within their uncertainty.
+    /// The best beat agrees with the measurements to within their uncertainty.
     WithinUncertainty,
-    /// Another beat promised too little.
+    /// Another beat was predicted to bring too little improvement.
     NoPromise,
     /// The largest number of simulations was reached.
     IterationLimit,
 }
 
-/// How step 3 ended.
+/// Ending and result of step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Step3Summary {
-    /// Why it ended.
+    /// Reason why step 3 ended.
     pub ending: Step3Ending,
-    /// The simulation that was taken, from 1; 0 where the verification beat was the best.
+    /// Number of the simulation with the result, from 1; 0 if the verification beat is the best.
     pub best_iteration: u32,
-    /// Its squared differences over the measurements' variances.
+    /// Sum of squared differences of this beat to the measurements over the measurements'
+    /// variances.
     pub misfit: f64,
-    /// The personalised parameters of the cell and the valves, by name.
+    /// Personalised parameters of the cell and the valves, by name.
     pub parameters: BTreeMap<String, f64>,
 }
 

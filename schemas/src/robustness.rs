@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::PatientId;
 
-/// Which uncertainty is propagated.
+/// Uncertainty that is propagated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Uncertainty {
-    /// Measured biomarkers.
+    /// Uncertainty of the measured biomarkers.
     Data,
-    /// Initial guesses of both steps.
+    /// Choice of the initial guesses of both steps.
     Guess,
 }
 
@@ -32,17 +32,17 @@ impl Uncertainty {
     }
 }
 
-/// Whole personalisations around that of each patient: what the members follow from.
+/// Robustness of whole personalisations, with members around the personalisation of each patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobustnessSpec {
-    /// What is varied.
+    /// Uncertainty that is varied.
     pub over: Uncertainty,
-    /// Whose personalisation.
+    /// Patients to personalise.
     pub patients: Vec<PatientId>,
-    /// Samples of the Latin hypercube, the same for each patient.
+    /// Number of samples of the Latin hypercube, the same for each patient.
     pub n_samples: u32,
-    /// Members that differ from the original in step 2's seed alone.
+    /// Number of members that differ from the original only in the seed of step 2.
     pub n_seeds: u32,
     /// Half-width of the hypercube, as a fraction of each value.
     pub range: f64,
@@ -50,7 +50,7 @@ pub struct RobustnessSpec {
     pub seed: u64,
 }
 
-/// `robustness.json` of a sweep's folder: what is known so far.
+/// `robustness.json` in the folder of a sweep: results so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobustnessResult {
     /// Format version.
@@ -59,9 +59,9 @@ pub struct RobustnessResult {
     pub version: String,
     /// Name of the cohort.
     pub cohort: String,
-    /// What is varied.
+    /// Specification of the sweep.
     pub spec: RobustnessSpec,
-    /// In the order of the specification.
+    /// Results in the order of the specification's patients.
     pub patients: Vec<PatientRobustness>,
 }
 
@@ -70,29 +70,29 @@ pub struct RobustnessResult {
 pub struct PatientRobustness {
     /// Pseudonym.
     pub patient: PatientId,
-    /// All personalisations: the original, the samples, those of other seeds.
+    /// All personalisations: the original, the samples, and those with other seeds.
     pub members: Vec<RobustnessMember>,
-    /// What was varied, over the samples that gave a result.
+    /// Varied quantities, over the samples with a result.
     pub inputs: Vec<QuantitySpread>,
-    /// Spread over the samples; empty before the original is over.
+    /// Spread over the samples; empty until the original has ended.
     pub tables: Vec<RobustnessTable>,
-    /// Spread by step 2's seed alone.
+    /// Spread over the seeds of step 2 alone.
     pub seed_tables: Vec<RobustnessTable>,
-    /// How well fits meet perturbed targets; empty for guesses.
+    /// Agreement of the fits with perturbed targets; empty for guesses.
     pub target_errors: Vec<TargetError>,
-    /// Conditions on the result, with what was found.
+    /// Conditions on the result with the values found.
     pub conditions: Vec<Condition>,
 }
 
-/// What a member stands for.
+/// Role of a member.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MemberRole {
-    /// Measured data and the cohort's guesses.
+    /// Personalisation with the measured data and the guesses of the cohort.
     Original,
     /// A sample of the hypercube.
     Sample,
-    /// Another seed of step 2, nothing else.
+    /// Personalisation that differs from the original only in the seed of step 2.
     Seed,
 }
 
@@ -108,36 +108,37 @@ impl MemberRole {
     }
 }
 
-/// One personalisation of the sweep.
+/// One personalisation of a sweep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobustnessMember {
-    /// Its name in the sweep's run, for example `02-CoA.d03`.
+    /// Name in the run of the sweep, for example `02-CoA.d03`.
     pub id: PatientId,
-    /// What it stands for.
+    /// Role of the member.
     pub role: MemberRole,
-    /// Where it stands: `done`, `failed`, `running`, …
+    /// State: `done`, `failed`, `running`, …
     pub state: String,
-    /// Why it failed, where it did.
+    /// Failure, if the member failed.
     pub failure: Option<String>,
-    /// What it was given: factors of measured biomarkers, initial guesses, or step 2's seed, by name.
+    /// Varied inputs by name: factors on measured biomarkers, initial guesses, or the seed of step
+    /// 2.
     pub inputs: BTreeMap<String, f64>,
-    /// How step 1 ended, in words.
+    /// Ending of step 1 in words.
     pub step1: Option<String>,
-    /// Simulations of step 1.
+    /// Number of simulations of step 1.
     pub step1_iterations: u32,
-    /// Cost of the iterate that was taken.
+    /// Cost of the best iteration of step 1.
     pub step1_cost: Option<f64>,
     /// Cost of the fitted cell.
     pub step2_cost: Option<f64>,
-    /// Cell evaluations.
+    /// Number of cell evaluations of step 2.
     pub step2_evaluations: Option<u64>,
-    /// Cost of the verification beat by step 1's formula.
+    /// Cost of the verification beat by the formula of step 1.
     pub verification_cost: Option<f64>,
     /// Results by table and quantity.
     pub values: BTreeMap<TableKind, BTreeMap<String, f64>>,
 }
 
-/// Which results a table holds.
+/// Results that a table contains.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
@@ -145,9 +146,9 @@ pub struct RobustnessMember {
 pub enum TableKind {
     /// Personalised Tanh model and valves (Tables 3 and 7).
     Step1Parameters,
-    /// Biomarkers of the iterate that was taken (Tables 4 and 8).
+    /// Biomarkers of the best iteration of step 1 (Tables 4 and 8).
     Step1Biomarkers,
-    /// The fitted cell (Tables 5 and 9).
+    /// Parameters of the fitted cell (Tables 5 and 9).
     Step2Parameters,
     /// Biomarkers of the verification beat (Tables 6 and 10).
     Step2Biomarkers,
@@ -184,14 +185,14 @@ impl TableKind {
     }
 }
 
-/// One of Tables 3 to 10.
+/// Results that correspond to one of Tables 3 to 10 of the paper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobustnessTable {
-    /// Which results.
+    /// Results in this table.
     pub table: TableKind,
-    /// Number of the paper's table that it stands beside.
+    /// Number of the paper's table.
     pub paper_table: u32,
-    /// Its columns.
+    /// Columns of the table.
     pub quantities: Vec<QuantitySpread>,
 }
 
@@ -200,11 +201,11 @@ pub struct RobustnessTable {
 pub struct Moments {
     /// Arithmetic mean.
     pub mean: f64,
-    /// Of a sample (divisor n − 1); none for a single value.
+    /// Sample standard deviation (divisor n − 1); absent for a single value.
     pub standard_deviation: Option<f64>,
-    /// Smallest.
+    /// Smallest value.
     pub minimum: f64,
-    /// Largest.
+    /// Largest value.
     pub maximum: f64,
 }
 
@@ -213,36 +214,36 @@ pub struct Moments {
 pub struct QuantitySpread {
     /// Name with unit.
     pub name: String,
-    /// The original personalisation's.
+    /// Value of the original personalisation.
     pub original: f64,
-    /// Samples with a value.
+    /// Number of samples with a value.
     pub n: u32,
-    /// Samples without one.
+    /// Number of samples without a value.
     pub n_missing: u32,
-    /// Of the values.
+    /// Moments of the values.
     pub values: Moments,
-    /// Of |value − original| / |original|.
+    /// Moments of |value − original| / |original|.
     pub relative_differences: Option<Moments>,
-    /// Standard deviation of the values over the magnitude of the original.
+    /// Standard deviation of the values over the magnitude of the original value.
     pub spread: Option<f64>,
-    /// What of the input's spread comes out here.
+    /// Spread of this quantity relative to that of the input.
     pub amplification: Option<Amplification>,
-    /// What the paper prints for its patient 02-CoA; for that patient alone.
+    /// Values that the paper prints for its patient 02-CoA; absent for other patients.
     pub paper: Option<PaperSpread>,
 }
 
 /// Output spread over input spread.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Amplification {
-    /// The input compared with; `all inputs` is the root mean square of their spreads.
+    /// Input of the comparison. `all inputs` is the root mean square of their spreads.
     pub input: String,
-    /// Its spread.
+    /// Spread of the input.
     pub input_spread: f64,
-    /// Output spread over input spread: below one it is damped.
+    /// Output spread over input spread. A value below 1 means damping.
     pub ratio: f64,
 }
 
-/// A printed column of Tables 3 to 10; percentages as printed.
+/// A column of Tables 3 to 10 as printed. Percentages are not converted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PaperSpread {
     /// Original value.
@@ -257,23 +258,23 @@ pub struct PaperSpread {
     pub max: Printed,
     /// Mean of the relative differences.
     pub mean_of_rel_diff_percent: Printed,
-    /// Their standard deviation.
+    /// Standard deviation of the relative differences.
     pub sd_of_rel_diff_percent: Printed,
-    /// The smallest.
+    /// Smallest relative difference.
     pub min_of_rel_diff_percent: Printed,
-    /// The largest.
+    /// Largest relative difference.
     pub max_of_rel_diff_percent: Printed,
 }
 
-/// A printed number.
+/// A number as printed in the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Printed {
-    /// As it stands.
+    /// Printed value.
     Value(f64),
-    /// Printed as `<x`.
+    /// Upper limit, printed as `<x`.
     Below {
-        /// The limit.
+        /// Upper limit.
         below: f64,
     },
 }
@@ -298,20 +299,21 @@ impl std::fmt::Display for Printed {
     }
 }
 
-/// How well one biomarker's fit meets its target: |value − target| / |target|.
+/// Relative difference between a fitted biomarker and its target: |value − target| / |target|.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TargetError {
-    /// Which results: those of step 1 or of the verification beat.
+    /// Results that are compared: those of step 1 or of the verification beat.
     pub table: TableKind,
-    /// The biomarker.
+    /// Name of the biomarker.
     pub biomarker: String,
-    /// Of the original personalisation to the measured value.
+    /// Relative difference of the original personalisation to the measured value.
     pub original: f64,
-    /// Of each sample to its own perturbed target.
+    /// Relative differences of the samples to their own perturbed targets.
     pub to_perturbed: Moments,
-    /// Of each sample to the measured value.
+    /// Relative differences of the samples to the measured value.
     pub to_measured: Moments,
-    /// Samples that miss their perturbed target by more than two points of percent beyond the original's error.
+    /// Samples with a difference to their perturbed target that exceeds the original's by more than
+    /// two percentage points.
     #[serde(default)]
     pub beyond: Vec<PatientId>,
 }
@@ -319,13 +321,13 @@ pub struct TargetError {
 /// A condition on the result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Condition {
-    /// What is asked.
+    /// Description of the condition.
     pub name: String,
-    /// Whether it holds; none where a result is missing.
+    /// Whether the condition is met; absent if a result is missing.
     pub passed: Option<bool>,
-    /// What was found.
+    /// Value that was found.
     pub found: String,
-    /// What is asked for.
+    /// Limit of the value.
     pub limit: String,
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Number of samples of a beat, equally spaced from its start.
 pub const N_SAMPLES: usize = 40;
 
-/// Values at the times k T / [`N_SAMPLES`], T the cycle length; none where there is no trace.
+/// Values at the times k T / 40, where T is the cycle length. A list is empty if there is no trace.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BeatSamples {
@@ -22,19 +22,21 @@ pub struct BeatSamples {
     pub volume_ml: Vec<f64>,
 }
 
-/// Standard deviations of what a model's traces miss; 0 where a trace does not count.
+/// Standard deviations of the difference between a model's traces and the measured ones. 0 if a
+/// trace does not count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TraceDeviations {
-    /// Of the pressure.
+    /// Standard deviation of the pressure.
     #[serde(rename = "pressure_mmHg")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub pressure_mmhg: f64,
-    /// Of the volume.
+    /// Standard deviation of the volume.
     #[serde(rename = "volume_mL")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e3))]
     pub volume_ml: f64,
-    /// How long such a difference lasts: so many times fit into a beat as a trace tells things that are independent.
+    /// Correlation time of the difference. The cycle length divided by it is the number of
+    /// independent values in a trace.
     #[schemars(extend("minimum" = 1.0, "maximum" = 1e4))]
     pub correlation_ms: f64,
 }
@@ -49,13 +51,13 @@ impl Default for TraceDeviations {
     }
 }
 
-/// Measured traces as step 3 sees them.
+/// Measured traces as used in step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeasuredTraces {
-    /// What was measured.
+    /// Measured values.
     pub samples: BeatSamples,
-    /// What a beat may differ by.
+    /// Standard deviations of the difference between a beat and the measured traces.
     pub deviations: TraceDeviations,
     /// Cycle length.
     pub cycle_length_ms: f64,

@@ -16,128 +16,131 @@ pub struct SensitivityRecord {
     pub schema_version: u32,
     /// Version of the program that made the analysis.
     pub version: String,
-    /// What was swept, and how the indices were made.
+    /// Specification of the sweep and of the indices.
     pub spec: GsaSpec,
-    /// Complete blocks that the indices rest on: the first ones of the design, all of them in the end.
+    /// Number of complete blocks from which the indices were computed, counted from the beginning
+    /// of the design. At the end of the sweep these are all blocks.
     pub n_blocks: u32,
-    /// What became of their samples.
+    /// Numbers of samples by status.
     pub samples: SampleCounts,
-    /// Instruction sets of the cell engine that computed them.
+    /// Instruction sets of the cell engine that computed the samples.
     pub arithmetic: Vec<String>,
-    /// One for each biomarker.
+    /// Indices of each biomarker.
     pub outputs: Vec<OutputSensitivity>,
-    /// Parameters by the sum of their total indices over the biomarkers, the largest first.
+    /// Parameters by the sum of their total indices over the biomarkers, largest first.
     pub ranking: Vec<RankedParameter>,
 }
 
-/// What became of samples.
+/// Numbers of samples by status.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleCounts {
-    /// All.
+    /// All samples.
     pub total: u64,
-    /// Within all constraints.
+    /// Samples that meet all constraints.
     pub physiological: u64,
-    /// Outside of one: their biomarkers are replaced by the physiological samples' means.
+    /// Samples that violate a constraint. Their biomarkers are replaced by the means of the
+    /// physiological samples.
     pub excluded: u64,
-    /// Not computed: left out of those indices that need them.
+    /// Samples that were not computed. They are left out of the indices that need them.
     pub failed: u64,
-    /// Computed, but not periodic after the largest number of beats; counted above as any other.
+    /// Samples that were computed but are not periodic after the largest number of beats. They are
+    /// also included in the counts above.
     pub not_periodic: u64,
-    /// Excluded samples by constraint; one sample may break several.
+    /// Number of excluded samples by constraint. One sample may violate several constraints.
     pub excluded_by: BTreeMap<String, u64>,
 }
 
-/// The indices of one biomarker.
+/// Sensitivity indices of one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OutputSensitivity {
-    /// Biomarker, with its unit.
+    /// Name of the biomarker, with its unit.
     pub name: String,
     /// Mean over the physiological samples.
     pub mean: f64,
-    /// Their standard deviation.
+    /// Standard deviation over the physiological samples.
     pub standard_deviation: f64,
-    /// Sum of the first-order indices: what is missing to 1 is explained by interactions.
+    /// Sum of the first-order indices. Interactions explain the difference to 1.
     pub sum_of_first: f64,
-    /// In the design's order.
+    /// Indices of each parameter in the order of the design.
     pub parameters: Vec<ParameterIndices>,
     /// Second-order index of each pair.
     pub second: Vec<PairIndices>,
 }
 
-/// A parameter's indices for one biomarker.
+/// Indices of a parameter for one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ParameterIndices {
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// First-order index S1; none where too few samples are left or the biomarker does not vary.
+    /// First-order index S1; absent if too few samples are left or the biomarker does not vary.
     pub first: Option<SobolIndex>,
-    /// Total-effect index ST.
+    /// Total-effect index ST; absent under the same conditions.
     pub total: Option<SobolIndex>,
 }
 
-/// The second-order index S2 of a pair.
+/// Second-order index S2 of a pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PairIndices {
-    /// The pair, in the design's order.
+    /// Names of the pair, in the order of the design.
     pub parameters: [String; 2],
-    /// Its index.
+    /// Index of the pair; absent if too few samples are left or the biomarker does not vary.
     pub second: Option<SobolIndex>,
 }
 
-/// An index with its interval, dimensionless.
+/// A dimensionless index with its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SobolIndex {
-    /// The estimate.
+    /// Estimate of the index.
     pub value: f64,
-    /// Half of the interval's width; none without resamples.
+    /// Half-width of the interval; absent without resamples.
     pub half_width: Option<f64>,
-    /// Blocks that it is made of.
+    /// Number of blocks from which the index was computed.
     pub n_blocks: u64,
 }
 
-/// A parameter's place.
+/// Rank of a parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RankedParameter {
-    /// 1 for the most influential.
+    /// Rank, 1 for the most influential parameter.
     pub rank: u32,
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// Sum of its total indices over the biomarkers.
+    /// Sum of the parameter's total indices over the biomarkers.
     pub sum_of_totals: f64,
-    /// Half of the interval's width around the sum.
+    /// Half-width of the interval around the sum.
     pub half_width: Option<f64>,
-    /// Between which ranks the resamples' middle share (the confidence) lies.
+    /// Interval of ranks that contains the middle share (the confidence) of the resamples.
     pub rank_interval: Option<[u32; 2]>,
-    /// Share of the resamples in which it is among the nine first.
+    /// Share of the resamples in which the parameter has one of the first nine ranks.
     pub share_among_first_nine: Option<f64>,
-    /// Its rank and sum in the independent reference (of the paper's settings).
+    /// Rank and sum of the parameter in the independent reference, which has the paper's settings.
     pub reference: Option<ReferenceRank>,
-    /// Its standing in the paper.
+    /// Rank of the parameter in the paper.
     pub paper: PaperRank,
 }
 
-/// A parameter's place in the independent reference.
+/// Rank of a parameter in the independent reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceRank {
-    /// 1 for the most influential.
+    /// Rank, 1 for the most influential parameter.
     pub rank: u32,
-    /// Sum of its total indices.
+    /// Sum of the parameter's total indices.
     pub sum_of_totals: f64,
 }
 
-/// A parameter's place in section 3.1 of the paper, which states six of its nine ranks.
+/// Rank of a parameter in section 3.1 of the paper, which states six of its nine ranks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PaperRank {
-    /// Whether it is one of the nine that the paper fits.
+    /// Whether the parameter is one of the nine that the paper fits.
     pub among_first_nine: bool,
-    /// Its rank, where stated.
+    /// Rank of the parameter, if stated.
     pub rank: Option<u32>,
 }

@@ -19,25 +19,25 @@ use crate::verdict::TwinTolerances;
 
 pub use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 
-/// All settings.
+/// All settings of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// The organ and its simulation.
+    /// Settings of the organ and its simulation.
     pub solver: SolverSettings,
-    /// Step 1.
+    /// Settings of step 1.
     pub step1: Step1Settings,
-    /// Step 2.
+    /// Settings of step 2.
     pub step2: CellFitSettings,
-    /// The verification beat.
+    /// Settings of the verification beat.
     pub verification: VerificationSettings,
-    /// Step 3.
+    /// Settings of step 3.
     pub step3: Step3Settings,
-    /// How sure the twin is.
+    /// Settings of the posterior's sampling.
     pub posterior: PosteriorSettings,
-    /// How far a patient goes.
+    /// Settings of the workflow.
     pub workflow: WorkflowSettings,
-    /// Where tasks run.
+    /// Settings of the executor.
     pub executor: ExecutorSettings,
 }
 
@@ -62,57 +62,61 @@ impl Settings {
     }
 }
 
-/// Which organ is simulated.
+/// Organ that is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fidelity {
-    /// One-fibre ventricle, milliseconds a beat.
+    /// One-fibre ventricle; milliseconds per beat.
     Reduced,
-    /// 3D finite-element ventricle, seconds to hours a beat.
+    /// 3D finite-element ventricle; seconds to hours per beat.
     FiniteElement,
-    /// A solver that is not ours.
+    /// Ventricle of an external solver.
     External,
 }
 
-/// Where a simulated beat starts (SPEC section 3).
+/// State at which a simulated beat starts (SPEC section 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartMode {
-    /// At the measured end-diastolic volume and pressure.
+    /// Measured end-diastolic volume and pressure.
     EndDiastole,
-    /// The paper's way: the image volume is taken to be that at end-diastolic pressure.
+    /// Volume of the image, which is taken to be the volume at end-diastolic pressure (the paper's
+    /// choice).
     Diastasis,
 }
 
-/// The organ and its simulation.
+/// Settings of the organ and its simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolverSettings {
-    /// Which organ.
+    /// Organ that is simulated.
     pub fidelity: Fidelity,
     /// Largest time step.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
     pub time_step_ms: f64,
-    /// A step that fails is cut in halves down to this; then the simulation ends as diverged.
+    /// Shortest time step. A step that fails is halved down to this length; if it still fails, the
+    /// simulation has diverged.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
     pub shortest_step_ms: f64,
-    /// A step of the reduced ventricle fails after so many Newton iterations.
+    /// Number of Newton iterations after which a step of the reduced ventricle fails.
     #[schemars(range(min = 1, max = 1000))]
     pub newton_iterations: u32,
-    /// Where the beat starts.
+    /// State at which the beat starts.
     pub start: StartMode,
-    /// How the reduced ventricle is activated; `onset_ms` holds for the finite-element ventricle, too.
+    /// Activation of the reduced ventricle. `onset_ms` also applies to the finite-element
+    /// ventricle.
     pub activation: ActivationSettings,
-    /// The finite-element ventricle.
+    /// Settings of the finite-element ventricle.
     pub finite_element: FiniteElementSettings,
-    /// The solver of `fidelity = "external"`.
+    /// Settings of the solver with `fidelity = "external"`.
     pub external: ExternalSettings,
-    /// The length from which a cell's stretch is counted.
+    /// Length at which the stretch of a cell is 1.
     pub cell_stretch: StretchOrigin,
-    /// Slack length of a cell over its length in the unloaded wall, with `cell_stretch = "unloaded"`.
+    /// Ratio of a cell's slack length to its length in the unloaded wall, with `cell_stretch =
+    /// "unloaded"`.
     #[schemars(extend("minimum" = 0.8, "maximum" = 1.3))]
     pub slack_stretch: f64,
-    /// Beats per simulation in step 1 and verification.
+    /// Number of beats per simulation in step 1 and verification.
     #[schemars(range(min = 1, max = 1000))]
     pub beats: u32,
 }
@@ -135,17 +139,18 @@ impl Default for SolverSettings {
     }
 }
 
-/// Activation of the reduced ventricle: stands for the eikonal map.
+/// Activation of the reduced ventricle, in place of an eikonal map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ActivationSettings {
-    /// First activation to last.
+    /// Time from the first to the last activation.
     #[schemars(extend("minimum" = 0.0, "maximum" = 300.0))]
     pub spread_ms: f64,
-    /// Parts of the wall, each with its own time.
+    /// Number of parts of the wall with their own activation time.
     #[schemars(range(min = 1, max = 1000))]
     pub groups: u32,
-    /// First activation after the trace's time zero, before it where negative; absent: found from the measured pressure upstroke.
+    /// First activation from the time zero of the traces; negative if it comes before. If absent,
+    /// it is determined from the upstroke of the measured pressure.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = -100.0, "maximum" = 1000.0))]
     pub onset_ms: Option<f64>,
@@ -161,32 +166,32 @@ impl Default for ActivationSettings {
     }
 }
 
-/// How the trial vectors of a generation see the population.
+/// Population from which the trial vectors of a generation are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Updating {
-    /// A generation is one batch.
+    /// Each generation is computed as one batch from the previous population.
     Deferred,
-    /// SciPy's default: each success is seen at once. The reference mode.
+    /// Each success takes effect immediately, as by default in SciPy. This is the reference mode.
     Immediate,
 }
 
-/// Where step 2's calcium comes from.
+/// Source of the calcium transient in step 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CalciumSource {
-    /// Fitted with the rest (the paper's choice).
+    /// Rice's transient, fitted together with the other parameters (the paper's choice).
     Rice,
-    /// A fixed input (eq. 18): the patient's `measured.calcium`, else the median of the organ's nodal calcium. Rice's four
-    /// parameters then have no effect and are not fitted.
+    /// Fixed transient (eq. 18): `measured.calcium` of the patient, or else the median of the
+    /// organ's nodal calcium. Rice's four parameters have no effect and are not fitted.
     MedianTrace,
 }
 
-/// How step 2 searches.
+/// Search method of step 2.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Strategy {
-    /// The paper's: `SciPy`'s best1bin.
+    /// SciPy's best1bin (the paper's choice).
     #[default]
     DifferentialEvolution,
     /// Differential evolution that adapts its own settings (Tanabe and Fukunaga 2014).
@@ -201,22 +206,23 @@ impl Strategy {
     }
 }
 
-/// Step 2: differential evolution at the cell (SPEC section 6).
+/// Settings of step 2: fit of the cell (SPEC section 6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CellFitSettings {
-    /// Seed; each patient draws from its own stream.
+    /// Seed of the random numbers. Each patient has its own stream.
     pub seed: u64,
-    /// How the bounds are searched.
+    /// Search method.
     #[serde(skip_serializing_if = "Strategy::is_default")]
     pub strategy: Strategy,
-    /// Population = this × number of parameters.
+    /// Members of the population per parameter.
     #[schemars(range(min = 1, max = 10_000))]
     pub popsize: u32,
-    /// Converged when the spread of costs is below this share of their mean.
+    /// Relative tolerance: the search has converged when the standard deviation of the costs is at
+    /// most this share of their mean (plus `atol`).
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub tol: f64,
-    /// Absolute part of the same.
+    /// Absolute tolerance, which is added to the relative one.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e6))]
     pub atol: f64,
     /// Largest number of generations.
@@ -227,26 +233,26 @@ pub struct CellFitSettings {
     /// Crossover probability.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub recombination: f64,
-    /// Batch or immediate.
+    /// Whether successes take effect within the generation.
     pub updating: Updating,
-    /// Local gradient searches at the end, from the best member.
+    /// Whether local gradient searches from the best member follow the search.
     pub polish: bool,
-    /// After the fit: for each parameter the interval of values with which a cost nearly as low is reached.
+    /// Whether the interval of near-optimal values of each parameter is computed after the fit.
     pub identifiability: bool,
-    /// Where calcium comes from.
+    /// Source of the calcium transient.
     pub calcium: CalciumSource,
-    /// A guess that takes a place in the first population, cut to the bounds; fitted parameters that are absent from it
-    /// are guessed at their default (Tables A2 to A4).
+    /// Initial guess that is placed in the first population, clipped to the bounds. Fitted
+    /// parameters without an entry start at their default (Tables A2 to A4).
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub initial: BTreeMap<String, f64>,
-    /// Fitted parameters, in order.
+    /// Fitted parameters in their order.
     pub parameters: Vec<String>,
-    /// Bounds of the fitted parameters, lower and upper (Table A5).
+    /// Bounds of the fitted parameters: lower, upper (Table A5).
     pub bounds: BTreeMap<String, [f64; 2]>,
-    /// Weights of the squared relative differences.
+    /// Weights of the squared relative differences, by biomarker.
     #[schemars(extend("additionalProperties" = { "type": "number", "minimum": 0.0, "maximum": 1e9 }))]
     pub weights: BTreeMap<String, f64>,
-    /// Parameters held at a value other than the default.
+    /// Parameters that are held at a value other than the default.
     pub frozen: BTreeMap<String, f64>,
 }
 
@@ -305,32 +311,32 @@ impl CellFitSettings {
     }
 }
 
-/// The last step of a patient's way.
+/// Last step of a patient's workflow.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LastStep {
-    /// The paper's workflow: step 2's cell in the organ, once.
+    /// The verification beat, with the cell of step 2 in the organ (the paper's workflow).
     Step2Verification,
-    /// Step 3 after it.
+    /// Step 3, after the verification beat.
     #[default]
     Step3,
 }
 
-/// How far a patient goes.
+/// Settings of the workflow.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorkflowSettings {
-    /// The last step.
+    /// Last step that a patient runs through.
     pub until: LastStep,
 }
 
-/// The verification beat.
+/// Settings of the verification beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VerificationSettings {
-    /// Whether it is run; without it there is no step 3.
+    /// Whether the verification beat is simulated. Without it there is no step 3.
     pub enabled: bool,
-    /// Up to which differences of its biomarkers a patient counts as personalised.
+    /// Largest differences of the biomarkers at which a patient counts as personalised.
     pub tolerance_percent: TwinTolerances,
 }
 
@@ -343,31 +349,31 @@ impl Default for VerificationSettings {
     }
 }
 
-/// Where tasks run.
+/// Place where tasks run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExecutorKind {
-    /// Worker processes on this machine.
+    /// Worker processes on this computer.
     Local,
-    /// No-op tasks inside the coordinator: measures orchestration.
+    /// No-op tasks inside the coordinator, to measure the orchestration.
     InProcess,
-    /// Jobs of a cluster; `cardiotwin advance` brings them on.
+    /// Jobs on a cluster, which `cardiotwin advance` submits and observes.
     Slurm,
 }
 
-/// Which instructions the cell engine uses. AVX2 and AVX-512 give the same bits; `portable` rounds differently, so that a
-/// fit may take another way and end elsewhere within its tolerance.
+/// Instructions of the cell engine. AVX2 and AVX-512 give identical bits. `portable` rounds
+/// differently, so that a fit may take another path and end elsewhere within its tolerance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum InstructionSet {
-    /// The best of the processor.
+    /// Best instruction set of the processor.
     #[default]
     Auto,
-    /// What every processor has.
+    /// Instructions of every processor.
     Portable,
-    /// Four lanes a register.
+    /// AVX2, with four lanes per register.
     Avx2,
-    /// Eight lanes a register.
+    /// AVX-512, with eight lanes per register.
     Avx512,
 }
 
@@ -379,84 +385,97 @@ impl InstructionSet {
     }
 }
 
-/// Where tasks run and how many at once. Never part of a task's key.
+/// Settings of the executor. They never enter a task's key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExecutorSettings {
-    /// Which executor.
+    /// Place where tasks run.
     pub kind: ExecutorKind,
-    /// Workers at once; 0 is one for each core.
+    /// Number of concurrent workers; 0 for one per core.
     #[schemars(range(min = 0, max = 4096))]
     pub workers: u32,
-    /// Threads of each worker; 0: on this machine all cores for step 0 and a beat of the 3D ventricle on 8,000 nodes or more, beside
-    /// which nothing else runs, and one for anything else.
+    /// Threads of each worker. With 0 on this computer, step 0 and beats of a 3D ventricle with
+    /// 8,000 nodes or more use all cores and run alone; all other tasks use one thread.
     #[schemars(range(min = 0, max = 1024))]
     pub threads: u32,
-    /// Launcher of MPI with its arguments, `["mpirun"]` or `["srun", "--mpi=pmix"]` for one: a 3D simulation with several threads then
-    /// runs on as many ranks of `cardiotwin-worker-mpi` instead, `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`; in a job of a
-    /// cluster, within the node that the driver has.
+    /// MPI launcher with its arguments, for example `["mpirun"]` or `["srun", "--mpi=pmix"]`. A 3D
+    /// simulation with several threads then runs on as many ranks of `cardiotwin-worker-mpi`
+    /// instead: `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`. In a job of a cluster, the ranks
+    /// run on the node of the driver.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
-    /// Instructions of the cell engine; recorded in every outcome.
+    /// Instructions of the cell engine, which every outcome records.
     pub instruction_set: InstructionSet,
-    /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
+    /// Number of automatic repeats of a task that failed because of the site (process killed, disk
+    /// full).
     #[schemars(range(min = 0, max = 100))]
     pub site_retries: u32,
-    /// Simulated time between frames of a series of VTU files that each beat of the finite-element ventricle leaves; 0: none.
+    /// Simulated time between frames of the series of VTU files that each beat of the
+    /// finite-element ventricle writes; 0 for no series.
     #[serde(skip_serializing_if = "crate::task::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub vtu_every_ms: f64,
-    /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
+    /// Time without progress after which a running worker is considered hung and killed; 0 for no
+    /// limit.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e7))]
     pub hang_timeout_s: f64,
-    /// Mask of permissions that new files of a run do not get, octal: `0077` keeps them to their owner. Absent: what the shell
-    /// says, and nothing for others.
+    /// Permission mask of new files of a run, octal. `0077` restricts them to their owner. If
+    /// absent, the mask of the shell applies and others get no access.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub umask: Option<String>,
-    /// Group of the run's folder and of all that is made in it; absent: as the file system has it.
+    /// Group of the run's folder and of all files in it. If absent, the file system determines the
+    /// group.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
-    /// Where attempts lie, absolute: a folder on a file system for working files; the run's folder has a link to it. Absent: in the
-    /// run's folder, beside the database.
+    /// Absolute path of the folder for attempts, on a file system for working files. The run's
+    /// folder contains a link to it. If absent, attempts lie in the run's folder beside the
+    /// database.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scratch: Option<PathBuf>,
-    /// Where `archive` puts its copies, absolute, if it is not told; absent: it has to be told.
+    /// Absolute path of the folder in which `archive` puts copies. If absent, the command line must
+    /// name a folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub archive: Option<PathBuf>,
-    /// Who is told when a run is done, stalls, fails or runs out of room.
+    /// Notices about a run that is done, stalls, fails or runs out of space.
     #[serde(skip_serializing_if = "NoticeSettings::is_default")]
     pub notices: NoticeSettings,
-    /// Jobs of a cluster, for `kind = "slurm"`.
+    /// Settings of the cluster's jobs, for `kind = "slurm"`.
     #[serde(skip_serializing_if = "SlurmSettings::is_default")]
     pub slurm: SlurmSettings,
 }
 
-/// How a cohort becomes jobs of a cluster.
+/// Settings of the jobs in which a cohort runs on a cluster.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlurmSettings {
-    /// Site profile: `archer2`, `generic`, or the path of a file like those of deploy/sites.
+    /// Site profile: `archer2`, `generic`, `laptop`, or the path of a file like those in
+    /// deploy/sites.
     pub site: String,
-    /// Account that is charged; needed where the site demands one.
+    /// Account that is charged. Some sites require one.
     pub account: Option<String>,
-    /// Queue of the profile; the first that serves the work where absent.
+    /// Queue of the profile; by default the first one that suits the work.
     pub queue: Option<String>,
-    /// Longest walltime of a job, `HH:MM:SS`; the queue's where absent.
+    /// Longest walltime of a job, `HH:MM:SS`; by default that of the queue.
     pub walltime: Option<String>,
-    /// How long before the end of its walltime a job is warned, so that it can leave a checkpoint.
+    /// Time before the end of the walltime at which a job is warned, so that it can write a
+    /// checkpoint.
     pub warning_s: u64,
-    /// Memory of each worker, where the queue gives single cores.
+    /// Memory of each worker, if the queue allocates single cores.
     #[serde(rename = "memory_MiB")]
     pub memory_mib: u64,
-    /// How long one simulated beat takes, until some were measured; 0: a guess from fidelity and mesh.
+    /// Expected time of a simulated beat until some have been measured; 0 for an estimate from
+    /// fidelity and mesh.
     pub simulation_s: f64,
-    /// Nodes of a job at most, where the queue gives whole nodes; 0: the queue's limit.
+    /// Largest number of nodes of a job, if the queue allocates whole nodes; 0 for the limit of the
+    /// queue.
     pub bundle_nodes: u32,
-    /// A job is meant to last so long at least, where there is work enough: patients are put together up to it.
+    /// Shortest intended duration of a job, if there is enough work. Patients are combined in a job
+    /// up to this duration.
     pub job_s: u64,
-    /// How long a job may be nowhere to be found before it is given up, s.
+    /// Time after which a job that cannot be found is given up, s.
     pub grace_s: u64,
-    /// Free repeats of a patient after failed nodes, preemptions and used walltimes that brought progress.
+    /// Number of repeats of a patient that are not charged to it, after failed nodes, preemptions
+    /// and walltimes in which it made progress.
     pub free_repeats: u32,
 }
 

@@ -7,81 +7,81 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
 
-/// One screen of a run.
+/// Status of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Status {
     /// Format version.
     pub schema_version: u32,
-    /// Cohort name.
+    /// Name of the cohort.
     pub cohort: String,
-    /// UTC, RFC 3339: when the store was read.
+    /// Time at which the store was read, UTC, RFC 3339.
     pub as_of: String,
-    /// Whether a coordinator holds the run now.
+    /// Whether a coordinator holds the run at present.
     pub coordinator_running: bool,
-    /// Patients by state.
+    /// Number of patients by state.
     pub counts: BTreeMap<String, u64>,
-    /// Per patient, failures first.
+    /// Status of each patient, failed patients first.
     pub patients: Vec<PatientStatus>,
-    /// Jobs of the cluster, where the run has any.
+    /// Jobs on the cluster, if the run has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cluster: Option<ClusterStatus>,
 }
 
-/// What is known of a run's jobs on a cluster.
+/// Status of a run's jobs on a cluster.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ClusterStatus {
-    /// The site.
+    /// Name of the site.
     pub site: String,
-    /// UTC, RFC 3339: when the scheduler answered last; empty where it never did.
+    /// Time of the scheduler's last answer, UTC, RFC 3339; empty if there was none.
     pub as_of: String,
-    /// How old that is, s.
+    /// Age of this answer, s.
     pub age_s: f64,
-    /// Why the last question had no answer.
+    /// Reason why the last query had no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_answer: Option<String>,
-    /// Why nothing is submitted at present.
+    /// Reason why nothing is submitted at present.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holds: Option<String>,
-    /// Node-hours of this run's jobs so far.
+    /// Node-hours used by the jobs of this run so far.
     pub node_hours: f64,
-    /// Node-hours that are expected to be needed still.
+    /// Node-hours that are still expected to be needed.
     pub node_hours_left: f64,
-    /// What they are charged so far.
+    /// Charge so far.
     pub charge: f64,
-    /// In what.
+    /// Unit of the charge.
     pub charge_unit: String,
-    /// When the last job is expected to end, UTC, if everything ran at once that the limits allow.
+    /// Expected end of the last job, UTC, if as many jobs run at once as the limits allow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_end: Option<String>,
-    /// Jobs, elements of arrays each, that are not over.
+    /// Jobs, or elements of arrays, that have not ended.
     pub jobs: Vec<JobStatus>,
 }
 
-/// A job, or an element of an array.
+/// A job or an element of an array.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobStatus {
-    /// The scheduler's number; empty while it is not known.
+    /// Number given by the scheduler; empty while it is not known.
     pub id: String,
-    /// Unique name, also its folder's below `slurm`.
+    /// Unique name, which is also the name of the job's folder below `slurm`.
     pub name: String,
-    /// `submitting`, `doubtful`, `waiting`, `running`, `unknown`, `stopping`.
+    /// State: `submitting`, `doubtful`, `waiting`, `running`, `unknown`, `stopping`.
     pub state: String,
-    /// In words: what it waits for.
+    /// Reason for which the job waits, in words.
     pub why: String,
-    /// Patients.
+    /// Pseudonyms of the patients in the job.
     pub patients: Vec<String>,
 }
 
-/// One row of the table.
+/// Status of a patient: one row of the table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PatientStatus {
-    /// Pseudonym.
+    /// Pseudonym of the patient.
     pub patient: String,
-    /// `step-0`, `step-1`, `targets`, `step-2`, `verification`, `done`.
+    /// Step: `step-0`, `step-1`, `targets`, `step-2`, `verification`, `done`.
     pub step: String,
-    /// `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
+    /// State: `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
     pub state: String,
-    /// Iterations of step 1 so far, and their limit.
+    /// Number of iterations of step 1 so far, and its limit.
     pub iteration: Option<(u32, u32)>,
     /// Best cost of step 1 so far.
     pub step1_cost: Option<f64>,
@@ -91,8 +91,8 @@ pub struct PatientStatus {
     pub step2_cost: Option<f64>,
     /// Seconds in the present state.
     pub for_s: f64,
-    /// Class of the failure, where failed.
+    /// Class of the failure, if the patient failed.
     pub failure_class: Option<FailureClass>,
-    /// For a person.
+    /// Text for people.
     pub note: String,
 }

@@ -13,24 +13,25 @@ use crate::outcome::PassiveStateResult;
 use crate::samples::{MeasuredTraces, TraceDeviations};
 use crate::task::MovedParameter;
 
-/// Step 3: parameters of the cell model and of the valves are moved until the organ with that cell meets the measured
-/// biomarkers.
+/// Step 3: adjusts parameters of the cell model and of the valves until the organ with that cell
+/// agrees with the measured biomarkers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step3Settings {
-    /// Largest number of simulations, besides the verification beat.
+    /// Largest number of simulations in addition to the verification beat.
     #[schemars(range(min = 0, max = 100))]
     pub max_iterations: u32,
-    /// What may move: names of the cell's parameters and of the valves' (`R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`).
-    /// Each needs bounds.
+    /// Names of the parameters that may vary: those of the cell and of the valves
+    /// (`R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`). Each needs bounds.
     pub parameters: Vec<String>,
-    /// Bounds, lower and upper. The prior's standard deviation is three quarters of the interval of the
-    /// logarithms, its centre the model's default.
+    /// Bounds: lower, upper. The prior of the logarithm is centred at the model's default; its
+    /// standard deviation is three quarters of the interval between the logarithms of the bounds.
     pub bounds: BTreeMap<String, [f64; 2]>,
-    /// Standard deviation of each measured biomarker, percent of its value. One that is absent does not count.
+    /// Standard deviation of each measured biomarker, percent of its value. A biomarker without an
+    /// entry does not count.
     #[schemars(extend("additionalProperties" = { "type": "number", "exclusiveMinimum": 0.0, "maximum": 1e3 }))]
     pub uncertainty_percent: BTreeMap<String, f64>,
-    /// How far traces may be from the measured ones.
+    /// Standard deviations of the difference between simulated and measured traces.
     pub trace_deviations: TraceDeviations,
 }
 

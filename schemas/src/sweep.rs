@@ -11,21 +11,21 @@ use crate::ids::PatientId;
 use crate::robustness::RobustnessSpec;
 use crate::task::OrganBeatSpec;
 
-/// `sweep.json` in the folder of a sweep, beside the run's database.
+/// `sweep.json` in the folder of a sweep, beside the database of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepFile {
     /// Format version.
     pub schema_version: u32,
-    /// Version of the program that made the folder.
+    /// Version of the program that created the folder.
     pub version: String,
-    /// UTC, RFC 3339: when it was made.
+    /// Time at which the folder was created, UTC, RFC 3339.
     pub created: String,
-    /// What is swept, and how.
+    /// Kind and settings of the sweep.
     pub sweep: SweepSpec,
 }
 
-/// What is swept, and how.
+/// Kind and settings of a sweep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum SweepSpec {
@@ -50,13 +50,13 @@ impl SweepSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GsaSpec {
-    /// The design, box and cell: what the samples follow from.
+    /// Design, box and cell, which determine the samples.
     pub design: CellDesign,
-    /// Base points N; each gives a block of 2D + 2 samples.
+    /// Number N of base points. Each gives a block of 2D + 2 samples.
     pub n_blocks: u32,
-    /// Blocks of a chunk: what one task computes. Changes no result.
+    /// Number of blocks that one task computes. It does not affect the results.
     pub chunk_blocks: u32,
-    /// What the indices follow from beside the samples.
+    /// Settings that determine the indices, given the samples.
     pub analysis: GsaAnalysis,
 }
 
@@ -64,21 +64,21 @@ pub struct GsaSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellDesign {
-    /// Parameters in the design's order, which is that of its columns.
+    /// Parameters in the order of the design's columns.
     pub parameters: Vec<SweptParameter>,
-    /// First points of the Sobol sequence to leave out.
+    /// Number of points at the beginning of the Sobol sequence that are skipped.
     pub skip_points: u64,
-    /// Seed of a scrambled sequence; a plain one if none.
+    /// Seed of a scrambled sequence; absent for the unscrambled sequence.
     pub scramble_seed: Option<u64>,
     /// Cycle length.
     pub cycle_length_ms: f64,
-    /// Initial stretch.
+    /// Stretch at the beginning of the beat.
     pub lambda_0: f64,
-    /// Parameters outside of the design that differ from the cell's defaults.
+    /// Parameters outside of the design with values other than the cell's defaults.
     pub fixed: BTreeMap<String, f64>,
-    /// Tolerance of the cell engine; an organ's beat does not use it.
+    /// Tolerance of the cell engine. The beat of an organ does not use it.
     pub tolerance: f64,
-    /// The ventricle whose biomarkers are swept; absent: those of the cell.
+    /// Ventricle with the biomarkers that are analysed; absent if those of the cell are analysed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub organ: Option<Box<SweptOrgan>>,
 }
@@ -87,9 +87,10 @@ pub struct CellDesign {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweptOrgan {
-    /// Whose.
+    /// Patient to whom the ventricle belongs.
     pub patient: PatientId,
-    /// The beat that the samples differ from; of a finite-element ventricle the figures are used.
+    /// Beat in which the samples replace parameters. Only the figures of a finite-element ventricle
+    /// are used.
     pub beat: OrganBeatSpec,
 }
 
@@ -129,11 +130,11 @@ pub const SAMPLES_HEADING: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per
 /// whether a valve did not open and close.
 pub const ORGAN_SAMPLES_HEADING: &str = "block,row,status,P_max_mmHg,dPdt_max_mmHg_per_ms,dPdt_min_mmHg_per_ms,PTD90_ms,tau_VD_ms,tau_VR_ms,SV_mL,shut";
 
-/// A parameter and the interval that it is drawn from, in the unit that its name says.
+/// A parameter and the interval from which it is drawn, in the unit of its name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweptParameter {
-    /// One of the cell's names, or of the valves' of an organ.
+    /// Name of a parameter of the cell or, in an organ, of the valves.
     pub name: String,
     /// Smallest value.
     pub lower: f64,
@@ -141,17 +142,18 @@ pub struct SweptParameter {
     pub upper: f64,
 }
 
-/// How indices are made of the samples: may be changed without computing any sample again.
+/// Settings by which indices are computed from the samples. They can be changed without computing
+/// samples again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GsaAnalysis {
-    /// Bootstrap resamples; fewer than two give no intervals.
+    /// Number of bootstrap resamples; with fewer than two there are no intervals.
     pub resamples: u32,
-    /// Probability that an interval covers.
+    /// Coverage probability of the intervals.
     pub confidence: f64,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Which samples are not physiological.
+    /// Rule by which samples count as not physiological.
     pub exclusion: ExclusionRule,
 }
 
@@ -166,16 +168,17 @@ impl Default for GsaAnalysis {
     }
 }
 
-/// When a sample is not physiological (section 2.4: step 2's constraints on the active stress, with some resting stress
-/// allowed). The smallest stresses and slopes are what integration leaves of zero.
+/// Rule by which a sample counts as not physiological (section 2.4: constraints of step 2 on the
+/// active stress, with some resting stress allowed). The default limits of slope and negative
+/// stress allow for errors of the integration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExclusionRule {
-    /// Largest stress at the beat's start, as a share of the largest stress.
+    /// Largest stress at the beginning of the beat, as a share of the peak stress.
     pub resting_share: f64,
-    /// Fastest rise of the stress after its maximum.
+    /// Largest rate at which the stress may rise after its peak.
     pub rise_after_peak_kpa_per_ms: f64,
-    /// Most negative stress, as a positive number.
+    /// Largest magnitude of a negative stress.
     pub negative_stress_kpa: f64,
 }
 

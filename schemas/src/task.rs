@@ -20,7 +20,8 @@ use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
 
-/// A file that a task reads. The path is where it lies now; only name and content enter the key.
+/// A file that a task reads. The path is its present location; only name and content enter the
+/// task's key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputFile {
@@ -32,7 +33,7 @@ pub struct InputFile {
     pub sha256: String,
 }
 
-/// One kind of work with everything that it depends on.
+/// Work of one task with all of its inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum TaskSpec {
@@ -40,21 +41,21 @@ pub enum TaskSpec {
     PassiveState(Box<PassiveStateSpec>),
     /// One simulation of the organ: an iteration of step 1, or the verification beat.
     OrganBeat(Box<OrganBeatSpec>),
-    /// What to simulate next in step 1, by space mapping.
+    /// Choice of the next parameters in step 1, by space mapping.
     Step1Proposal(Box<Step1ProposalSpec>),
-    /// What to simulate next in step 3, by space mapping.
+    /// Choice of the next parameters in step 3, by space mapping.
     Step3Proposal(Box<Step3ProposalSpec>),
-    /// How sure the twin is.
+    /// Posterior of the twin's parameters.
     Posterior(Box<PosteriorSpec>),
-    /// Median nodal traces and step 2's targets.
+    /// Median nodal traces and the targets of step 2.
     Targets(TargetsSpec),
-    /// Step 2: differential evolution at the cell.
+    /// Step 2: fit of the cell.
     CellFit(Box<CellFitSpec>),
-    /// A chunk of a sensitivity sweep: complete Saltelli blocks of 0D cells.
+    /// A part of a sensitivity sweep: complete Saltelli blocks of 0D cells.
     CellSweep(Box<CellSweepSpec>),
-    /// What the reduced ventricle lacks in a patient's traces.
+    /// Search for effects that the reduced ventricle lacks in a patient's traces.
     Discover(Box<DiscoverSpec>),
-    /// Nothing: measures orchestration.
+    /// No work, to measure the orchestration.
     Noop(NoopSpec),
 }
 
@@ -139,22 +140,23 @@ fn strip_paths(value: &mut serde_json::Value) {
     }
 }
 
-/// Step 0 (SPEC section 3, "passive state", and section 4).
+/// Input of step 0 (SPEC section 3, "passive state", and section 4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassiveStateSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
-    /// Measured pressure trace.
+    /// File with the measured pressure trace.
     pub pressure: Option<InputFile>,
-    /// Measured volume trace.
+    /// File with the measured volume trace.
     pub volume: Option<InputFile>,
-    /// Measured biomarkers given directly; they fill what traces do not give, and win over them.
+    /// Measured biomarkers that are given directly. They complement the biomarkers from traces and
+    /// take precedence over them.
     pub biomarkers: Biomarkers,
     /// Measured end-diastolic pressure.
     #[serde(rename = "end_diastolic_pressure_mmHg")]
     pub end_diastolic_pressure_mmhg: Option<f64>,
-    /// Measured end-diastolic volume where there is no volume trace.
+    /// Measured end-diastolic volume, if there is no volume trace.
     #[serde(rename = "end_diastolic_volume_mL")]
     pub end_diastolic_volume_ml: Option<f64>,
     /// Time of the whole-heart image.
@@ -162,43 +164,46 @@ pub struct PassiveStateSpec {
     /// Volume of the whole-heart image.
     #[serde(rename = "diastasis_volume_mL")]
     pub diastasis_volume_ml: Option<f64>,
-    /// Cuff or aortic pressure, systolic.
+    /// Systolic pressure by cuff or in the aorta.
     #[serde(rename = "aortic_systolic_mmHg")]
     pub aortic_systolic_mmhg: Option<f64>,
-    /// Cuff or aortic pressure, diastolic.
+    /// Diastolic pressure by cuff or in the aorta.
     #[serde(rename = "aortic_diastolic_mmHg")]
     pub aortic_diastolic_mmhg: Option<f64>,
-    /// Wall volume; estimated and flagged when absent.
+    /// Volume of the left ventricular wall; estimated and marked as such if absent.
     #[serde(rename = "wall_volume_mL")]
     pub wall_volume_ml: Option<f64>,
-    /// Passive exponent, where known.
+    /// Exponent of the passive law, if known.
     pub passive_exponent: Option<f64>,
-    /// Windkessel, where determined beforehand.
+    /// Windkessel parameters, if they were determined beforehand.
     pub afterload: Option<WindkesselParameters>,
-    /// Filling pressure, where known.
+    /// Filling pressure, if known.
     #[serde(rename = "left_atrial_pressure_mmHg")]
     pub left_atrial_pressure_mmhg: Option<f64>,
-    /// Where the beat starts.
+    /// State at which the beat starts.
     pub start: StartMode,
     /// Activation of the reduced ventricle.
     pub activation: ActivationSettings,
-    /// Factors by which measured biomarkers are multiplied once everything else is derived from the data as measured: a
-    /// sample of uncertain data (Jung et al. 2022, section 2.5). Keys: [`crate::biomarkers::Biomarker::OF_COST`].
+    /// Factors on the measured biomarkers for a sample of uncertain data (Jung et al. 2022, section
+    /// 2.5). They are applied after everything else has been derived from the data as measured.
+    /// Keys are those of the biomarkers in the cost.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
-    /// Passive law that was accepted for the patient, in place of the one through the measured points.
+    /// Passive law that was accepted for the patient and replaces the law through the measured
+    /// points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passive_law: Option<OneFibrePassive>,
-    /// Artefacts that the traces are corrected for before anything is taken from them.
+    /// Artefacts for which the traces are corrected before they are used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
-    /// The finite-element ventricle to be made; absent: the reduced one.
+    /// Input for the finite-element ventricle; absent for the reduced one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<AnatomySpec>,
-    /// The patient's own mesh; absent: one is generated. Finite-element ventricle only.
+    /// Patient's own mesh, for the finite-element ventricle. If absent, a mesh is generated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_mesh: Option<OwnMesh>,
-    /// Guccione's C where the patient file gives it: then it is not fitted. Finite-element ventricle only.
+    /// Guccione's C from the patient file, for the finite-element ventricle. It is not fitted if
+    /// given.
     #[serde(
         rename = "guccione_C_kPa",
         default,
@@ -207,7 +212,7 @@ pub struct PassiveStateSpec {
     pub guccione_c_kpa: Option<f64>,
 }
 
-/// One simulation of the organ.
+/// Input of one simulation of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OrganBeatSpec {
@@ -215,30 +220,30 @@ pub struct OrganBeatSpec {
     pub cycle_length_ms: f64,
     /// Largest time step.
     pub time_step_ms: f64,
-    /// Shortest time step: below it the simulation has diverged.
+    /// Shortest time step. If such a step fails, the simulation has diverged.
     pub shortest_step_ms: f64,
-    /// Newton iterations after which a step fails.
+    /// Number of Newton iterations after which a step fails.
     pub newton_iterations: u32,
-    /// Which organ, with its passive state.
+    /// Organ with its passive state.
     pub organ: OrganSpec,
-    /// Loads.
+    /// Arterial load, filling pressure and effects.
     pub circulation: CirculationSpec,
-    /// Valves.
+    /// Resistances of the valves.
     pub valves: ValveParameters,
-    /// Active stress.
+    /// Model of the active stress.
     pub contraction: ContractionSpec,
-    /// The stretch that its cells know.
+    /// Definition of the stretch in the cells.
     #[serde(default)]
     pub cell_stretch: CellStretch,
-    /// How many beats.
+    /// Number of beats.
     pub beats: BeatCount,
-    /// For `end_of_beat_gap`.
+    /// Measured end-diastolic volume, for the biomarker `end_of_beat_gap`.
     #[serde(rename = "measured_end_diastolic_volume_mL")]
     pub measured_end_diastolic_volume_ml: Option<f64>,
-    /// Windows over which traces are read, as the measured ones are.
+    /// Windows over which biomarkers of the traces are read, as for the measured traces.
     #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
     pub noise_windows: NoiseWindows,
-    /// How the equations of the finite-element ventricle are solved.
+    /// Settings by which the equations of the finite-element ventricle are solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<EquationSettings>,
 }
@@ -266,14 +271,16 @@ impl OrganBeatSpec {
     }
 }
 
-/// What to simulate next in step 1: the optimum of the one-fibre ventricle, corrected to the simulations so far.
+/// Input of a proposal in step 1: search for the optimum of the one-fibre ventricle, corrected to
+/// the simulations so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step1ProposalSpec {
-    /// The beat whose parameters are sought; its own are the initial guess. Of a finite-element ventricle the figures are
-    /// used: those of a one-fibre ventricle of the same volumes, pressure and activation.
+    /// Beat for which parameters are sought. Its own parameters are the initial guess. For a
+    /// finite-element ventricle, a one-fibre ventricle of the same volumes, pressure and activation
+    /// is used.
     pub beat: OrganBeatSpec,
-    /// What is to be reached.
+    /// Measured biomarkers to reach.
     pub measured: Biomarkers,
     /// Simulations so far, oldest first.
     pub runs: Vec<Step1Run>,
@@ -281,24 +288,24 @@ pub struct Step1ProposalSpec {
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Parameters that stay at their initial value.
     pub frozen: Vec<String>,
-    /// Weights of the squared relative differences that are to be lowered, where they are not those of the cost: 1, and 0
-    /// for `SV_mL`.
+    /// Weights of the squared relative differences in the misfit, if they differ from those of the
+    /// cost, which are 0 for `SV_mL` and 1 for the others.
     pub weights: BTreeMap<String, f64>,
-    /// Seed of the points from which the optimum is sought.
+    /// Seed of the points at which the searches start.
     pub seed: u64,
 }
 
-/// A simulation, as a proposal sees it.
+/// A simulation as input of a proposal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProposalRun<P> {
-    /// What was simulated.
+    /// Parameters of the simulation.
     pub parameters: P,
-    /// What came out; absent where the simulation failed.
+    /// Simulated biomarkers; absent if the simulation failed.
     pub biomarkers: Option<Biomarkers>,
     /// Whether both valves opened and closed.
     pub whole_beat: bool,
-    /// The misfit that the proposal which led to it promised.
+    /// Misfit predicted by the proposal from which the simulation came.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_misfit: Option<f64>,
 }
@@ -310,45 +317,46 @@ pub type Step1Run = ProposalRun<Step1Parameters>;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step3Run {
-    /// Parameters and biomarkers.
+    /// Parameters and biomarkers of the simulation.
     pub run: ProposalRun<BTreeMap<String, f64>>,
-    /// Pressure and volume; none where the simulation failed.
+    /// Samples of pressure and volume; absent if the simulation failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<BeatSamples>,
 }
 
-/// What to simulate next in step 3: the cell whose organ meets the measured biomarkers, by the one-fibre ventricle
-/// with that cell, corrected to the beats so far.
+/// Input of a proposal in step 3: search for the cell with which the organ agrees with the measured
+/// biomarkers, in the one-fibre ventricle with that cell, corrected to the beats so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step3ProposalSpec {
-    /// The beat with step 2's cell; of a finite-element ventricle the figures are used.
+    /// Beat with the cell of step 2. Only the figures of a finite-element ventricle are used.
     pub beat: OrganBeatSpec,
-    /// What is to be reached.
+    /// Measured biomarkers to reach.
     pub measured: Biomarkers,
-    /// Beats so far, the verification beat first.
+    /// Beats so far; the verification beat comes first.
     pub runs: Vec<Step3Run>,
-    /// What may move, by name.
+    /// Parameters that may vary, by name.
     pub parameters: BTreeMap<String, MovedParameter>,
-    /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.
+    /// Standard deviation of each measured biomarker, percent of its value. A biomarker without an
+    /// entry does not count.
     pub uncertainty_percent: BTreeMap<String, f64>,
-    /// Step 1's best beat: what the organ makes of a beat near the measurements.
+    /// Best beat of step 1, which shows the response of the organ near the measurements.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step1: Option<Step1Beat>,
-    /// Measured traces; none where none counts.
+    /// Measured traces; absent if no trace counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traces: Option<MeasuredTraces>,
-    /// Seed of the points from which the optimum is sought.
+    /// Seed of the points at which the searches start.
     pub seed: u64,
 }
 
-/// A beat of step 1, as step 3 sees it.
+/// A beat of step 1 as input of step 3.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step1Beat {
-    /// What was simulated.
+    /// Parameters of the beat.
     pub parameters: Step1Parameters,
-    /// What came out.
+    /// Simulated biomarkers.
     pub biomarkers: Biomarkers,
 }
 
@@ -361,30 +369,30 @@ pub struct CellInOrgan {
     pub step1: Option<Step1Beat>,
 }
 
-/// A parameter of step 3: the logarithm of its magnitude is sought within bounds, and has a normal distribution before
-/// any measurement.
+/// A parameter of step 3. The logarithm of its magnitude varies within bounds and has a normal
+/// prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MovedParameter {
-    /// Smallest value, in the unit that the name says.
+    /// Smallest value, in the unit of the name.
     pub lower: f64,
     /// Largest value.
     pub upper: f64,
-    /// Value in the middle of the prior.
+    /// Value at the centre of the prior.
     pub centre: f64,
-    /// Standard deviation of the logarithm.
+    /// Standard deviation of the logarithm in the prior.
     pub log_sd: f64,
 }
 
-/// Median nodal traces and step 2's targets from an organ simulation's nodal traces.
+/// Input for the median nodal traces and the targets of step 2.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TargetsSpec {
-    /// `nodal.csv` of the simulation.
+    /// File `nodal.csv` of the simulation.
     pub nodal: InputFile,
 }
 
-/// Step 2 (SPEC section 6).
+/// Input of step 2 (SPEC section 6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellFitSpec {
@@ -392,60 +400,64 @@ pub struct CellFitSpec {
     pub cycle_length_ms: f64,
     /// First value of the median stretch trace.
     pub lambda_0: f64,
-    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there.
+    /// Largest stretch of any node at any time. Ca50 is kept above the resting calcium up to this
+    /// stretch.
     pub lambda_max: f64,
-    /// What is to be reached.
+    /// Biomarkers to reach.
     pub targets: CellBiomarkers,
-    /// Method, parameters, bounds, weights, frozen values.
+    /// Method, parameters, bounds, weights and frozen values.
     pub settings: CellFitSettings,
-    /// Seed of every random number of this fit.
+    /// Seed of all random numbers of this fit.
     pub seed: u64,
-    /// Parameters that are not fitted and differ from the defaults.
+    /// Parameters that are not fitted and have values other than the defaults.
     pub fixed: BTreeMap<String, f64>,
-    /// Calcium from activation on, columns `time_ms` and `Ca_uM`, where it is a fixed input.
+    /// File with calcium from activation on, columns `time_ms` and `Ca_uM`, if calcium is a fixed
+    /// input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
 }
 
-/// Some blocks of a Saltelli design. The design's own length is no part of it: a longer one has the same first blocks.
+/// Some blocks of a Saltelli design. The number of blocks in the design is not included, because a
+/// longer design has the same first blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellSweepSpec {
-    /// The design.
+    /// Design of the sweep.
     pub design: CellDesign,
-    /// First block, from 0.
+    /// Index of the first block, from 0.
     pub first_block: u32,
     /// Number of blocks, of 2D + 2 samples each.
     pub n_blocks: u32,
 }
 
-/// Nothing to do.
+/// A task without work.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NoopSpec {
-    /// Makes tasks distinct.
+    /// Label that makes the task distinct.
     pub label: String,
-    /// How long it pretends to work.
+    /// Time for which the task sleeps.
     pub sleep_ms: u64,
 }
 
-/// `spec.json` of an attempt: the task, and which try this is.
+/// `spec.json` of an attempt: the task and the number of the attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AttemptSpec {
     /// Format version.
     pub schema_version: u32,
-    /// Which try of which task.
+    /// Task and number of the attempt.
     pub attempt: AttemptId,
-    /// Threads that the worker may use.
+    /// Number of threads that the worker may use.
     pub threads: u32,
     /// Instructions of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
-    /// Simulated time between frames of a series of VTU files of a finite-element beat; 0 for none.
+    /// Simulated time between frames of the series of VTU files of a finite-element beat; 0 for no
+    /// series.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub vtu_every_ms: f64,
-    /// The task.
+    /// Work to be done.
     pub task: TaskSpec,
 }
 

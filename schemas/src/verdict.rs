@@ -8,27 +8,28 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
 
-/// Largest relative differences of a personalised twin, percent of the measured value.
+/// Largest relative differences at which a twin counts as personalised, percent of the measured
+/// value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TwinTolerances {
-    /// Peak pressure.
+    /// Tolerance of the peak pressure.
     #[serde(rename = "P_max")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub p_max: f64,
-    /// Largest pressure rate.
+    /// Tolerance of the largest pressure rate.
     #[serde(rename = "dPdt_max")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub dpdt_max: f64,
-    /// Smallest pressure rate.
+    /// Tolerance of the smallest pressure rate.
     #[serde(rename = "dPdt_min")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub dpdt_min: f64,
-    /// Pressure transient duration.
+    /// Tolerance of the pressure transient duration.
     #[serde(rename = "PTD90")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub ptd90: f64,
-    /// Stroke volume.
+    /// Tolerance of the stroke volume.
     #[serde(rename = "SV")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub sv: f64,
@@ -60,13 +61,14 @@ impl TwinTolerances {
     }
 }
 
-/// What the verification beat says of a twin.
+/// Agreement of a twin's beat with the measured biomarkers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Verdict {
     /// Whether every measured biomarker is within its tolerance.
     pub personalised: bool,
-    /// (simulated − measured) / measured, percent, of those that are not, by the tolerances' names.
+    /// Relative differences (simulated − measured) / measured, percent, of the biomarkers that are
+    /// out of tolerance, by the tolerances' names.
     pub off_percent: BTreeMap<String, f64>,
 }
 

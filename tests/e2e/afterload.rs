@@ -178,7 +178,7 @@ fn a_bad_record_is_refused_with_file_line_and_column() {
     let still: String = (0..100).map(|i| format!("{},5\n", 5 * i)).collect();
     refused(
         &format!("time_ms,flow_mL_per_s\n{still}"),
-        &["nothing is ejected", "turn the sign"],
+        &["without an ejection", "change the sign"],
     );
     let later: String = (0..100)
         .map(|i| format!("{},{}\n", 9000 + 5 * i, i % 40))
@@ -196,7 +196,10 @@ fn a_bad_record_is_refused_with_file_line_and_column() {
     .unwrap();
     cardiotwin(folder.path(), &["fit", "afterload", "bad.csv", PRESSURE])
         .expect(3)
-        .complains_of(&["0 samples where flow was measured", "the same instant"]);
+        .complains_of(&[
+            "0 samples at times with a measured flow",
+            "the same instant",
+        ]);
     cardiotwin(
         folder.path(),
         &["fit", "afterload", FLOW, PRESSURE, "--confidence", "95"],

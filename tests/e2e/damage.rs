@@ -67,7 +67,7 @@ fn a_damaged_database_is_named_and_left_alone() {
     cohort
         .call(&["run"])
         .expect(5)
-        .complains_of(&["no database of cardiotwin"]);
+        .complains_of(&["not a database of cardiotwin"]);
 
     std::fs::write(database(&cohort), &whole).unwrap();
     cohort.call(&["run", "--no-report"]).expect(0);

@@ -303,7 +303,7 @@ fn what_cannot_be_searched_is_named() {
         .complains_of(&["--all", "--patient"]);
     call(&["discover", "patients/dev-008", "--all"])
         .expect(2)
-        .complains_of(&["for a cohort"]);
+        .complains_of(&["need a cohort"]);
     let said = call(&["discover", "patients/dev-008", "--effects", "kick"]).expect(1);
     assert!(
         said.err.contains("no effect kick") && said.err.contains("atrial_kick"),

@@ -72,7 +72,7 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     cohort.call(&["archive", "--to", "archive"]).expect(0);
     let again = cohort.call(&["archive", "--to", "archive"]);
     assert!(
-        again.code != 0 && again.err.contains("is there already"),
+        again.code != 0 && again.err.contains("already exists"),
         "{}",
         again.err
     );
@@ -129,7 +129,7 @@ fn a_purged_run_is_gone_on_with() {
         .expect(0);
     assert!(
         said.err
-            .contains("is gone, and targets reads it: it is made again"),
+            .contains("is gone, but targets needs it: it is recomputed"),
         "{}",
         said.err
     );
@@ -164,7 +164,7 @@ fn a_plan_tells_what_room_it_takes() {
     );
     let said = cohort.call(&["plan"]).expect(0).out;
     assert!(
-        said.contains("inodes to come (a guess by the bundled cohort)"),
+        said.contains("inodes to come (a guess from the bundled cohort)"),
         "{said}"
     );
 }
@@ -219,7 +219,7 @@ fn attempts_lie_on_scratch_and_copies_in_the_archive() {
     let said = cohort
         .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
         .expect(0);
-    assert!(said.err.contains("it is made again"), "{}", said.err);
+    assert!(said.err.contains("it is recomputed"), "{}", said.err);
     let name = copy.to_string_lossy().into_owned();
     let shown = cardiotwin(
         cohort.path(),

@@ -190,7 +190,7 @@ fn a_hook_that_fails_hangs_or_is_not_there_leaves_the_run_as_it_is() {
         cohort
             .call(&["run", "--no-report"])
             .expect(0)
-            .complains_of(&[word, "the run goes on"]);
+            .complains_of(&[word, "the run continues"]);
         cohort.call(&["run", "--no-report"]).expect(0);
     }
 }

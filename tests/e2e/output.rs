@@ -133,10 +133,10 @@ fn a_treatment_of_a_twin_is_predicted_or_refused() {
     cohort.call(&["run", "--no-report"]).expect(0);
     predict(&["01-CoA", "--set", "P_max_mmHg=100"])
         .expect(2)
-        .complains_of(&["comes out of a beat"]);
+        .complains_of(&["is a result of the beat"]);
     predict(&["01-CoA", "--set", "wall_volume_mL=-5%"])
         .expect(2)
-        .complains_of(&["how a heart grows"]);
+        .complains_of(&["does not describe growth"]);
     predict(&["01-CoA"]).expect(2).complains_of(&["--set"]);
 
     let said = predict(&["01-CoA", "--set", stent, "--out", "stent", "--json"]);

@@ -52,11 +52,7 @@ fn recordings_become_a_patient_that_check_accepts() {
     let folder = tempfile::tempdir().unwrap();
     let call = ["prepare", RAW, "cohort/patients/P001", "--json"];
     let said = cardiotwin(folder.path(), &call).expect(0);
-    assert!(
-        said.err.contains("nothing to complain about"),
-        "{}",
-        said.err
-    );
+    assert!(said.err.contains("no problems"), "{}", said.err);
     let answer: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!(
         misfits(&answer, &schema("prepare.schema.json")),
@@ -107,7 +103,7 @@ fn recordings_become_a_patient_that_check_accepts() {
     // Existing files are replaced only on request, and never if something else made them.
     cardiotwin(folder.path(), &call)
         .expect(2)
-        .complains_of(&["is there already", "--replace"]);
+        .complains_of(&["already exists", "--replace"]);
     cardiotwin(
         folder.path(),
         &["prepare", RAW, "cohort/patients/P001", "--replace"],
@@ -324,10 +320,10 @@ fn a_load_needs_no_measured_flow() {
         .complains_of(&["FLOW.csv and PRESSURE.csv"]);
     call(&["--volume", volume, "--cuff", "70/115"])
         .expect(2)
-        .complains_of(&["systolic lies above"]);
+        .complains_of(&["systolic pressure must exceed"]);
     call(&["--volume", volume, "--cuff", "71/70"])
         .expect(3)
-        .complains_of(&["no three elements have 71/70"]);
+        .complains_of(&["no three-element Windkessel with 71/70"]);
     call(&["--volume", aorta, "--cuff", "115/70"])
         .expect(3)
         .complains_of(&["volume_mL"]);

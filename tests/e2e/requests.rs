@@ -27,7 +27,7 @@ fn rerun_with_damping_continues_from_stored_iterations() {
     ];
     let said = cohort.call(&rerun).expect(0);
     assert!(
-        said.err.contains("`cardiotwin run` goes on"),
+        said.err.contains("continue with `cardiotwin run`"),
         "{}",
         said.err
     );

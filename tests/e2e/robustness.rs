@@ -130,7 +130,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
     cohort
         .call(&[&PAPER[..], &DATA[..2], &["--samples", "3"]].concat())
         .expect(2)
-        .complains_of(&["--samples 2 then, 3 now"]);
+        .complains_of(&["--samples was 2, now 3"]);
     let more = cohort
         .call(&[&PAPER[..], &["--seeds", "2"]].concat())
         .expect(0);

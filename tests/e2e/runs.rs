@@ -130,7 +130,7 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
     // The rerun's settings differ from the file's, and yet nothing is left to do.
     let said = cohort.call(&[&run[..], &["--dry-run"]].concat()).expect(0);
     assert!(
-        !said.out.contains("redo") && said.out.contains("stay as it is"),
+        !said.out.contains("redo") && said.out.contains("change nothing"),
         "{}",
         said.out
     );
@@ -144,7 +144,7 @@ fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
     cohort.edit("cohort.toml", "seed = 3", "seed = 7");
     let said = cohort.call(&["run", "--dry-run"]).expect(0);
     assert!(
-        said.out.contains("redo step-2 and what follows"),
+        said.out.contains("redo step-2 and all later steps"),
         "{}",
         said.out
     );

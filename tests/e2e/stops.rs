@@ -55,7 +55,7 @@ fn two_interrupts_stop_now_and_the_same_command_goes_on() {
     let said = said.expect(130);
     assert!(said.err.contains("Ctrl-C again stops now"), "{}", said.err);
     assert!(
-        said.err.contains("`cardiotwin run` goes on"),
+        said.err.contains("continue with `cardiotwin run`"),
         "{}",
         said.err
     );

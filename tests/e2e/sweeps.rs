@@ -377,7 +377,7 @@ fn after_kill_9_the_first_blocks_are_valid_and_no_finished_chunk_is_repeated() {
     running
         .end()
         .expect(130)
-        .complains_of(&["`cardiotwin sweep gsa --out gsa` goes on"]);
+        .complains_of(&["continue with `cardiotwin sweep gsa --out gsa`"]);
     let after = place.attempts("gsa");
     assert!(
         after.len() > before.len() && before.keys().all(|task| after[task] == before[task]),
@@ -418,7 +418,7 @@ fn a_cancelled_sweep_ends_and_the_same_command_takes_it_up() {
     place.wait_for_chunks("gsa", done + 1);
     running.signal(Signal::INT);
     let said = running.end().expect(130);
-    assert!(said.err.contains("are taken up again"), "{}", said.err);
+    assert!(said.err.contains("are resumed"), "{}", said.err);
 }
 
 #[test]

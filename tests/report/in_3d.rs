@@ -171,9 +171,9 @@ fn a_3d_patient_has_pictures_spread_cost_and_what_an_effect_changed() {
         "time: activation 50 ms",
         "step 1, iteration 1 660 3 2.00 25.0 100 ms 4.2 s",
         "Before and after: atrial kick",
-        "volume that the beat's end leaves open mL 10.0",
+        "volume gap at the beat's end mL 10.0",
         "misfit of the volume in late filling mL",
-        "No picture: this simulation was made by a version of the program that kept none.",
+        "No picture: this simulation was computed by a version of the program that stored none.",
         "No spread over the nodes",
         "Accepted: atrial kick. This run has not simulated this ventricle without",
     ] {
@@ -194,7 +194,7 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
     let page = html(&out);
     assert!(!page.contains("<svg class=\"heart\""));
     assert!(
-        words(&page).contains("heart.json is no surface of a heart: unknown field `part`"),
+        words(&page).contains("heart.json is not a surface of a heart: unknown field `part`"),
         "{}",
         words(&page)
     );

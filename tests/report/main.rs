@@ -97,9 +97,9 @@ fn the_report_says_what_happened() {
     let (_folder, out) = seven();
     let text = words(&html(&out));
     for expected in [
-        "7 patients: step 1 converged for 6, stalled for 1: 04-CoA (iteration 9 taken); step 2 is verified in the organ for 7, of whom 0 are personalised, with targets out of the cell's reach for 1.",
+        "7 patients: step 1 converged for 6, stalled for 1: 04-CoA (iteration 9 selected); step 2 is verified in the organ for 7, and 0 of these are personalised, with targets that the cell cannot reach for 1.",
         "stalled: best iteration 9",
-        "Step 1 stalled, since a simulation failed; iteration 9 of 10 was taken",
+        "Step 1 stalled, because a simulation failed; iteration 9 of 10 was selected",
         "step 1, iteration 10 failed: the beat diverged at t = 43 ms: volume below zero",
         "step 2, target not reachable: Sa_max 92.6 kPa",
         "estimated: afterload.compliance_mL_per_mmHg = 2.026, fitted to the flow",
@@ -163,14 +163,14 @@ fn patients_in_trouble_say_what_is_missing_and_why() {
     assert!(page.contains("troubled &lt;&amp;&gt; &quot;quoted&quot;"));
     let text = words(&page);
     for expected in [
-        "Pressure only: without a measured volume the valves stay at their first guess",
+        "Only pressure was measured: without a measured volume the valves stay at their first guess",
         "No simulation: no-passive-state failed before step 1 (the unloaded volume 131 mL is larger than the diastasis volume 124 mL)",
-        "What to do: check measured.diastasis in patient.toml",
+        "Remedy: check measured.diastasis in patient.toml",
         "No simulation of this patient succeeded: the beat diverged at t = 81 ms",
-        "Step 1 has not ended.",
+        "Step 1 has not finished.",
         "Step 2 has not run yet.",
-        "Step 2 did not run, since the patient failed before.",
-        "The verification beat left no traces.",
+        "Step 2 did not run because the patient failed earlier.",
+        "The verification beat wrote no traces.",
         "has no usable columns `evaluations` and `best_cost`",
         "not-begun ○ waiting",
     ] {

@@ -191,7 +191,7 @@ pub fn a_full_queue_is_waited_for(cluster: &Cluster) {
         .as_str()
         .unwrap_or_default()
         .to_owned();
-    assert!(holds.contains("the queue takes no more"), "{status:#}");
+    assert!(holds.contains("the queue is full"), "{status:#}");
     assert!(!note.is_empty(), "{status:#}");
     assert!(cohort.attempts_with("started.json").is_empty());
     cluster.slurm("scancel", &["--me"]);

@@ -31,7 +31,7 @@ pub enum AttemptError {
         source: io::Error,
     },
     /// The file is not a valid specification of an attempt.
-    #[error("{file}: not a specification of an attempt in format {SCHEMA_VERSION}")]
+    #[error("{file} is not a specification of an attempt in format {SCHEMA_VERSION}")]
     Spec {
         /// Path of the file.
         file: PathBuf,
@@ -40,7 +40,8 @@ pub enum AttemptError {
     },
     /// The specification was written in another format version.
     #[error(
-        "{file}: written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the same version as the coordinator"
+        "{file} is written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the \
+         same version as the coordinator"
     )]
     Version {
         /// Path of the file.
@@ -50,7 +51,7 @@ pub enum AttemptError {
     },
     /// Another process has claimed the attempt.
     #[error(
-        "{directory} was claimed before, by {holder}; a further try needs a directory of its own"
+        "{directory} has already been claimed by {holder}; another attempt needs its own directory"
     )]
     Claimed {
         /// The attempt's directory.
@@ -59,7 +60,7 @@ pub enum AttemptError {
         holder: String,
     },
     /// The coordinator revoked the attempt.
-    #[error("{directory}: the attempt was revoked, and nothing is published")]
+    #[error("the attempt in {directory} was revoked; nothing is published")]
     Revoked {
         /// The attempt's directory.
         directory: PathBuf,

@@ -60,10 +60,10 @@ pub enum TaskError {
         message: String,
     },
     /// A measured trace cannot be resampled to the common step.
-    #[error("measured trace cannot be resampled")]
+    #[error("cannot resample the measured trace")]
     Resample(#[from] ResampleError),
     /// No biomarkers can be computed from the traces.
-    #[error("no biomarkers")]
+    #[error("cannot determine the biomarkers")]
     Biomarkers(#[from] BiomarkerError),
     /// A quantity is missing without which no beat can be simulated.
     #[error("no {what} was measured")]
@@ -84,25 +84,25 @@ pub enum TaskError {
         why: &'static str,
     },
     /// The settings of step 1 are invalid.
-    #[error("settings of step 1")]
+    #[error("invalid settings of step 1")]
     Step1(#[from] FixedPointError),
     /// A load or filling pressure cannot be estimated.
-    #[error("a load that the patient file lacks cannot be estimated")]
+    #[error("cannot estimate a load that the patient file lacks")]
     Load(#[from] EstimateError),
     /// The measured points do not determine a passive law.
-    #[error("passive state")]
+    #[error("cannot determine the passive state")]
     PassiveState(#[source] VentricleError),
     /// The organ model rejects its parameters.
-    #[error("organ")]
+    #[error("cannot simulate the organ")]
     Organ(#[source] VentricleError),
     /// The contraction model rejects its parameters.
-    #[error("contraction model")]
+    #[error("the contraction model failed")]
     Contraction(#[source] ContractionError),
     /// The circulation model rejects its parameters.
-    #[error("circulation")]
+    #[error("the circulation failed")]
     Circulation(#[source] CirculationError),
     /// The 0D cell model rejects its parameters, or has no periodic beat.
-    #[error("0D cell")]
+    #[error("cannot compute the 0D cell")]
     Cell(#[from] CellError),
     /// A parameter is to be fitted but has no bounds.
     #[error("parameter `{name}` is to be fitted, but has no bounds")]
@@ -111,7 +111,7 @@ pub enum TaskError {
         name: String,
     },
     /// A weight is given for a name that is not a target.
-    #[error("there is no target `{name}` to weigh")]
+    #[error("weight of `{name}`, which is not a target")]
     UnknownWeight {
         /// The name.
         name: String,
@@ -125,19 +125,19 @@ pub enum TaskError {
         value: f64,
     },
     /// The design of a sweep is invalid.
-    #[error("design of the sweep")]
+    #[error("invalid design of the sweep")]
     Design(#[from] SobolError),
     /// The optimiser rejects its settings.
-    #[error("step 2's strategy")]
+    #[error("the search of step 2 failed")]
     Population(#[from] PopulationError),
     /// The profiles of the fitted parameters could not be computed.
-    #[error("identifiability")]
+    #[error("the analysis of identifiability failed")]
     Identifiability(#[from] IdentifiabilityError),
     /// The cell engine rejects its settings, or the processor lacks the requested instructions.
-    #[error("cell engine")]
+    #[error("the cell engine failed")]
     Engine(#[from] EngineError),
     /// The cell engine rejects the calcium samples.
-    #[error("calcium")]
+    #[error("invalid calcium samples")]
     CalciumSamples(#[from] InputProblem),
     /// The fitted cell has no periodic beat.
     #[error("the fitted cell has no periodic beat ({status})")]
@@ -155,23 +155,23 @@ pub enum TaskError {
     #[error("cannot start threads")]
     Threads(#[source] rayon::ThreadPoolBuildError),
     /// An accepted effect cannot be simulated.
-    #[error("effects of the patient's model")]
+    #[error("cannot apply the effects of the patient's model")]
     Effect(#[source] EffectError),
     /// The finite-element ventricle failed.
     #[error(transparent)]
     FiniteElement(#[from] FiniteElementError),
     /// A simulated trace is invalid. States are checked to be finite beforehand, so this points to
     /// a bug.
-    #[error("simulated trace")]
+    #[error("invalid simulated trace")]
     SimulatedTrace(#[source] TraceError),
     /// The medians of the nodal traces have no biomarkers.
-    #[error("the medians of {n_nodes} nodal traces have no active stress to be characterised")]
+    #[error("the medians of {n_nodes} nodal traces have no active stress")]
     NoMedian {
         /// Number of nodes.
         n_nodes: u64,
     },
     /// A file of nodal traces is not usable.
-    #[error("{file}")]
+    #[error("cannot use {file}")]
     Nodal {
         /// Path of the file.
         file: PathBuf,
@@ -185,7 +185,7 @@ pub enum TaskError {
         name: String,
     },
     /// The search for missing effects rejects its data or settings, or has no base fit.
-    #[error("search for missing effects")]
+    #[error("the search for missing effects failed")]
     Discover(#[from] DiscoverError),
     /// The search for missing effects found no answer, or an answer that its own model does not
     /// reproduce.
@@ -196,7 +196,7 @@ pub enum TaskError {
     NoProposal(&'static str),
     /// The one-fibre ventricle has no beat with the twin's parameters or near them.
     #[error(
-        "the one-fibre ventricle makes no beat near the twin's parameters: its posterior cannot be sampled"
+        "the one-fibre ventricle has no beat near the twin's parameters, so the posterior cannot be sampled"
     )]
     NoPosterior,
     /// The settings of an external solver are invalid.

@@ -42,19 +42,21 @@ pub struct Igb {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IgbError {
     /// The file is shorter than its header.
-    #[error("{0} bytes, expected a header of 1,024 bytes and data")]
+    #[error("found {0} bytes, expected a header of 1,024 bytes and data")]
     Short(usize),
     /// A key of the header is missing or not a number.
     #[error("the header lacks a number for `{0}`")]
     Key(&'static str),
     /// The type of the values is not supported.
-    #[error("type `{0}`, expected float or double")]
+    #[error("found type `{0}`, expected float or double")]
     Type(String),
     /// The byte order is unknown.
-    #[error("systeme `{0}`, expected little_endian or big_endian")]
+    #[error("found systeme `{0}`, expected little_endian or big_endian")]
     Order(String),
     /// The size of the data differs from the size in the header.
-    #[error("{found} bytes of data, expected {expected}: {n_nodes} nodes at {n_frames} times")]
+    #[error(
+        "found {found} bytes of data, expected {expected}: {n_nodes} nodes at {n_frames} times"
+    )]
     Length {
         /// Number of bytes after the header.
         found: usize,

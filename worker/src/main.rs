@@ -18,7 +18,7 @@ use clap::{Parser, Subcommand};
 use tracing::Level;
 
 #[derive(Parser)]
-#[command(name = "cardiotwin-worker", version = VERSION_TEXT, about = "Does one task of a cardiotwin run")]
+#[command(name = "cardiotwin-worker", version = VERSION_TEXT, about = "Execute one task of a cardiotwin run")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -26,47 +26,48 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Claim the attempt in a directory, do its task and publish outcome.json
+    /// Claim an attempt, execute its task and publish outcome.json
     Run {
-        /// Directory with spec.json
+        /// Directory of the attempt, which contains spec.json
         directory: PathBuf,
-        /// Do not repeat progress on stderr
+        /// Do not write progress to stderr
         #[arg(long)]
         quiet: bool,
     },
-    /// Do one task without a claim; the outcome goes to stdout as JSON
+    /// Execute a task without a claim and print its outcome as JSON
     Simulate {
-        /// File with a task's specification in JSON
+        /// Specification of the task, a JSON file
         spec: PathBuf,
-        /// Directory for traces; made if it does not exist
+        /// Directory for traces, created if it does not exist
         #[arg(long)]
         out: PathBuf,
-        /// Threads that may be used
+        /// Number of threads
         #[arg(long, default_value_t = 1)]
         threads: u32,
-        /// Instructions of the cell engine
+        /// Instructions of the cell engine: auto, portable, avx2 or avx512
         #[arg(long, default_value = "auto")]
         instruction_set: String,
-        /// Simulated ms between frames of a series of VTU files of a finite-element beat, in OUT/vtu; 0 for none
+        /// Simulated time between VTU files of a finite-element beat in OUT/vtu, ms; 0 for no files
         #[arg(long, value_name = "MS", default_value_t = 0.0)]
         vtu_every: f64,
-        /// The one-fibre ventricle of the same volumes, pressure and activation in place of a beat's finite-element one
+        /// Replace the finite-element ventricle of a beat by a one-fibre ventricle of the same volumes, pressure and
+        /// activation
         #[arg(long)]
         one_fibre: bool,
-        /// Go on from what this attempt's directory holds of the same search (step 2); settings that only say when a
-        /// search ends may differ
+        /// Continue the search of step 2 from the checkpoints in another attempt's directory; only settings that
+        /// determine the end of the search may differ
         #[arg(long, value_name = "DIR")]
         restart: Option<PathBuf>,
-        /// With --restart: go on from this generation, not from the last
+        /// Generation from which --restart continues [default: the last one]
         #[arg(long, requires = "restart")]
         generation: Option<u64>,
     },
-    /// Write models, mesh and activation times of simulations in openCARP's formats (docs/formats.md)
+    /// Write models, mesh and activation times of simulations in openCARP formats (docs/formats.md)
     Opencarp {
-        /// Files with the specifications of organ beats in JSON
+        /// Specifications of organ beats, JSON files
         #[arg(required = true, value_name = "SPEC.json")]
         specs: Vec<PathBuf>,
-        /// Folder for the files; made if it does not exist
+        /// Folder for the files, created if it does not exist
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },

@@ -21,7 +21,7 @@ use cardiotwin_models::beat::NodalTraces;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NodalError {
     /// The first line does not hold the activation times.
-    #[error("line 1 must be `# activation_ms: …` with one time a node, but is `{found}`")]
+    #[error("line 1 must be `# activation_ms: …` with one time per node, but is `{found}`")]
     Activation {
         /// Beginning of the line.
         found: String,
@@ -51,7 +51,10 @@ pub enum NodalError {
         n_columns: usize,
     },
     /// There are fewer than three rows, or times do not increase.
-    #[error("the traces need at least three rows of increasing time, but line {line} breaks this")]
+    #[error(
+        "expected at least three rows of increasing time, but the time in line {line} does not increase or a row is \
+         missing"
+    )]
     Time {
         /// Number of the line, from 1.
         line: usize,

@@ -75,7 +75,7 @@ fn what_cannot_be_simulated_is_refused_with_its_reason() {
         ),
         (
             effect("atrial_flutter", "rate", 5.0),
-            "the catalogue has atrial_kick",
+            "expected one of atrial_kick",
             "use a version that has it",
         ),
         (

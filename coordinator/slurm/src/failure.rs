@@ -190,7 +190,7 @@ pub fn next(
         if spent.infrastructure > budgets.infrastructure {
             return Next::Stays {
                 why: format!(
-                    "{why}; its {} repeats for the site's failures are used up",
+                    "{why}; its {} repeats after failures of the site are used up",
                     budgets.infrastructure
                 ),
             };
@@ -198,7 +198,7 @@ pub fn next(
         if spent.free > budgets.free {
             return Next::Stays {
                 why: format!(
-                    "{why}; {} times without a charge is enough: look at the site",
+                    "{why}; not repeated again after {} repeats without a charge: check the site",
                     budgets.free
                 ),
             };
@@ -217,7 +217,7 @@ pub fn next(
             true,
             given.clone(),
             free,
-            "its walltime was used up: a new job goes on".to_owned(),
+            "its walltime was used up: a new job continues".to_owned(),
         ),
         Class::Walltime => again(
             true,
@@ -228,7 +228,7 @@ pub fn next(
         Class::OutOfMemory => match more_memory(given) {
             Some((given, how)) => again(true, given, charged, format!("out of memory: {how}")),
             None => stays(
-                "out of memory with one rank that had a whole node: take more nodes or a coarser mesh",
+                "out of memory with one rank on a whole node: use more nodes or a coarser mesh",
             ),
         },
         Class::NodeFailure => {
@@ -241,7 +241,7 @@ pub fn next(
                 given,
                 free,
                 format!(
-                    "node failure on {}: avoided from now on",
+                    "node failure on {}: excluded from now on",
                     if ended_on.is_empty() {
                         "a node"
                     } else {
@@ -251,16 +251,14 @@ pub fn next(
             )
         }
         Class::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
-        Class::CancelledByPerson => {
-            stays("cancelled by a person: stays so until it is asked for again")
-        }
-        Class::BadInput => stays("the data or settings are wrong: fix them"),
-        Class::Panic => stays("a defect of the program: see its log and report it"),
+        Class::CancelledByPerson => stays("cancelled by a person: not repeated until requested"),
+        Class::BadInput => stays("the data or settings are wrong: correct them"),
+        Class::Panic => stays("a defect of the program: see its log, and report it"),
         Class::Unexplained => again(
             true,
             given.clone(),
             charged,
-            "ended without a word".to_owned(),
+            "ended without an explanation".to_owned(),
         ),
     }
 }

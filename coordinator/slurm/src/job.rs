@@ -124,7 +124,8 @@ pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
 /// Error for a text that is no valid name of a job.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{0}' is no name for a job: expected 1 to 120 letters, digits, '.', '_' and '-', the first a letter or digit"
+    "'{0}' is not a valid job name: expected 1 to 120 letters, digits, '.', '_' and '-', beginning \
+     with a letter or digit"
 )]
 pub struct NotAName(pub String);
 

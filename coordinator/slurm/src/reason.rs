@@ -31,20 +31,20 @@ pub struct Why {
 const REASONS: &[(&str, WaitsFor, &str)] = {
     use WaitsFor::{Event, Never, Person, Turn};
     &[
-        ("None", Turn, "not looked at by the scheduler yet"),
+        ("None", Turn, "not yet considered by the scheduler"),
         (
             "WaitingForScheduling",
             Turn,
-            "not looked at by the scheduler yet",
+            "not yet considered by the scheduler",
         ),
-        ("Priority", Turn, "jobs of higher priority are before it"),
+        ("Priority", Turn, "jobs of higher priority come first"),
         ("Resources", Turn, "the nodes that it needs are in use"),
         (
             "Cleaning",
             Turn,
-            "its earlier run is still being cleared away",
+            "its earlier run is still being cleaned up",
         ),
-        ("Prolog", Turn, "its nodes are being made ready"),
+        ("Prolog", Turn, "its nodes are being prepared"),
         ("Reservation", Turn, "waits for its reservation"),
         ("Licenses", Turn, "waits for a licence"),
         ("NodeDown", Turn, "a node that it needs is down"),
@@ -57,24 +57,24 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
         (
             "PartitionInactive",
             Person,
-            "the partition takes no jobs at present",
+            "the partition accepts no jobs at present",
         ),
         ("FrontEndDown", Turn, "no front-end node is up"),
         (
             "JobArrayTaskLimit",
             Turn,
-            "the array's own limit on elements at once",
+            "the array's own limit on simultaneous elements",
         ),
         (
             "BeginTime",
             Event,
-            "its begin time has not come, or it was requeued a moment ago",
+            "its begin time is in the future, or it was just requeued",
         ),
         ("Dependency", Event, "waits for another job to end"),
         (
             "DependencyNeverSatisfied",
             Never,
-            "waits for a job that did not end as demanded",
+            "waits for a job that did not end as required",
         ),
         (
             "JobHeldUser",
@@ -89,12 +89,12 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
         (
             "JobHoldMaxRequeue",
             Person,
-            "was requeued too often and is held: scontrol release JOB",
+            "held after too many requeues: scontrol release JOB",
         ),
         (
             "launch failed requeued held",
             Person,
-            "could not be started, requeued and held: scontrol release JOB",
+            "requeued and held after a failed start: scontrol release JOB",
         ),
         (
             "job requeued in held state",
@@ -104,38 +104,34 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
         (
             "JobLaunchFailure",
             Never,
-            "could not be started: a file system, a missing program, a node",
+            "failed to start, because of a file system, a missing program or a node",
         ),
         (
             "BadConstraints",
             Never,
-            "no node of the site is as demanded",
+            "no node of the site meets its constraints",
         ),
-        (
-            "InvalidAccount",
-            Never,
-            "the account is not valid (any more)",
-        ),
-        ("InvalidQOS", Never, "the QoS is not valid (any more)"),
+        ("InvalidAccount", Never, "the account is not valid"),
+        ("InvalidQOS", Never, "the QoS is not valid"),
         (
             "AccountNotAllowed",
             Never,
-            "the partition does not take this account",
+            "the partition does not allow this account",
         ),
         (
             "QOSNotAllowed",
             Never,
-            "the partition or account does not take this QoS",
+            "the partition or account does not allow this QoS",
         ),
         (
             "PartitionNodeLimit",
             Never,
-            "more or fewer nodes than the partition allows, or its nodes are not up",
+            "it needs more or fewer nodes than the partition allows, or its nodes are not up",
         ),
         (
             "PartitionTimeLimit",
             Never,
-            "a longer walltime than the partition allows",
+            "its walltime is longer than the partition allows",
         ),
         ("DeadLine", Never, "cannot end before its deadline"),
         ("TimeLimit", Never, "used up its walltime"),
@@ -167,7 +163,7 @@ pub fn why(reason: &str) -> Why {
         return why;
     }
     Why {
-        words: format!("Slurm says '{reason}', which is not in our list"),
+        words: format!("Slurm's reason '{reason}', which cardiotwin does not know"),
         waits_for: WaitsFor::Unlisted,
     }
 }
@@ -192,12 +188,12 @@ pub fn limit(key: &str) -> Option<Why> {
         (
             "MaxWallDurationPerJobLimit",
             WaitsFor::Never,
-            "limit on a job's walltime: ask for less",
+            "limit on a job's walltime: request less",
         ),
         (
             "TimeLimit",
             WaitsFor::Never,
-            "limit on a job's walltime: ask for less",
+            "limit on a job's walltime: request less",
         ),
         (
             "MaxSubmitJob",
@@ -209,40 +205,24 @@ pub fn limit(key: &str) -> Option<Why> {
             WaitsFor::Limit,
             "limit on jobs in the queue",
         ),
-        (
-            "MaxJobsPer",
-            WaitsFor::Limit,
-            "limit on jobs that run at once",
-        ),
-        (
-            "MaxJobsLimit",
-            WaitsFor::Limit,
-            "limit on jobs that run at once",
-        ),
-        (
-            "JobLimit",
-            WaitsFor::Limit,
-            "limit on jobs that run at once",
-        ),
-        (
-            "GrpJobsLimit",
-            WaitsFor::Limit,
-            "limit on jobs that run at once",
-        ),
+        ("MaxJobsPer", WaitsFor::Limit, "limit on running jobs"),
+        ("MaxJobsLimit", WaitsFor::Limit, "limit on running jobs"),
+        ("JobLimit", WaitsFor::Limit, "limit on running jobs"),
+        ("GrpJobsLimit", WaitsFor::Limit, "limit on running jobs"),
         (
             "UsageThreshold",
             WaitsFor::Person,
-            "threshold on usage: the budget may be spent",
+            "threshold on usage: the budget may be used up",
         ),
         (
             "GrpWallLimit",
             WaitsFor::Person,
-            "budget of walltime, which is spent",
+            "budget of walltime, which is used up",
         ),
         (
             "NotAllowed",
             WaitsFor::Never,
-            "list of what is allowed: this is not in it",
+            "list of allowed values does not include this one",
         ),
     ];
     if let Some((_, waits_for, words)) = KINDS.iter().find(|(start, ..)| measure.starts_with(start))
@@ -268,22 +248,22 @@ pub fn limit(key: &str) -> Option<Why> {
     };
     Some(if measure.contains("Minutes") || measure.contains("Mins") {
         Why {
-            words: format!("{holder} budget of {of}, which is spent or promised"),
+            words: format!("{holder} budget of {of}, which is used up or reserved"),
             waits_for: WaitsFor::Person,
         }
     } else if measure.contains("Min") {
         Why {
-            words: format!("{holder} least {of} of a job: ask for more"),
+            words: format!("{holder} minimum of {of} per job: request more"),
             waits_for: WaitsFor::Never,
         }
     } else if measure.contains("PerJob") || measure.contains("PerNode") {
         Why {
-            words: format!("{holder} limit on {of} of one job: ask for less"),
+            words: format!("{holder} limit on {of} per job: request less"),
             waits_for: WaitsFor::Never,
         }
     } else {
         Why {
-            words: format!("{holder} limit on {of} in use at once"),
+            words: format!("{holder} limit on {of} in use at a time"),
             waits_for: WaitsFor::Limit,
         }
     })

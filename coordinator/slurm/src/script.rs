@@ -80,7 +80,7 @@ pub struct Step {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ScriptError {
     /// A text that cannot be part of a script.
-    #[error("{what} '{found}' cannot stand in a batch script: {why}")]
+    #[error("{what} '{found}' is not allowed in a batch script: {why}")]
     Text {
         /// Name of the text.
         what: &'static str,
@@ -90,13 +90,13 @@ pub enum ScriptError {
         why: &'static str,
     },
     /// The site needs an account, and none is set.
-    #[error("site {site} needs an account: name one in the profile of the run")]
+    #[error("site {site} needs an account: set executor.slurm.account")]
     NoAccount {
         /// Name of the site.
         site: String,
     },
     /// The job exceeds a limit of the queue.
-    #[error("job {name}: {what} is {asked}, queue '{queue}' gives {limit}")]
+    #[error("job {name}: {what} is {asked}, but queue '{queue}' allows {limit}")]
     Limit {
         /// Name of the job.
         name: String,
@@ -141,7 +141,7 @@ fn directive(what: &'static str, value: &str) -> Result<String, ScriptError> {
     let bad =
         |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');
     if value.is_empty() || value.chars().any(bad) {
-        let why = "it is empty or holds a blank, a quote, '\\', '#' or '%'";
+        let why = "it is empty or contains a blank, a quote, '\\', '#' or '%'";
         return Err(ScriptError::Text {
             what,
             found: value.to_owned(),
@@ -200,7 +200,7 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
         return Err(ScriptError::Text {
             what: "an argument",
             found: word.clone(),
-            why: "it holds the end of a line",
+            why: "it contains a line break",
         });
     }
     Ok(())
@@ -338,7 +338,7 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
                 (job.n_nodes / (*nodes_per_step).max(1)).max(1)
             ));
             lines.push(format!(
-                "start() {{ exec {} \"$@\"; }} # exec: the warning is to reach the step, not a shell",
+                "start() {{ exec {} \"$@\"; }} # exec, so that the warning reaches the step and not a shell",
                 options.join(" ")
             ));
             for step in steps {
@@ -361,9 +361,9 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
 /// bash handles a signal only between commands in the foreground, which is why the script uses
 /// `wait`.
 const COMMON: &str = r#"began=$(date +%s) warned=0 worst=0 started=0 left=0 steps=()
-export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when whoever works here is to have left
+export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when the driver or worker must have left
 trap 'warned=1; for step in "${steps[@]}"; do kill -USR1 "$step" 2>/dev/null; done' USR1
-reap() { # waits until a step has ended, or the warning came
+reap() { # waits for the end of a step or for the warning
     local step code still=()
     wait -n
     for step in "${steps[@]}"; do
@@ -373,12 +373,12 @@ reap() { # waits until a step has ended, or the warning came
     done
     steps=("${still[@]}")
 }
-started_one() { # a warning that came before it was noted down is handed on late
+started_one() { # passes on a warning that arrived before the step was recorded
     steps+=($!); started=$((started + 1))
     [ "$warned" = 0 ] || kill -USR1 "$!" 2>/dev/null
 }
 settle() { while [ "${#steps[@]}" -gt 0 ]; do reap; done; }
-take() { # predicted seconds, log, command: starts it once there is a place and if the time left holds it
+take() { # predicted seconds, log, command: starts it when a slot is free, if the remaining time suffices
     local predicted=$1 log=$2
     shift 2
     while [ "${#steps[@]}" -ge "$at_once" ]; do reap; done

@@ -319,7 +319,7 @@ impl Site {
                 return wrong(
                     "queue".to_owned(),
                     format!("'{}' twice", queue.name),
-                    "a name for each",
+                    "a name for each queue",
                 );
             }
             if seconds(&queue.walltime).is_none() {
@@ -349,7 +349,7 @@ impl Site {
                     return wrong(
                         key(name),
                         "0".to_owned(),
-                        "at least 1; leave it away where there is no limit",
+                        "at least 1; remove it if there is no limit",
                     );
                 }
             }
@@ -358,7 +358,7 @@ impl Site {
                 return wrong(
                     key("min_nodes_per_job"),
                     format!("{:?}", queue.min_nodes_per_job),
-                    "not above max_nodes_per_job",
+                    "at most max_nodes_per_job",
                 );
             }
         }
@@ -383,7 +383,7 @@ impl Site {
             .filter(|size| *size != self.arrays.max_size)
         {
             changes.push(format!(
-                "arrays have at most {size} elements, the profile says {}",
+                "arrays have at most {size} elements, but the profile has {}",
                 self.arrays.max_size
             ));
             self.arrays = Arrays {
@@ -398,7 +398,7 @@ impl Site {
             let mut tighten = |what: &str, limit: &mut Option<u32>, told: Option<u32>| {
                 if let Some(told) = told.filter(|told| limit.is_none_or(|limit| *told < limit)) {
                     changes.push(format!(
-                        "queue '{}': {what} is {told}, the profile says {limit:?}",
+                        "queue '{}': {what} is {told}, but the profile has {limit:?}",
                         queue.name
                     ));
                     *limit = Some(told);
@@ -427,7 +427,7 @@ impl Site {
             {
                 let told = walltime::text(told);
                 changes.push(format!(
-                    "queue '{}': walltime is {told}, the profile says {}",
+                    "queue '{}': walltime is {told}, but the profile has {}",
                     queue.name, queue.walltime
                 ));
                 queue.walltime = told;

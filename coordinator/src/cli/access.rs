@@ -31,7 +31,7 @@ pub fn apply(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError
     let Some(group) = &settings.group else {
         return Ok(());
     };
-    fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
+    fs::create_dir_all(run_dir).map_err(CliError::file("create", run_dir))?;
     // `chgrp` looks the group up in whatever user directory the site has.
     let said = Command::new("chgrp")
         .arg("--")
@@ -43,7 +43,7 @@ pub fn apply(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError
     if !said.status.success() {
         let why = String::from_utf8_lossy(&said.stderr).trim().to_owned();
         let message = format!(
-            "executor.group = \"{group}\": {why}; name a group that you are in (`id -Gn` lists them)"
+            "executor.group = \"{group}\": {why}; name one of your own groups (`id -Gn` lists them)"
         );
         return Err(CliError::Usage(message));
     }

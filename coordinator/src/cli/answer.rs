@@ -16,11 +16,11 @@ pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(),
                 .iter()
                 .try_for_each(|change| talk.data(&format!("{change}\n")))?;
             if let Some(folders) = go_on {
-                talk.hint(&format!("{} goes on", folders.run_command()));
+                talk.hint(&format!("continue with {}", folders.run_command()));
             }
         }
         Answer::Asked { holder } => talk.say(&format!(
-            "asked the running coordinator ({holder}); `status` shows when it is done"
+            "sent the request to the running coordinator ({holder}); `status` shows when it is done"
         )),
     }
     Ok(())

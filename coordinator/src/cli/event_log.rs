@@ -62,7 +62,7 @@ pub fn log(event: &EngineEvent) {
             }
             PatientEnding::Cancelled => info!(%patient, over, of, "patient cancelled"),
         },
-        EngineEvent::Request { text } => info!(text, "request taken up"),
+        EngineEvent::Request { text } => info!(text, "request applied"),
         EngineEvent::Stopping { running, draining } => info!(running, draining, "stopping"),
     }
 }

@@ -63,20 +63,23 @@ impl Exit {
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {
-            Self::Ok => "everything asked for was done",
+            Self::Ok => "success",
             Self::Problems => {
                 "`check` found problems; patients of the run failed or were cancelled"
             }
-            Self::Usage => "the command line makes no sense",
+            Self::Usage => "invalid command line",
             Self::Input => "cohort, patient files or settings are wrong; nothing was run",
             Self::Locked => "another coordinator works on this run",
             Self::Store => {
                 "the run's database is missing, damaged, of a newer version, or cannot be written"
             }
-            Self::System => "a file, a directory or the worker's executable",
-            Self::Unfinished => "jobs wait or run on a cluster; `advance` goes on",
-            Self::Bug => "a defect of cardiotwin: please report it",
-            Self::Interrupted => "stopped by Ctrl-C or SIGTERM; the same command goes on",
+            Self::System => "a file, a directory or the worker's executable cannot be used",
+            Self::Unfinished => {
+                "jobs are pending or running on a cluster; `advance` continues the \
+                                 run"
+            }
+            Self::Bug => "a defect of cardiotwin; please report it",
+            Self::Interrupted => "stopped by Ctrl-C or SIGTERM; the same command continues",
         }
     }
 

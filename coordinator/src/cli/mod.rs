@@ -37,7 +37,7 @@ use commands::{
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
 
-/// Personalised cardiac digital twins: a cohort in, twins out
+/// Build personalised cardiac digital twins of a cohort
 #[derive(Debug, Parser)]
 #[command(name = "cardiotwin", version, max_term_width = 110, after_help = Exit::help())]
 struct Cli {
@@ -50,13 +50,13 @@ struct Cli {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Everywhere")]
 struct Global {
-    /// Log more: -v what happens, -vv how, -vvv everything
+    /// Log more: -v info, -vv debug, -vvv trace
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
     verbose: u8,
-    /// Say only errors
+    /// Print only errors
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// How log lines on stderr look: human or json
+    /// Format of log lines on stderr: human or json
     #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true, default_value_t = LogFormat::Human, global = true)]
     log_format: LogFormat,
     /// When to use colour: auto, always or never; NO_COLOR is respected

@@ -56,7 +56,7 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings, talk: &Talk) {
         Ok(said) => said.iter().for_each(|line| talk.say(line)),
         // A run without a database has no notices.
         Err(EngineError::Store(StoreError::Missing { .. })) => {}
-        Err(error) => talk.say(&format!("notices: {error}; the run goes on")),
+        Err(error) => talk.say(&format!("notices: {error}; the run continues")),
     }
 }
 

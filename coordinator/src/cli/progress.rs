@@ -156,9 +156,9 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
         } => {
             let adopted = match adopted {
                 0 => String::new(),
-                n => format!("; {n} still running from an earlier coordinator, adopted"),
+                n => format!("; adopted {n} still running from an earlier coordinator"),
             };
-            format!("{settled} of {patients} {members} are over already{adopted}")
+            format!("{settled} of {patients} {members} already finished{adopted}")
         }
         EngineEvent::TaskPublished {
             patient,
@@ -174,7 +174,7 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
         } => {
             let failed = paint(colour, Tone::Bad, "failed");
             let class = failure.class.as_str();
-            let next = if *retried { "; it is tried again" } else { "" };
+            let next = if *retried { "; retrying" } else { "" };
             format!(
                 "{patient}  {}  try {generation} {failed} [{class}]: {}{next}",
                 spaced(step),
@@ -207,15 +207,16 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
             running,
             draining: true,
         } => format!(
-            "stopping: {running} running, short tasks are given time to finish; Ctrl-C again stops now; \
-             nothing finished is lost, the same command goes on"
+            "stopping: {running} running, waiting for short tasks to finish; Ctrl-C again stops \
+             now; no finished result is lost, and the same command continues"
         ),
         EngineEvent::Stopping {
             running,
             draining: false,
         } => {
             format!(
-                "stopping now: {running} running are ended; nothing finished is lost, the same command goes on"
+                "stopping now: ending {running} running; no finished result is lost, and the same \
+                 command continues"
             )
         }
         EngineEvent::TaskStarted { .. } | EngineEvent::Progress { .. } => return None,
@@ -254,7 +255,7 @@ mod tests {
         };
         assert_eq!(
             line(&failed, "patients", false).unwrap(),
-            "04-CoA  step-2  try 1 failed [site]: worker killed by signal 9; it is tried again"
+            "04-CoA  step-2  try 1 failed [site]: worker killed by signal 9; retrying"
         );
         let stop = EngineEvent::Stopping {
             running: 2,
@@ -263,7 +264,7 @@ mod tests {
         assert!(
             line(&stop, "patients", false)
                 .unwrap()
-                .contains("the same command goes on")
+                .contains("the same command continues")
         );
     }
 }

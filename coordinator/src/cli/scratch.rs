@@ -22,24 +22,24 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
     let Some(scratch) = &settings.scratch else {
         // An existing link stays although the setting is gone. Its target may have been purged.
         return match fs::read_link(&link) {
-            Ok(target) => fs::create_dir_all(&target).map_err(CliError::file("make", &target)),
+            Ok(target) => fs::create_dir_all(&target).map_err(CliError::file("create", &target)),
             Err(_) => Ok(()),
         };
     };
     if !scratch.is_absolute() {
         let message = format!(
-            "executor.scratch = \"{}\": a path from the root, such as /scratch/me",
+            "executor.scratch is \"{}\", expected an absolute path such as /scratch/me",
             scratch.display()
         );
         return Err(CliError::Usage(message));
     }
-    fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
+    fs::create_dir_all(run_dir).map_err(CliError::file("create", run_dir))?;
     let target = folder_of(scratch, run_dir);
     let elsewhere = |at: &Path| {
         let (at, to) = (at.display(), target.display());
         CliError::Usage(format!(
-            "the attempts of this run lie in {at}, and executor.scratch says {to}: leave the setting away, or move them while nothing \
-             runs: `mv {at} {to}`, then remove {}",
+            "the attempts of this run are in {at}, but executor.scratch is {to}: remove the \
+             setting, or move them while nothing runs: `mv {at} {to}`, then remove {}",
             link.display()
         ))
     };
@@ -49,18 +49,18 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
             if leads_to != target {
                 return Err(elsewhere(&leads_to));
             }
-            return fs::create_dir_all(&target).map_err(CliError::file("make", &target));
+            return fs::create_dir_all(&target).map_err(CliError::file("create", &target));
         }
         // An empty folder can be replaced by the link.
         Ok(_) => fs::remove_dir(&link).map_err(|_| elsewhere(&link))?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(CliError::file("read", &link)(error)),
     }
-    fs::create_dir_all(&target).map_err(CliError::file("make", &target))?;
+    fs::create_dir_all(&target).map_err(CliError::file("create", &target))?;
     match symlink(&target, &link) {
         // Another command made the link at the same moment.
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => lay_out(settings, run_dir),
-        made => made.map_err(CliError::file("make the link", &link)),
+        made => made.map_err(CliError::file("create the link", &link)),
     }
 }
 

@@ -82,9 +82,9 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
     let mut text = table.text();
     text.push_str(&verdicts(run));
     text.push_str(
-        "differences (simulated - measured) / measured; OPEN: volume that the beat's end leaves open;\n\
+        "differences are (simulated - measured) / measured; OPEN: volume gap at the beat's end;\n\
          COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell,\n\
-         step 3's squared differences over the measurements' variances\n",
+         step 3's squared differences divided by the measurements' variances\n",
     );
     text
 }

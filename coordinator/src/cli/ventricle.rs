@@ -86,7 +86,7 @@ impl Ventricle {
             .await?;
         let step0 = record.step0.as_ref().ok_or_else(|| {
             CliError::Usage(format!(
-                "{option}: step 0 of {patient} is not done; `cardiotwin run` does it"
+                "{option}: step 0 of {patient} is not done; run `cardiotwin run` first"
             ))
         })?;
         Ok(Self {
@@ -130,7 +130,7 @@ impl Ventricle {
             .and_then(|record| record.cell_fit.as_ref())
             .ok_or_else(|| {
                 CliError::Usage(format!(
-                    "{option}: step 2 of {} is not done; `cardiotwin run` does it",
+                    "{option}: step 2 of {} is not done; run `cardiotwin run` first",
                     self.plan.id
                 ))
             })?;
@@ -170,7 +170,7 @@ impl Ventricle {
         let path = twin.and_then(|twin| twin.artefact("traces"));
         let (Some(twin), Some(path)) = (twin, path) else {
             return Err(CliError::Usage(format!(
-                "{} has no twin yet: `cardiotwin run` makes it",
+                "{} has no twin yet: run `cardiotwin run` first",
                 self.plan.id
             )));
         };
@@ -230,7 +230,7 @@ fn plan(
         return match record {
             Some(record) if options.set.is_empty() => Ok(record.plan.clone()),
             _ => Err(CliError::Usage(
-                "settings need the cohort: name it with --cohort".to_owned(),
+                "a setting needs the cohort: name it with --cohort".to_owned(),
             )),
         };
     };
@@ -260,7 +260,7 @@ fn passive_state(
         return Ok(step0.result.clone());
     }
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     match ask_worker(worker, &task, scratch.path(), 0.0, AskedFor::TheOrgan)?.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::PassiveState(result) => Ok(result),
@@ -288,7 +288,7 @@ pub fn ask_worker(
         worker: worker.to_owned(),
         message,
     };
-    std::fs::create_dir_all(out).map_err(CliError::file("make", out))?;
+    std::fs::create_dir_all(out).map_err(CliError::file("create", out))?;
     let spec = out.join("spec.json");
     let text = serde_json::to_string_pretty(task).map_err(|error| said(error.to_string()))?;
     std::fs::write(&spec, text).map_err(CliError::file("write", &spec))?;
@@ -311,14 +311,14 @@ pub fn ask_worker(
     let outcome = out.join("outcome.json");
     std::fs::write(&outcome, &output.stdout).map_err(CliError::file("write", &outcome))?;
     serde_json::from_slice(&output.stdout)
-        .map_err(|error| said(format!("an answer that is no outcome: {error}")))
+        .map_err(|error| said(format!("the answer is not an outcome: {error}")))
 }
 
 /// Error for an outcome that does not belong to the task.
 pub fn unexpected(worker: &Path) -> CliError {
     CliError::Worker {
         worker: worker.to_owned(),
-        message: "an outcome of another task, or without its files".to_owned(),
+        message: "the outcome belongs to another task, or lacks its files".to_owned(),
     }
 }
 

@@ -17,7 +17,7 @@ pub fn announcement(plan: &ResolvedPatient, every_ms: f64) -> Option<String> {
     }
     if solver.fidelity != Fidelity::FiniteElement {
         return Some(
-            "no VTU series: only the finite-element ventricle has a mesh of ours (--fidelity finite-element)"
+            "no VTU series: it needs the finite-element ventricle (--fidelity finite-element)"
                 .to_owned(),
         );
     }
@@ -32,7 +32,8 @@ pub fn announcement(plan: &ResolvedPatient, every_ms: f64) -> Option<String> {
     };
     let frames = count(frames as usize, "frame");
     Some(format!(
-        "VTU series: {frames} of about {nodes} nodes, some {size} a simulation; open vtu/beat.pvd in ParaView"
+        "VTU series: {frames} of about {nodes} nodes, about {size} per simulation; open \
+         vtu/beat.pvd in ParaView"
     ))
 }
 

@@ -12,8 +12,9 @@ use crate::results::atomic;
 /// Name of the file that holds the current version.
 const FILE: &str = "model.toml";
 /// First lines of the file.
-const HEAD: &str = "# Written by `cardiotwin discover --accept`; the next `cardiotwin run` personalises with it, `cardiotwin discover --revert`\n\
-                    # undoes it. What was measured is never changed. Older versions: model.vN.toml\n";
+const HEAD: &str = "# Written by `cardiotwin discover --accept`; the next `cardiotwin run` \
+                    personalises with it, and `cardiotwin discover --revert`\n\
+                    # undoes it. Measured data are never changed. Older versions: model.vN.toml\n";
 
 /// Errors in accepting or reverting a version.
 #[derive(Debug, thiserror::Error)]
@@ -29,7 +30,7 @@ pub enum OverlayError {
         source: io::Error,
     },
     /// The file is not an overlay.
-    #[error("{path} is no patient's model: correct it, or move it aside")]
+    #[error("{path} is not a valid patient model: correct it, or move it aside")]
     Format {
         /// Path of the file.
         path: PathBuf,
@@ -37,7 +38,7 @@ pub enum OverlayError {
         source: Box<toml::de::Error>,
     },
     /// No acceptance is current that could be undone.
-    #[error("{path} was not written by an acceptance: there is nothing to revert")]
+    #[error("{path} was not written by `discover --accept`: nothing to revert")]
     NothingAccepted {
         /// Path of the file.
         path: PathBuf,

@@ -50,7 +50,7 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
         let file = directory.join(&artefact.file);
         let found = fs::metadata(&file).map(|m| m.len()).ok();
         if found != Some(artefact.bytes) {
-            let found = found.map_or("is not there".to_owned(), |n| format!("has {n} bytes"));
+            let found = found.map_or("does not exist".to_owned(), |n| format!("has {n} bytes"));
             let reason = format!(
                 "{} {found}, but its outcome says {} bytes",
                 file.display(),

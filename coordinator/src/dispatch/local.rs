@@ -137,7 +137,7 @@ impl Local {
     fn spawn(&mut self, order: &Order) -> Result<u32, DispatchError> {
         let directory = &order.directory;
         let file = |what, path: PathBuf| move |source| DispatchError::File { what, path, source };
-        fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
+        fs::create_dir_all(directory).map_err(file("create", directory.clone()))?;
         let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
         // A worker of an earlier coordinator may be reading the file, so that it is replaced as a
         // whole.
@@ -258,7 +258,7 @@ impl Local {
     fn over(&self, directory: &Path, claim: Option<Claim>) -> Result<Found, DispatchError> {
         let evidence = evidence::outcome(directory)?.unwrap_or_else(|| Evidence::Nothing {
             class: FailureClass::Site,
-            reason: with_last_words("the worker is gone without an outcome", directory),
+            reason: with_last_words("the worker ended without an outcome", directory),
         });
         Ok(Found::Over { evidence, claim })
     }
@@ -342,19 +342,19 @@ fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
             (None, Some(101)) => (FailureClass::Bug, "the worker panicked".to_owned()),
             (None, Some(2)) => (
                 FailureClass::Bug,
-                "the worker did not understand how it was called".to_owned(),
+                "the worker rejected its arguments".to_owned(),
             ),
             (None, code) => {
                 let code = code.unwrap_or_default();
                 (
                     FailureClass::Site,
-                    format!("the worker ended with exit code {code} and no outcome"),
+                    format!("the worker ended with exit code {code} and without an outcome"),
                 )
             }
         },
         Err(error) => (
             FailureClass::Site,
-            format!("the worker's end could not be seen: {error}"),
+            format!("cannot wait for the worker: {error}"),
         ),
     };
     Evidence::Nothing {
@@ -366,7 +366,7 @@ fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
 fn with_last_words(reason: &str, directory: &Path) -> String {
     evidence::last_words(directory).map_or_else(
         || reason.to_owned(),
-        |line| format!("{reason}; its last words: {line}"),
+        |line| format!("{reason}; last line of its log: {line}"),
     )
 }
 
@@ -427,7 +427,7 @@ impl Executor for Local {
         directory: &Path,
         now: bool,
     ) -> Result<bool, DispatchError> {
-        evidence::revoke(directory, attempt, "its coordinator or its job ended it")?;
+        evidence::revoke(directory, attempt, "its coordinator or its job stopped it")?;
         if let Some(running) = self.running.get_mut(attempt) {
             running.stopped.get_or_insert_with(Instant::now);
             running.press(now);

@@ -124,7 +124,7 @@ pub enum DispatchError {
         source: io::Error,
     },
     /// The executor does not run tasks of this kind.
-    #[error("the in-process executor only does no-op tasks, not {kind}")]
+    #[error("the in-process executor runs only no-op tasks, not {kind}")]
     Kind {
         /// Kind of the task.
         kind: &'static str,

@@ -63,7 +63,7 @@ impl<E: Executor> LocalLoop<E> {
     pub(super) fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
         let evidence = Evidence::Nothing {
             class: FailureClass::Site,
-            reason: "ended by us".into(),
+            reason: "ended by the coordinator".into(),
         };
         self.decider
             .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)

@@ -87,7 +87,8 @@ impl Decider {
         };
         if let Some((table, stage)) = settings::acts_before(overrides, from) {
             return Err(bad(format!(
-                "settings of `{table}` act on {stage}, before {from}: rerun from {stage} instead"
+                "settings of `{table}` affect {stage}, which precedes {from}: rerun from {stage} \
+                 instead"
             )));
         }
         let layer = settings::merged(&self.overrides(world, i)?, overrides).map_err(unread)?;
@@ -112,7 +113,7 @@ impl Decider {
                     .map(|iteration| iteration.parameters)
                     .collect();
                 changes.push(format!(
-                    "{name}: step 1 goes on from its {n} stored iterations"
+                    "{name}: step 1 continues from its {n} stored iterations"
                 ));
             }
             _ => {}
@@ -122,7 +123,7 @@ impl Decider {
         patient.plan_row.overrides = serde_json::to_string(&layer).expect("settings are JSON");
         if settings::same_tasks(world.plan(i)?, &plan) && from != Stage::Step1 {
             changes.push(format!(
-                "{name}: no setting differs from before, so nothing will be redone"
+                "{name}: no setting changed, so nothing will be redone"
             ));
         }
         self.reopen(world, i);
@@ -165,10 +166,10 @@ impl Decider {
         let mut changes = Vec::new();
         for (step, key) in failed {
             world.task_event(&key, TaskEvent::Retry)?;
-            changes.push(format!("{name}: {step} will be tried again"));
+            changes.push(format!("{name}: {step} will be retried"));
         }
         if cancelled {
-            changes.push(format!("{name} goes on"));
+            changes.push(format!("{name} continues"));
         }
         self.reopen(world, i);
         world.plan_changed(i);
@@ -199,7 +200,7 @@ fn find(world: &World, patient: &PatientId) -> Result<usize, EngineError> {
                 .collect();
             EngineError::Request {
                 message: format!(
-                    "no patient {patient} in this run; known are {}",
+                    "no patient {patient} in this run; known patients: {}",
                     known.join(", ")
                 ),
             }

@@ -35,8 +35,9 @@ pub enum EngineError {
     },
     /// The launcher of MPI ranks does not exist.
     #[error(
-        "executor.launcher: no program {program:?} in PATH, expected the launcher of an MPI, such as mpirun: install one \
-         (docs/mpi.md), or leave executor.launcher away: 3D simulations then run on threads"
+        "executor.launcher: no program {program:?} in PATH, expected the launcher of an MPI, such \
+         as mpirun: install one (docs/mpi.md), or remove executor.launcher: 3D simulations then run \
+         on threads"
     )]
     NoLauncher {
         /// Program as set in `executor.launcher`.
@@ -44,9 +45,9 @@ pub enum EngineError {
     },
     /// The worker for MPI ranks does not exist.
     #[error(
-        "no worker for executor.launcher at {path}: build it with the launcher's MPI \
-         (`cargo build --release --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi`, docs/mpi.md), or leave \
-         executor.launcher away: 3D simulations then run on threads"
+        "no worker for executor.launcher at {path}: build it with the launcher's MPI (`cargo build \
+         --release --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi`, \
+         docs/mpi.md), or remove executor.launcher: 3D simulations then run on threads"
     )]
     NoMpiWorker {
         /// Path at which it was expected.
@@ -54,8 +55,8 @@ pub enum EngineError {
     },
     /// The worker differs from the one with which the run began.
     #[error(
-        "this run began with the worker {began}, and this one is {found}: results of both would stand side by side; \
-         go on with the first, or say --adopt-version"
+        "this run began with the worker {began}, but this one is {found}, so its results would be \
+         mixed: continue with the first, or add --adopt-version"
     )]
     OtherWorker {
         /// Version and hash of the worker with which the run began.
@@ -64,7 +65,7 @@ pub enum EngineError {
         found: String,
     },
     /// A state machine refused an event: a defect of the program.
-    #[error("a decision led nowhere")]
+    #[error("the workflow found no next step")]
     Transition(#[from] IllegalTransition),
     /// A request cannot be applied.
     #[error("{message}")]
@@ -77,7 +78,8 @@ pub enum EngineError {
     Dispatch(#[from] DispatchError),
     /// The disk of the run is full.
     #[error(
-        "only {free_mb} MB are free for {path}: free some and run again, nothing that is finished is lost"
+        "only {free_mb} MB are free for {path}: free some space and run again; no finished result \
+         is lost"
     )]
     NoSpace {
         /// The run directory.
@@ -101,7 +103,8 @@ pub enum EngineError {
     },
     /// A run with jobs on a cluster was started with another executor.
     #[error(
-        "{jobs} of this run are on a cluster: go on with executor.kind = \"slurm\", or end them with `cardiotwin cancel --all` first"
+        "{jobs} of this run are on a cluster: continue with executor.kind = \"slurm\", or end them \
+         with `cardiotwin cancel --all` first"
     )]
     OnCluster {
         /// Number of jobs, in words.

@@ -180,7 +180,7 @@ impl<E: Executor> InJobLoop<'_, E> {
             if self.leaving.is_some() {
                 self.queue.drain(..).for_each(|patient| {
                     self.left
-                        .insert(patient, "not begun: the job was at its end".to_owned());
+                        .insert(patient, "not started: the job was at its end".to_owned());
                 });
             }
             if self.running.is_empty() {
@@ -197,9 +197,7 @@ impl<E: Executor> InJobLoop<'_, E> {
                     News::Ended {
                         attempt, evidence, ..
                     } => self.ended(&attempt, evidence).await?,
-                    News::Vanished { attempt } => {
-                        self.leave(&attempt, "its worker went out of sight")
-                    }
+                    News::Vanished { attempt } => self.leave(&attempt, "its worker disappeared"),
                     News::Alive { .. } => {}
                 }
             }
@@ -310,7 +308,7 @@ impl<E: Executor> InJobLoop<'_, E> {
             Some("the job was at its end".to_owned())
         } else if self.is_late(expected_s) {
             Some(format!(
-                "{kind} is expected to take {expected_s:.0} s, more than the job had left"
+                "{kind} is expected to take {expected_s:.0} s, more than the job's remaining time"
             ))
         } else {
             None
@@ -359,7 +357,7 @@ impl<E: Executor> InJobLoop<'_, E> {
                 .is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
         // An attempt that is revoked here has no outcome, now or later.
         let evidence = if revoked {
-            let reason = format!("job {} went past it", self.order.job);
+            let reason = format!("superseded by job {}", self.order.job);
             let evidence = dispatch::revoke(&directory, attempt, &reason)?;
             self.pass("after an attempt was revoked")?;
             evidence
@@ -380,7 +378,7 @@ impl<E: Executor> InJobLoop<'_, E> {
             let owner = owner.map_or("a local worker".to_owned(), |owner| {
                 format!("job {}", owner.job)
             });
-            return Ok(Some(format!("{owner} is at the same task")));
+            return Ok(Some(format!("{owner} is working on the same task")));
         }
         self.ledger.skip(&attempt.task);
         Ok(None)

@@ -429,7 +429,7 @@ impl<E: Executor> LocalLoop<E> {
         }
         for attempt in hung {
             let reason = format!(
-                "no progress for {} s: the worker was taken for hung and killed",
+                "no progress for {} s: the worker was considered hung and killed",
                 self.settings.hang_timeout_s
             );
             self.executor

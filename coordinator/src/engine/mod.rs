@@ -357,7 +357,7 @@ fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
             source,
         }
     };
-    std::fs::create_dir_all(run_dir).map_err(file("make"))?;
+    std::fs::create_dir_all(run_dir).map_err(file("create"))?;
     let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
     Ok((RunLock::acquire(&run_dir)?, run_dir))
 }
@@ -372,7 +372,7 @@ fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf),
             source,
         }
     };
-    std::fs::create_dir_all(run_dir).map_err(file("make"))?;
+    std::fs::create_dir_all(run_dir).map_err(file("create"))?;
     let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
     let lock = match RunLock::acquire(&run_dir) {
         Ok(lock) => Some(lock),

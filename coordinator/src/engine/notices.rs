@@ -128,7 +128,7 @@ async fn tell_one(
     {
         return Ok(said);
     }
-    fs::create_dir_all(folder).map_err(file("make", folder))?;
+    fs::create_dir_all(folder).map_err(file("create", folder))?;
     let json = serde_json::to_string_pretty(notice).expect("a notice is JSON");
     write_synced(&folder.join("event.json"), &json)?;
     let limit = Duration::from_secs_f64(settings.time_limit_s);
@@ -156,7 +156,7 @@ async fn tell_one(
                 .to_string_lossy()
                 .into_owned();
             said.push(format!(
-                "notice {event}: {} {how}; the run goes on",
+                "notice {event}: {} {how}; the run continues",
                 command.join(" ")
             ));
         }
@@ -207,7 +207,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
         .map(|(state, n)| format!("{n} {state}"))
         .collect();
     lines.push(format!("patients: {}", counts.join(", ")));
-    lines.push("`cardiotwin status` tells more.".to_owned());
+    lines.push("`cardiotwin status` shows details.".to_owned());
     // Names come from files, so control characters are replaced: no name may add a header.
     let plain = |line: &String| {
         line.chars()
@@ -221,7 +221,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
 fn claim(path: &Path) -> Result<bool, EngineError> {
     SyncedDraft::beside(path, b"")
         .and_then(|draft| draft.place_exclusively(path))
-        .map_err(file("make", path))
+        .map_err(file("create", path))
 }
 
 fn write_synced(path: &Path, text: &str) -> Result<(), EngineError> {

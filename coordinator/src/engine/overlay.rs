@@ -146,7 +146,7 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(
     let text = toml::to_string(&overlay)
         .map_err(|error| file("write", &path)(io::Error::new(io::ErrorKind::InvalidData, error)))?;
     let head = "# Written by cardiotwin from results; measured input is never changed. Older versions: model.vN.toml\n";
-    fs::create_dir_all(&folder).map_err(file("make", &folder))?;
+    fs::create_dir_all(&folder).map_err(file("create", &folder))?;
     files::write_atomic(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
 }
 

@@ -58,7 +58,7 @@ impl Decider {
             opened = true;
             let patient = PatientId(world.patients[i].row.patient.clone());
             let name = path.strip_prefix(&world.run_dir).unwrap_or(&path).display();
-            let text = format!("{patient}: {name} is gone, and {step} reads it: it is made again");
+            let text = format!("{patient}: {name} is gone, but {step} needs it: it is recomputed");
             self.events.push(EngineEvent::Request { text });
         }
         Ok(opened)

@@ -51,7 +51,7 @@ pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
         let path = path.to_owned();
         move |source| EngineError::File { what, path, source }
     };
-    fs::create_dir_all(&folder).map_err(file("make", &folder))?;
+    fs::create_dir_all(&folder).map_err(file("create", &folder))?;
     // Names sort by time; the process id keeps two requests of the same millisecond apart.
     let name = format!("{:015}-{}", clock::now_ms(), std::process::id());
     let path = folder.join(format!("{name}.json"));

@@ -89,7 +89,7 @@ impl World {
                 };
             }
             Patient::Cancelled { .. } => {
-                shown.note = "ended by request; `retry` goes on".to_owned()
+                shown.note = "cancelled by request; `retry` resumes it".to_owned()
             }
         }
         shown
@@ -122,7 +122,7 @@ impl World {
                 };
                 match self.attempts.get(&attempt).map(|a| &a.state) {
                     Some(Attempt::Unknown { .. }) => {
-                        ("unknown", "no news of the worker".to_owned())
+                        ("unknown", "no news from the worker".to_owned())
                     }
                     _ => ("running", again),
                 }

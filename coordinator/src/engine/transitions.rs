@@ -272,7 +272,7 @@ impl Decider {
             world.patient_event(
                 i,
                 PatientEvent::Replan {
-                    reason: "the chain is derived anew".into(),
+                    reason: "the chain is recomputed".into(),
                 },
             )?;
         }
@@ -342,7 +342,7 @@ impl Decider {
         let how = match how {
             AttemptEnding::Interrupted if circumstance == Circumstance::Watched => {
                 AttemptEnding::Lost {
-                    reason: "the worker was told to stop from outside".into(),
+                    reason: "the worker was stopped from outside".into(),
                 }
             }
             how => how,

@@ -67,7 +67,8 @@ pub async fn keep(
         };
         let refusal = EngineError::OtherWorker {
             began: name(
-                meta.get(VERSION).map_or("an unknown one", String::as_str),
+                meta.get(VERSION)
+                    .map_or("an unknown version", String::as_str),
                 before,
             ),
             found: name(&version, &sha256),
@@ -80,7 +81,7 @@ pub async fn keep(
         };
     }
     if before.is_some() && has_results {
-        tracing::warn!(%version, sha256, "the run goes on with another worker than it began with");
+        tracing::warn!(%version, sha256, "the run continues with a worker other than the one that it began with");
     }
     writer
         .set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())])

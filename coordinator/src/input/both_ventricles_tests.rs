@@ -155,7 +155,7 @@ fn springs_of_a_surface_that_no_mesh_has_are_said_where_they_are_set() {
         &said,
         &[
             "cohort.toml:5: solver.finite_element.wall.surface.lung",
-            "no mesh of his own",
+            "no mesh of its own",
             "[settings]",
         ],
     );

@@ -422,7 +422,7 @@ fn patient_folders(
         .collect();
     folders.sort();
     if folders.is_empty() {
-        let found = format!("no patient's folder in {}", parent.display());
+        let found = format!("no patient folder in {}", parent.display());
         report.add(
             None,
             here(
@@ -489,7 +489,7 @@ fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay>
             &path,
             format!("{:?}", overlay.patient),
             expected,
-            "is this another patient's model?",
+            "check whether this is another patient's model",
         );
         report.add(
             Some(id),

@@ -43,7 +43,7 @@ impl Tree {
         match self {
             Self::Table(_) => "a table".to_owned(),
             Self::Array(items) => format!("a list of {}", items.len()),
-            Self::Text(text) => format!("the text {text:?}"),
+            Self::Text(text) => format!("the string {text:?}"),
             Self::Integer(number) => format!("the integer {number}"),
             Self::Float(number) => format!("the number {number}"),
             Self::Bool(value) => format!("the boolean {value}"),
@@ -73,7 +73,7 @@ impl Document {
             Err(error) => {
                 let found = format!("no readable file ({error})");
                 let remedy =
-                    "create it or allow its reading; `cardiotwin init DIR` writes a template";
+                    "create it or make it readable; `cardiotwin init DIR` writes a template";
                 report.add(patient, Problem::error(file, found, "a TOML file", remedy));
                 return None;
             }
@@ -86,7 +86,7 @@ impl Document {
                 let problem = Problem::error(
                     file,
                     "bytes that are not UTF-8",
-                    "text in UTF-8",
+                    "UTF-8 text",
                     "save the file as UTF-8",
                 );
                 report.add(patient, problem.at_line(line));
@@ -103,7 +103,8 @@ impl Document {
         errors.sort_by_key(|error| error.span().map_or(0, |span| span.start));
         for error in errors {
             let found = format!("a syntax error: {}", error.message());
-            let remedy = "correct it: texts stand in quotes, numbers do not, decimals take a point";
+            let remedy =
+                "correct it: strings need quotes, numbers do not, and decimals use a point";
             let mut problem = Problem::error(file, found, "TOML", remedy);
             if let Some(span) = error.span() {
                 problem = problem.at_line(lines.line_of(span.start));

@@ -30,12 +30,12 @@ pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
         .keys()
         .filter(|name| COMMAND_PLACEHOLDERS.contains(&name.as_str()))
     {
-        let expected = format!("another name than {}", COMMAND_PLACEHOLDERS.join(", "));
+        let expected = format!("a name other than {}", COMMAND_PLACEHOLDERS.join(", "));
         list.add(
             &format!("files.{name}"),
             format!("the name `{name}`"),
             &expected,
-            "name the file otherwise",
+            "give the file another name",
         );
     }
     for (made, template) in &external.templates {
@@ -86,7 +86,7 @@ pub(super) fn complaints(settings: &Settings) -> Vec<Complaint> {
             list.add(
                 "results.igb",
                 format!("no {quantity}"),
-                "Sa_kPa and lambda, and Ca_uM where there is calcium",
+                "Sa_kPa and lambda, and Ca_uM if there is calcium",
                 remedy,
             );
         }
@@ -193,7 +193,7 @@ impl List {
             .components()
             .all(|part| matches!(part, std::path::Component::Normal(_)));
         if name.is_empty() || !plain {
-            let expected = "a file below the folder that the solver runs in";
+            let expected = "a file inside the solver's folder";
             self.add(
                 key,
                 format!("`{name}`"),

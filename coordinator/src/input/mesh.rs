@@ -44,7 +44,7 @@ pub fn check(
             .keys()
             .filter(|name| !GENERATED.contains(&name.as_str()))
         {
-            let found = "no surface of this name: the patient has no mesh of his own";
+            let found = "no surface of this name: the patient has no mesh of its own";
             let expected = format!(
                 "one of {}, which the generated mesh has",
                 GENERATED.join(", ")
@@ -129,8 +129,8 @@ pub fn check(
                 || with_ending(&path, ".pts").is_file();
             if there {
                 let (found, expected) = (chain(&error), "a mesh of tetrahedra");
-                let remedy =
-                    "write the file again; formats: CARP text, VTU, gmsh .msh, Medit .mesh";
+                let remedy = "write the file again in one of the formats CARP text, VTU, gmsh .msh or Medit \
+                     .mesh";
                 let problem = Problem::error(&document.file, found, expected, remedy);
                 report.add(patient, told_at(problem, "anatomy.mesh.file"));
             }

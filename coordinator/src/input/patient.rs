@@ -123,7 +123,7 @@ pub fn check_completeness(
         if measured.end_diastolic_pressure_mmhg.is_none() && given.edp_mmhg.is_none() {
             list.add(
                 "measured.end_diastolic_pressure_mmHg",
-                "no such key, and no pressure trace to take it from",
+                "no such key, and no pressure trace to derive it from",
                 "the pressure at end-diastole",
                 "add the key to [measured]",
             );
@@ -142,7 +142,7 @@ pub fn check_completeness(
         list.add(
             "measured.end_diastolic_volume_mL",
             "no such key, no volume trace and no image volume",
-            "the cavity's volume at end-diastole: without a volume there is no ventricle",
+            "the cavity's volume at end-diastole, which the ventricle needs",
             "add `end_diastolic_volume_mL` to [measured], or `volume = \"volume.csv\"`, or [measured.diastasis]",
         );
     }
@@ -189,8 +189,10 @@ impl Values<'_> {
         let Some(value) = value else { return };
         if !(low..=high).contains(&value) {
             let remedy = match unit {
-                "ms" if value > 0.0 && value < 10.0 => "this looks like seconds: give milliseconds",
-                _ if high < 0.0 && value > 0.0 => "it is negative: write the sign",
+                "ms" if value > 0.0 && value < 10.0 => {
+                    "the value looks like seconds: give milliseconds"
+                }
+                _ if high < 0.0 && value > 0.0 => "the quantity is negative: write the sign",
                 _ => "correct the value; its unit is in the key's name",
             };
             let expected = format!("{low} to {high} {unit}");
@@ -220,7 +222,7 @@ impl Values<'_> {
                 "id",
                 format!("{id:?}"),
                 expected,
-                "choose another pseudonym and rename the folder alike",
+                "choose another pseudonym and rename the folder accordingly",
             );
         }
     }
@@ -233,7 +235,7 @@ impl Values<'_> {
                 "anatomy.mesh.unit",
                 format!("{:?}", mesh.unit),
                 &expected,
-                "say in what the coordinates are",
+                "state the unit of the coordinates",
             );
         }
         if mesh.left_ventricle.is_empty() {
@@ -241,7 +243,7 @@ impl Values<'_> {
             self.add(
                 "anatomy.mesh.left_ventricle",
                 "no tag",
-                "one tag or more",
+                "at least one tag",
                 remedy,
             );
         }
@@ -278,8 +280,10 @@ impl Values<'_> {
         ) {
             (Some(name), true) => {
                 if !folder.join(name).is_file() {
-                    let (found, expected) =
-                        (format!("no file {name:?}"), "a file with one number a node");
+                    let (found, expected) = (
+                        format!("no file {name:?}"),
+                        "a file with one number per node",
+                    );
                     self.add(
                         "anatomy.mesh.activation_times_ms",
                         found,
@@ -300,7 +304,7 @@ impl Values<'_> {
                     "anatomy.mesh",
                     found,
                     expected,
-                    "say where activation begins, in mm, or name a file of times",
+                    "give the sites of first activation in mm, or name a file of activation times",
                 );
             }
         }
@@ -329,7 +333,7 @@ impl Values<'_> {
         self.add(
             "anatomy.mesh.right_ventricle",
             found,
-            "pressure_mmHg or pressure, one of them",
+            "either pressure_mmHg or pressure",
             remedy,
         );
     }

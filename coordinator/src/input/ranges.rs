@@ -42,12 +42,13 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let executor = &settings.executor;
     list.notices(&executor.notices);
     if let Some(umask) = executor.umask.as_ref().filter(|text| !is_mask(text)) {
-        let expected = "three or four octal digits, the owner's 0, such as \"0077\" or \"0027\"";
+        let expected = "three or four octal digits with a 0 for the owner, such as \"0077\" or \
+                        \"0027\"";
         list.add(
             "executor.umask",
             umask.clone(),
             expected,
-            "a mask that takes from the owner would stop the run itself",
+            "remove the owner's bits: they would keep the run from reading its own files",
         );
     }
     list.0.extend(external::complaints(settings));
@@ -95,8 +96,8 @@ impl List {
             self.add(
                 "executor.notices.mail",
                 address.clone(),
-                "addresses, each as name@host",
-                "write each of them as a text of its own",
+                "addresses of the form name@host",
+                "write each address as a separate string",
             );
         }
         if !notices.mail.is_empty() && notices.sendmail.is_empty() {
@@ -104,7 +105,7 @@ impl List {
                 "executor.notices.sendmail",
                 "none",
                 "a program that sends mail",
-                "name it, or leave executor.notices.mail away",
+                "name it, or remove executor.notices.mail",
             );
         }
     }
@@ -148,7 +149,7 @@ impl List {
                 "{} ms, longer than a step of {} ms",
                 solver.shortest_step_ms, solver.time_step_ms
             );
-            let remedy = "a step is cut in halves from solver.time_step_ms down to it";
+            let remedy = "a step is halved from solver.time_step_ms down to this value";
             self.add(
                 "solver.shortest_step_ms",
                 found,
@@ -172,7 +173,7 @@ impl List {
                     format!("solver.{name}"),
                     value.to_string(),
                     "a finite number",
-                    "give a number, or take the setting out",
+                    "give a number, or remove the setting",
                 );
             }
         }
@@ -205,7 +206,7 @@ impl List {
                     &key,
                     "no bounds".to_owned(),
                     "[lower, upper]",
-                    "give the parameter bounds, or take it out",
+                    "give the parameter bounds, or remove it",
                 );
             }
         }
@@ -244,7 +245,8 @@ impl List {
                 continue;
             };
             if *low < 0.0 {
-                let remedy = "step 1 multiplies parameters by ratios, which keeps their sign: give a bound above 0";
+                let remedy = "step 1 multiplies parameters by ratios, which keep their sign: give a \
+                              bound above 0";
                 self.add(
                     format!("step1.bounds.{name}"),
                     low.to_string(),
@@ -274,7 +276,8 @@ impl List {
     fn step2(&mut self, step2: &CellFitSettings) {
         let [low, high] = step2.mutation;
         if !(0.0 <= low && low <= high && high < 2.0) {
-            let remedy = "give [smallest, largest] mutation factor, equal for none of the dither";
+            let remedy = "give [smallest, largest] mutation factor; equal values switch the dither \
+                          off";
             self.add(
                 "step2.mutation",
                 format!("[{low}, {high}]"),
@@ -284,7 +287,7 @@ impl List {
         }
         self.bounds("step2.bounds", &step2.bounds, &CELL_PARAMETERS);
         if step2.parameters.is_empty() {
-            let remedy = "name at least one; the default ten are in docs/models.md";
+            let remedy = "name at least one; docs/models.md lists the ten defaults";
             self.add(
                 "step2.parameters",
                 "an empty list",
@@ -292,10 +295,11 @@ impl List {
                 remedy,
             );
         } else if step2.fitted().is_empty() {
-            let remedy = "name at least one other: Rice's four have no effect where calcium is a fixed input";
+            let remedy = "name at least one other parameter: Rice's four have no effect if calcium \
+                          is a fixed input";
             self.add(
                 "step2.parameters",
-                "calcium's parameters alone",
+                "only parameters of calcium",
                 "parameters to fit",
                 remedy,
             );
@@ -325,7 +329,7 @@ impl List {
                 self.against(format!("step2.bounds.{name}"));
             }
             if step2.frozen.contains_key(name) {
-                let remedy = "take it out of step2.parameters or of step2.frozen";
+                let remedy = "remove it from step2.parameters or from step2.frozen";
                 let key = format!("step2.frozen.{name}");
                 self.add(
                     key,
@@ -350,7 +354,7 @@ impl List {
             self.add(
                 "step2.weights",
                 "no positive weight",
-                "something to fit",
+                "at least one positive weight",
                 remedy,
             );
         }
@@ -365,7 +369,7 @@ impl List {
                 continue;
             }
             if !step2.parameters.contains(name) {
-                let remedy = "name it in step2.parameters too, or hold it with step2.frozen";
+                let remedy = "name it in step2.parameters, too, or freeze it in step2.frozen";
                 self.add(
                     key,
                     "a parameter that is not fitted",

@@ -182,7 +182,7 @@ impl Reader<'_> {
                     "cuff.mean_mmHg",
                     format!("{mean} mmHg"),
                     "a pressure between both",
-                    "correct it or remove it",
+                    "correct or remove it",
                 );
             }
         }
@@ -239,7 +239,7 @@ impl Reader<'_> {
                 )
             } else {
                 (
-                    "times, and a source that does not take them",
+                    "times, and a source that does not use them",
                     "add source = \"given\" to [steps.beats], or remove the times",
                 )
             };
@@ -263,7 +263,7 @@ impl Reader<'_> {
             self.error(
                 "steps.reject.keep",
                 found,
-                "each beat in one of them",
+                "each beat in only one of them",
                 "remove it from the other",
             );
         }
@@ -385,10 +385,11 @@ impl Reader<'_> {
             Err(error) => {
                 let remedy = match error {
                     RecordingError::NoPressure => {
-                        "name a column lv_pressure_mmHg or aortic_pressure_mmHg, or say in [catheter.columns] which one it is"
+                        "name a column lv_pressure_mmHg or aortic_pressure_mmHg, or name the \
+                         pressure's column in [catheter.columns]"
                     }
                     RecordingError::Step { step_ms } if step_ms < 0.05 => {
-                        "these look like seconds: name the column time_s"
+                        "the values look like seconds: name the column time_s"
                     }
                     _ => "export the whole recording, every sample with its time",
                 };

@@ -26,7 +26,7 @@ pub fn specification(
         let path = &patient.lines.0;
         let remedy =
             format!("add `{name} = \"{name}.csv\"` to [measured], or leave this patient out");
-        let expected = "both pressure and volume: a search compares traces, not biomarkers";
+        let expected = "both pressure and volume, since a search compares traces, not biomarkers";
         let problem = Problem::error(path, "no such key", expected, remedy)
             .at_key(format!("measured.{name}"));
         report.add(Some(&patient.id), problem);

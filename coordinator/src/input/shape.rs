@@ -69,7 +69,7 @@ impl<'a> Walk<'a> {
                 self.problem(
                     node.line,
                     key,
-                    format!("the text {text:?}"),
+                    format!("the string {text:?}"),
                     expected,
                     remedy,
                 );
@@ -97,7 +97,7 @@ impl<'a> Walk<'a> {
             (Tree::Float(number), "number") => {
                 let value = serde_json::Number::from_f64(*number).map(Value::Number);
                 if value.is_none() {
-                    let remedy = "give a finite number, or leave the key out".to_owned();
+                    let remedy = "give a finite number, or remove the key".to_owned();
                     self.problem(
                         node.line,
                         key,
@@ -114,7 +114,7 @@ impl<'a> Walk<'a> {
                         "write the number without quotes; its unit is in the key's name".to_owned()
                     }
                     (_, "object") => format!("write it as a table: [{key}]"),
-                    (_, "string") => "put the text in quotes".to_owned(),
+                    (_, "string") => "put the string in quotes".to_owned(),
                     _ => format!("give {}", kind_in_words(kind, &choices)),
                 };
                 self.problem(
@@ -328,7 +328,7 @@ fn kind_in_words(kind: &str, choices: &[&str]) -> String {
         _ if !choices.is_empty() => format!("one of {}", quoted(choices)),
         "object" => "a table".to_owned(),
         "array" => "a list".to_owned(),
-        "string" => "a text".to_owned(),
+        "string" => "a string".to_owned(),
         "number" => "a number".to_owned(),
         "integer" => "an integer".to_owned(),
         "boolean" => "true or false".to_owned(),

@@ -200,7 +200,7 @@ fn missing_traces_empty_cohorts_and_missing_files() {
     );
     let empty = Folder::new(COHORT, &[]);
     std::fs::create_dir(empty.0.path().join("patients")).unwrap();
-    only(&empty.said(), &["no patient's folder"]);
+    only(&empty.said(), &["no patient folder"]);
     std::fs::create_dir(empty.0.path().join("patients/P1")).unwrap();
     only(
         &empty.said(),

@@ -108,7 +108,7 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
         };
     }
     let Some((systolic_mmhg, diastolic_mmhg, sd_mmhg, _)) = facts.aortic else {
-        return Load::Lacking("neither an aortic pressure nor a cuff's");
+        return Load::Lacking("neither an aortic pressure nor a cuff pressure");
     };
     let cuff = Cuff {
         systolic_mmhg,
@@ -167,13 +167,13 @@ impl Load {
     pub fn how(&self) -> Option<String> {
         match self {
             Self::Catheter { flow, .. } => {
-                Some(format!("fitted to the aorta's mean pressure with {flow}"))
+                Some(format!("fitted to the mean aortic pressure with {flow}"))
             }
             Self::Cuff { flow, fit } if fit.assumed_share => Some(format!(
-                "through the cuff's pressures with {flow}; R1 is a usual share of R2"
+                "through the cuff pressures with {flow}; R1 is the usual fraction of R2"
             )),
             Self::Cuff { flow, .. } => Some(format!(
-                "through the cuff's pressures, its mean among them, with {flow}"
+                "through the cuff pressures, including the mean, with {flow}"
             )),
             _ => None,
         }
@@ -192,8 +192,9 @@ impl Load {
             )),
             Self::Catheter { share_of_pulse, .. } if *share_of_pulse > LARGE_MISFIT => {
                 Some(format!(
-                    "three elements miss {:.0} % of the aorta's pulse pressure; `cardiotwin discover --afterload` on \
-                 aortic_flow.csv and aortic_pressure.csv says what is lacking where flow was measured",
+                    "three elements misfit by {:.0} % of the aorta's pulse pressure; if flow was \
+                     measured, `cardiotwin discover --afterload` on aortic_flow.csv and \
+                     aortic_pressure.csv searches for the missing effect",
                     100.0 * share_of_pulse
                 ))
             }

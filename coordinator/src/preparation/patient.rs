@@ -133,7 +133,7 @@ pub fn toml(
             .collect::<String>()
     };
     line(format!(
-        "# Made by `cardiotwin prepare` from {}; what each step did: prepared/prepare.json.",
+        "# Made by `cardiotwin prepare` from {}; prepared/prepare.json records the steps.",
         plain(&named.join(", "))
     ));
     line(format!("id = {}", quoted(id)));

@@ -90,7 +90,7 @@ fn beats(folder: &RawFolder, prepared: &Prepared) -> StepDone {
     let lengths = found.beats.iter().map(|beat| beat.length_ms);
     let (low, high) = lengths.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(v), h.max(v)));
     let what = format!(
-        "{} beats of {low:.0} to {high:.0} ms from the {}; {:.1} s belong to no whole beat",
+        "{} beats of {low:.0} to {high:.0} ms from the {}; {:.1} s outside of whole beats",
         found.beats.len(),
         source_in_words(folder, prepared),
         found.left_over_ms * 1e-3
@@ -120,9 +120,9 @@ fn reject(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         _ => StepState::Done,
     };
     let what = match n {
-        0 => "no beat is left out".to_owned(),
-        1 => format!("1 beat is left out: {}", counts(&prepared.reasons)),
-        n => format!("{n} beats are left out: {}", counts(&prepared.reasons)),
+        0 => "no beat is excluded".to_owned(),
+        1 => format!("1 beat is excluded: {}", counts(&prepared.reasons)),
+        n => format!("{n} beats are excluded: {}", counts(&prepared.reasons)),
     };
     step(
         "reject",
@@ -145,7 +145,12 @@ fn drift(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         .filter_map(|(name, drift)| Some((*name, (*drift)?)))
         .collect();
     if seen.is_empty() {
-        return step("drift", StepState::Lacking, "too few beats to see one", []);
+        return step(
+            "drift",
+            StepState::Lacking,
+            "too few beats to detect a drift",
+            [],
+        );
     }
     let words = |(name, drift): &(&str, Drift)| {
         let done = if drift.removed { "taken out" } else { "left" };
@@ -189,19 +194,19 @@ fn average(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         ("fall_sd_ms", average.landmark_sd_ms[1]),
     ];
     if !settings.average.enabled {
-        let what = format!("one beat, brought to {:.0} ms", average.cycle_length_ms);
+        let what = format!("one beat, resampled to {:.0} ms", average.cycle_length_ms);
         return step("average", StepState::Off, what, numbers);
     }
     let aligned = if settings.average.align {
         format!(
-            "rises moved by {:.1} ms and falls by {:.1} ms (standard deviations) onto each other",
+            "aligned by moving rises by {:.1} ms and falls by {:.1} ms (standard deviations)",
             average.landmark_sd_ms[0], average.landmark_sd_ms[1]
         )
     } else {
-        "laid on each other's beginning".to_owned()
+        "aligned at their beginnings".to_owned()
     };
     let what = format!(
-        "{} beats of {low:.0} to {high:.0} ms, brought to {:.1} ms; {aligned}",
+        "{} beats of {low:.0} to {high:.0} ms, resampled to {:.1} ms; {aligned}",
         average.n_averaged, average.cycle_length_ms
     );
     let state = if settings.average.cycle_length_ms.is_some() {
@@ -226,8 +231,8 @@ fn noise(prepared: &Prepared, facts: &Facts, settings: &RawSteps) -> StepDone {
             NoiseOf::Beat => "of one beat",
         };
         words.push(format!(
-            "beats differ by {:.2} mmHg with a correlation time of {:.1} ms, their levels by {:.2} mmHg and strengths by {:.1} % \
-             (worth {:.1} beats)",
+            "beats differ by {:.2} mmHg with a correlation time of {:.1} ms, their levels by {:.2} \
+             mmHg and their amplitudes by {:.1} % (worth {:.1} beats)",
             seen.beat_rms_mmhg,
             seen.correlation_ms,
             seen.level_sd_mmhg,
@@ -293,26 +298,28 @@ fn adjusted(volume: &PreparedVolume, settings: &RawSteps) -> StepDone {
         a.before_ml,
         settings.volume.adjust,
     ) {
-        (false, ..) => (StepState::Off, "volumes stay as they are".to_owned()),
+        (false, ..) => (StepState::Off, "volumes are unchanged".to_owned()),
         (true, Some(factor), ..) => (
             StepState::Given,
             format!("volumes times {factor}; {stroke}"),
         ),
         (true, None, None, _) => (
             StepState::Lacking,
-            "no whole-heart image: volumes stay as they are".to_owned(),
+            "no whole-heart image: volumes are unchanged".to_owned(),
         ),
         (true, None, Some(before), VolumeAdjustment::Scale) => (
             StepState::Done,
             format!(
-                "volumes times {:.4}: {before:.1} mL at the image's time become its own; {stroke}",
+                "volumes times {:.4}, so that {before:.1} mL at the image's time become the image's \
+                 volume; {stroke}",
                 a.factor
             ),
         ),
         (true, None, Some(before), VolumeAdjustment::Shift) => (
             StepState::Done,
             format!(
-                "volumes {:+.2} mL: {before:.1} mL at the image's time become its own; {stroke}",
+                "volumes {:+.2} mL, so that {before:.1} mL at the image's time become the image's \
+                 volume; {stroke}",
                 a.shift_ml
             ),
         ),
@@ -332,12 +339,13 @@ fn cycle(volume: &PreparedVolume, settings: &RawSteps) -> StepDone {
     };
     let what = if (r.systole_factor - r.diastole_factor).abs() < 1e-9 {
         format!(
-            "the cine's cycle of {from:.0} ms to {to:.0} ms, all of it by {:.3}",
+            "the cine's cycle of {from:.0} ms scaled to {to:.0} ms: the whole cycle by {:.3}",
             r.systole_factor
         )
     } else {
         format!(
-            "the cine's cycle of {from:.0} ms to {to:.0} ms: systole by {:.3}, diastole by {:.3}",
+            "the cine's cycle of {from:.0} ms scaled to {to:.0} ms: systole by {:.3}, diastole by \
+             {:.3}",
             r.systole_factor, r.diastole_factor
         )
     };
@@ -383,21 +391,22 @@ fn synchronise(volume: &PreparedVolume, prepared: &Prepared, settings: &RawSteps
     ) {
         (false, ..) => (
             StepState::Off,
-            "pressure and volume stay as they are".to_owned(),
+            "pressure and volume are unchanged".to_owned(),
         ),
         (true, Some(given), _) => (
             StepState::Given,
-            format!("the volume moved by {:+.1} ms", -given),
+            format!("the volume was shifted by {:+.1} ms", -given),
         ),
         (true, None, None) => (
             StepState::Lacking,
-            "valves' events are not seen in both: pressure and volume stay as they are".to_owned(),
+            "valve events were not found in both: pressure and volume are unchanged".to_owned(),
         ),
         (true, None, Some(_)) => (
             StepState::Done,
             format!(
-                "the volume moved by {:+.1} ms (standard error {error:.1}): ejection lay {opening:+.1} ms from the aortic valve's \
-                 opening and {closure:+.1} ms from its closure",
+                "the volume was shifted by {:+.1} ms (standard error {error:.1}): ejection was \
+                 {opening:+.1} ms from the aortic valve's opening and {closure:+.1} ms from its \
+                 closure",
                 -lag.ms
             ),
         ),
@@ -416,7 +425,7 @@ fn afterload(load: &Load) -> StepDone {
     });
     let [r1, r2, c] = numbers;
     let (state, what) = match (load, load.how()) {
-        (Load::Off, _) => (StepState::Off, "none is fitted".to_owned()),
+        (Load::Off, _) => (StepState::Off, "no Windkessel is fitted".to_owned()),
         (Load::Lacking(what), _) => (StepState::Lacking, (*what).to_owned()),
         (Load::Failed(why), _) => (StepState::Lacking, why.clone()),
         (_, how) => {
@@ -450,19 +459,19 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         .count();
     if left_out as f64 > MANY_LEFT_OUT * n as f64 {
         said.push(format!(
-            "{left_out} of {n} beats are left out: look at beats.svg, and at [steps.reject] of prepare.toml"
+            "{left_out} of {n} beats are excluded: check beats.svg, and [steps.reject] of \
+             prepare.toml"
         ));
     }
     if folder.file.steps.average.enabled && prepared.average.n_averaged < FEW_BEATS {
         said.push(format!(
-            "the mean is of {} only",
+            "the mean covers only {}",
             beats_in_words(prepared.average.n_averaged)
         ));
     }
     if prepared.average.lv_pressure.is_none() {
         said.push(
-            "there is no pressure of the ventricle: a patient needs one, or its biomarkers"
-                .to_owned(),
+            "there is no ventricular pressure: a patient needs one, or its biomarkers".to_owned(),
         );
     }
     let Some(volume) = &prepared.volume else {
@@ -476,12 +485,13 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
     }
     if let Some(ratio) = volume.reconciled.implausible {
         said.push(format!(
-            "systole of the cine would have to be scaled by {ratio:.2}: not believed, the whole cycle is scaled alike"
+            "the cine's systole would have to be scaled by {ratio:.2}, which is implausible: the \
+             whole cycle is scaled uniformly"
         ));
     }
     if prepared.valves.is_some() && volume.ejection.is_none() {
         said.push(
-            "no ejection is seen among the cine's frames: pressure and volume are not synchronised"
+            "no ejection was found in the cine's frames: pressure and volume are not synchronised"
                 .to_owned(),
         );
     }
@@ -491,7 +501,7 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         .filter(|e| !given && e.middle_error_ms > UNCERTAIN_MS)
     {
         said.push(format!(
-            "the lag is known to {:.0} ms only: the frames are few or noisy",
+            "the lag is only known to {:.0} ms: the frames are few or noisy",
             ejection.middle_error_ms
         ));
     }
@@ -499,7 +509,8 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         && (opening - closure).abs() > EVENTS_APART_MS
     {
         said.push(format!(
-            "ejection lies {opening:.0} ms from the valve's opening and {closure:.0} ms from its closure: its length differs"
+            "ejection is {opening:.0} ms from the valve's opening and {closure:.0} ms from its \
+             closure: its duration differs"
         ));
     }
     said

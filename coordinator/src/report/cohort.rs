@@ -39,7 +39,7 @@ fn sentence(run: &RunRecord) -> String {
         .iter()
         .filter_map(|p| match &p.step1 {
             Some(s) if matches!(s.quality, Step1Quality::Stalled { .. }) => Some(format!(
-                "{} (iteration {} taken)",
+                "{} (iteration {} selected)",
                 p.plan.id, s.best_iteration
             )),
             _ => None,
@@ -65,7 +65,7 @@ fn sentence(run: &RunRecord) -> String {
             .is_some_and(|verdict| verdict.personalised)
     });
     text += &format!(
-        "; step 2 is verified in the organ for {verified}, of whom {personalised} are personalised"
+        "; step 2 is verified in the organ for {verified}, and {personalised} of these are personalised"
     );
     let short_of = of(&|p| {
         p.cell_fit
@@ -73,7 +73,7 @@ fn sentence(run: &RunRecord) -> String {
             .is_some_and(|f| !f.result.unreachable_targets.is_empty())
     });
     if short_of > 0 {
-        text += &format!(", with targets out of the cell's reach for {short_of}");
+        text += &format!(", with targets that the cell cannot reach for {short_of}");
     }
     if failed > 0 {
         text += &format!("; {failed} failed");
@@ -142,7 +142,7 @@ fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
             @match value {
                 Some(v) => {
                     (fixed(Some(v.mean), 1)) @if let Some(sd) = v.sd { span.quiet { " ± " (fixed(Some(sd), 1)) } }
-                    @if (10.0 * v.mean).round() <= (10.0 * paper).round() { span.good title="no larger than the paper's mean" { " ✓" } }
+                    @if (10.0 * v.mean).round() <= (10.0 * paper).round() { span.good title="not larger than the paper's mean" { " ✓" } }
                     @else { span.warn title="larger than the paper's mean" { " ▲" } }
                 }
                 None => "\u{2013}",
@@ -170,12 +170,12 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
         .count();
     html! {
         h2 id="errors" { "Errors" }
-        p.quiet { "Absolute differences to the measured biomarkers, percent of the measured value; the paper is Jung et al. 2022, Table 2 (seven patients)." }
+        p.quiet { "Absolute differences from the measured biomarkers in percent of the measured value; the paper is Jung et al. 2022, Table 2 (seven patients)." }
         div.figures.wide {
-            figure { figcaption { b { "Step 1" } span.quiet { ", iterate taken" } } (strip(patients, Step::Step1, &PAPER_STEP1_PERCENT)) }
+            figure { figcaption { b { "Step 1" } span.quiet { ", selected iterate" } } (strip(patients, Step::Step1, &PAPER_STEP1_PERCENT)) }
             figure { figcaption { b { "Step 2" } span.quiet { ", verification beat" } } (strip(patients, Step::Step2, &PAPER_STEP2_PERCENT)) }
             @if n(Step::Step3) > 0 {
-                figure { figcaption { b { "Step 3" } span.quiet { ", beat taken; the paper has no step 3" } } (strip(patients, Step::Step3, &[])) }
+                figure { figcaption { b { "Step 3" } span.quiet { ", selected beat; the paper has no step 3" } } (strip(patients, Step::Step3, &[])) }
             }
         }
         (legend_of_strips())
@@ -184,7 +184,7 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                 caption { "Mean ± SD of the errors, %" }
                 thead { tr {
                     th scope="col" { "" }
-                    th scope="col" { "step 1, iterate taken" br; span.quiet { "n = " (n(Step::Step1)) } }
+                    th scope="col" { "step 1, selected iterate" br; span.quiet { "n = " (n(Step::Step1)) } }
                     th scope="col" { "converged only" br; span.quiet { "n = " (converged) } }
                     th scope="col" { "first within tolerance" br; span.quiet { "n = " (n(Step::Step1FirstConverged)) } }
                     th scope="col" { "paper, step 1" br; span.quiet { "n = 7" } }
@@ -394,7 +394,7 @@ fn columns() -> Vec<Column> {
         column(
             "step 1",
             html! { "cost" },
-            "cost of the iterate that was taken",
+            "cost of the selected iterate",
             Show::Cost,
             Box::new(|v| v.0.step1.as_ref().map(|s| s.cost)),
         ),
@@ -501,7 +501,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
     let group = |open: bool| open.then_some("group");
     scrolling(&html! {
         table.cohort {
-            caption { span.quiet { "Biomarkers: signed relative differences to the measured ones, %" } }
+            caption { span.quiet { "Biomarkers: signed relative differences from the measured values, %" } }
             thead {
                 tr {
                     th rowspan="2" scope="col" { "patient" } th rowspan="2" scope="col" { "state" }
@@ -529,7 +529,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             }
             tfoot {
                 tr {
-                    th scope="row" colspan="2" { "mean" span.quiet { ", errors without sign" } }
+                    th scope="row" colspan="2" { "mean" span.quiet { ", absolute errors" } }
                     @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] { (foot(c, spread[i].map(|s| s.mean))) } }
                 }
                 tr {
@@ -553,8 +553,8 @@ pub fn small_multiples(tiles: &[(String, String, Markup)], left_out: usize) -> M
         h2 id="pressures" { "Pressure at a glance" }
         (legend(&[(Source::Measured.name(), "measured".into()), (Source::Step1.name(), "step 1".into()), (Source::Step2.name(), "step 2".into()), (Source::Step3.name(), "step 3".into())]))
         p.quiet {
-            "mmHg over ms, one pressure axis for all."
-            @if left_out > 0 { " Failed patients and the largest costs of step 1 first; " (left_out) " more are on their own pages." }
+            "Pressure (mmHg) over time (ms), with the same pressure axis for all patients."
+            @if left_out > 0 { " Failed patients come first, then those with the largest costs of step 1; " (left_out) " others have only their own pages." }
         }
         div.tiles {
             @for (id, href, plot) in tiles { a.tile href=(href) { b { (id) } (plot) } }

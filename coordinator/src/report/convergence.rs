@@ -117,7 +117,7 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     if !predicted.is_empty() {
         chart.series.push(Series {
             class: "mean",
-            name: "predicted by its proposal".into(),
+            name: "predicted by the proposal".into(),
             points: predicted,
             dots: true,
         });
@@ -192,7 +192,7 @@ pub fn evolution(patient: &PatientRecord) -> Result<Chart, String> {
         return Err("Step 2 has not finished.".to_owned());
     };
     let Some(file) = fit.artefact("convergence") else {
-        return Err("Step 2 left no convergence.csv.".to_owned());
+        return Err("Step 2 wrote no convergence.csv.".to_owned());
     };
     let columns = Columns::read(&file).map_err(|e| e.to_string())?;
     let best = columns

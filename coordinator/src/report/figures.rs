@@ -291,7 +291,7 @@ pub fn gap_words(patient: &PatientRecord) -> Option<String> {
     .into_iter()
     .filter_map(|(name, gap)| gap.map(|gap| format!("{name} {} mL", fixed(Some(gap), 1))))
     .collect();
-    (!words.is_empty()).then(|| format!(": left open at the end, {}", words.join(", ")))
+    (!words.is_empty()).then(|| format!(": gap at the end, {}", words.join(", ")))
 }
 
 /// Pressure-volume loops of all sources, with marks where beats begin and end.

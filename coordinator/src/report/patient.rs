@@ -76,7 +76,7 @@ pub fn step1_words(patient: &PatientRecord) -> String {
 
 fn reason_words(reason: StallReason) -> &'static str {
     match reason {
-        StallReason::Stagnation => "the cost no longer fell",
+        StallReason::Stagnation => "the cost no longer decreased",
         StallReason::SimulationFailed => "a simulation failed",
         StallReason::IterationLimit => "the limit of iterations was reached",
     }
@@ -102,16 +102,16 @@ fn summary(patient: &PatientRecord) -> Markup {
                 Some(s) => {
                     "Step 1 " (match s.quality {
                         Step1Quality::Converged => format!("converged (cost {} at iteration {} of {}", significant(s.cost, 3), s.best_iteration, patient.iterations.len()),
-                        Step1Quality::Stalled { reason } => format!("stalled, since {}; iteration {} of {} was taken (cost {}", reason_words(reason), s.best_iteration, patient.iterations.len(), significant(s.cost, 3)),
+                        Step1Quality::Stalled { reason } => format!("stalled, because {}; iteration {} of {} was selected (cost {}", reason_words(reason), s.best_iteration, patient.iterations.len(), significant(s.cost, 3)),
                     })
                     @if let Some(first) = s.first_converged { @if first != s.best_iteration { ", within the tolerance from iteration " (first) } }
                     "): " (errors(Step::Step1)) ". "
                 }
-                None if patient.iterations.is_empty() => { "Step 1 has not begun. " }
-                None => { "Step 1 has not ended. " }
+                None if patient.iterations.is_empty() => { "Step 1 has not started. " }
+                None => { "Step 1 has not finished. " }
             }
             @if let Some(fit) = &patient.cell_fit {
-                "Step 2 " (if fit.result.converged { "converged" } else { "ended without converging" })
+                "Step 2 " (if fit.result.converged { "converged" } else { "ended without convergence" })
                 " after " (fit.result.evaluations) " cell evaluations in " (fit.result.generations) " generations (cost " (significant(fit.result.cost, 3))
                 @if !fit.result.unreachable_targets.is_empty() { ", not all targets are reachable" } ")"
                 @if patient.verification.is_some() {
@@ -126,7 +126,7 @@ fn summary(patient: &PatientRecord) -> Markup {
                     best => format!("took beat {best} of {}", patient.step3_iterations.len()),
                 }) ", since " (match step3.ending {
                     Step3Ending::WithinUncertainty => "it meets the measurements within their uncertainty",
-                    Step3Ending::NoPromise => "no other cell promised enough",
+                    Step3Ending::NoPromise => "no other cell promised a sufficient improvement",
                     Step3Ending::IterationLimit => "the limit of beats was reached",
                 }) ": " (errors(Step::Step3)) "."
             }
@@ -164,7 +164,7 @@ fn missing(patient: &PatientRecord, signals: &Signals) -> Vec<String> {
     }
     if step0.volume.is_none() {
         sentences.push(
-            "Pressure only: without a measured volume the valves stay at their first guess, and volume biomarkers have nothing to be compared with."
+            "Only pressure was measured: without a measured volume the valves stay at their first guess, and volume biomarkers cannot be compared."
                 .to_owned(),
         );
     }
@@ -172,10 +172,10 @@ fn missing(patient: &PatientRecord, signals: &Signals) -> Vec<String> {
         sentences.push(why_no_beat(patient));
     } else if !has(Source::Step2, SignalKind::Pressure) {
         sentences.push(match (&patient.verification, &patient.failure) {
-            (Some(_), _) => "The verification beat left no traces.".to_owned(),
+            (Some(_), _) => "The verification beat wrote no traces.".to_owned(),
             (None, Some(failure)) => format!("No verification beat: {}.", failure.message),
             (None, None) if !patient.plan.settings.verification.enabled => {
-                "The verification beat is switched off.".to_owned()
+                "The verification beat is disabled.".to_owned()
             }
             (None, None) => "The verification beat has not run yet.".to_owned(),
         });
@@ -191,7 +191,7 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
             "bad",
             html! {
                 b { (failure.class.as_str()) " failure: " } (failure.message) "."
-                @if let Some(remedy) = &failure.remedy { " What to do: " (remedy) "." }
+                @if let Some(remedy) = &failure.remedy { " Remedy: " (remedy) "." }
             },
         ));
     }
@@ -201,7 +201,7 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
                 "warn",
                 html! {
                     b { "step 1, iteration " (iteration.number) " failed: " } (failure.message) "."
-                    @if let Some(remedy) = &failure.remedy { " What to do: " (remedy) "." }
+                    @if let Some(remedy) = &failure.remedy { " Remedy: " (remedy) "." }
                 },
             ));
         }
@@ -290,7 +290,7 @@ fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
     )
     .collect();
     let none = Markup::default();
-    let no_volume = "No volume to draw: none was measured, and no simulation left one.";
+    let no_volume = "No volume to draw: none was measured, and no simulation wrote one.";
     html! {
         h3 { "Beat" }
         @if !drawn.is_empty() { (legend(&drawn)) }
@@ -312,10 +312,10 @@ fn step1(patient: &PatientRecord) -> Markup {
         @if !parameters.is_empty() {
             h3 { "Step 1: convergence" }
             p.quiet {
-                "Each simulation's parameters relative to the first guess, on one logarithmic axis; the band marks the iterate that was taken"
+                "Parameters of each simulation relative to the first guess, on the same logarithmic axis; the band marks the selected iterate"
                 @if patient.iterations.iter().any(|i| i.failure.is_some()) { ", × a simulation that failed" } "."
                 @if patient.iterations.iter().any(|i| i.proposal.is_some()) {
-                    " The one-fibre ventricle, corrected to the simulations before, proposed them; the grey line is the cost that it predicted."
+                    " They were proposed by the one-fibre ventricle, corrected by the earlier simulations; the grey line is its predicted cost."
                 }
             }
             div.figures.small {
@@ -333,14 +333,14 @@ fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
         return html! {
             h3 { "Step 2: cell" }
             p.absent {
-                @if patient.failure.is_some() { "Step 2 did not run, since the patient failed before." } @else { "Step 2 has not run yet." }
+                @if patient.failure.is_some() { "Step 2 did not run because the patient failed earlier." } @else { "Step 2 has not run yet." }
             }
         };
     }
     let evolution = convergence::evolution(patient);
     let absent = evolution.as_ref().err().cloned().unwrap_or_default();
     let median_calcium = signals.get(Source::Step1, SignalKind::Calcium).is_some();
-    let note = html! { @if !median_calcium { span.quiet { ": fitted cell alone, the Tanh model has none" } } };
+    let note = html! { @if !median_calcium { span.quiet { ": only of the fitted cell, since the Tanh model has none" } } };
     html! {
         h3 { "Step 2: cell" }
         (legend(&[

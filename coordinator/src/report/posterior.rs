@@ -27,7 +27,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     let result = &task.result;
     let none = Markup::default();
     html! {
-        h3 { "How sure" }
+        h3 { "Uncertainty" }
         p.quiet { (words(result)) }
         div.figures {
             (figure("Pressure", band(patient, signals, SignalKind::Pressure, &result.pressure_mmhg), "No pressure was sampled.", &none))
@@ -53,7 +53,7 @@ fn words(result: &PosteriorResult) -> String {
         &result.sampling,
     );
     let mut text = format!(
-        "Ninety of a hundred hearts that agree with the data lie in the shaded bands. Noise of the traces: {} mmHg and {} mL a frame",
+        "The shaded bands contain 90 % of the hearts that agree with the data. Noise of the traces: {} mmHg, and {} mL per frame",
         significant(noise.pressure_rms_mmhg, 2),
         significant(noise.volume_rms_ml, 2),
     );
@@ -68,7 +68,7 @@ fn words(result: &PosteriorResult) -> String {
         .collect();
     if !beyond.is_empty() {
         text += &format!(
-            "; beyond it the twin misses them by {}, which counts as an error of the model",
+            "; the twin's misfit beyond this noise is {}, which counts as an error of the model",
             beyond.join(" and ")
         );
     }
@@ -78,7 +78,7 @@ fn words(result: &PosteriorResult) -> String {
         sampling.evaluations
     );
     if let Some(doubt) = sampling.doubt() {
-        text += &format!("; take the bands for a guess: {doubt}");
+        text += &format!("; the bands are only a rough estimate: {doubt}");
     }
     text += ".";
     if let Some(outside) = result.outside_words() {

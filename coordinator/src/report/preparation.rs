@@ -91,7 +91,7 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
         points,
         dots: false,
     };
-    let mut first = chart("beats in the mean, and the mean", longest);
+    let mut first = chart("beats in the mean and the mean itself", longest);
     first.series.push(series(
         "beat",
         format!("{} beats in the mean", beats.kept.len()),
@@ -99,7 +99,7 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     ));
     first.series.push(series(
         "out",
-        format!("{} left out", beats.left_out.len()),
+        format!("{} excluded", beats.left_out.len()),
         Vec::new(),
     ));
     first.series.extend(
@@ -111,7 +111,7 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     first
         .series
         .push(series("step2", "mean".to_owned(), beats.mean.clone()));
-    let mut second = chart("beats that are left out, and the mean", longest);
+    let mut second = chart("excluded beats and the mean", longest);
     second.series.extend(
         beats
             .left_out

@@ -78,13 +78,13 @@ fn lead(result: &RobustnessResult) -> String {
     let seeds = match spec.n_seeds {
         0 => String::new(),
         n => format!(
-            "; {} that differ in step 2's seed alone",
+            "; {} that differ only in step 2's seed",
             count(n as usize, "member")
         ),
     };
     format!(
-        "{} of whole personalisations, a Latin hypercube over ±{} % of {what}{seeds}. Differences are relative to the \
-         original personalisation, without sign.",
+        "{} of whole personalisations from a Latin hypercube over ±{} % of {what}{seeds}. \
+         Differences are absolute values relative to the original personalisation.",
         count(spec.n_samples as usize, "sample"),
         significant(100.0 * spec.range, 3)
     )
@@ -114,10 +114,10 @@ fn section(
             (figure_6(patient, records))
             @for table in &patient.tables { (spread_table(table, result.spec.over, false)) }
             @if !patient.inputs.is_empty() {
-                (table("What was varied", &patient.inputs, false))
+                (table("Varied inputs", &patient.inputs, false))
             }
             @if !patient.seed_tables.is_empty() {
-                h3 { "By step 2's seed alone" }
+                h3 { "With only step 2's seed varied" }
                 @for table in &patient.seed_tables { (spread_table(table, result.spec.over, true)) }
             }
         }
@@ -133,7 +133,7 @@ fn conditions(conditions: &[Condition]) -> Markup {
                     Some(false) => ("warn", "▲", "missed"),
                     None => ("quiet", "○", "open"),
                 };
-                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (asked: " (c.limit) ")" } }
+                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (required: " (c.limit) ")" } }
             }
         }
     }

@@ -191,7 +191,7 @@ pub fn cell_parameters(fit: &CellFitResult) -> Markup {
                 @if on_bounds > 0 { span.quiet { ", " (on_bounds) " of " (fit.parameters.len()) " on a bound" } }
                 @if let Some(found) = &fit.identifiability {
                     span.quiet {
-                        "; near-optimal (thick line): with these values and all other parameters fitted anew, a cost of at most "
+                        "; near-optimal (thick line): with these values and all other parameters refitted, a cost of at most "
                         (significant(found.threshold, 3)) " is reached"
                         @if !found.complete { "; some intervals may be wider" }
                     }
@@ -435,7 +435,7 @@ fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
 pub fn failed_checks(what: &str, beat: &OrganBeatResult) -> Vec<Markup> {
     let failed = beat.checks.iter().filter(|c| !c.passed);
     failed
-        .map(|c| html! { b { (what) ": " (c.name) } " does not hold: found " (c.found) ", expected " (c.expected) "." })
+        .map(|c| html! { b { (what) ": " (c.name) } " failed: found " (c.found) ", expected " (c.expected) "." })
         .collect()
 }
 

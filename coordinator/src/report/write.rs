@@ -128,7 +128,7 @@ fn index(
     let left_out = run.patients.len() - tiles.len();
     let content = html! {
         (overview(run, &from_index, &tiles, left_out))
-        @if let Some(cases) = discovered { h2 id="missing" { "What the model misses" } (discovery::cohort(cases)) }
+        @if let Some(cases) = discovered { h2 id="missing" { "Missing effects of the model" } (discovery::cohort(cases)) }
     };
     let unfinished: Vec<PatientRecord> = shown
         .iter()

@@ -20,7 +20,7 @@ pub enum HeartError {
         source: std::io::Error,
     },
     /// The file is not a surface.
-    #[error("{file} is no surface of a heart: {source}")]
+    #[error("{file} is not a surface of a heart: {source}")]
     Format {
         /// Path of the file.
         file: PathBuf,
@@ -28,7 +28,7 @@ pub enum HeartError {
         source: serde_json::Error,
     },
     /// The surface is of another version, or its triangles name corners that do not exist.
-    #[error("{file} is no surface of a heart in format {SCHEMA_VERSION}: {what}")]
+    #[error("{file} is not a surface of a heart in format {SCHEMA_VERSION}: {what}")]
     Content {
         /// Path of the file.
         file: PathBuf,
@@ -88,7 +88,7 @@ fn wrong(heart: &HeartSurface) -> Option<String> {
         [s.points_mm.len(), s.sa_kpa.len(), s.lambda.len()] == [n; 3]
     };
     if !heart.states.iter().all(even) {
-        return Some(format!("a state with other than {n} corners"));
+        return Some(format!("a state that does not have {n} corners"));
     }
     let corners = heart
         .parts

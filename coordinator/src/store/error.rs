@@ -8,14 +8,15 @@ use cardiotwin_schemas::ids::PatientId;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The run directory has no database.
-    #[error("{file} does not exist: nothing was run here yet; `cardiotwin run` makes it")]
+    #[error("{file} does not exist: nothing was run here yet; `cardiotwin run` creates it")]
     Missing {
         /// Path of the database.
         file: PathBuf,
     },
     /// The file is not a database of cardiotwin.
     #[error(
-        "{file} is no database of cardiotwin ({found}); give another run directory with --run-dir"
+        "{file} is not a database of cardiotwin ({found}); give another run directory with \
+         --run-dir"
     )]
     NotOurs {
         /// Path of the file.
@@ -25,8 +26,8 @@ pub enum StoreError {
     },
     /// A newer program wrote the database.
     #[error(
-        "{file} has format {found}, written by cardiotwin {written_by}; this is cardiotwin {version}, which knows \
-         formats up to {known}: use the newer program, nothing was changed"
+        "{file} has format {found}, written by cardiotwin {written_by}; this is cardiotwin \
+         {version}, which reads formats up to {known}: use the newer program; nothing was changed"
     )]
     Newer {
         /// Path of the database.
@@ -52,8 +53,8 @@ pub enum StoreError {
     },
     /// The database is damaged.
     #[error(
-        "{file} is damaged ({found}); restore it from a backup, or move it away and run again: finished attempts \
-         beside it stay as they are"
+        "{file} is damaged ({found}); restore it from a backup, or move it away and run again: \
+         finished attempts are kept"
     )]
     Corrupted {
         /// Path of the database.
@@ -63,7 +64,8 @@ pub enum StoreError {
     },
     /// The disk is full.
     #[error(
-        "no space left for {file}: free some and run again, nothing that was committed is lost"
+        "no space left for {file}: free some space and run again; nothing that was committed is \
+         lost"
     )]
     DiskFull {
         /// Path of the database.
@@ -81,8 +83,8 @@ pub enum StoreError {
     },
     /// Another process wrote to the database in between.
     #[error(
-        "{table} changed behind this coordinator's back ({changed} of {expected} guarded updates held); \
-         is another program writing to this database?"
+        "{table} was changed by another program ({changed} of {expected} guarded updates \
+         succeeded): stop the other program that writes to this database"
     )]
     Guard {
         /// Name of the table.
@@ -94,8 +96,8 @@ pub enum StoreError {
     },
     /// Another coordinator took the lease, because this one slept or its host was cut off.
     #[error(
-        "this coordinator's lease (generation {generation}) is over, generation {now} is the present one: nothing was committed; \
-         what it began is taken up by the other"
+        "this coordinator's lease (generation {generation}) has expired, and generation {now} is \
+         current: nothing was committed; the other coordinator continues its work"
     )]
     LeaseLost {
         /// Generation of this coordinator's lease.
@@ -104,7 +106,10 @@ pub enum StoreError {
         now: u64,
     },
     /// A copy of the database is damaged.
-    #[error("the copy {file} is damaged ({found}): nothing was kept; is the disk full or failing?")]
+    #[error(
+        "the copy {file} is damaged ({found}) and was removed; check whether the disk is full \
+             or failing"
+    )]
     BadCopy {
         /// Path of the copy.
         file: PathBuf,
@@ -112,7 +117,7 @@ pub enum StoreError {
         found: String,
     },
     /// The run has no patient of this name.
-    #[error("no patient {patient} in this run; known are {known}")]
+    #[error("no patient {patient} in this run; known patients: {known}")]
     NoPatient {
         /// Requested patient.
         patient: PatientId,

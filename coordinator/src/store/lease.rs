@@ -134,7 +134,7 @@ impl Lease {
         let failed = |folder: &Path| {
             let file = folder.to_owned();
             move |source| StoreError::File {
-                what: "look into",
+                what: "read",
                 file,
                 source,
             }

@@ -40,7 +40,7 @@ impl std::fmt::Display for LockHolder {
 pub enum LockError {
     /// Another coordinator holds the run.
     #[error(
-        "{dir} is being worked on by {holder}; watch it with `cardiotwin status`, or stop that process first"
+        "{dir} is in use by {holder}; watch it with `cardiotwin status`, or stop that process first"
     )]
     Held {
         /// The run directory.
@@ -49,7 +49,10 @@ pub enum LockError {
         holder: LockHolder,
     },
     /// The file system refused the operation.
-    #[error("cannot lock {file}; is the directory writable, and does its file system know locks?")]
+    #[error(
+        "cannot lock {file}; check that the directory is writable and that its file system \
+             supports locks"
+    )]
     Io {
         /// Path of the lock file or lease.
         file: PathBuf,

@@ -94,7 +94,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
             sqlx::migrate::MigrateError::Execute(source) => source,
             other => sqlx::Error::Migrate(Box::new(other)),
         };
-        StoreError::from_sqlite(file.clone(), "bringing it up to date", source)
+        StoreError::from_sqlite(file.clone(), "migrating it", source)
     })?;
     sqlx::query("INSERT INTO meta (key, value) VALUES ('written_by', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1 WHERE value <> ?1")
         .bind(VERSION)

@@ -22,15 +22,15 @@ pub async fn try_locks(directory: &Path) -> Result<(), String> {
     let mut first = options
         .connect()
         .await
-        .map_err(words("a database cannot be made"))?;
+        .map_err(words("cannot create a database"))?;
     sqlx::raw_sql("CREATE TABLE t (x)")
         .execute(&mut first)
         .await
-        .map_err(words("a table cannot be made"))?;
+        .map_err(words("cannot create a table"))?;
     let mut second = options
         .connect()
         .await
-        .map_err(words("a second connection cannot be made"))?;
+        .map_err(words("cannot open a second connection"))?;
     sqlx::raw_sql("BEGIN IMMEDIATE; INSERT INTO t VALUES (1)")
         .execute(&mut first)
         .await
@@ -42,14 +42,14 @@ pub async fn try_locks(directory: &Path) -> Result<(), String> {
     sqlx::raw_sql("COMMIT")
         .execute(&mut first)
         .await
-        .map_err(words("nothing can be committed"))?;
+        .map_err(words("cannot commit"))?;
     if !kept_out {
-        return Err("a second writer was let in beside the first".to_owned());
+        return Err("two writers got the lock at the same time".to_owned());
     }
     sqlx::raw_sql("BEGIN IMMEDIATE; INSERT INTO t VALUES (2); COMMIT")
         .execute(&mut second)
         .await
-        .map_err(words("the lock is not given back"))?;
+        .map_err(words("the lock was not released"))?;
     first.close().await.map_err(words("closing"))?;
     second.close().await.map_err(words("closing"))
 }
@@ -63,6 +63,6 @@ mod tests {
         let none = super::try_locks(std::path::Path::new("/nowhere"))
             .await
             .unwrap_err();
-        assert!(none.starts_with("a database cannot be made"), "{none}");
+        assert!(none.starts_with("cannot create a database"), "{none}");
     }
 }

@@ -22,7 +22,7 @@ pub enum SweepError {
     },
     /// `sweep.json` is not in the format of this version.
     #[error(
-        "{path}: not the file of a sweep in format {}",
+        "{path} is not the file of a sweep in format {}",
         cardiotwin_schemas::SCHEMA_VERSION
     )]
     Format {
@@ -32,7 +32,7 @@ pub enum SweepError {
         source: serde_json::Error,
     },
     /// The folder holds a cohort or a run.
-    #[error("{path} {holds}: a sweep needs a folder of its own, see --out")]
+    #[error("{path} {holds}: name a separate folder for the sweep with --out")]
     Occupied {
         /// Path of the folder.
         path: PathBuf,
@@ -40,21 +40,21 @@ pub enum SweepError {
         holds: &'static str,
     },
     /// The named folder holds no sweep.
-    #[error("{path} holds no sweep: `cardiotwin sweep gsa --out {path}` makes one there")]
+    #[error("{path} holds no sweep: create one with `cardiotwin sweep gsa --out {path}`")]
     NoSweep {
         /// Path of the folder.
         path: PathBuf,
     },
     /// The sweep has no member yet.
-    #[error("the sweep in {path} has no member yet: the command that made the folder goes on")]
+    #[error("the sweep in {path} has no member yet: run the command that created the folder again")]
     Empty {
         /// Path of the folder.
         path: PathBuf,
     },
     /// The settings differ from those with which the sweep was made.
     #[error(
-        "the sweep in {path} was made with other settings: {changes}; its samples cannot be mixed: leave these options \
-         out, or give a new folder with --out"
+        "the sweep in {path} has other settings ({changes}), and its samples cannot be mixed: omit \
+         these options, or name a new folder with --out"
     )]
     Changed {
         /// Path of the folder.
@@ -74,7 +74,8 @@ pub enum SweepError {
     },
     /// The sweep is of another kind than the command expects.
     #[error(
-        "the folder holds a sweep of kind {found}: `cardiotwin sweep {found} COHORT --results-only` tells its results"
+        "the folder holds a sweep of kind {found}: `cardiotwin sweep {found} COHORT --results-only` \
+         shows its results"
     )]
     OtherKind {
         /// Kind of the sweep in the folder.
@@ -88,7 +89,8 @@ pub enum SweepError {
     Sobol(#[from] SobolError),
     /// A chunk's artefact differs from the published one.
     #[error(
-        "{path}: {problem}; the chunk has to be computed again: remove the sweep's folder, or restore the file from a copy"
+        "{path}: {problem}; restore the file from a copy, or remove the sweep's folder to recompute \
+         it"
     )]
     Samples {
         /// Path of the artefact.

@@ -70,7 +70,7 @@ pub fn write(folder: &Path, file: &SweepFile) -> Result<(), SweepError> {
     occupied("cohort.toml", "is a cohort")?;
     occupied("cardiotwin.db", "is the run of a cohort")?;
     std::fs::create_dir_all(folder).map_err(|source| SweepError::File {
-        what: "make",
+        what: "create",
         path: folder.to_owned(),
         source,
     })?;
@@ -89,7 +89,7 @@ pub fn write(folder: &Path, file: &SweepFile) -> Result<(), SweepError> {
 pub fn write_result(folder: &Path, name: &str, text: &str) -> Result<PathBuf, SweepError> {
     let results = folder.join(RESULTS);
     std::fs::create_dir_all(&results).map_err(|source| SweepError::File {
-        what: "make",
+        what: "create",
         path: results.clone(),
         source,
     })?;

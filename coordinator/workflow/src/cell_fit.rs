@@ -49,7 +49,11 @@ pub fn calcium(
     if plan.calcium.is_some() {
         return Ok(plan.calcium.clone());
     }
-    match artefacts.iter().find(|a| a.name == "median").filter(|_| targets.has_calcium) {
+    match artefacts
+        .iter()
+        .find(|a| a.name == "median")
+        .filter(|_| targets.has_calcium)
+    {
         Some(median) => Ok(Some(InputFile {
             name: "calcium".into(),
             path: directory.join(&median.file),
@@ -57,13 +61,14 @@ pub fn calcium(
         })),
         None => Err(Failure {
             class: FailureClass::Input,
-            message: "step2.calcium is \"median-trace\", but there is no calcium trace: patient.toml names none \
-                      (measured.calcium), and step 1's Tanh model has no calcium whose median could be taken"
+            message: "step2.calcium is \"median-trace\", but there is no calcium trace: \
+                      patient.toml names none (measured.calcium), and step 1's Tanh model has no \
+                      calcium to take a median of"
                 .to_owned(),
             remedy: Some(
-                "add calcium = \"calcium.csv\" (columns time_ms,Ca_uM from activation on) to [measured], or set \
-                 step2.calcium = \"rice\"; Rice's transient stays as it is where its four parameters are taken out of \
-                 step2.parameters"
+                "add calcium = \"calcium.csv\" (columns time_ms,Ca_uM from activation on) to \
+                 [measured], or set step2.calcium = \"rice\"; Rice's transient stays fixed if its \
+                 four parameters are removed from step2.parameters"
                     .to_owned(),
             ),
             cause: None,

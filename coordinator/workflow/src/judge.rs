@@ -80,7 +80,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
             };
             Err(Failure::new(
                 FailureClass::Bug,
-                format!("a task of kind {kind} was answered by a result of {found}"),
+                format!("a task of kind {kind} returned a result of {found}"),
             ))
         }
     }
@@ -129,7 +129,7 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
         OrganSpec::External(_) => {
             return Err(Failure::new(
                 FailureClass::Bug,
-                "step 0 made an organ of an external solver",
+                "step 0 returned an organ of an external solver",
             ));
         }
     }
@@ -140,7 +140,7 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
     if r.checks.is_empty() {
         return Err(Failure::new(
             FailureClass::Bug,
-            "the simulation reports no check of its science",
+            "the simulation reports no scientific check",
         ));
     }
     // The use of a beat whose valves stay shut depends on its purpose, so the workflow decides on
@@ -182,7 +182,10 @@ fn posterior(r: &PosteriorResult) -> Result<(), Failure> {
         .iter()
         .try_for_each(|v| finite(name, *v))?;
     }
-    finite("what data and prior leave", r.sampling.left_over_expected)?;
+    finite(
+        "expected misfit left by data and prior",
+        r.sampling.left_over_expected,
+    )?;
     if r.draws.is_empty() {
         return Err(numerics("no draw of the posterior was kept".into()));
     }
@@ -217,7 +220,10 @@ fn discover(r: &Discovered) -> Result<(), Failure> {
 fn cell_sweep(r: &CellSweepResult) -> Result<(), Failure> {
     let counted = r.n_periodic + r.n_not_periodic + r.n_stuck + r.n_refused;
     if r.n_samples == 0 || counted != r.n_samples {
-        let message = format!("of {} samples {counted} are accounted for", r.n_samples);
+        let message = format!(
+            "of {} samples only {counted} are accounted for",
+            r.n_samples
+        );
         return Err(Failure::new(FailureClass::Bug, message));
     }
     Ok(())

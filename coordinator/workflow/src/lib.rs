@@ -25,7 +25,7 @@ mod tests;
 
 /// A command that makes no sense in the present state.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{machine} is {state}: `{event}` makes no sense there")]
+#[error("{machine} is {state}: unexpected event `{event}`")]
 pub struct IllegalTransition {
     /// Name of the machine: `patient`, `task`, `attempt` or `cluster job`.
     pub machine: &'static str,

@@ -92,7 +92,8 @@ impl fmt::Display for Stage {
 /// A word that is not the name of a stage.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "`{found}` is no step; expected step0, step1, targets, step2, verification, step3 or posterior"
+    "unknown step `{found}`; expected step0, step1, targets, step2, verification, step3 or \
+     posterior"
 )]
 pub struct UnknownStage {
     /// The word.

@@ -221,23 +221,24 @@ impl Biomarkers {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct TimePoints {
-    /// Upstroke crossing of min P + 10 % of the amplitude.
+    /// Time of the upstroke at which the pressure crosses its minimum plus 10 % of the amplitude.
     pub t1_ms: Option<f64>,
-    /// Peak pressure.
+    /// Time of the peak pressure.
     pub t2_ms: Option<f64>,
-    /// Downstroke crossing of the same level.
+    /// Time of the downstroke at which the pressure crosses the level of `t1_ms` again.
     pub t3_ms: Option<f64>,
-    /// Ejection begins.
+    /// Beginning of ejection.
     pub t4_ms: Option<f64>,
-    /// Ejection ends.
+    /// End of ejection.
     pub t5_ms: Option<f64>,
-    /// Filling begins.
+    /// Beginning of filling.
     pub t6_ms: Option<f64>,
-    /// 80 % of the volume is recovered.
+    /// Time at which 80 % of the volume is recovered.
     pub t7_ms: Option<f64>,
 }
 
-/// Biomarkers of the active stress, the stretch and the calcium of a cell or of median nodal traces: step 2's targets.
+/// Biomarkers of active stress, stretch and calcium, which are the targets of step 2. They come
+/// from a cell or from median nodal traces.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CellBiomarkers {
     /// Peak active stress.
@@ -309,14 +310,15 @@ const fn of_cell(
     }
 }
 
-/// Windows over which biomarkers of noisy traces are read; absent where samples are taken as they are.
+/// Widths of the windows over which biomarkers of noisy traces are read. A window is absent if
+/// single samples are used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseWindows {
-    /// Of the pressure: its largest value and its rates.
+    /// Width of the window for the largest pressure and the pressure rates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressure_ms: Option<f64>,
-    /// Of the volume.
+    /// Width of the window for the volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_ms: Option<f64>,
 }

@@ -4,52 +4,55 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Passive law of muscle. Step 0 fits one factor of all its moduli and, where it has exponents, one of all exponents.
+/// Passive law of muscle. Step 0 fits one factor on all its moduli and, if the law has exponents,
+/// one factor on all exponents.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MuscleLaw {
-    /// Guccione et al. 1995: `guccione_C_kPa`, `b_f`, `b_t`, `b_fs`.
+    /// Guccione et al. 1995, with `guccione_C_kPa`, `b_f`, `b_t`, `b_fs`.
     #[default]
     Guccione,
-    /// Holzapfel and Ogden 2009: table `holzapfel_ogden`.
+    /// Holzapfel and Ogden 2009, with the table `holzapfel_ogden`.
     HolzapfelOgden,
-    /// Neo-Hookean: `neo_hookean_mu_kPa`. Without exponents it meets one volume, not two.
+    /// Neo-Hookean, with `neo_hookean_mu_kPa`. Without exponents it can match one volume, not two.
     NeoHookean,
 }
 
-/// Constants of Holzapfel and Ogden's law; defaults are theirs of 2009, for the shear tests of Dokos et al. 2002.
+/// Constants of Holzapfel and Ogden's law. The defaults are those of Holzapfel and Ogden 2009 for
+/// the shear tests of Dokos et al. 2002.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HolzapfelOgden {
-    /// Modulus of the ground substance: that of the search's beginning, and the one that tells the law's stiffness.
+    /// Modulus of the ground substance, at which the search begins. It is also the stiffness
+    /// reported for the law.
     #[serde(rename = "a_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub a_kpa: f64,
-    /// Its exponent.
+    /// Exponent of the ground substance.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b: f64,
     /// Modulus along the fibre.
     #[serde(rename = "a_f_kPa")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_f_kpa: f64,
-    /// Its exponent.
+    /// Exponent along the fibre.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_f: f64,
     /// Modulus along the sheet.
     #[serde(rename = "a_s_kPa")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_s_kpa: f64,
-    /// Its exponent.
+    /// Exponent along the sheet.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_s: f64,
     /// Modulus of shear between fibre and sheet.
     #[serde(rename = "a_fs_kPa")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e4))]
     pub a_fs_kpa: f64,
-    /// Its exponent.
+    /// Exponent of shear between fibre and sheet.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
-    /// Sharpness of the switch by which fibres and sheets bear load in extension only.
+    /// Steepness of the switch by which fibres and sheets carry load only in extension.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub switch: f64,
 }
@@ -111,15 +114,16 @@ pub struct NeoHookean {
     pub mu_kpa: f64,
 }
 
-/// Which tensor the contraction model's stress multiplies: what `Ta` is a force over.
+/// Stress tensor that the stress `Ta` of the contraction model enters; it determines the area to
+/// which the force refers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ActiveConvention {
-    /// `S = Ta/λ² f⊗f`, the paper's.
+    /// `S = Ta/λ² f⊗f`, the paper's convention.
     #[default]
     PerSquaredStretch,
     /// `S = Ta/λ f⊗f`: force per reference area.
     FirstPiola,
-    /// `S = Ta f⊗f`: the mechanics benchmarks'.
+    /// `S = Ta f⊗f`, the convention of the mechanics benchmarks.
     SecondPiola,
 }

@@ -27,7 +27,7 @@ pub struct TanhParameters {
     #[serde(rename = "t_CR_ms")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub t_cr_ms: f64,
-    /// Stretch dependence of the rise.
+    /// Stretch dependence of the time constant of the rise.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub a4_ms: f64,
     /// Electromechanical delay.
@@ -36,7 +36,7 @@ pub struct TanhParameters {
     /// Slope of the stretch dependence.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub a6: f64,
-    /// Stretch of zero stress.
+    /// Stretch at which the stress is zero.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.5))]
     pub a7: f64,
 }
@@ -61,15 +61,15 @@ impl Default for TanhParameters {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ValveParameters {
-    /// Aortic valve, forward.
+    /// Forward resistance of the aortic valve.
     #[serde(rename = "R_AV_f_mmHg_s_per_mL")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub r_av_f_mmhg_s_per_ml: f64,
-    /// Mitral valve, forward.
+    /// Forward resistance of the mitral valve.
     #[serde(rename = "R_MV_f_mmHg_s_per_mL")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub r_mv_f_mmhg_s_per_ml: f64,
-    /// Both valves, backward.
+    /// Backward resistance of both valves.
     #[serde(rename = "R_b_mmHg_s_per_mL")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e9))]
     pub r_b_mmhg_s_per_ml: f64,
@@ -114,9 +114,9 @@ impl Default for ValveParameters {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step1Parameters {
-    /// Active stress.
+    /// Parameters of the active stress.
     pub tanh: TanhParameters,
-    /// Valves.
+    /// Resistances of the valves.
     pub valves: ValveParameters,
 }
 

@@ -8,69 +8,73 @@ use serde::{Deserialize, Serialize};
 use crate::biomarker_noise;
 use crate::step1::{Step1Parameter, Step1Parameters, TanhParameters, ValveParameters};
 
-/// When step 1 stops.
+/// Condition that ends step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopRule {
-    /// As `first-converged` with the fixed point; with space mapping within the tolerance, too, but not as long as another
-    /// simulation promises to take away a fifth of the misfit.
+    /// With the fixed point like `first-converged`. Space mapping goes on although the tolerance is
+    /// met while another simulation is predicted to lower the misfit by a fifth or more.
     Auto,
-    /// At the first iterate whose cost is within the tolerance (the paper's rule).
+    /// Stop at the first iterate with a cost within the tolerance (the paper's rule).
     FirstConverged,
-    /// After `max_iterations` (or a stall or a failure); the best iterate is taken.
+    /// Stop after `max_iterations`, a stall or a failure, and take the best iterate.
     BestOfLimit,
 }
 
-/// How step 1 finds the next parameters.
+/// Method by which step 1 finds the next parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Update {
-    /// Space mapping for the finite-element ventricle; the fixed point for the reduced one, which would propose to itself.
+    /// Space mapping for the finite-element ventricle; the fixed point for the reduced ventricle,
+    /// which is the surrogate of space mapping itself.
     #[default]
     Auto,
-    /// The paper's: each parameter times the ratio of one biomarker.
+    /// The paper's method: each parameter is multiplied by the ratio of one biomarker.
     FixedPoint,
-    /// The one-fibre ventricle, corrected to the simulations so far, proposes.
+    /// The one-fibre ventricle, corrected to the simulations so far, predicts the best parameters.
     SpaceMapping,
 }
 
-/// Step 1 (SPEC section 5).
+/// Settings of step 1 (SPEC section 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step1Settings {
-    /// How the next parameters are found.
+    /// Method by which the next parameters are found.
     pub update: Update,
-    /// Converged at this cost or below.
+    /// Cost at or below which step 1 has converged.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]
     pub tolerance: f64,
     /// Largest number of simulations.
     #[schemars(range(min = 1, max = 10_000))]
     pub max_iterations: u32,
-    /// Exponent of every update ratio of the fixed point: 1 is the paper's, smaller is damped.
+    /// Exponent of every update ratio of the fixed point. 1 is the paper's value; a smaller value
+    /// damps the updates.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.0))]
     pub damping: f64,
-    /// When to stop.
+    /// Condition that ends the iterations.
     pub stop: StopRule,
-    /// So many iterations in a row without improvement end the loop.
+    /// Number of consecutive iterations without improvement after which the loop ends.
     #[schemars(range(min = 1, max = 10_000))]
     pub stall_iterations: u32,
-    /// Relative improvement of the best cost that counts.
+    /// Smallest relative fall of the best cost that counts as an improvement.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub stall_improvement: f64,
     /// Parameters that stay at their initial value: keys of `bounds`.
     pub frozen: Vec<String>,
-    /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
-    /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
-    /// of the best iteration. Defaults are (1 %/σ)², with the errors σ that a clinic's noise makes
-    /// (docs/step1.md). The cost has none: every weight is 1 there, that of `SV_mL` 0.
+    /// Weights of the biomarkers' squared relative differences in the misfit that space mapping
+    /// minimises and by which it chooses the best iteration. Keys: `P_max_mmHg`,
+    /// `dPdt_max_mmHg_per_ms`, `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`,
+    /// `SV_mL`. The defaults are (1 %/σ)², where σ is the error caused by clinical noise
+    /// (docs/step1.md). The cost does not use these weights: there the weight of `SV_mL` is 0 and
+    /// every other weight is 1.
     #[schemars(extend("additionalProperties" = { "type": "number", "minimum": 0.0, "maximum": 1e6 }))]
     pub weights: BTreeMap<String, f64>,
-    /// First guess of the Tanh model.
+    /// Initial guess of the Tanh model.
     pub initial: TanhParameters,
-    /// First guess of the valves.
+    /// Initial guess of the valves.
     pub valves: ValveParameters,
-    /// Bounds of the updated parameters, lower and upper. Keys: `Smax_ref_kPa`, `tau_SR_ref_ms`, `tau_SD_ms`,
-    /// `t_CR_ms`, `R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`.
+    /// Bounds of the updated parameters: lower, upper. Keys: `Smax_ref_kPa`, `tau_SR_ref_ms`,
+    /// `tau_SD_ms`, `t_CR_ms`, `R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`.
     pub bounds: BTreeMap<String, [f64; 2]>,
 }
 

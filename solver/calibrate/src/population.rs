@@ -21,7 +21,7 @@ pub enum PopulationError {
     },
     /// A guess does not match the box, or there are more guesses than members.
     #[error(
-        "guess {idx} has {n_guess} parameters of {n_bounds}, and {n_guesses} guesses can begin"
+        "guess {idx} has {n_guess} parameters, expected {n_bounds} and at most {n_guesses} guesses"
     )]
     Guess {
         /// Index of the guess.
@@ -34,7 +34,7 @@ pub enum PopulationError {
         n_guesses: usize,
     },
     /// The number of costs differs from the number of points requested.
-    #[error("{n_costs} costs were told for {n_points} points")]
+    #[error("{n_costs} costs were given for {n_points} points")]
     Costs {
         /// Number of costs given.
         n_costs: usize,
@@ -42,7 +42,7 @@ pub enum PopulationError {
         n_points: usize,
     },
     /// Costs were given after the end of the optimisation.
-    #[error("costs were told after the optimisation had ended")]
+    #[error("costs were given after the optimisation had ended")]
     Ended,
     /// The polish rejected its start or its costs.
     #[error("the polish failed")]

@@ -20,7 +20,7 @@ pub const GUESS_RANGE: f64 = 0.5;
 pub enum RobustnessError {
     /// A centre is not finite or the range is negative, so that there is no valid box around the
     /// values.
-    #[error("no box can be made around the values")]
+    #[error("cannot make a box around the values")]
     Interval(#[from] IntervalError),
     /// The number of bounds differs from the number of guesses.
     #[error("{n_bounds} bounds were given for {n_guesses} guesses")]

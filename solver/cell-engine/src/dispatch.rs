@@ -22,7 +22,9 @@ pub enum SimdPath {
 
 /// The path that a setting asks for is not one that this processor has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("this processor cannot run the {wanted:?} path: use {best:?} or leave the path open")]
+#[error(
+    "this processor does not support the {wanted:?} path: use {best:?} or leave the path unset"
+)]
 pub struct PathMissing {
     /// What was asked for.
     pub wanted: SimdPath,

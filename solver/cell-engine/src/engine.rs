@@ -68,7 +68,7 @@ pub enum EngineError {
         expected: &'static str,
     },
     /// Slices of different lengths.
-    #[error("{inputs} inputs, but {others} {name}: give one for each input")]
+    #[error("found {inputs} inputs, but {others} {name}: give one for each input")]
     Lengths {
         /// Number of inputs.
         inputs: usize,

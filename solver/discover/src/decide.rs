@@ -64,7 +64,7 @@ pub enum DiscoverError {
     #[error(transparent)]
     Measured(#[from] MeasuredError),
     /// A requested candidate is not in the catalogue.
-    #[error("there is no effect {found}; there are {known}")]
+    #[error("unknown effect {found}, expected one of {known}")]
     UnknownEffect {
         /// Name requested.
         found: String,

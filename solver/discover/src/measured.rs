@@ -123,7 +123,7 @@ pub enum MeasuredError {
         n_values: usize,
     },
     /// A trace has too few samples.
-    #[error("the {trace} has {found} samples over the cycle, at least {expected} are needed")]
+    #[error("the {trace} has {found} samples over the cycle, expected at least {expected}")]
     TooFew {
         /// Name of the trace.
         trace: &'static str,
@@ -134,7 +134,7 @@ pub enum MeasuredError {
     },
     /// The times of a trace do not increase within the cycle.
     #[error(
-        "the {trace}: time {time_ms} ms at sample {sample} does not increase within the cycle of {cycle_ms} ms"
+        "time {time_ms} ms at sample {sample} of the {trace} does not increase within the cycle of {cycle_ms} ms"
     )]
     Time {
         /// Name of the trace.

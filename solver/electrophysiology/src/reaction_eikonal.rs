@@ -71,7 +71,8 @@ pub enum ElectrophysiologyError {
     },
     /// The number of activation times differs from that of the mesh's nodes.
     #[error(
-        "electrophysiology: {found} activation times for a mesh of {expected} nodes: is the file of another mesh?"
+        "electrophysiology: found {found} activation times for a mesh of {expected} nodes: check that the file \
+         belongs to this mesh"
     )]
     HowManyTimes {
         /// Number of activation times.
@@ -103,7 +104,8 @@ pub enum ElectrophysiologyError {
     },
     /// The linear solver did not converge.
     #[error(
-        "electrophysiology: diffusion at {t_ms} ms stands at a residual of {error_mv:.1e} mV: look for degenerate elements"
+        "electrophysiology: diffusion at {t_ms} ms stalled at a residual of {error_mv:.1e} mV: look for degenerate \
+         elements"
     )]
     Stalled {
         /// Time \[ms\].

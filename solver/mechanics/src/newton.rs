@@ -86,7 +86,8 @@ impl NewtonReport {
 pub enum NewtonError {
     /// Out of iterations.
     #[error(
-        "Newton did not converge in {iterations} iterations: residual {residual:.3e} mN, wanted {wanted:.3e} mN"
+        "Newton's method did not converge in {iterations} iterations: residual {residual:.3e} mN, expected at most \
+         {wanted:.3e} mN"
     )]
     NotConverged {
         /// Iterations made.
@@ -122,7 +123,7 @@ pub enum NewtonError {
         relative_residual: f64,
     },
     /// The factorisation failed.
-    #[error("factorisation")]
+    #[error("the direct linear solver failed")]
     Direct(#[from] DirectError),
 }
 

@@ -79,7 +79,7 @@ impl StaticReport {
 
 /// The full load was not reached; the displacement is that of the last load that was.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("no equilibrium beyond {load:.4} of the load, not even for a step of {step:.1e}")]
+#[error("no equilibrium found beyond {load:.4} of the load, not even with a step of {step:.1e}")]
 pub struct StaticError {
     /// Share of the load of the last equilibrium.
     pub load: f64,

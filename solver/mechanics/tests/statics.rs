@@ -346,7 +346,10 @@ fn a_load_that_cannot_be_borne_ends_with_the_last_equilibrium_and_the_reason() {
         .err()
         .expect("no equilibrium at this pressure")
         .to_string();
-    assert!(error.starts_with("no equilibrium beyond 0."), "{error}");
+    assert!(
+        error.starts_with("no equilibrium found beyond 0."),
+        "{error}"
+    );
 }
 
 #[test]

@@ -41,7 +41,7 @@ pub enum FindError {
         n_patches: usize,
     },
     /// The boundary does not form a surface.
-    #[error("the boundary cannot be cut into surfaces: {0}")]
+    #[error("cannot divide the boundary into surfaces: {0}")]
     Boundary(#[from] crate::surface::SurfaceDefect),
 }
 

@@ -18,7 +18,8 @@ const MOST_ITERATIONS: usize = 20_000;
 pub enum LaplaceError {
     /// No node of the field has a prescribed value.
     #[error(
-        "{field}: no node has a given value; the surfaces that should hold it ({expected}) have no nodes in this part of the mesh"
+        "{field}: no node has a given value; the surfaces that should hold it ({expected}) have no nodes in this \
+         part of the mesh"
     )]
     Floating {
         /// Name of the field.
@@ -28,7 +29,8 @@ pub enum LaplaceError {
     },
     /// The conjugate gradients did not converge.
     #[error(
-        "{field}: conjugate gradients stand at a relative residual of {residual:.1e} after {iterations} iterations, expected {TOLERANCE:.0e}: look for degenerate elements"
+        "{field}: conjugate gradients reached a relative residual of {residual:.1e} after {iterations} iterations, \
+         expected {TOLERANCE:.0e}: look for degenerate elements"
     )]
     NotConverged {
         /// Name of the field.

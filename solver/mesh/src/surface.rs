@@ -111,9 +111,7 @@ pub enum SurfaceDefect {
         n_triangles: usize,
     },
     /// The normals of two neighbours point to different sides.
-    #[error(
-        "the two triangles at the edge between nodes {a} and {b} are oriented against each other"
-    )]
+    #[error("the two triangles at the edge between nodes {a} and {b} have opposite orientations")]
     Inconsistent {
         /// First node of the edge.
         a: u32,

@@ -63,12 +63,10 @@ pub struct FoundBeats {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BeatError {
     /// R waves were requested, but there is no electrocardiogram.
-    #[error("no electrocardiogram to take R waves from")]
+    #[error("R waves cannot be found: the recording has no electrocardiogram")]
     NoEcg,
     /// There are fewer than two beginnings.
-    #[error(
-        "{n_found} beginnings of beats in {length_ms:.0} ms, but a beat lasts from one to the next"
-    )]
+    #[error("found {n_found} beginnings of beats in {length_ms:.0} ms, expected at least 2")]
     NoBeats {
         /// Number of beginnings.
         n_found: usize,

@@ -95,7 +95,7 @@ pub enum PrepareError {
     #[error(transparent)]
     Beats(#[from] BeatError),
     /// All beats were rejected.
-    #[error("none of {n_found} beats is kept: {why}")]
+    #[error("none of the {n_found} beats is usable: {why}")]
     NoneKept {
         /// Number of beats that were found.
         n_found: usize,
@@ -103,7 +103,7 @@ pub enum PrepareError {
         why: String,
     },
     /// The settings name a beat that does not exist.
-    #[error("there is no beat {number}: the recording has 1 to {n_found}")]
+    #[error("there is no beat {number}: the recording has beats 1 to {n_found}")]
     NoSuchBeat {
         /// Number in the settings.
         number: usize,

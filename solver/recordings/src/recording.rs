@@ -19,20 +19,20 @@ const MOST: usize = 200_000_000;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RecordingError {
     /// There are too few samples.
-    #[error("{n_samples} samples, but a recording has at least {FEWEST}")]
+    #[error("{n_samples} samples, but a recording needs at least {FEWEST}")]
     TooFew {
         /// Number of samples.
         n_samples: usize,
     },
     /// The typical distance between samples is outside the accepted range.
-    #[error("a sample every {step_ms} ms, but 0.05 to 20 ms are expected")]
+    #[error("a sample every {step_ms} ms, but the step must be 0.05 to 20 ms")]
     Step {
         /// Typical distance \[ms\].
         step_ms: f64,
     },
     /// The samples fill only a small part of the time span.
     #[error(
-        "times from {first_ms} to {last_ms} ms, where {n_samples} samples every {step_ms} ms are far too few"
+        "times from {first_ms} to {last_ms} ms, but only {n_samples} samples every {step_ms} ms"
     )]
     Span {
         /// First time \[ms\].
@@ -45,7 +45,7 @@ pub enum RecordingError {
         step_ms: f64,
     },
     /// There is no channel with a pressure.
-    #[error("no pressure, neither of the ventricle nor of the aorta")]
+    #[error("neither a ventricular nor an aortic pressure")]
     NoPressure,
 }
 

@@ -150,7 +150,7 @@ pub struct BiomarkerSet {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BiomarkerError {
     /// A trace of another quantity.
-    #[error("a {expected} trace is expected, but a {found} trace was given")]
+    #[error("found a {found} trace, expected a {expected} trace")]
     Quantity {
         /// What should have been given.
         expected: Quantity,

@@ -39,22 +39,22 @@ pub struct Arrays {
 #[derive(Debug, thiserror::Error)]
 pub enum ArraysError {
     /// The file belongs to another program.
-    #[error("it is no file of arrays of this program")]
+    #[error("this is not a file of arrays of this program")]
     Foreign,
     /// The file has another format version.
-    #[error("it has format {found}, but this program reads format 1")]
+    #[error("the file has format {found}, but this program reads format 1")]
     Format {
         /// Format version of the file.
         found: String,
     },
     /// The file is truncated or was changed.
-    #[error("its checksum is not that of its content: it is truncated or damaged")]
+    #[error("the checksum does not match the content: the file is truncated or damaged")]
     Checksum,
     /// The header is invalid.
-    #[error("its header cannot be read")]
+    #[error("cannot read the header")]
     Header(#[source] serde_json::Error),
     /// The arrays do not have the length given in the header.
-    #[error("it holds {found} bytes of arrays, but its header promises {expected}")]
+    #[error("found {found} bytes of arrays, but the header states {expected}")]
     Length {
         /// Number of bytes found.
         found: usize,
@@ -62,7 +62,7 @@ pub enum ArraysError {
         expected: usize,
     },
     /// The file holds another kind of content.
-    #[error("it is a file of kind {found}, expected {expected}")]
+    #[error("this is a file of kind {found}, expected {expected}")]
     Kind {
         /// Kind found.
         found: String,
@@ -70,7 +70,7 @@ pub enum ArraysError {
         expected: &'static str,
     },
     /// An array is missing, or has another type or length.
-    #[error("it has no array {name} of {expected}")]
+    #[error("the file has no array {name} of {expected}")]
     Missing {
         /// Name of the array.
         name: &'static str,

@@ -57,7 +57,7 @@ pub enum CheckpointError {
     #[error(transparent)]
     File(#[from] ArraysError),
     /// The checkpoint belongs to another task.
-    #[error("it belongs to task {found}, not to {expected}")]
+    #[error("the file belongs to task {found}, expected {expected}")]
     Foreign {
         /// Task of the checkpoint.
         found: String,

@@ -15,7 +15,7 @@ use super::arrays::ArraysError;
 #[derive(Debug, thiserror::Error)]
 pub enum FiniteElementError {
     /// No mesh could be generated.
-    #[error("mesh")]
+    #[error("cannot generate the mesh")]
     Mesh(#[from] EllipsoidError),
     /// The patient's own mesh is not usable.
     #[error("the patient's mesh: {found}")]
@@ -24,22 +24,22 @@ pub enum FiniteElementError {
         found: String,
     },
     /// The fibres could not be computed.
-    #[error("fibres")]
+    #[error("cannot compute the fibres")]
     Fibres(#[from] LaplaceError),
     /// The activation times could not be computed.
-    #[error("activation")]
+    #[error("cannot compute the activation")]
     Activation(#[from] EikonalError),
     /// The extracellular potentials could not be computed.
-    #[error("potentials")]
+    #[error("cannot compute the transmembrane potentials")]
     Potentials(#[source] ElectrophysiologyError),
     /// The mesh has no usable anatomy.
-    #[error("anatomy")]
+    #[error("cannot determine the anatomy")]
     Anatomy(#[from] AnatomyError),
     /// The stiffness or the unloaded geometry could not be found.
-    #[error("passive state of the finite-element ventricle")]
+    #[error("cannot determine the passive state of the finite-element ventricle")]
     PassiveState(#[from] PassiveStateError),
     /// A file of a ventricle is not usable.
-    #[error("{file}")]
+    #[error("cannot use {file}")]
     File {
         /// Path of the file.
         file: PathBuf,
@@ -48,7 +48,7 @@ pub enum FiniteElementError {
     },
     /// A stored ventricle lacks an effect of the patient.
     #[error(
-        "the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}"
+        "the ventricle was made with an exponent factor of {found}, but the patient's effects need {expected}"
     )]
     Exponents {
         /// Factor in the file.

@@ -46,7 +46,7 @@ pub enum NoAnswer {
         said: String,
     },
     /// The command succeeded but did not print the expected header.
-    #[error("{command} printed something else than the table that was asked for: '{found}'")]
+    #[error("{command} did not print the expected table but '{found}'")]
     NoHeader {
         /// Name of the command.
         command: &'static str,
@@ -67,7 +67,7 @@ fn ended(exit: Exit) -> String {
     match exit {
         Exit::Code(code) => format!("exit code {code}"),
         Exit::Signal(signal) => format!("killed by signal {signal}"),
-        Exit::TimedOut => "it did not answer in time".to_owned(),
+        Exit::TimedOut => "timed out".to_owned(),
     }
 }
 

@@ -100,7 +100,7 @@ pub fn read(output: &Output) -> Submission {
             why: format!("sbatch was killed by signal {signal}"),
         },
         Exit::TimedOut => Submission::Doubtful {
-            why: "sbatch did not answer in time".to_owned(),
+            why: "sbatch timed out".to_owned(),
         },
     }
 }
@@ -131,12 +131,12 @@ fn accepted(stdout: &str) -> Submission {
         },
         [] => Submission::Doubtful {
             why: format!(
-                "sbatch ended well but named no job: '{}'",
+                "sbatch succeeded but printed no job id: '{}'",
                 first_line(stdout)
             ),
         },
         more => Submission::Doubtful {
-            why: format!("sbatch named {} different jobs", more.len()),
+            why: format!("sbatch printed {} different job ids", more.len()),
         },
     }
 }

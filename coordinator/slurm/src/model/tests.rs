@@ -187,7 +187,7 @@ fn limits_hold_jobs_back_and_say_so() {
     };
     assert_eq!(
         second.why.expect("a reason").words,
-        "the QoS's limit on jobs that run at once"
+        "the QoS's limit on running jobs"
     );
     assert_eq!(model.runs().len(), 3, "one of the QoS, two of the array");
 }

@@ -147,7 +147,7 @@ fn of_one_size(
         }
         if simulation.predicted_s > longest_s && !simulation.has_checkpoints {
             let needs = format!(
-                "is expected to take {:.0} s and leaves no checkpoints",
+                "is expected to take {:.0} s and writes no checkpoints",
                 simulation.predicted_s
             );
             return Err(not(needs, format!("{longest_s:.0} s of work")));

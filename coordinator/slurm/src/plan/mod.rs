@@ -55,7 +55,7 @@ impl Default for Choices {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// A task fits into no job of this queue.
-    #[error("{task} {needs}, queue '{queue}' gives {limit}")]
+    #[error("{task} {needs}, but queue '{queue}' allows {limit}")]
     DoesNotFit {
         /// Identifier or description of the task.
         task: String,

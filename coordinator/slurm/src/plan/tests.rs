@@ -112,7 +112,7 @@ fn what_fits_nowhere_is_named() {
     assert!(
         error
             .to_string()
-            .contains("t0000 needs 17 nodes, queue 'taskfarm' gives 16"),
+            .contains("t0000 needs 17 nodes, but queue 'taskfarm' allows 16"),
         "{error}"
     );
     let mut long = simulations(&[1e6], 128);

@@ -11,24 +11,26 @@ use crate::cli::talk::{Talk, count};
 use crate::cli::{access, notices, scratch};
 use crate::engine::{self, RunOptions, RunSummary, StopSignal};
 
-/// Bring a run on a cluster one step on: take up what jobs have done, decide, submit what follows, and end
+/// Advance a run on a cluster by one tick: collect results of jobs, decide, submit jobs, and exit
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Says nothing and waits for nothing that lasts: made for cron, scrontab and self-resubmitting jobs (docs/slurm.md).\nKilled anywhere it costs nothing."
+    after_help = "For use in cron, scrontab and self-resubmitting jobs (docs/slurm.md): it asks no \
+                  questions and does not wait for jobs.\n\
+                  Killing it at any moment loses nothing."
 )]
 pub struct AdvanceArgs {
     #[command(flatten)]
     place: Place,
-    /// Settings on top of all files (may be given several times)
+    /// Override a setting of all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<std::path::PathBuf>,
-    /// Go on with this worker, though the run began with another version
+    /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
-    /// One JSON object about this tick instead of the table
+    /// Print one JSON object about this tick instead of the table
     #[arg(long)]
     json: bool,
 }
@@ -77,7 +79,7 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
             summary.done, summary.failed, summary.cancelled
         );
         talk.data(&format!(
-            "{}: {parts}; nothing is left to do\n",
+            "{}: {parts}; nothing left to do\n",
             count(summary.patients, "patient")
         ))?;
     } else {

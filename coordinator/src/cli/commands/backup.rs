@@ -10,15 +10,16 @@ use crate::cli::place::Place;
 use crate::cli::talk::Talk;
 use crate::engine;
 
-/// Copy a run's database, beside a running coordinator too, and check the copy
+/// Copy a run's database, even while a coordinator is running, and check the copy
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The copy is a run's cardiotwin.db: put it in the place of a damaged one. Attempts' folders are not in it."
+    after_help = "The copy can replace a damaged cardiotwin.db of the run. It does not contain the \
+                  attempts' folders."
 )]
 pub struct BackupArgs {
     #[command(flatten)]
     place: Place,
-    /// File of the copy; must not be there
+    /// File of the copy, which must not exist
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
 }
@@ -30,7 +31,7 @@ pub struct BackupArgs {
 pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.to.exists() {
         return Err(CliError::Usage(format!(
-            "{} is there already: name another file",
+            "{} already exists: name another file",
             args.to.display()
         )));
     }

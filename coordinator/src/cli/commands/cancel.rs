@@ -11,13 +11,13 @@ use crate::cli::store::open;
 use crate::cli::talk::Talk;
 use crate::engine::{self, Answer, StopSignal};
 
-/// Stop working on a patient, or on all; results so far stay
+/// Stop the work on one patient or on all; results so far are kept
 #[derive(Debug, Args)]
 pub struct CancelArgs {
-    /// Whose work to stop
+    /// Patient to cancel
     #[arg(required_unless_present = "all", conflicts_with = "all")]
     patient: Option<String>,
-    /// Everybody's
+    /// Cancel all patients
     #[arg(long)]
     all: bool,
     #[command(flatten)]
@@ -44,7 +44,9 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
             what: "cannot listen to signals",
             source,
         })?;
-        talk.say("waiting for the end of jobs that nobody wants any more; Ctrl-C leaves, `advance` goes on");
+        talk.say(
+            "waiting for cancelled jobs to end; Ctrl-C stops waiting, and `advance` continues",
+        );
         engine::end_unwanted_jobs(&folders.run, stop).await?;
     }
     Ok(Exit::Ok)

@@ -10,21 +10,21 @@ use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
 use crate::input::{self, Finding, Options, Report};
 
-/// Check cohort, patients, settings, measured data and patients' own meshes; all problems at once
+/// Check cohort, patients, settings, measured data and patients' own meshes, and list all problems
 #[derive(Debug, Args)]
 pub struct CheckArgs {
     #[command(flatten)]
     place: Place,
-    /// Check these patients only (may be given several times)
+    /// Check only this patient (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Settings on top of all files, as for `run`
+    /// Override a setting of all files, as in `run`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Warnings make the exit code 1, too
+    /// Exit with 1 for warnings, too
     #[arg(long)]
     strict: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -73,7 +73,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
             .map_or("the cohort", |cohort| cohort.name.as_str());
         if errors + warnings == 0 {
             talk.data(&format!(
-                "{name}: {}, nothing to complain about\n",
+                "{name}: {}, no problems\n",
                 count(n_patients, "patient")
             ))?;
         } else {

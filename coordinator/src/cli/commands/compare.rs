@@ -16,19 +16,19 @@ use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, count};
 use crate::results::{PatientView, Step};
 
-/// What differs between two runs: costs, biomarkers and parameters of each patient
+/// Compare two runs: costs, biomarkers and parameters of each patient
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// Folder of a run, or of a cohort with one
+    /// Folder of a run, or of a cohort with a run
     #[arg(value_name = "RUN")]
     before: PathBuf,
-    /// Folder of the other
+    /// Folder of the other run or cohort
     #[arg(value_name = "RUN")]
     after: PathBuf,
-    /// Also what is the same
+    /// Show equal values, too
     #[arg(long)]
     all: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }

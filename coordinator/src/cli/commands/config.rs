@@ -13,7 +13,7 @@ use crate::cli::talk::{Talk, Tone};
 use crate::cli::{problems, talk::count};
 use crate::input::{self, Merged, Options, Origin, Report};
 
-/// Look at settings
+/// Show settings
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
     #[command(subcommand)]
@@ -25,21 +25,21 @@ enum ConfigCommand {
     Show(ShowArgs),
 }
 
-/// Show every setting after all layers
+/// Show the value of every setting after all layers
 #[derive(Debug, Args)]
 struct ShowArgs {
     #[command(flatten)]
     place: Place,
-    /// Show where each came from: default, file and line, rerun, or --set
+    /// Show the origin of each value: default, file and line, rerun, or --set
     #[arg(long)]
     origin: bool,
-    /// Settings of this patient, its own layer and what `rerun` stored included
+    /// Show the settings of this patient, including its own layer and those that `rerun` stored
     #[arg(long, value_name = "PATIENT")]
     patient: Option<String>,
-    /// Settings on top of all files, as for `run`
+    /// Override a setting of all files, as in `run`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }

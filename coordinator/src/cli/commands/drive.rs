@@ -9,7 +9,7 @@ use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 use crate::engine::{self, DriverPlace};
 
-/// Walk the chains of a job's patients, on one node of it
+/// Run the tasks of a job's patients on one of its nodes
 #[derive(Debug, Args)]
 pub struct DriveArgs {
     /// Folder of the job
@@ -39,19 +39,17 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
     match engine::drive_here(&place).await? {
         Some(end) => {
             talk.say(&format!(
-                "driver ended: {:?}, {} patients left",
+                "driver ended: {:?}, {} patients unfinished",
                 end.because,
                 end.left.len()
             ));
             for (patient, why) in &end.left {
-                talk.say(&format!("left {patient}: {why}"));
+                talk.say(&format!("{patient} unfinished: {why}"));
             }
             Ok(Exit::Ok)
         }
         None => {
-            talk.say(
-                "another driver had claimed this part of the job before: nothing is done twice",
-            );
+            talk.say("another driver has already claimed this part of the job; nothing to do");
             Ok(Exit::Locked)
         }
     }

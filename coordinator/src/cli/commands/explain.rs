@@ -15,12 +15,13 @@ use crate::cli::talk::{Talk, Tone};
 use crate::engine::{JobRecord, LeafChange, StepExplanation};
 use crate::input::{self, Options, Patient, Report};
 
-/// Why a patient's tasks are what they are: what waits for what, which input changed and where it is set
+/// Explain the state of a patient's tasks: dependencies, changed inputs, and the files that set
+/// them
 #[derive(Debug, Args)]
 pub struct ExplainArgs {
-    /// Whose
+    /// Name of the patient
     patient: String,
-    /// One JSON object instead of text
+    /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -114,7 +115,7 @@ fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
     let next = if why.is_empty() {
         String::new()
     } else {
-        format!("tried again: {why}\n")
+        format!("retried: {why}\n")
     };
     format!("{}{next}\n", table.text())
 }
@@ -134,7 +135,7 @@ fn text(
             _ => None,
         };
         let mut why = match (&step.previous, step.changes.len()) {
-            (None, _) => "first of its kind".to_owned(),
+            (None, _) => "first task of this step".to_owned(),
             (Some(_), 1) => "1 value changed".to_owned(),
             (Some(_), n) => format!("{n} values changed"),
         };
@@ -156,7 +157,7 @@ fn text(
     for step in steps.iter().filter(|step| !step.changes.is_empty()) {
         let before = step.previous.as_ref().map_or("", |key| short(key.as_str()));
         text.push_str(&format!(
-            "\n{} differs from its task {before} before:\n",
+            "\n{} differs from its previous task {before}:\n",
             step.step
         ));
         for change in &step.changes {

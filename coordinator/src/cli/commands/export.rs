@@ -21,13 +21,16 @@ use crate::report::write_report;
 use crate::results::PatientView;
 use crate::results::folder::WholeFolder;
 
-/// Write the paper's tables for this run as CSV and JSON, and all traces as tidy CSV; models for openCARP; an RO-Crate
+/// Export the paper's tables as CSV and JSON, all traces as tidy CSV, models for openCARP, and an
+/// RO-Crate
 #[derive(Debug, Args)]
 #[command(
-    after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and land17.par (active stress of step 1 and \
-                        step 2), calcium.csv, and in 3D heart.pts, .elem, .lon, .surf and activation.dat.\n\
-                        --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and parameters, and what \
-                        computed them. Inputs are named by their hashes; --with-inputs takes them along."
+    after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and \
+                  land17.par (active stress of step 1 and step 2), calcium.csv, and in 3D \
+                  heart.pts, .elem, .lon, .surf and activation.dat.\n\
+                  --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and \
+                  parameters, and the programs that computed them. Inputs are identified by their \
+                  hashes; --with-inputs copies them, too."
 )]
 pub struct ExportArgs {
     #[command(flatten)]
@@ -35,25 +38,25 @@ pub struct ExportArgs {
     /// Folder to write into [default: export in the run's folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Personalised models, meshes and activation times in openCARP's formats, too
+    /// Write personalised models, meshes and activation times in openCARP's formats, too
     #[arg(long)]
     opencarp: bool,
-    /// A crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
+    /// Write a crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
     #[arg(long)]
     ro_crate: bool,
-    /// With --ro-crate: the measured traces themselves, not only their hashes
+    /// Put the measured traces themselves into the crate, not only their hashes
     #[arg(long, requires = "ro_crate")]
     with_inputs: bool,
-    /// With --ro-crate: the terms of use
+    /// Licence of the crate
     #[arg(long, value_name = "URL", requires = "ro_crate")]
     license: Option<String>,
-    /// With --ro-crate: who made it
+    /// Author of the crate
     #[arg(long, value_name = "NAME", requires = "ro_crate")]
     author: Option<String>,
-    /// One JSON object instead of a list of files
+    /// Print one JSON object instead of a list of files
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }
@@ -88,7 +91,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
             let id = &patient.plan.id;
             let written = opencarp(patient, &worker, &out.join("opencarp").join(id.as_str()))?;
             if written.is_empty() {
-                problems.push(format!("{id}: no simulation of step 1 yet"));
+                problems.push(format!("{id}: no simulation of step 1 has finished"));
             }
             parts.extend(written.iter().map(|file| Part::model(file, id.as_str())));
             files.extend(written);
@@ -193,7 +196,7 @@ impl Part {
     fn table(file: &Path) -> Self {
         let is_traces = file.file_stem().is_some_and(|stem| stem == "traces");
         let sentence = if is_traces {
-            "All traces, one value a row"
+            "All traces, one value per row"
         } else {
             "A table of the paper, for this cohort"
         };
@@ -254,7 +257,7 @@ fn crate_of(
         .count();
     if open > 0 {
         talk.say(&format!(
-            "{} of the crate not personalised to the end: it says so",
+            "{} of the crate not fully personalised, as their records state",
             count(open, "patient")
         ));
     }

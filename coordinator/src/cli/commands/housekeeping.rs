@@ -14,36 +14,38 @@ use crate::clock;
 use crate::engine::{self, Class, Usage};
 use crate::input::{self, Options, Report};
 
-/// What a run's files take, by what they are for and how long they are kept
+/// Show the disk usage of a run's files by purpose and retention
 #[derive(Debug, Args)]
 pub struct DuArgs {
     #[command(flatten)]
     place: Place,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
 }
 
-/// Remove checkpoints and working folders of finished tasks; never what a rerun, the report or provenance needs
+/// Remove checkpoints and working folders of finished tasks; files that a rerun, the report or
+/// provenance needs stay
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would go."
+    after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would be \
+                  removed."
 )]
 pub struct CleanArgs {
     #[command(flatten)]
     place: Place,
-    /// Say what would be removed, and remove nothing
+    /// Show what would be removed without removing anything
     #[arg(long)]
     dry_run: bool,
-    /// VTU series, too
+    /// Remove VTU series, too
     #[arg(long)]
     series: bool,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
 }
 
-/// Copy a run without its scratch to another folder, check every file, and write their hashes
+/// Copy a run without its scratch files to another folder, check every file, and write their hashes
 #[derive(Debug, Args)]
 #[command(
     after_help = "The copy is a run: `status`, `show` and `report` read it. `sha256sum --check SHA256SUMS` checks it later."
@@ -51,13 +53,13 @@ pub struct CleanArgs {
 pub struct ArchiveArgs {
     #[command(flatten)]
     place: Place,
-    /// Folder of the copy; must not be there [default: COHORT-DATE in executor.archive]
+    /// Folder of the copy, which must not exist [default: COHORT-DATE in executor.archive]
     #[arg(long, value_name = "DIR")]
     to: Option<PathBuf>,
-    /// VTU series, too
+    /// Copy VTU series, too
     #[arg(long)]
     series: bool,
-    /// One JSON object instead of a sentence
+    /// Print one JSON object instead of a sentence
     #[arg(long)]
     json: bool,
 }
@@ -134,7 +136,7 @@ pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> 
         let (to, files) = (target.display(), count(done.copied.files as usize, "file"));
         let (copied, left) = (size(done.copied.bytes), size(done.left.bytes));
         talk.data(&format!(
-            "{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"
+            "{to}: {files}, {copied}, each checked; {left} of scratch not copied\n"
         ))?;
     }
     Ok(Exit::Ok)
@@ -147,10 +149,11 @@ fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
         Some((cohort.name, cohort.settings.settings.executor.archive?))
     });
     let Some((name, folder)) = cohort.filter(|(_, folder)| folder.is_absolute()) else {
-        let message = "nowhere to put it: name a folder with --to, or set executor.archive to a path from the root";
+        let message = "no folder for the archive: name one with --to, or set executor.archive to an \
+                       absolute path";
         return Err(CliError::Usage(message.to_owned()));
     };
-    std::fs::create_dir_all(&folder).map_err(CliError::file("make", &folder))?;
+    std::fs::create_dir_all(&folder).map_err(CliError::file("create", &folder))?;
     let day = clock::utc_text(clock::now_ms())
         .chars()
         .take(10)

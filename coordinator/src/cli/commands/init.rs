@@ -9,10 +9,10 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Make a cohort folder with a commented cohort.toml and one patient to fill in
+/// Create a cohort folder with a commented cohort.toml and one patient to fill in
 #[derive(Debug, Args)]
 pub struct InitArgs {
-    /// Folder to make
+    /// Folder to create
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     /// Name of the cohort [default: the folder's name]
@@ -48,12 +48,12 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
     ];
     if let Some((there, _)) = files.iter().find(|(path, _)| path.exists()) {
         let message = format!(
-            "{} is there already; give another folder, nothing was written",
+            "{} already exists; nothing was written: name another folder",
             there.display()
         );
         return Err(CliError::Usage(message));
     }
-    std::fs::create_dir_all(&patient).map_err(CliError::file("make", &patient))?;
+    std::fs::create_dir_all(&patient).map_err(CliError::file("create", &patient))?;
     for (path, text) in &files {
         write_new(path, text)?;
         talk.data(&format!("{}\n", path.display()))?;
@@ -69,7 +69,7 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
 
 /// Writes a file and fails if it exists already.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
-    let mut file = std::fs::File::create_new(path).map_err(CliError::file("make", path))?;
+    let mut file = std::fs::File::create_new(path).map_err(CliError::file("create", path))?;
     file.write_all(text.as_bytes())
         .map_err(CliError::file("write", path))
 }

@@ -16,15 +16,15 @@ use crate::cli::store::open;
 use crate::cli::talk::Talk;
 use crate::engine::{AttemptRecord, JobRecord};
 
-/// What the workers of a patient said
+/// Show the logs of a patient's workers
 #[derive(Debug, Args)]
 pub struct LogsArgs {
-    /// Whose
+    /// Name of the patient
     patient: String,
-    /// Every attempt, not the last one alone
+    /// Show the logs of all attempts, not only of the last one
     #[arg(long)]
     all: bool,
-    /// Go on showing what is written until the patient is over
+    /// Keep showing new lines until the patient is finished
     #[arg(long)]
     follow: bool,
     #[command(flatten)]
@@ -61,7 +61,7 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
             }
         }
         if attempts.is_empty() && !args.follow {
-            talk.say(&format!("no attempt at any task of {id} yet"));
+            talk.say(&format!("{id} has no attempt of any task yet"));
         }
         let first = if args.all {
             0

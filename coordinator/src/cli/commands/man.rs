@@ -9,10 +9,10 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Print the manual page, or write all of them
+/// Print the manual page, or write the pages of all commands
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// Write cardiotwin.1 and a page per command into this folder
+    /// Write cardiotwin.1 and one page per command into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -34,7 +34,7 @@ pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.data(&String::from_utf8_lossy(&text))?;
         return Ok(Exit::Ok);
     };
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     clap_mangen::generate_to(crate::cli::command(), folder).map_err(io)?;
     talk.say(&format!("manual pages written to {}", folder.display()));
     Ok(Exit::Ok)

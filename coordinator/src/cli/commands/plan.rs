@@ -12,21 +12,22 @@ use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::engine::{self, PlannedRun};
 
-/// Which jobs a run on a cluster would submit, what they cost, and when they may end; submits nothing
+/// Show the jobs that a run on a cluster would submit, their cost and likely end, without
+/// submitting
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     #[command(flatten)]
     place: Place,
-    /// Settings on top of all files (may be given several times)
+    /// Override a setting of all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Print the batch scripts instead, exact but for names, which are made at the submission
+    /// Print the batch scripts instead, exact except for names, which are made at submission
     #[arg(long)]
     script: bool,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long, conflicts_with = "script")]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH", hide = true)]
     worker: Option<PathBuf>,
 }
@@ -92,7 +93,8 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
         String::new()
     };
     text.push_str(&format!(
-        "{}: {}, {:.3} node-hours{charge}; over {} after the first begins, if the queue gave at once all that its limits allow\n",
+        "{}: {}, {:.3} node-hours{charge}; finished {} after the first job begins, if the queue \
+         runs as many jobs as its limits allow\n",
         plan.site,
         count(jobs, "job"),
         plan.node_hours,
@@ -101,7 +103,7 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
     text.push_str(&format!("{}\n", plan.disk.words()));
     if plan.others > 0 {
         text.push_str(&format!(
-            "{} over, in jobs already, or waiting for another's task\n",
+            "{} finished, already in jobs, or waiting for another patient's task\n",
             count(plan.others, "patient")
         ));
     }

@@ -15,12 +15,12 @@ use crate::report::write_report;
 /// File name of the report in the run's folder.
 pub const FILE: &str = "report.html";
 
-/// Write the report of a run: HTML, readable without network
+/// Write the report of a run as HTML that needs no network
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     #[command(flatten)]
     place: Place,
-    /// Where to write it [default: report.html in the run's folder]
+    /// File to write [default: report.html in the run's folder]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

@@ -16,26 +16,27 @@ use crate::cli::{answer, problems};
 use crate::engine::{self, Stage};
 use crate::input::{Layer, Report, check_on_top, nearest};
 
-/// Go on with other settings from a step on; step 1 continues from its stored iterations
+/// Redo a patient from a step on with other settings; step 1 continues from its stored iterations
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The settings are stored for this patient and win over all files until another rerun changes them.\n\
-                        `cardiotwin config show --origin --patient PATIENT` shows them.\n\
-                        To repeat a failed task with the same settings: `cardiotwin retry`."
+    after_help = "The settings are stored for this patient and override all files until another \
+                  rerun changes them.\n\
+                  `cardiotwin config show --origin --patient PATIENT` shows them.\n\
+                  To repeat a failed task with the same settings, use `cardiotwin retry`."
 )]
 pub struct RerunArgs {
-    /// Whose
+    /// Name of the patient
     patient: String,
-    /// From which step: step0, step1, targets, step2, verification, step3 or posterior
+    /// First step to redo: step0, step1, targets, step2, verification, step3 or posterior
     #[arg(long, value_name = "STEP")]
     from: Stage,
-    /// Damping of step 1's updates: 1 is the paper's, smaller is more careful
+    /// Damping of step 1's updates; 1 as in the paper, smaller values take shorter steps
     #[arg(long, value_name = "D")]
     damping: Option<f64>,
     /// Bounds of a parameter (may be given several times)
     #[arg(long, value_name = "KEY=LO:HI")]
     bounds: Vec<String>,
-    /// Any other setting (may be given several times)
+    /// Value of any other setting (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     #[command(flatten)]
@@ -96,7 +97,7 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
             let known = || Step1Parameter::KEYS.iter().chain(&CELL_PARAMETERS).copied();
             let meant = nearest(key, known()).map(|meant| format!("; did you mean `{meant}`?"));
             return Err(format!(
-                "--bounds {text}: no parameter `{key}`{}",
+                "--bounds {text}: unknown parameter `{key}`{}",
                 meant.unwrap_or_default()
             ));
         }

@@ -12,17 +12,17 @@ use crate::cli::store::open;
 use crate::cli::talk::Talk;
 use crate::engine;
 
-/// Repeat a failed or cancelled patient's task with the same settings
+/// Repeat the task of a failed or cancelled patient with the same settings
 #[derive(Debug, Args)]
-#[command(after_help = "To change settings instead: `cardiotwin rerun`.")]
+#[command(after_help = "To change settings instead, use `cardiotwin rerun`.")]
 pub struct RetryArgs {
-    /// Whose task to repeat
+    /// Patient to retry
     #[arg(required_unless_present = "failed", conflicts_with = "failed")]
     patient: Option<String>,
-    /// Those of all failed patients
+    /// Retry all failed patients
     #[arg(long)]
     failed: bool,
-    /// With --failed: those of this class only
+    /// Retry only failures of this class
     #[arg(long, value_name = "CLASS", requires = "failed", value_parser = CLASSES)]
     class: Option<String>,
     #[command(flatten)]
@@ -86,7 +86,7 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
         }
     };
     if patients.is_empty() {
-        talk.say("no patient has failed so: nothing to retry");
+        talk.say("no patient has such a failure: nothing to retry");
     }
     for patient in &patients {
         let answer = engine::retry(&folders.run, patient).await?;

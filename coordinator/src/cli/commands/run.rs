@@ -32,51 +32,54 @@ const LINES_WITH_RESULTS: usize = 100;
 /// Rows of the status table that a run on a cluster prints.
 const ROWS: usize = 60;
 
-/// Personalise a cohort; the same command goes on where an earlier one stopped
+/// Personalise a cohort; the same command continues an interrupted run
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Ctrl-C once finishes what is cheap to finish and stops; twice stops now. Both lose nothing that is finished."
+    after_help = "One Ctrl-C lets short tasks finish and then stops; a second one stops at once. \
+                  Neither loses a finished result."
 )]
 pub struct RunArgs {
     #[command(flatten)]
     place: Place,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
-    /// Work on these patients only (may be given several times)
+    /// Personalise only this patient (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Which ventricle is simulated (solver.fidelity)
+    /// Ventricle to simulate (solver.fidelity)
     #[arg(long, value_name = "NAME", value_parser = ["reduced", "finite-element"])]
     fidelity: Option<String>,
-    /// About how many nodes the finite-element mesh has (solver.finite_element.mesh_nodes)
+    /// Approximate number of nodes of the finite-element mesh (solver.finite_element.mesh_nodes)
     #[arg(long, value_name = "N")]
     mesh_nodes: Option<u32>,
-    /// How step 1 finds the next parameters (step1.update)
+    /// Method by which step 1 finds the next parameters (step1.update)
     #[arg(long, value_name = "NAME", value_parser = ["auto", "fixed-point", "space-mapping"])]
     update: Option<String>,
-    /// Write a series of VTU files for ParaView each so many simulated ms in every 3D simulation (executor.vtu_every_ms)
+    /// Write a VTU file for ParaView at this interval of simulated time, in ms, in every 3D
+    /// simulation (executor.vtu_every_ms)
     #[arg(long, value_name = "MS")]
     vtu_every: Option<f64>,
-    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    /// Override a setting of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where tasks run (executor.kind)
+    /// Executor of the tasks (executor.kind)
     #[arg(long, value_name = "NAME", value_parser = ["local", "slurm"])]
     executor: Option<String>,
-    /// On a cluster: stay, and bring jobs on until everything is over; else this is one tick, like `advance`
+    /// On a cluster, keep advancing until all jobs are finished, instead of one tick as in
+    /// `advance`
     #[arg(long)]
     watch: bool,
-    /// Write no report at the end
+    /// Do not write a report at the end
     #[arg(long)]
     no_report: bool,
-    /// Say what would be done, and do nothing
+    /// Show what would be done without doing it
     #[arg(long)]
     dry_run: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// Go on with this worker, though the run began with another version
+    /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
 }
@@ -89,7 +92,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
     folders
-        .refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
+        .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
     let cohort = load(&folders, &args.settings(), &args.patients, true, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
@@ -334,7 +337,7 @@ async fn finish(
         (summary.done, "done"),
         (summary.failed, "failed"),
         (summary.cancelled, "cancelled"),
-        (summary.unfinished, "not over"),
+        (summary.unfinished, "unfinished"),
     ];
     let parts: Vec<String> = parts
         .iter()
@@ -358,9 +361,9 @@ async fn finish(
         parts.join(", ")
     ))?;
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost");
+        talk.say("stopped; no finished result is lost");
         talk.hint(&format!(
-            "`cardiotwin run{}` goes on",
+            "continue with `cardiotwin run{}`",
             folders.as_argument("")
         ));
         return Ok(Exit::Interrupted);
@@ -368,7 +371,7 @@ async fn finish(
     if summary.failed > 0 {
         let place = folders.as_argument("");
         talk.hint(&format!(
-            "`cardiotwin status{place}` names the failures, first"
+            "`cardiotwin status{place}` lists the failures first"
         ));
     }
     Ok(if summary.failed + summary.cancelled > 0 {
@@ -388,10 +391,11 @@ pub(super) async fn on_cluster(
     talk.data(&status::screen(&status, "PATIENT", ROWS, talk))?;
     let place = folders.as_argument("");
     if summary.stopped {
-        talk.say("stopped; jobs on the cluster go on");
+        talk.say("stopped; jobs on the cluster keep running");
     }
     talk.hint(&format!(
-        "`cardiotwin advance{place}` takes up what jobs have done and goes on, `run{place} --watch` stays"
+        "`cardiotwin advance{place}` collects the results of jobs and continues once, `run{place} \
+         --watch` until the end"
     ));
     Ok(Exit::Unfinished)
 }
@@ -412,10 +416,10 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
     for plan in plans {
         let would = match foreseen.get(&plan.id) {
-            None => "begin at step 0".to_owned(),
-            Some(Foreseen::Stays) => "stay as it is".to_owned(),
-            Some(Foreseen::GoesOn(step)) => format!("go on with {step}"),
-            Some(Foreseen::Redone(step)) => format!("redo {step} and what follows from it"),
+            None => "start with step 0".to_owned(),
+            Some(Foreseen::Stays) => "change nothing".to_owned(),
+            Some(Foreseen::GoesOn(step)) => format!("continue with {step}"),
+            Some(Foreseen::Redone(step)) => format!("redo {step} and all later steps"),
         };
         let stands = stands.get(&plan.id).map_or("-", String::as_str).to_owned();
         table.row([plan.id.to_string(), stands, would]);
@@ -423,7 +427,7 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     talk.data(&table.text())?;
     let executor = &cohort.settings.settings.executor;
     let workers = if executor.workers == 0 {
-        "one worker for each core".to_owned()
+        "one worker per core".to_owned()
     } else {
         count(executor.workers as usize, "worker")
     };

@@ -11,7 +11,7 @@ use crate::cli::talk::Talk;
 /// Print or write the JSON Schemas of all file formats
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// Write a file per schema into this folder instead of one object to stdout
+    /// Write one file per schema into this folder instead of one object to stdout
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -30,7 +30,7 @@ pub fn execute(args: &SchemasArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.json(&object)?;
         return Ok(Exit::Ok);
     };
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     for (name, schema) in all {
         let path = folder.join(name);
         std::fs::write(&path, cardiotwin_schemas::json_schemas::text(&schema))

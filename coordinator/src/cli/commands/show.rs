@@ -20,15 +20,16 @@ use crate::cli::talk::{Talk, Tone};
 use crate::report::spread_svg;
 use crate::results::{PatientView, SpreadFile, Step};
 
-/// All about one patient: results, iterations, parameters, failure and where its files lie
+/// Show one patient in detail: results, iterations, parameters, failure and location of its files
 #[derive(Debug, Args)]
 pub struct ShowArgs {
-    /// Whom
+    /// Name of the patient
     patient: String,
-    /// One JSON object instead of text
+    /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
-    /// Draw how the nodes' stretch and active stress spread around their medians as an SVG file
+    /// Draw the spread of the nodes' stretch and active stress around their medians into an SVG
+    /// file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -79,7 +80,7 @@ fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
     let nothing = || {
         let id = &record.plan.id;
         CliError::Usage(format!(
-            "--plot: the targets of {id} are not done, or were made without the nodes' spread"
+            "--plot: the targets of {id} are not done, or were computed without the nodes' spread"
         ))
     };
     let spread =
@@ -324,7 +325,7 @@ fn cell(record: &PatientRecord, talk: &Talk) -> String {
     let mut text = table.text();
     if let Some(found) = &fit.result.identifiability {
         text.push_str(&format!(
-            "near-optimal: cost up to {}, all other parameters fitted anew",
+            "near-optimal: cost up to {}, with all other parameters refitted",
             number(found.threshold)
         ));
         text.push_str(if found.complete {
@@ -500,7 +501,7 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
     }
     let sampling = &result.sampling;
     let doubt = sampling.doubt().map_or_else(String::new, |doubt| {
-        format!("; take the intervals for a guess: {doubt}")
+        format!("; the intervals are only a rough estimate: {doubt}")
     });
     let outside = result
         .outside_words()
@@ -517,9 +518,7 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
 fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
     let (id, of) = (&record.plan.id, folders.as_argument("--cohort "));
     if record.failure.is_some() {
-        return Some(format!(
-            "`cardiotwin logs {id}{of}` shows what the worker said"
-        ));
+        return Some(format!("`cardiotwin logs {id}{of}` shows the worker's log"));
     }
     let stalled = record.step1.is_some() && !PatientView(record).step1_converged();
     let other = if record.plan.settings.step1_update() == Update::SpaceMapping {
@@ -529,7 +528,7 @@ fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
     };
     stalled.then(|| {
         format!(
-            "`cardiotwin rerun {id} --from step1 {other}{of}` goes on from the stored iterations"
+            "`cardiotwin rerun {id} --from step1 {other}{of}` continues from the stored iterations"
         )
     })
 }

@@ -27,34 +27,37 @@ const PERIODIC: BeatCount = BeatCount::Periodic {
     tolerance: 0.05,
 };
 
-/// One simulation of a patient's organ: traces out, nothing stored unless --out says where
+/// Simulate a patient's organ once and print its traces; files are written only with --out
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Parameters are those of the run's best iteration where there is a run, else step 1's first guess.\n\
-                        Without --out, traces go to stdout as CSV and biomarkers to stderr."
+    after_help = "Parameters are those of the run's best iteration, or step 1's first guess if \
+                  there is no run.\n\
+                  Without --out, traces go to stdout as CSV and biomarkers to stderr."
 )]
 pub struct SimulateArgs {
-    /// Whom
+    /// Name of the patient
     patient: String,
-    /// A parameter by its name, or a setting by its dotted key (may be given several times)
+    /// Override a parameter by its name, or a setting by its dotted key (may be given several
+    /// times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Number of beats, or `periodic` [default: the setting solver.beats]
     #[arg(long, value_name = "N|periodic", value_parser = beats)]
     beats: Option<BeatCount>,
-    /// The fitted cell model of step 2 instead of Tanh, as in the verification beat
+    /// Use the fitted cell model of step 2 instead of Tanh, as in the verification beat
     #[arg(long)]
     cell: bool,
     /// Write traces.csv, nodal.csv, spec.json and outcome.json into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write a series of VTU files for ParaView each so many simulated ms, into OUT/vtu (3D ventricle only)
+    /// Write a VTU file for ParaView at this interval of simulated time, in ms, into OUT/vtu (3D
+    /// ventricle only)
     #[arg(long, value_name = "MS", requires = "out")]
     vtu_every: Option<f64>,
-    /// One JSON object instead of CSV: specification, biomarkers, checks, traces
+    /// Print one JSON object with specification, biomarkers, checks and traces instead of CSV
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     #[command(flatten)]
@@ -105,7 +108,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     };
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     let out = args
         .out
         .clone()
@@ -192,7 +195,7 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
             let meant = nearest(name, known.iter().map(String::as_str))
                 .map(|meant| format!("; did you mean `{meant}`?"));
             return Err(format!(
-                "--set {name}: no such parameter{}",
+                "--set {name}: unknown parameter{}",
                 meant.unwrap_or_default()
             ));
         }

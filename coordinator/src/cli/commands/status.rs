@@ -19,21 +19,21 @@ const ROWS: usize = 60;
 /// Largest length of a note, characters.
 const LONGEST_NOTE: usize = 100;
 
-/// Where each patient stands, failures first
+/// Show the state of each patient, failures first
 #[derive(Debug, Args)]
 pub struct StatusArgs {
     #[command(flatten)]
     place: Place,
-    /// One JSON object (status.schema.json) instead of a table
+    /// Print one JSON object (status.schema.json) instead of a table
     #[arg(long)]
     json: bool,
-    /// Show again every two seconds until the run is over
+    /// Refresh every two seconds until the run is finished
     #[arg(long)]
     watch: bool,
-    /// Failed patients only
+    /// Show only failed patients
     #[arg(long)]
     failed: bool,
-    /// Every patient, however many
+    /// Show all patients, even in a large cohort
     #[arg(long)]
     all: bool,
 }
@@ -105,7 +105,7 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
     let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
     if all > rows {
         text.push_str(&format!(
-            "… {} more; --all shows them, --failed the failed ones\n",
+            "… {} more; --all shows all, --failed only the failed ones\n",
             all - rows
         ));
     }
@@ -141,7 +141,7 @@ fn of_cluster(cluster: &ClusterStatus) -> String {
         .filter(|job| job.state == "running")
         .count();
     let age = match cluster.as_of.is_empty() {
-        true => "the queue never answered".to_owned(),
+        true => "the queue has never answered".to_owned(),
         false => format!("the queue answered {} ago", duration(cluster.age_s)),
     };
     let charge = match cluster.charge > 0.0 {
@@ -149,7 +149,8 @@ fn of_cluster(cluster: &ClusterStatus) -> String {
         false => String::new(),
     };
     let mut text = format!(
-        "{}: {running} jobs run, {} wait; {:.2} node-hours so far{charge}, about {:.2} to come; {age}\n",
+        "{}: {running} jobs running, {} pending; {:.2} node-hours so far{charge}, about {:.2} to \
+         come; {age}\n",
         cluster.site,
         cluster.jobs.len() - running,
         cluster.node_hours,
@@ -233,10 +234,11 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
         return Some(match failed.failure_class {
             Some(cardiotwin_schemas::failure::FailureClass::Site) => {
                 format!(
-                    "`cardiotwin logs {id}{of}` shows what happened, `cardiotwin retry {id}{of}` tries again"
+                    "`cardiotwin logs {id}{of}` shows the log, `cardiotwin retry {id}{of}` tries \
+                     again"
                 )
             }
-            _ => format!("`cardiotwin show {id}{of}` tells more"),
+            _ => format!("`cardiotwin show {id}{of}` shows details"),
         });
     }
     let waiting = status
@@ -251,7 +253,7 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
             folders.run_command()
         }
     };
-    (waiting && !status.coordinator_running).then(|| format!("{} goes on", command()))
+    (waiting && !status.coordinator_running).then(|| format!("continue with {}", command()))
 }
 
 #[cfg(test)]
@@ -358,7 +360,7 @@ mod tests {
         };
         assert_eq!(
             hint(&status(), &folders).unwrap(),
-            "`cardiotwin show 04-CoA --cohort c` tells more"
+            "`cardiotwin show 04-CoA --cohort c` shows details"
         );
         let mut site = status();
         site.patients[0].failure_class = Some(FailureClass::Site);
@@ -373,7 +375,7 @@ mod tests {
         stopped.coordinator_running = false;
         assert_eq!(
             hint(&stopped, &folders).unwrap(),
-            "`cardiotwin run c` goes on"
+            "continue with `cardiotwin run c`"
         );
     }
 

@@ -71,7 +71,7 @@ impl JobFolder {
     /// # Errors
     /// [`DispatchError::File`] if a file cannot be written.
     pub fn write(&self, orders: &[JobOrder], script: &str) -> Result<(), DispatchError> {
-        fs::create_dir_all(&self.path).map_err(file("make", &self.path))?;
+        fs::create_dir_all(&self.path).map_err(file("create", &self.path))?;
         for (element, order) in orders.iter().enumerate() {
             write_whole(
                 &self.path.join(format!("order-{element}.json")),
@@ -234,14 +234,14 @@ pub fn make_attempt(
     allocation: &AttemptAllocation,
 ) -> Result<bool, DispatchError> {
     let parent = directory.parent().unwrap_or(directory);
-    fs::create_dir_all(parent).map_err(file("make", parent))?;
+    fs::create_dir_all(parent).map_err(file("create", parent))?;
     if directory.exists() {
         return Ok(false);
     }
     let name = directory.file_name().unwrap_or_default().to_string_lossy();
     let draft = parent.join(format!(".{name}.{}.{}", allocation.job, allocation.element));
     let _ = fs::remove_dir_all(&draft); // left by a driver that was killed here
-    fs::create_dir(&draft).map_err(file("make", &draft))?;
+    fs::create_dir(&draft).map_err(file("create", &draft))?;
     write_whole(&draft.join(names::SPEC), &json(spec))?;
     write_whole(&draft.join(names::ALLOCATION), &json(allocation))?;
     match fs::rename(&draft, directory) {
@@ -256,7 +256,7 @@ pub fn make_attempt(
             let _ = fs::remove_dir_all(&draft);
             Ok(false)
         }
-        Err(error) => Err(file("make", directory)(error)),
+        Err(error) => Err(file("create", directory)(error)),
     }
 }
 

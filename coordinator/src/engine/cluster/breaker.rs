@@ -45,7 +45,7 @@ impl<S: Scheduler> Cluster<S> {
                 clock::utc_text(self.report.asks_again_ms),
             );
             self.report.no_answer = Some(format!(
-                "left alone until {until} after {n} commands without an answer: {why}"
+                "no commands until {until}, after {n} commands without an answer: {why}"
             ));
         }
     }

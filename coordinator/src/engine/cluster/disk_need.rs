@@ -101,10 +101,10 @@ impl DiskNeed {
     #[must_use]
     pub fn words(&self) -> String {
         let basis = match (self.measured.is_empty(), self.guessed.is_empty()) {
-            (_, true) => "by this run's attempts".to_owned(),
-            (true, false) => "a guess by the bundled cohort".to_owned(),
+            (_, true) => "estimated from this run's attempts".to_owned(),
+            (true, false) => "a guess from the bundled cohort".to_owned(),
             (false, false) => format!(
-                "by this run's attempts, of {} a guess",
+                "estimated from this run's attempts, guessed for {}",
                 self.guessed.join(", ")
             ),
         };

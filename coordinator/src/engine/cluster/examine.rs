@@ -51,7 +51,8 @@ pub async fn examine_site(settings: &SlurmSettings) -> Result<SiteReport, Engine
     if let Ok(config) = &told {
         if config.has_accounting == Some(false) {
             remarks.push(
-                "no accounting: jobs that left the queue are judged by their own evidence alone"
+                "no accounting: the fate of jobs that left the queue follows only from their own \
+                 files"
                     .to_owned(),
             );
         }
@@ -61,7 +62,7 @@ pub async fn examine_site(settings: &SlurmSettings) -> Result<SiteReport, Engine
         remarks.extend(
             config
                 .max_array_size
-                .map(|size| format!("arrays of {size} elements at most")),
+                .map(|size| format!("arrays have at most {size} elements")),
         );
     }
     let queues = site.queue.iter().map(|queue| QueueReport {

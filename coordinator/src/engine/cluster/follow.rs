@@ -59,7 +59,7 @@ impl<S: Scheduler> Cluster<S> {
                 // A later job went past this attempt after revoking it, so it can publish nothing.
                 let passed = folder::is_begun(&self.world.directory(&attempt(generation + 1)));
                 if passed && closing::is_revoked(&directory) {
-                    self.interrupt(&at_work, "a later job went past it")?;
+                    self.interrupt(&at_work, "superseded by a later job")?;
                 }
                 Ok(passed)
             }

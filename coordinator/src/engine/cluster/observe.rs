@@ -165,9 +165,9 @@ impl<S: Scheduler> Cluster<S> {
             seen.why.clear();
         });
         let words = if late {
-            "left off at the end of its walltime"
+            "stopped at the end of its walltime"
         } else {
-            "came to its end"
+            "finished"
         };
         let ending = Ending {
             cause: late.then_some(SiteCause::Walltime),
@@ -186,7 +186,7 @@ impl<S: Scheduler> Cluster<S> {
             .get(name)
             .is_some_and(|row| row.state.submission == Submission::Intended);
         if intended && JobFolder::of(&self.world.run_dir, name).was_submitting() {
-            let why = "the coordinator ended while it asked".to_owned();
+            let why = "the coordinator ended during the submission".to_owned();
             let at_ms = self.world.now_ms;
             self.world.job_event(name, JobEvent::Doubt { at_ms, why })?;
         }
@@ -340,7 +340,7 @@ impl<S: Scheduler> Cluster<S> {
         };
         if is_open(&evidence) {
             let why = format!(
-                "Slurm says {}, and nobody says by whom yet",
+                "Slurm reports {}, but not yet by whom",
                 ended.state.as_str()
             );
             self.world.job_event(
@@ -362,11 +362,11 @@ impl<S: Scheduler> Cluster<S> {
         }
         let cause = classify(&evidence).map(cause_of);
         let began = if ended.began == Some(false) {
-            ", it never began"
+            ", and it never began"
         } else {
             ""
         };
-        let words = format!("Slurm says {}{began}", ended.state.as_str());
+        let words = format!("Slurm reports {}{began}", ended.state.as_str());
         self.world.job_event(
             name,
             JobEvent::Accepted {
@@ -404,7 +404,7 @@ impl<S: Scheduler> Cluster<S> {
                 *queue_answered,
                 1,
                 if *queue_answered {
-                    "Slurm does not know it"
+                    "unknown to Slurm"
                 } else {
                     "Slurm does not answer"
                 }
@@ -413,13 +413,13 @@ impl<S: Scheduler> Cluster<S> {
             Unknown::State(state) => (
                 false,
                 1,
-                format!("Slurm says {}, which tells nothing", state.as_str()),
+                format!("Slurm reports {}, which is inconclusive", state.as_str()),
             ),
             Unknown::Disputed(state) => (
                 true,
                 GRACES_OF_A_DISPUTE,
                 format!(
-                    "the queue does not list it, accounting says {}",
+                    "the queue does not list it, but accounting reports {}",
                     state.as_str()
                 ),
             ),

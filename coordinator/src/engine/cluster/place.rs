@@ -58,7 +58,7 @@ impl<S: Scheduler> Cluster<S> {
             // Limits apply to all jobs of the user, so without an answer the free room is unknown.
             let why = self.report.no_answer.clone().unwrap_or_default();
             self.hold(Some(format!(
-                "nothing is submitted while the queue does not answer: {why}"
+                "no job is submitted until the queue answers: {why}"
             )));
             return Ok(());
         };
@@ -85,9 +85,10 @@ impl<S: Scheduler> Cluster<S> {
             let name = self.fresh_name();
             self.world.intend_job(name, job.spec);
         }
-        self.hold((later > 0).then(|| {
-            format!("{later} patients wait until jobs have ended: the queue takes no more")
-        }));
+        self.hold(
+            (later > 0)
+                .then(|| format!("{later} patients wait until jobs have ended: the queue is full")),
+        );
         Ok(())
     }
 

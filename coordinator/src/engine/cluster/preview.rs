@@ -88,7 +88,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
     let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
         Ok(table) => table.rows,
         Err(error) => {
-            remarks.push(format!("planned for an empty queue: {error}"));
+            remarks.push(format!("the plan assumes an empty queue: {error}"));
             Vec::new()
         }
     };

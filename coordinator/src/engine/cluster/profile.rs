@@ -44,7 +44,10 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         None => {
             let text = std::fs::read_to_string(name).map_err(|error| {
                 let known = SHIPPED.map(|(name, _)| name).join(", ");
-                wrong(format!("executor.slurm.site is `{name}`, which is no file ({error}) and none of {known}"))
+                wrong(format!(
+                    "executor.slurm.site is `{name}`, which is neither a readable file \
+                               ({error}) nor one of {known}"
+                ))
             })?;
             read(name, &text)?
         }

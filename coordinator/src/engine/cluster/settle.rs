@@ -323,8 +323,7 @@ impl<S: Scheduler> Cluster<S> {
 
     fn cancelled_by_person(&mut self, i: usize, job: &str) -> Result<(), EngineError> {
         let patient = PatientId(self.world.patients[i].row.patient.clone());
-        let text =
-            format!("{patient}: a person cancelled job {job}: stays cancelled until `retry`");
+        let text = format!("{patient}: a person cancelled job {job}; cancelled until `retry`");
         self.decider.request(
             &mut self.world,
             &Request::Cancel {

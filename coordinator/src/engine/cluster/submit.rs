@@ -88,17 +88,17 @@ impl<S: Scheduler> Cluster<S> {
         let directory = self.world.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
         std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
-            what: "make",
+            what: "create",
             path: directory.clone(),
             source,
         })?;
-        let published = dispatch::revoke(&directory, attempt, "not wanted any more")?;
+        let published = dispatch::revoke(&directory, attempt, "no longer needed")?;
         if !self.world.attempts.contains_key(attempt) {
             return Ok(());
         }
         match published {
             Some(evidence) => self.take_up(attempt, evidence),
-            None => self.interrupt(attempt, "ended by us"),
+            None => self.interrupt(attempt, "ended by the coordinator"),
         }
     }
 
@@ -213,10 +213,7 @@ impl<S: Scheduler> Cluster<S> {
                         .see(name, element, |seen| seen.why.clone_from(&why));
                 }
                 self.world.touch_placed(name, None);
-                self.hold(Some(format!(
-                    "the queue takes no more jobs: {}",
-                    refusal.said
-                )));
+                self.hold(Some(format!("the queue is full: {}", refusal.said)));
                 Room::Closed
             }
             Answer::Doubtful { why } => {
@@ -229,7 +226,7 @@ impl<S: Scheduler> Cluster<S> {
                     },
                 )?;
                 self.hold(Some(format!(
-                    "nothing more is submitted until Slurm answers: {why}"
+                    "no more jobs are submitted until Slurm answers: {why}"
                 )));
                 Room::Closed
             }
@@ -321,7 +318,7 @@ pub fn script_of(
     let refused = |error: cardiotwin_slurm::job::NotAName| script::ScriptError::Text {
         what: "job's name",
         found: error.0,
-        why: "it is no name for a job",
+        why: "it is not a valid job name",
     };
     let queue = site
         .queue
@@ -330,7 +327,7 @@ pub fn script_of(
         .ok_or_else(|| script::ScriptError::Text {
             what: "queue",
             found: spec.queue.clone(),
-            why: "the site's profile has no such queue (any more)",
+            why: "the site's profile has no such queue",
         })?;
     let job = Job {
         name: JobName::new(name).map_err(refused)?,

@@ -60,16 +60,16 @@ impl Class {
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {
-            Self::Database => "the run's books; kept",
-            Self::Record => "what was asked, who did it, how it ended; kept",
-            Self::Results => "traces, fits, meshes: read by reruns and the report; kept",
+            Self::Database => "database and records of the run; kept",
+            Self::Record => "specification, provenance and outcome; kept",
+            Self::Results => "traces, fits and meshes, read by reruns and the report; kept",
             Self::Jobs => "scripts and logs of a cluster's jobs; kept",
             Self::Report => "report, models, tables; kept",
             Self::Series => "VTU series; `clean --series` removes them",
             Self::Scratch => {
                 "checkpoints and working folders; `clean` removes those of finished tasks"
             }
-            Self::Unknown => "not ours; never touched",
+            Self::Unknown => "foreign files; never touched",
         }
     }
 }

@@ -313,7 +313,7 @@ pub async fn archive(
     with_series: bool,
 ) -> Result<Archived, EngineError> {
     if target.exists() {
-        let message = format!("{} is there already: name another folder", target.display());
+        let message = format!("{} already exists: name another folder", target.display());
         return Err(EngineError::Request { message });
     }
     let _held = enter_with_lease(run_dir)?;
@@ -325,7 +325,7 @@ pub async fn archive(
     if draft.exists() {
         fs::remove_dir_all(&draft).map_err(file_error("remove", &draft))?;
     }
-    fs::create_dir_all(&draft).map_err(file_error("make", &draft))?;
+    fs::create_dir_all(&draft).map_err(file_error("create", &draft))?;
     let mut done = Archived::default();
     let mut manifest = String::new();
     let database = draft.join(DATABASE_FILE);
@@ -347,7 +347,7 @@ pub async fn archive(
         }
         let (from, to) = (run_dir.join(&entry.file), draft.join(&entry.file));
         let folder = to.parent().unwrap_or(&draft);
-        fs::create_dir_all(folder).map_err(file_error("make", folder))?;
+        fs::create_dir_all(folder).map_err(file_error("create", folder))?;
         fs::copy(&from, &to).map_err(file_error("copy", &from))?;
         fs::File::open(&to)
             .and_then(|copy| copy.sync_all())
@@ -356,7 +356,7 @@ pub async fn archive(
         let copied = hash_of(&to).map_err(file_error("read", &to))?;
         if hash != copied {
             let message = format!(
-                "{} changed while it was copied: is somebody at work on the run?",
+                "{} changed while it was copied: check that nobody works on the run",
                 from.display()
             );
             return Err(EngineError::Request { message });
@@ -366,7 +366,7 @@ pub async fn archive(
     }
     let file = draft.join(MANIFEST);
     fs::write(&file, manifest).map_err(file_error("write", &file))?;
-    fs::rename(&draft, target).map_err(file_error("make", target))?;
+    fs::rename(&draft, target).map_err(file_error("create", target))?;
     Ok(done)
 }
 

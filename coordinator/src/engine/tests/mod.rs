@@ -415,7 +415,7 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     assert!(
         failure
             .message
-            .contains("the fitted cell makes no whole beat: aortic valve"),
+            .contains("the fitted cell does not complete a beat: aortic valve"),
         "{}",
         failure.message
     );
@@ -462,7 +462,7 @@ async fn step3_ends_at_its_limit_with_no_cell_that_makes_a_whole_beat() {
     assert!(
         failure
             .message
-            .contains("no cell makes a whole beat of the organ: aortic valve"),
+            .contains("no cell completes a beat of the organ: aortic valve"),
         "{}",
         failure.message
     );

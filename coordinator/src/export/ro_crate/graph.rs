@@ -99,7 +99,8 @@ pub fn metadata(
         "@id": "./", "@type": "Dataset",
         "name": format!("Personalised left ventricles of the cohort {}", run.cohort),
         "description": format!(
-            "{}{}{n_done} of {} patients personalised and verified; one record for each, tables, traces, report.",
+            "{}{}{n_done} of {} patients personalised and verified, with a record for each patient, \
+             tables, traces and a report.",
             run.description, if run.description.is_empty() { "" } else { " " }, run.patients.len()
         ),
         "datePublished": moment(&run.as_of),
@@ -119,7 +120,8 @@ pub fn metadata(
     if license == "#license" {
         graph.push(json!({
             "@id": "#license", "@type": "CreativeWork", "name": "No licence was stated",
-            "description": "Whoever made this crate stated no licence: ask before the data are used.",
+            "description": "The author of this crate stated no licence: ask for permission before \
+                            using the data.",
         }));
     } else {
         graph.push(json!({ "@id": license, "@type": "CreativeWork", "name": license, "description": "Licence of this crate." }));
@@ -150,8 +152,9 @@ pub fn metadata(
         match &input.kept {
             Some(path) => entity["encodingFormat"] = json!(format_of(path)),
             None => {
-                entity["description"] =
-                    json!("An input whose content is not in this crate, by its hash.")
+                entity["description"] = json!(
+                    "An input that is identified by its hash and not contained in this crate."
+                )
             }
         }
         graph.push(entity);

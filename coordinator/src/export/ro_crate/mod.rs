@@ -72,12 +72,12 @@ pub fn complete(
         add(
             "record.json",
             record::json(patient),
-            format!("All that the run knows of {id}: inputs' hashes, settings, every simulation"),
+            format!("Full record of {id}: hashes of the inputs, settings, and every simulation"),
         )?;
         add(
             "parameters.json",
             record::parameters(patient),
-            format!("The personalised parameters of {id}"),
+            format!("Personalised parameters of {id}"),
         )?;
         for input in record::inputs(patient) {
             let mut kept = None;

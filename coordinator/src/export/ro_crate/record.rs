@@ -112,7 +112,7 @@ pub fn inputs(patient: &PatientRecord) -> Vec<&InputFile> {
 pub fn content(input: &InputFile) -> Result<Vec<u8>, String> {
     let bytes = std::fs::read(&input.path).map_err(|error| {
         format!(
-            "{} cannot be read ({error}): its hash alone is in the crate",
+            "{} cannot be read ({error}): the crate contains only its hash",
             input.path.display()
         )
     })?;
@@ -120,7 +120,7 @@ pub fn content(input: &InputFile) -> Result<Vec<u8>, String> {
         return Ok(bytes);
     }
     Err(format!(
-        "{} is not what the run was computed from any more: its hash alone is in the crate",
+        "{} has changed since the run: the crate contains only its hash",
         input.path.display()
     ))
 }

@@ -51,7 +51,7 @@ fn nav(name: &str, cases: &DiscoverCases) -> Markup {
 #[must_use]
 pub fn part(cases: &DiscoverCases) -> Markup {
     html! {
-        h2 id="missing" { "What the model misses" }
+        h2 id="missing" { "Missing effects of the model" }
         (cohort(cases))
         @for case in cases.values() { (section(case)) }
     }
@@ -63,7 +63,7 @@ pub fn part(cases: &DiscoverCases) -> Markup {
 pub fn cohort(cases: &DiscoverCases) -> Markup {
     html! {
         @if cases.len() > 1 {
-            p { "An effect that most patients lack is a fault of the organ's model; one that a single patient shows is that patient's." }
+            p { "An effect that is missing in most patients indicates a fault of the organ's model; one that is missing in a single patient is specific to that patient." }
             (tables::patients(cases))
             (tables::pooled(cases))
             @if cases.values().any(|case| case.run.is_some()) { (tables::run_misses(cases)) }
@@ -110,9 +110,9 @@ fn section(case: &DiscoverCase) -> Markup {
                 (figure("Pressure", figures::signal(case, figures::Which::Pressure), "", &html! {}))
                 (figure("Volume", figures::signal(case, figures::Which::Volume), "", &html! {}))
                 (figure("Residual of the pressure", figures::residual(case, figures::Which::Pressure), "",
-                    &html! { ", data less model; the band is twice the noise" }))
+                    &html! { ", data minus model; the band is twice the noise" }))
                 (figure("Residual of the volume", figures::residual(case, figures::Which::Volume), "",
-                    &html! { ", data less model; the band is twice the noise" }))
+                    &html! { ", data minus model; the band is twice the noise" }))
             }
             div.tables {
                 (tables::ranking(case))
@@ -122,7 +122,7 @@ fn section(case: &DiscoverCase) -> Markup {
             }
             (tables::lists(case))
             p.quiet {
-                "seed " (found.seed) " · a name needs evidence above " (format!("{:.1}", found.threshold))
+                "seed " (found.seed) " · an effect is named if its evidence exceeds " (format!("{:.1}", found.threshold))
                 " · p = " (format!("{:.4}", found.p_value)) " · " (found.n_evaluations) " parameter sets · data "
                 @for (role, hash) in &found.data { (role) " " code { (hash.chars().take(12).collect::<String>()) } " " }
             }
@@ -157,7 +157,7 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
         chart.size.0 = 640.0;
     }
     let held = match (found.gap_heldout_before, found.gap_heldout_after) {
-        (Some(before), Some(after)) => format!("; on data held out {before:.2} to {after:.2}"),
+        (Some(before), Some(after)) => format!("; on held-out data {before:.2} to {after:.2}"),
         _ => String::new(),
     };
     let mut lines = vec![format!(
@@ -205,7 +205,7 @@ mod tests {
             "whole heart volume",
             "with atrial kick",
             "class=\"line after\"",
-            "Cannot be told from",
+            "Indistinguishable from",
         ] {
             assert!(html.contains(part), "{part} is not in {html}");
         }
@@ -215,7 +215,7 @@ mod tests {
         assert!(
             section(&case("P3", unexplained()))
                 .into_string()
-                .contains("What the unexplained gap depends on")
+                .contains("Dependence of the unexplained gap")
         );
     }
 
@@ -245,7 +245,7 @@ mod tests {
         let svg = discovery_svg(&case("P1", kick())).unwrap();
         for part in [
             "P1: atrial kick",
-            "gap 1.61 to 0.94 times the noise; on data held out 1.72 to 1.10",
+            "gap 1.61 to 0.94 times the noise; on held-out data 1.72 to 1.10",
             "amplitude 7.90 mmHg",
             "atrial",
         ] {

@@ -126,10 +126,13 @@ pub fn lists(case: &DiscoverCase) -> Markup {
         }
     };
     let mut rows = vec![
-        ("Cannot be told from", names(&found.confusable)),
-        ("What would decide", found.deciding_measurement.join("; ")),
+        ("Indistinguishable from", names(&found.confusable)),
         (
-            "These data cannot show",
+            "Deciding measurement",
+            found.deciding_measurement.join("; "),
+        ),
+        (
+            "Not identifiable from these data",
             found
                 .not_identifiable
                 .iter()
@@ -148,7 +151,7 @@ pub fn lists(case: &DiscoverCase) -> Markup {
             )
         });
         rows.push((
-            "What the unexplained gap depends on",
+            "Dependence of the unexplained gap",
             depends.collect::<Vec<_>>().join(", "),
         ));
     }
@@ -169,7 +172,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
     scrolling(&html! { table {
         caption { "Patients" }
         thead { tr {
-            th { "patient" } th.unit { "missing" } th { "gap before" } th { "after" } th { "held out, before" } th { "after" } th.unit { "cannot be told from" }
+            th { "patient" } th.unit { "missing" } th { "gap before" } th { "after" } th { "held out, before" } th { "after" } th.unit { "indistinguishable from" }
         } }
         tbody { @for case in cases.values() {
             @let found = &case.found;
@@ -189,7 +192,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
 pub fn run_misses(cases: &DiscoverCases) -> Markup {
     let rms = |value: f64| number_of(value, 1);
     scrolling(&html! { table {
-        caption { "Beats of the run against the measured traces, rms" }
+        caption { "Misfit of the run's beats to the measured traces, rms" }
         thead { tr {
             th { "patient" } th.unit { "trace" } th { "step 1" } th { "verification" } th { "twin" } th { "organ's model" } th { "cell" } th.unit { "mostly a fault of" }
         } }

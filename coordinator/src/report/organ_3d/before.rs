@@ -28,7 +28,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     let names = names.join(", ");
     let Some(before) = &patient.before else {
         return html! {
-            p.absent { "Accepted: " (names) ". This run has not simulated this ventricle without, so there is nothing to compare with." }
+            p.absent { "Accepted: " (names) ". This run has not simulated this ventricle without them, so there is no comparison." }
         };
     };
     let view = PatientView(patient);
@@ -60,7 +60,7 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
         .collect();
     html! {
         h4 { "Before and after: " (names) }
-        p.quiet { "The same ventricle, personalised without and with what was accepted; misfits are rms over the measured samples." }
+        p.quiet { "The same ventricle, personalised without and with the accepted effects; misfits are rms over the measured samples." }
         @if let Some(first) = compared.first() {
             (legend(&[("measured", "measured".to_owned()), ("before", "before".to_owned()), ("after", format!("with {names}"))]))
             div.figures.wide {
@@ -195,17 +195,17 @@ fn table(compared: &[Compared<'_>]) -> Markup {
     let stroke = |run: &TaskRecord<OrganBeatResult>| run.result.biomarkers.get(Biomarker::Sv);
     scrolling(&html! {
         table {
-            caption { "What the accepted effects changed" }
+            caption { "Changes by the accepted effects" }
             thead { tr {
                 th scope="col" { "" } th.unit scope="col" { "unit" }
                 @for c in compared { th scope="col" { (c.name) ", before" } th scope="col" { "after" } }
             } }
             tbody {
-                tr { th scope="row" { "volume that the beat's end leaves open" } td.unit { "mL" }
+                tr { th scope="row" { "volume gap at the beat's end" } td.unit { "mL" }
                     @for c in compared { td.num { (fixed(gap(c.was), 1)) } td.num { b { (fixed(gap(c.is), 1)) } } } }
                 tr { th scope="row" { "misfit of the volume" } td.unit { "mL" }
                     @for c in compared { td.num { (fixed(c.misfits[1][0], 1)) } td.num { b { (fixed(c.misfits[1][1], 1)) } } } }
-                tr { th scope="row" title="from 80 % of the measured volume recovered" { "misfit of the volume in late filling" } td.unit { "mL" }
+                tr { th scope="row" title="from the recovery of 80 % of the measured volume" { "misfit of the volume in late filling" } td.unit { "mL" }
                     @for c in compared { td.num { (fixed(c.misfits[2][0], 1)) } td.num { b { (fixed(c.misfits[2][1], 1)) } } } }
                 tr { th scope="row" { "misfit of the pressure" } td.unit { "mmHg" }
                     @for c in compared { td.num { (fixed(c.misfits[0][0], 1)) } td.num { b { (fixed(c.misfits[0][1], 1)) } } } }

@@ -36,7 +36,7 @@ pub fn mesh(patient: &PatientRecord) -> Option<Markup> {
         ),
         ("edge: shortest / mean / longest", three(edges, 2), "mm"),
         (
-            "mean ratio (1: regular): least",
+            "mean ratio (1: regular): smallest",
             fixed(of("mesh_mean_ratio_least"), 2),
             "",
         ),

@@ -67,8 +67,8 @@ pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
         @match &drawn.heart {
             Some(file) => (heart::pictures(&file.heart, patient.plan.id.as_str(), &file.name)),
             None if patient.iterations.iter().any(|i| i.run.is_some()) => p.absent {
-                "No picture: this simulation was made by a version of the program that kept none. "
-                code { "cardiotwin run COHORT --run-dir NEW" } " simulates anew and keeps one."
+                "No picture: this simulation was computed by a version of the program that stored none. "
+                code { "cardiotwin run COHORT --run-dir NEW" } " repeats the simulation and stores one."
             },
             None => p.absent { "No picture: no simulation of this patient has finished." },
         }
@@ -86,7 +86,7 @@ fn spread_figures(patient: &PatientRecord, spread: Option<&SpreadFile>) -> Marku
     let Some(file) = spread else {
         return html! {
             @if patient.targets.is_some() {
-                p.absent { "No spread over the nodes: the targets were made by a version of the program that kept none." }
+                p.absent { "No spread over the nodes: the targets were computed by a version of the program that stored none." }
             }
         };
     };

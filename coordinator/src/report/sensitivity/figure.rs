@@ -140,7 +140,7 @@ pub(super) fn heading(record: &SensitivityRecord) -> String {
         ),
     };
     format!(
-        "Sobol indices on {} blocks of samples{interval}; parameters by the sum of ST",
+        "Sobol indices on {} blocks of samples{interval}; parameters sorted by the sum of ST",
         record.n_blocks
     )
 }

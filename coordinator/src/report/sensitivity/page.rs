@@ -91,7 +91,7 @@ fn ranking(record: &SensitivityRecord) -> Markup {
             tbody { @for ranked in &record.ranking { (row(record, ranked)) } }
         } }
         p.quiet {
-            "± half of the interval; ranks: its middle over the resamples. Paper: its nine, of the cell's biomarkers."
+            "± half of the interval; ranks: interval of the rank over the resamples. Paper: the paper's nine for the cell's biomarkers."
             @if of_cell(record) { " Reference: an independent computation at the paper's settings." }
         }
     }
@@ -135,7 +135,7 @@ fn value(index: Option<SobolIndex>) -> Markup {
 
 fn pairs(record: &SensitivityRecord) -> Markup {
     html! {
-        p { "The largest second-order indices of each biomarker; second_order.csv has all." }
+        p { "The largest second-order indices of each biomarker; second_order.csv lists all." }
         div.scroll tabindex="0" { table {
             thead { tr { th { "biomarker" } th { "parameter" } th { "parameter" } th { "S2" } } }
             tbody {
@@ -169,7 +169,7 @@ fn basis(record: &SensitivityRecord) -> Markup {
         p {
             (record.n_blocks) " of " (record.spec.n_blocks) " Saltelli blocks on " (points) " Sobol points, "
             (samples.total) " samples: " (share(samples.physiological)) " % physiological, "
-            (share(samples.excluded)) " % excluded (their biomarkers are the physiological samples' means), "
+            (share(samples.excluded)) " % excluded (their biomarkers are set to the means of the physiological samples), "
             (samples.failed) " failed, " (samples.not_periodic) " not periodic."
         }
         p {

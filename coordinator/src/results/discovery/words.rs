@@ -102,14 +102,15 @@ pub fn summary(found: &Discovered) -> String {
         (Some(gap), []) => {
             let lead = gap.depends_on.first().map_or(String::new(), |d| {
                 format!(
-                    "; what is left of the {} depends best on {} ({:.0} % of it)",
+                    "; of the remaining {}, {} explains most ({:.0} %)",
                     d.signal,
                     plain(&d.variable),
                     100.0 * d.share
                 )
             });
             format!(
-                "Model and data disagree, but no effect of the catalogue explains it: {}{lead}.",
+                "Model and data disagree, but no effect of the catalogue explains the gap: \
+                 {}{lead}.",
                 place(&gap.place)
             )
         }
@@ -123,7 +124,7 @@ pub fn summary(found: &Discovered) -> String {
     if !found.confusable.is_empty() {
         let rivals: Vec<String> = found.confusable.iter().map(|name| plain(name)).collect();
         text.push_str(&format!(
-            " These data cannot tell it from {}",
+            " These data cannot distinguish it from {}",
             rivals.join(", ")
         ));
         if found.deciding_measurement.is_empty() {
@@ -150,7 +151,9 @@ fn named(found: &Discovered, names: &[String]) -> String {
         .collect();
     let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();
     let held = match (found.gap_heldout_before, found.gap_heldout_after) {
-        (Some(before), Some(after)) => format!(", on data held out from {before:.2} to {after:.2}"),
+        (Some(before), Some(after)) => {
+            format!(", and on held-out data from {before:.2} to {after:.2}")
+        }
         _ => String::new(),
     };
     let correct = |name: &&String| {
@@ -168,13 +171,13 @@ fn named(found: &Discovered, names: &[String]) -> String {
         String::new()
     } else {
         format!(
-            " To be corrected in the data, not in the heart: {}.",
+            " Correct this in the data, not in the heart: {}.",
             artefacts.join(", ")
         )
     };
     format!(
-        "The base model misses: {}. Without it, model and data lie furthest apart in {}. Adding it takes the gap from {:.2} to {:.2} times \
-         the noise{held}.{remedy}",
+        "The base model misses: {}. Without it, model and data differ most in {}. Adding it reduces \
+         the gap from {:.2} to {:.2} times the noise{held}.{remedy}",
         told.join("; "),
         places.join(" and in "),
         found.gap_before,
@@ -211,7 +214,7 @@ mod tests {
         for part in [
             "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
             "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
-            "from 1.61 to 0.94 times the noise, on data held out from 1.72 to 1.10",
+            "from 1.61 to 0.94 times the noise, and on held-out data from 1.72 to 1.10",
             "cannot tell it from passive stiffening; these would: atrial or wedge pressure.",
         ] {
             assert!(text.contains(part), "{part} is not in {text}");
@@ -224,7 +227,7 @@ mod tests {
         assert!(summary(&nothing()).starts_with("Nothing is missing"));
         let text = summary(&unexplained());
         assert!(
-            text.contains("no effect of the catalogue explains it")
+            text.contains("no effect of the catalogue explains the gap")
                 && text.contains("aortic flow (40 %"),
             "{text}"
         );

@@ -85,9 +85,7 @@ pub fn read_first<'a>(
         };
         let mut lines = text.lines();
         if lines.next() != Some(heading) {
-            return Err(broken(
-                "its first line is not the heading of samples".into(),
-            ));
+            return Err(broken("the first line is not the header of samples".into()));
         }
         let before = samples.marks.len();
         let all = end == blocks.end;
@@ -123,7 +121,7 @@ fn verified(path: &Path, artefact: &Artefact) -> Result<String, SweepError> {
     let found = sha256_hex(&bytes);
     if found != artefact.sha256 {
         let problem = format!(
-            "its SHA-256 is {found}, but {} was published",
+            "the SHA-256 is {found}, but {} was published",
             artefact.sha256
         );
         return Err(SweepError::Samples {
@@ -170,7 +168,7 @@ fn parse(
             }))
         }
         ("stuck" | "refused", false) | ("diverged", true) => Ok(None),
-        (other, _) => Err(format!("there is no status `{other}`")),
+        (other, _) => Err(format!("unknown status `{other}`")),
     }
 }
 
@@ -479,7 +477,7 @@ pub(super) mod tests {
         let said = read(&spec, &[Some(publish(&["periodic,1.0"; 6]))])
             .unwrap_err()
             .to_string();
-        assert!(said.contains("there is no status `periodic`"), "{said}");
+        assert!(said.contains("unknown status `periodic`"), "{said}");
     }
 
     #[test]
@@ -526,7 +524,7 @@ pub(super) mod tests {
             read(&spec, &[Some(task)]).unwrap_err().to_string()
         };
         let cases: [(&str, usize, &str); 3] = [
-            ("odd,1", 6, "line 2: there is no status `odd`"),
+            ("odd,1", 6, "line 2: unknown status `odd`"),
             ("periodic,NaN", 6, "line 2: Sa_max_kPa is `NaN`"),
             (good, 5, "line 7: block is 1, expected 0"),
         ];
@@ -541,7 +539,7 @@ pub(super) mod tests {
             read(&spec, &[Some(task)])
                 .unwrap_err()
                 .to_string()
-                .contains("its SHA-256 is")
+                .contains("the SHA-256 is")
         );
     }
 }

@@ -30,7 +30,7 @@ pub fn file(record: &SensitivityRecord) -> &'static str {
 pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> {
     let swept = record.ranking.len();
     if !(1..=swept).contains(&n) {
-        let expected = format!("1 to {swept}, the parameters swept");
+        let expected = format!("1 to {swept}, the number of swept parameters");
         return Err(SweepError::Setting {
             name: "--select".into(),
             found: n.to_string(),
@@ -50,9 +50,12 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
         selected.push(PASSIVE);
     }
     let mut text = format!(
-        "# The {n} parameters that the active stress is most sensitive to, by the sum of total Sobol indices over\n\
-         # {} biomarkers, on {} blocks of samples; a_p_kPa is fitted beside them, as in Jung et al. 2022.\n\
-         [step2]\nparameters = [\n",
+        "# The {n} parameters that the active stress is most sensitive to, by the sum of total \
+         Sobol indices over\n\
+         # {} biomarkers, on {} blocks of samples; a_p_kPa is fitted, too, as in Jung et al. \
+         2022.\n\
+         [step2]\n\
+         parameters = [\n",
         record.outputs.len(),
         record.n_blocks
     );
@@ -187,7 +190,7 @@ mod tests {
                 .to_string();
             assert_eq!(
                 said,
-                format!("--select is {n}, expected 1 to 3, the parameters swept")
+                format!("--select is {n}, expected 1 to 3, the number of swept parameters")
             );
         }
     }

@@ -320,7 +320,7 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
     let mut changes = Vec::new();
     if now.n_blocks < before.n_blocks {
         changes.push(format!(
-            "samples {} (now {}; more may be asked for, not fewer)",
+            "samples {} (now {}; the number may only grow)",
             before.n_blocks, now.n_blocks
         ));
     }
@@ -355,7 +355,7 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
         changes.push(format!("{} (now {})", organ(a), organ(b)));
     } else if beat(a) != beat(b) {
         changes.push(format!(
-            "another state of {}: its run has gone on, or its settings changed",
+            "another state of {}: its run has continued, or its settings changed",
             organ(a)
         ));
     }

@@ -90,7 +90,8 @@ fn data(errors: &[&TargetError], words: &str) -> [Condition; 3] {
             limit: limit.to_owned(),
         }
     };
-    let to_original = "error of the original to the measured value + 2 points, each biomarker";
+    let to_original = "error of the original fit to the measured value + 2 points, for each \
+                       biomarker";
     let mut every_sample = worst(
         format!("{words} meets perturbed targets, worst sample"),
         to_original,
@@ -106,7 +107,7 @@ fn data(errors: &[&TargetError], words: &str) -> [Condition; 3] {
         every_sample,
         worst(
             format!("{words} follows perturbed targets, mean over samples"),
-            "error of the same fits to the measured value + 2 points, each biomarker",
+            "error of the same fits to the measured value + 2 points, for each biomarker",
             &|e| (e.to_perturbed.mean, e.to_measured.mean),
         ),
     ]

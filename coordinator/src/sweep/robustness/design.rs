@@ -23,7 +23,7 @@ pub const SEED: &str = "step2.seed";
 #[derive(Debug, thiserror::Error)]
 pub enum DesignError {
     /// The hypercube cannot be drawn.
-    #[error("no samples around the values of patient {patient}")]
+    #[error("cannot sample around the values of patient {patient}")]
     Samples {
         /// Id of the patient.
         patient: PatientId,
@@ -42,7 +42,8 @@ pub enum DesignError {
     },
     /// The bounds of a parameter are in the wrong order or not finite.
     #[error(
-        "{table}.bounds.{name} of patient {patient} are {lower} to {upper}; expected the lower one first"
+        "{table}.bounds.{name} of patient {patient} are {lower} to {upper}; expected the lower \
+         bound first"
     )]
     Bounds {
         /// Table of the settings, `step1` or `step2`.

@@ -305,7 +305,7 @@ fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
             return None;
         };
         Some(format!(
-            "after {} iterations still no whole beat, {}",
+            "no whole beat after {} iterations, {}",
             runs.len(),
             beat.failed_valve()?
         ))

@@ -29,7 +29,7 @@ impl<'a> Derivation<'a, '_> {
             return Err(broken(
                 step,
                 FailureClass::Bug,
-                format!("simulation {} left no nodal traces", best.key),
+                format!("simulation {} wrote no nodal traces", best.key),
             ));
         };
         let path = best.directory.join(&nodal.file);
@@ -153,7 +153,7 @@ impl<'a> Derivation<'a, '_> {
             return Err(broken(
                 step,
                 FailureClass::Numerics,
-                format!("the fitted cell makes no whole beat: {valve}"),
+                format!("the fitted cell does not complete a beat: {valve}"),
             ));
         }
         self.chain.verification_cost = beat

@@ -64,8 +64,8 @@ impl<'a> Derivation<'a, '_> {
                 number: beats.len().max(2) as u32 - 1,
             };
             let message = match beats.last().and_then(|beat| beat.shut.as_ref()) {
-                Some(valve) => format!("no cell makes a whole beat of the organ: {valve}"),
-                None => "no simulation of the organ with a cell ended".to_owned(),
+                Some(valve) => format!("no cell completes a beat of the organ: {valve}"),
+                None => "no simulation of the organ with a cell finished".to_owned(),
             };
             return Err(broken(step, FailureClass::Numerics, message));
         };

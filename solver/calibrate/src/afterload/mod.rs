@@ -41,7 +41,7 @@ use crate::least_squares::LeastSquaresError;
 pub enum AfterloadError {
     /// Times and values differ in number or are too few.
     #[error(
-        "the {trace} has {n_times} times and {n_values} values, but must have at least 20 of each, as many of both"
+        "the {trace} with {n_times} times and {n_values} values instead of equal numbers of at least 20"
     )]
     Samples {
         /// Name of the trace.
@@ -53,7 +53,7 @@ pub enum AfterloadError {
     },
     /// A sample is not finite, or its time does not exceed the previous one.
     #[error(
-        "sample {idx} of the {trace} at {time_ms} ms is {value}: values must be finite, times increase"
+        "sample {idx} of the {trace} at {time_ms} ms with value {value}: values must be finite and times must increase"
     )]
     Sample {
         /// Name of the trace.
@@ -66,7 +66,9 @@ pub enum AfterloadError {
         value: f64,
     },
     /// Too few pressure samples lie within the time of the flow.
-    #[error("{n_samples} pressure samples lie where flow was measured, but at least 20 are needed")]
+    #[error(
+        "{n_samples} pressure samples at times with a measured flow, but at least 20 are needed"
+    )]
     Overlap {
         /// Number of pressure samples within the time of the flow.
         n_samples: usize,
@@ -76,9 +78,7 @@ pub enum AfterloadError {
         pressure_ms: [f64; 2],
     },
     /// The flow does not eject.
-    #[error(
-        "the flow lies between {lowest_ml_per_s} and {highest_ml_per_s} mL/s: nothing is ejected"
-    )]
+    #[error("a flow between {lowest_ml_per_s} and {highest_ml_per_s} mL/s without an ejection")]
     NoEjection {
         /// Smallest flow.
         lowest_ml_per_s: f64,
@@ -87,7 +87,7 @@ pub enum AfterloadError {
     },
     /// Cuff pressures are out of order.
     #[error(
-        "cuff pressures {systolic_mmhg}/{diastolic_mmhg} (mean {mean_mmhg:?}) mmHg are not in order: diastolic, mean, systolic"
+        "cuff pressures of {systolic_mmhg}/{diastolic_mmhg} (mean {mean_mmhg:?}) mmHg that are not in the order diastolic < mean < systolic"
     )]
     Cuff {
         /// Systolic pressure.
@@ -98,7 +98,7 @@ pub enum AfterloadError {
         mean_mmhg: Option<f64>,
     },
     /// No load has these pressures with this flow.
-    #[error("no three elements have {systolic_mmhg}/{diastolic_mmhg} mmHg with this flow")]
+    #[error("no three-element Windkessel with {systolic_mmhg}/{diastolic_mmhg} mmHg for this flow")]
     NoLoad {
         /// Systolic pressure.
         systolic_mmhg: f64,

@@ -37,7 +37,7 @@ impl Default for CalciumFitSettings {
 pub enum CalciumFitError {
     /// Times and values differ in number or are too few.
     #[error(
-        "the trace has {n_times} times and {n_values} values, but must have at least 8 of each, as many of both"
+        "a trace with {n_times} times and {n_values} values instead of equal numbers of at least 8"
     )]
     Samples {
         /// Number of times.
@@ -47,7 +47,7 @@ pub enum CalciumFitError {
     },
     /// A sample is not finite, or its time does not exceed the previous one.
     #[error(
-        "sample {idx} at {time_ms} ms is {calcium_um} µM: values must be finite, times increase"
+        "sample {idx} at {time_ms} ms with {calcium_um} µM: values must be finite and times must increase"
     )]
     Sample {
         /// Position of the sample.
@@ -59,7 +59,7 @@ pub enum CalciumFitError {
     },
     /// The trace does not rise, or does not fall again after its rise.
     #[error(
-        "the trace does not rise and fall after activation at {activation_ms} ms: its largest value is at {peak_ms} ms"
+        "no rise and fall of the trace after activation at {activation_ms} ms: its largest value is at {peak_ms} ms"
     )]
     NoTransient {
         /// Time of activation.

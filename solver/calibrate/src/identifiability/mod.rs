@@ -171,7 +171,7 @@ pub enum IdentifiabilityError {
     #[error("there is no set with a finite cost to begin with")]
     NoBest,
     /// The number of costs differs from the number of points requested.
-    #[error("{n_costs} costs were told for {n_points} points")]
+    #[error("{n_costs} costs were given for {n_points} points")]
     Costs {
         /// Number of costs given.
         n_costs: usize,

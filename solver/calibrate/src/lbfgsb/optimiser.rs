@@ -93,7 +93,7 @@ pub enum LbfgsbError {
         n_bounds: usize,
     },
     /// The number of costs differs from the number of points requested.
-    #[error("{n_costs} costs were told for {n_points} points")]
+    #[error("{n_costs} costs were given for {n_points} points")]
     Costs {
         /// Number of costs given.
         n_costs: usize,
@@ -101,7 +101,7 @@ pub enum LbfgsbError {
         n_points: usize,
     },
     /// Costs were given after the end of the optimisation.
-    #[error("costs were told after the optimisation had ended")]
+    #[error("costs were given after the optimisation had ended")]
     Ended,
 }
 

@@ -9,9 +9,7 @@ pub enum SobolError {
     #[error(transparent)]
     Interval(#[from] IntervalError),
     /// No dimensions, or more than the table of direction numbers has.
-    #[error(
-        "a Sobol sequence of {n_dimensions} dimensions was asked for, but must have 1 to {largest}"
-    )]
+    #[error("a Sobol sequence of {n_dimensions} dimensions was requested, expected 1 to {largest}")]
     Dimensions {
         /// Number of dimensions requested.
         n_dimensions: usize,
@@ -20,7 +18,7 @@ pub enum SobolError {
     },
     /// More points than the sequence has.
     #[error(
-        "{n_points} points were asked for, but the sequence ends after {largest}; skip or sample fewer"
+        "{n_points} points were requested, but the sequence ends after {largest}; skip or sample fewer points"
     )]
     Points {
         /// Number of points requested, including those skipped.
@@ -30,8 +28,8 @@ pub enum SobolError {
     },
     /// Values that do not fill complete rows, or rows that do not fill complete blocks.
     #[error(
-        "{n_values} values of {n_outputs} outputs do not fill blocks of {rows_per_block} rows: give complete blocks \
-         only, from the first on"
+        "{n_values} values of {n_outputs} outputs do not fill blocks of {rows_per_block} rows: give complete blocks, \
+         starting with the first"
     )]
     Incomplete {
         /// Number of values.
@@ -63,7 +61,7 @@ pub enum SobolError {
     },
     /// No sample is physiological, so that there are no means to replace the excluded ones.
     #[error(
-        "none of {n_rows} samples is physiological, so that nothing can replace those excluded"
+        "none of the {n_rows} samples is physiological, so the excluded samples have no replacement"
     )]
     NonePhysiological {
         /// Number of rows of values.

@@ -22,7 +22,9 @@ static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PartitionError {
     /// Some rank would have no nodes.
-    #[error("{n_nodes} nodes for {n_ranks} ranks, rank {empty} would have none: use fewer ranks")]
+    #[error(
+        "{n_nodes} nodes cannot be divided among {n_ranks} ranks, because rank {empty} would have none: use fewer ranks"
+    )]
     TooManyRanks {
         /// Number of nodes in the mesh.
         n_nodes: usize,
@@ -32,7 +34,7 @@ pub enum PartitionError {
         empty: usize,
     },
     /// METIS failed.
-    #[error("METIS cannot cut {n_nodes} nodes into {n_ranks} parts: {reason}")]
+    #[error("METIS cannot divide {n_nodes} nodes into {n_ranks} parts: {reason}")]
     Metis {
         /// Number of nodes in the mesh.
         n_nodes: usize,
@@ -188,7 +190,7 @@ mod tests {
         let refused = owners(5, &tets, 6).expect_err("more ranks than nodes");
         assert_eq!(
             refused.to_string(),
-            "5 nodes for 6 ranks, rank 5 would have none: use fewer ranks"
+            "5 nodes cannot be divided among 6 ranks, because rank 5 would have none: use fewer ranks"
         );
     }
 }

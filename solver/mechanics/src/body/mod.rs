@@ -20,7 +20,7 @@ use passes::{Elements, Field, Moving, Pass};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BodyError {
     /// A tissue's parameter is out of range.
-    #[error("tissue {tissue}")]
+    #[error("invalid material of tissue {tissue}")]
     Material {
         /// Position in the list of tissues.
         tissue: usize,
@@ -28,7 +28,7 @@ pub enum BodyError {
         source: MaterialError,
     },
     /// An element is unusable.
-    #[error("mesh")]
+    #[error("invalid mesh")]
     Element(#[from] ElementError),
     /// A list has the wrong length or refers to a missing tissue.
     #[error("{what}: found {found}, expected {expected}")]
@@ -47,7 +47,7 @@ pub enum BodyError {
         reason: String,
     },
     /// Quadratic elements were requested on several ranks.
-    #[error("quadratic elements are computed on one rank alone; use linear ones, or one rank")]
+    #[error("quadratic elements run on one rank only; use linear elements or one rank")]
     QuadraticOnRanks,
 }
 

@@ -96,19 +96,19 @@ pub enum Tets {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AnatomyError {
     /// A required surface is missing.
-    #[error("the mesh has no surface {name:?}; find or give surfaces first")]
+    #[error("the mesh has no surface {name:?}; give its surfaces or determine them first")]
     NoSurface {
         /// Its name.
         name: &'static str,
     },
     /// The endocardium is not an orientable surface with one or more openings.
-    #[error("endocardium")]
+    #[error("invalid endocardium")]
     Endocardium(#[from] SurfaceDefect),
     /// The endocardium has no opening for a valve.
     #[error("the endocardium has no opening, expected one for each valve or one for all")]
     Closed,
     /// A contracting element has no fibre direction.
-    #[error("element {element} contracts, but has no fibre; make fibres first")]
+    #[error("element {element} contracts, but has no fibre; compute fibres first")]
     NoFibre {
         /// Its number in the mesh.
         element: usize,

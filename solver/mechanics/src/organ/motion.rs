@@ -24,14 +24,14 @@ const APEX: f64 = 0.98;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LandmarkError {
     /// A surface is missing or empty.
-    #[error("the mesh has no surface {name:?}, on which its motion is measured")]
+    #[error("the mesh has no surface {name:?}, on which motion is measured")]
     NoSurface {
         /// Its name.
         name: &'static str,
     },
     /// No node of a surface lies near a level.
     #[error(
-        "no node of the {name} lies near height {level} between apex, 0, and rim, 1: its motion is not measured"
+        "no node of the {name} lies near height {level} (apex 0, rim 1), so its motion cannot be measured"
     )]
     NoNode {
         /// Name of the surface.

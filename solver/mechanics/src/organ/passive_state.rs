@@ -28,10 +28,10 @@ const MOST_RELAXATIONS: usize = 60;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PassiveStateError {
     /// The wall could not be built.
-    #[error("wall")]
+    #[error("cannot build the wall")]
     Wall(#[from] WallError),
     /// The mesh cannot be partitioned among the ranks.
-    #[error("parts of ranks")]
+    #[error("cannot divide the mesh among the ranks")]
     Parts(#[from] PartitionError),
     /// The system starts no thread for a rank.
     #[error(transparent)]
@@ -40,7 +40,7 @@ pub enum PassiveStateError {
     #[error("stopped")]
     Stopped,
     /// The inflation did not reach its pressure.
-    #[error("no equilibrium beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
+    #[error("no equilibrium found beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
     Inflation {
         /// Pressure of the last equilibrium.
         reached_kpa: f64,
@@ -51,7 +51,8 @@ pub enum PassiveStateError {
     },
     /// The search for the unloaded geometry did not converge.
     #[error(
-        "no unloaded geometry after {passes} passes: volume off by {volume_error:.1e} of it, a node by {distance_mm:.2} mm"
+        "no unloaded geometry found after {passes} passes: relative volume error {volume_error:.1e}, largest node \
+         error {distance_mm:.2} mm"
     )]
     NotUnloaded {
         /// Number of passes.
@@ -63,8 +64,8 @@ pub enum PassiveStateError {
     },
     /// No law meets the three points.
     #[error(
-        "no stiffness and exponents give {wanted_ml:.2} mL at end-diastole and {wanted_unloaded_ml:.2} mL without pressure: the \
-         nearest give {found_ml:.2} and {found_unloaded_ml:.2} mL (NaN where there is no equilibrium)"
+        "no stiffness and exponents give {wanted_ml:.2} mL at end-diastole and {wanted_unloaded_ml:.2} mL without \
+         pressure: the closest give {found_ml:.2} and {found_unloaded_ml:.2} mL (NaN means no equilibrium)"
     )]
     NoLaw {
         /// Wanted end-diastolic volume \[mL\].
@@ -78,8 +79,8 @@ pub enum PassiveStateError {
     },
     /// The fit needs exponents, but the law has only a stiffness.
     #[error(
-        "the {law} law of muscle has a stiffness to fit and no exponents: it meets one volume, and end-diastole and unloaded \
-         volume are two, or its exponents are to be changed; expected Guccione's or Holzapfel and Ogden's law"
+        "the {law} law of muscle has no exponents, which are needed to match two volumes (end-diastolic and \
+         unloaded) or are changed by an effect; expected Guccione's or Holzapfel and Ogden's law"
     )]
     NoExponents {
         /// Name of the law.
@@ -87,9 +88,9 @@ pub enum PassiveStateError {
     },
     /// No stiffness fits.
     #[error(
-        "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} kPa gives \
-         {at_high_ml:.2} mL (NaN where there is no equilibrium); the volumes and pressures of image and end-diastole do not \
-         fit this law"
+        "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} \
+         kPa gives {at_high_ml:.2} mL (NaN means no equilibrium); the volumes and pressures of image and \
+         end-diastole do not fit this law"
     )]
     NoStiffness {
         /// Lower end of the stiffness range \[kPa\].

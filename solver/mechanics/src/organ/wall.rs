@@ -121,10 +121,10 @@ pub struct Spring {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WallError {
     /// A material or an element is unusable.
-    #[error("body")]
+    #[error("invalid body")]
     Body(#[from] BodyError),
     /// A surface is unusable.
-    #[error("surface {name}")]
+    #[error("invalid surface {name}")]
     Surface {
         /// Name of the surface.
         name: &'static str,
@@ -132,7 +132,7 @@ pub enum WallError {
         source: SurfaceError,
     },
     /// A surface on springs of its own is unusable.
-    #[error("surface {name}")]
+    #[error("invalid surface {name}")]
     Sprung {
         /// Name of the surface.
         name: String,

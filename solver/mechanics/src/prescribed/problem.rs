@@ -73,13 +73,13 @@ impl std::fmt::Debug for Problem<'_> {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProblemError {
     /// An element or tissue is invalid.
-    #[error("body")]
+    #[error("invalid body")]
     Body(#[from] BodyError),
     /// A surface does not belong to the mesh.
-    #[error("surface")]
+    #[error("invalid surface")]
     Surface(#[from] SurfaceError),
     /// A cavity's surface is not an orientable surface.
-    #[error("cavity {cavity}")]
+    #[error("invalid surface of cavity {cavity}")]
     Cavity {
         /// Index of the cavity.
         cavity: usize,

@@ -67,7 +67,7 @@ pub enum RunError {
         volume_ratio: f64,
     },
     /// The smallest step failed.
-    #[error("no step beyond {t_ms:.3} ms, not even of {dt_ms:.1e} ms")]
+    #[error("no time step beyond {t_ms:.3} ms converged, not even one of {dt_ms:.1e} ms")]
     Step {
         /// Time reached \[ms\].
         t_ms: f64,

@@ -165,7 +165,7 @@ pub struct StepReport {
 pub enum StepError {
     /// Newton's method did not converge.
     #[error(
-        "Newton did not converge in {iterations} iterations: relative residual {relative_residual:.1e}, \
+        "Newton's method did not converge in {iterations} iterations: relative residual {relative_residual:.1e}, \
          volume balance {volume_residual_mm3:.1e} mm³"
     )]
     NotConverged {
@@ -201,13 +201,13 @@ pub enum StepError {
         relative_residual: f64,
     },
     /// The factorisation failed.
-    #[error("factorisation")]
+    #[error("the direct linear solver failed")]
     Direct(#[from] DirectError),
     /// The circulation failed.
-    #[error("circulation")]
+    #[error("the circulation failed")]
     Circulation(#[from] CirculationError),
     /// The contraction model failed.
-    #[error("contraction model")]
+    #[error("the contraction model failed")]
     Contraction(#[from] ContractionError),
     /// Another rank failed.
     #[error("{reason}")]

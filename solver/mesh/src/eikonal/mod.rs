@@ -110,14 +110,15 @@ pub enum EikonalError {
         tags: Vec<i32>,
     },
     /// A conducting element has no fibre direction.
-    #[error("eikonal: element {element} conducts, but has no fibre; make fibres first")]
+    #[error("eikonal: element {element} conducts, but has no fibre; compute fibres first")]
     NoFibre {
         /// Index of the element.
         element: usize,
     },
     /// A site is too far from conducting tissue.
     #[error(
-        "eikonal: site {site} lies {away_mm:.1} mm from the next conducting node, expected at most {most_mm:.1} mm: check its unit"
+        "eikonal: site {site} lies {away_mm:.1} mm from the next conducting node, expected at most {most_mm:.1} mm: \
+         check its unit"
     )]
     FarSite {
         /// Index of the site, from zero.

@@ -77,7 +77,7 @@ impl Done {
 pub enum RepairError {
     /// An element refers to a node that does not exist.
     #[error(
-        "element {element} names node {node}, but the mesh has {n_nodes} nodes: no repair can know which was meant"
+        "element {element} names node {node}, but the mesh has {n_nodes} nodes: this cannot be repaired"
     )]
     NodeOutOfRange {
         /// Index of the element.
@@ -94,7 +94,7 @@ pub enum RepairError {
         after: &'static str,
     },
     /// A surface to be renamed does not exist.
-    #[error("no surface {name:?}; surfaces there are {found:?}")]
+    #[error("unknown surface {name:?}, expected one of {found:?}")]
     NoSurface {
         /// Requested name.
         name: String,
@@ -102,7 +102,7 @@ pub enum RepairError {
         found: Vec<String>,
     },
     /// The search for surfaces failed.
-    #[error("surfaces cannot be found on the mesh")]
+    #[error("cannot find the surfaces of the mesh")]
     Surfaces(#[from] FindError),
     /// The septum cannot be marked.
     #[error("no septum at ({:.1}, {:.1}, {:.1}) mm: {why}", at_mm[0], at_mm[1], at_mm[2])]

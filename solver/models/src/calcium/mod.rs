@@ -39,7 +39,8 @@ pub enum CalciumError {
     },
     /// A sampled transient is too short or has a sample that is not positive.
     #[error(
-        "a sampled calcium transient needs 3 positive samples or more, but sample {index} of {n_samples} is {value_um} uM"
+        "a sampled calcium transient needs at least 3 positive samples, but sample {index} of {n_samples} is \
+         {value_um} uM"
     )]
     Samples {
         /// Number of samples given.

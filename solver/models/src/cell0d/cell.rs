@@ -130,13 +130,13 @@ pub enum CellError {
         value: f64,
     },
     /// The contraction model refused its parameters or a state.
-    #[error("contraction model")]
+    #[error("the contraction model failed")]
     Contraction(#[from] ContractionError),
     /// The calcium transient was refused.
-    #[error("calcium transient")]
+    #[error("invalid calcium transient")]
     Calcium(#[from] CalciumError),
     /// The force balance has no root where it must have one.
-    #[error("no {what}")]
+    #[error("no {what} found")]
     Balance {
         /// Which search failed.
         what: &'static str,
@@ -144,7 +144,9 @@ pub enum CellError {
         source: RootError,
     },
     /// The step length fell to nothing, or the steps ran out.
-    #[error("cannot pass t = {t_ms} ms of beat {beat}: {n_steps} steps, last length {step_ms} ms")]
+    #[error(
+        "the integration stopped at t = {t_ms} ms of beat {beat} after {n_steps} steps, the last one of {step_ms} ms"
+    )]
     Stuck {
         /// Time in the beat \[ms\].
         t_ms: f64,
@@ -156,7 +158,7 @@ pub enum CellError {
         step_ms: f64,
     },
     /// The beats did not become periodic.
-    #[error("not periodic after {beats} beats, the state still changes by {change} a beat")]
+    #[error("not periodic after {beats} beats: the state still changes by {change} per beat")]
     NotPeriodic {
         /// Beats run.
         beats: usize,

@@ -72,7 +72,7 @@ pub enum CirculationError {
     },
     /// The pressure of a compartment could not be found.
     #[error(
-        "no pressure of {compartment} at a cavity pressure of {cavity_mmhg} mmHg, {t_ms} ms, step {dt_ms} ms"
+        "no pressure found for {compartment} at a cavity pressure of {cavity_mmhg} mmHg, {t_ms} ms, step {dt_ms} ms"
     )]
     NoPressure {
         /// Name of the compartment.
@@ -86,7 +86,8 @@ pub enum CirculationError {
     },
     /// A snapshot belongs to another circulation.
     #[error(
-        "snapshot holds {found} states and {found_paths} paths, this circulation {expected} and {expected_paths}"
+        "the snapshot has {found} states and {found_paths} paths, but this circulation has {expected} and \
+         {expected_paths}"
     )]
     ForeignSnapshot {
         /// Number of states in the snapshot.

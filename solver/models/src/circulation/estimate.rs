@@ -32,7 +32,7 @@ pub struct Estimated<T> {
 pub enum EstimateError {
     /// The volume trace does not eject.
     #[error(
-        "the volume trace of {n_samples} samples does not eject (largest minus smallest volume {stroke_volume_ml} mL)"
+        "the volume trace of {n_samples} samples has no ejection (largest minus smallest volume {stroke_volume_ml} mL)"
     )]
     NoEjection {
         /// Number of samples.
@@ -42,7 +42,8 @@ pub enum EstimateError {
     },
     /// The cuff pressures are not in order.
     #[error(
-        "cuff pressures {systolic_mmhg}/{diastolic_mmhg} mmHg are not a systolic above a positive diastolic one"
+        "cuff pressures are {systolic_mmhg}/{diastolic_mmhg} mmHg, expected a positive diastolic pressure below the \
+         systolic one"
     )]
     Cuff {
         /// Systolic pressure \[mmHg\].

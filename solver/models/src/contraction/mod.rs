@@ -166,7 +166,7 @@ pub enum ContractionError {
     },
     /// The step ended in a state that is not finite.
     #[error(
-        "state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}"
+        "the state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}"
     )]
     NotFinite {
         /// Time since activation \[ms\].

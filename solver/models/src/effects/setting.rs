@@ -115,7 +115,7 @@ impl EffectSetting {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EffectError {
     /// The catalogue has no effect of this name.
-    #[error("there is no effect `{found}`; the catalogue has {expected}")]
+    #[error("unknown effect `{found}`, expected one of {expected}")]
     Unknown {
         /// Name requested.
         found: String,
@@ -165,7 +165,7 @@ pub enum EffectError {
         high: f64,
     },
     /// The list contains an effect twice.
-    #[error("{effect} is there twice; give it once, with the parameters that hold")]
+    #[error("{effect} is listed twice; list it once")]
     Twice {
         /// Name of the effect.
         effect: &'static str,
@@ -203,12 +203,12 @@ pub enum EffectError {
         effect: &'static str,
     },
     /// A part of the circulation could not be created.
-    #[error("circulation with effects")]
+    #[error("invalid circulation with effects")]
     Circulation(#[from] CirculationError),
     /// The ventricle could not be created.
-    #[error("ventricle with effects")]
+    #[error("invalid ventricle with effects")]
     Ventricle(#[from] VentricleError),
     /// The contraction model could not be created.
-    #[error("contraction with effects")]
+    #[error("invalid contraction model with effects")]
     Contraction(#[from] ContractionError),
 }

@@ -336,7 +336,7 @@ fn settings_are_checked() {
     for (found, expected) in [
         (
             named("atrial_flutter", &[]),
-            "there is no effect `atrial_flutter`",
+            "unknown effect `atrial_flutter`",
         ),
         (
             named("atrial_kick", &[("lead_ms", 120.0)]),

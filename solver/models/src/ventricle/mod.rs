@@ -112,7 +112,9 @@ pub enum VentricleError {
         expected: &'static str,
     },
     /// No passive law fits these volumes and pressures.
-    #[error("no passive law through V0 = {v0_ml} mL and ({volume_ml} mL, {pressure_mmhg} mmHg)")]
+    #[error(
+        "no passive law passes through V0 = {v0_ml} mL and ({volume_ml} mL, {pressure_mmhg} mmHg)"
+    )]
     PassiveState {
         /// Unloaded volume \[mL\].
         v0_ml: f64,
@@ -122,7 +124,7 @@ pub enum VentricleError {
         pressure_mmhg: f64,
     },
     /// The contraction model failed.
-    #[error("contraction model at t = {t_ms} ms")]
+    #[error("the contraction model failed at t = {t_ms} ms")]
     Contraction {
         /// Time at the end of the step \[ms\].
         t_ms: f64,
@@ -130,12 +132,13 @@ pub enum VentricleError {
         source: ContractionError,
     },
     /// The circulation failed.
-    #[error("circulation")]
+    #[error("the circulation failed")]
     Circulation(#[from] CirculationError),
     /// No cavity volume was found for the step.
     #[error(
-        "no cavity volume at t = {t_ms} ms with a step of {dt_ms} ms: from {volume_ml:.3} mL at {pressure_mmhg:.3} mmHg, \
-         last candidate {candidate_ml:.3} mL, residual {residual_ml:.1e} mL after {iterations} iterations"
+        "no cavity volume found at t = {t_ms} ms with a step of {dt_ms} ms: start {volume_ml:.3} mL at \
+         {pressure_mmhg:.3} mmHg, last candidate {candidate_ml:.3} mL, residual {residual_ml:.1e} mL after \
+         {iterations} iterations"
     )]
     NoVolume {
         /// Time at the end of the step \[ms\].
@@ -154,7 +157,7 @@ pub enum VentricleError {
         iterations: usize,
     },
     /// The wall's equation of motion has no solution for the step.
-    #[error("no step of {dt_ms} ms to t = {t_ms} ms: {reason}")]
+    #[error("no solution for the step of {dt_ms} ms to t = {t_ms} ms: {reason}")]
     NoMotion {
         /// Time at the end of the step \[ms\].
         t_ms: f64,
@@ -165,7 +168,7 @@ pub enum VentricleError {
     },
     /// A snapshot belongs to another ventricle.
     #[error(
-        "snapshot of {found} with {found_values} values does not fit {expected} with {expected_values}"
+        "the snapshot of {found} with {found_values} values does not fit {expected} with {expected_values} values"
     )]
     ForeignSnapshot {
         /// Kind of ventricle in the snapshot.

@@ -17,7 +17,7 @@ use crate::discovery::overlay::{self, Change, OverlayError};
 pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
     if source.is_cohort() && !args.all && args.patients.is_empty() {
         let message =
-            "--accept and --revert change patients: say --all, or name them with --patient"
+            "--accept and --revert change patients: add --all, or name patients with --patient"
                 .to_owned();
         return Err(CliError::Usage(message));
     }
@@ -43,7 +43,7 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
                 format!("accepted: {names}; version {version} of {}", file.display())
             }
             Change::Same(version) => format!(
-                "accepted before: {names}; version {version} of {}",
+                "already accepted: {names}; version {version} of {}",
                 file.display()
             ),
             Change::Nothing | Change::Removed => "nothing to accept".to_owned(),
@@ -56,7 +56,8 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
             folder.display().to_string()
         });
         talk.hint(&format!(
-            "`cardiotwin run {place}` personalises with it; --revert undoes it"
+            "`cardiotwin run {place}` personalises with the accepted effects; --revert undoes the \
+             acceptance"
         ));
     }
     Ok(())
@@ -71,9 +72,13 @@ pub fn revert(source: &Source, talk: &Talk) -> Result<Exit, CliError> {
         let patient = &searched.patient;
         let said = match overlay::revert(&patient.folder, &clock::now_utc()) {
             Ok(Change::Written(version)) => {
-                format!("as before the last acceptance; version {version} of model.toml")
+                format!(
+                    "restored the state before the last acceptance; version {version} of \
+                         model.toml"
+                )
             }
-            Ok(_) => "as measured; the versions of model.toml are kept".to_owned(),
+            Ok(_) => "removed model.toml, so that no effect is accepted; its versions are kept"
+                .to_owned(),
             Err(OverlayError::NothingAccepted { .. }) if source.is_cohort() => {
                 "nothing was accepted".to_owned()
             }

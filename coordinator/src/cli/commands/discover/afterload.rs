@@ -56,7 +56,7 @@ pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
         let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.name).collect();
         let known = known.join(", ");
         return Err(CliError::Usage(format!(
-            "`{unknown}` is no candidate of the afterload; those are {known}"
+            "`{unknown}` is not a candidate effect of the afterload; expected one of {known}"
         )));
     }
     let measured = record::read(request.flow, request.pressure, talk)?;
@@ -227,7 +227,7 @@ fn in_organ(found: &Discovery) -> AfterloadInOrgan {
         parameters: strength(values).0,
     };
     if let Some(own) = found.accepted.iter().find(|f| f.effect.name == LUMPED) {
-        let how = "wave_reflection as it is, with the final three elements".to_owned();
+        let how = "wave_reflection unchanged, with the final three elements".to_owned();
         return AfterloadInOrgan {
             afterload: parameters(found.after),
             effects: vec![spec(&own.strength)],
@@ -240,7 +240,8 @@ fn in_organ(found: &Discovery) -> AfterloadInOrgan {
         .find(|c| c.effect.name == LUMPED);
     if let (true, Some(lumped)) = (names.contains(&HAS_LUMPED_FORM), lumped) {
         let how = format!(
-            "the organ has no tube: its lumped form, wave_reflection as fitted to this record ({} mmHg missed)",
+            "the organ has no tube, so its lumped form is used: wave_reflection as fitted to this \
+             record (misfit {} mmHg)",
             number(lumped.root_mean_square_mmhg)
         );
         return AfterloadInOrgan {
@@ -278,24 +279,24 @@ fn summary(answer: &AfterloadDiscovery) -> String {
                 let mut leads: Vec<_> = gap.depends_on.iter().collect();
                 leads.sort_by(|a, b| b.1.total_cmp(a.1));
                 let lead = leads.first().map_or(String::new(), |(on, share)| {
-                    format!("; it goes best with {on} ({:.0} % of it)", 100.0 * **share)
+                    format!("; {on} explains most of it ({:.0} %)", 100.0 * **share)
                 });
                 format!(
-                    "unexplained: every beat repeats a gap of {} mmHg that no candidate explains, largest {} ms after the \
-                     flow's upstroke{lead}",
+                    "unexplained: every beat has a gap of {} mmHg that no candidate explains, \
+                     largest {} ms after the flow's upstroke{lead}",
                     number(gap.size_mmhg),
                     number(gap.largest_at_ms)
                 )
             }
-            None => "none: nothing is named beside three elements".to_owned(),
+            None => "none: no effect is needed besides the three elements".to_owned(),
         }
     } else {
         format!("found: {}", answer.accepted.join(" and "))
     };
     let held = if answer.held_out == "beats" {
-        "beats held out"
+        "held-out beats"
     } else {
-        "parts of the record held out"
+        "held-out parts of the record"
     };
     if answer.none {
         let (all, out) = (100.0 * answer.gap_before, 100.0 * answer.gap_heldout_before);
@@ -362,7 +363,8 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     }
     text.push_str(&ranking.text());
     text.push_str(&format!(
-        "a name needs a fall of BIC above {:.0}; nothing missing {:.3}, a shape without a name {:.3}; {} samples worth {}\n\n",
+        "an effect is named if BIC falls by more than {:.0}; probability that nothing is missing \
+         {:.3}, of an unnamed shape {:.3}; {} samples worth {}\n\n",
         settings.threshold,
         answer.none_probability,
         answer.nameless_probability,
@@ -388,7 +390,7 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
             answer.gap_heldout_before,
         ),
         (
-            "with what was found",
+            "with found effects",
             &answer.after,
             answer.gap_after,
             answer.gap_heldout_after,
@@ -416,9 +418,12 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     let rivals: Vec<&str> = answer.confusable.iter().map(|c| c.rival.as_str()).collect();
     let hidden: Vec<&str> = answer.not_identifiable.keys().map(String::as_str).collect();
     for (label, list) in [
-        ("cannot be told from", rivals.join(", ")),
-        ("what would decide", answer.deciding_measurement.join("; ")),
-        ("this record cannot show", hidden.join(", ")),
+        ("indistinguishable from", rivals.join(", ")),
+        (
+            "deciding measurement",
+            answer.deciding_measurement.join("; "),
+        ),
+        ("not identifiable from this record", hidden.join(", ")),
     ] {
         if !list.is_empty() {
             text.push_str(&format!("{label}: {list}\n"));
@@ -426,7 +431,7 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     }
     if let (false, Some(gap)) = (answer.none, &answer.unexplained) {
         text.push_str(&format!(
-            "still unexplained: {} mmHg that every beat repeats\n",
+            "still unexplained: {} mmHg in every beat\n",
             number(gap.size_mmhg)
         ));
     }

@@ -25,52 +25,54 @@ use crate::report::{discovery_svg, write_discovery};
 use crate::results::discovery::faults;
 use source::Source;
 
-/// Find what the model lacks in measured traces, name it, and show the gap shrink
+/// Find and name effects that the model lacks in measured traces, and show how they reduce the
+/// misfit
 ///
-/// Fits the reduced ventricle to pressure and volume, says where they disagree, tries every effect of the catalogue, and
-/// names one only where the data prefer it by more than chance. docs/missing-effects.md explains method and limits.
+/// Fits the reduced ventricle to pressure and volume, locates the misfit, tries every effect of the
+/// catalogue, and names an effect only if the data prefer it by more than chance.
+/// docs/missing-effects.md explains the method and its limits.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The same command goes on where an earlier one stopped. Ctrl-C as in `run`."
+    after_help = "The same command continues an interrupted search. Ctrl-C works as in `run`."
 )]
 pub struct DiscoverArgs {
     /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
     #[arg(value_name = "PATIENT_DIR|COHORT", default_value = ".")]
     folder: PathBuf,
-    /// All patients of the cohort: what a cohort's search does anyway
+    /// Search all patients of the cohort, which is the default for a cohort
     #[arg(long)]
     all: bool,
-    /// Of the cohort, search these patients only (may be given several times)
+    /// Search only this patient of the cohort (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT", conflicts_with = "all")]
     patients: Vec<String>,
-    /// Write what was found into the patient's model.toml: the next `cardiotwin run` personalises with it
+    /// Write the found effects into the patient's model.toml, which the next `cardiotwin run` uses
     #[arg(long, conflicts_with = "revert")]
     accept: bool,
-    /// Undo the last --accept; nothing is searched
+    /// Undo the last --accept without a search
     #[arg(long)]
     revert: bool,
-    /// Candidates to try, by name [default: the whole catalogue]
+    /// Names of the candidate effects to try [default: the whole catalogue]
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     effects: Vec<String>,
     /// Seed of the bootstrap
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
-    /// Cores to use; 0 is all
+    /// Number of cores to use; 0 is all
     #[arg(long, value_name = "N", default_value_t = 0)]
     jobs: u32,
-    /// Write what was found as JSON, to stdout where no file is named
+    /// Write the findings as JSON to a file, or to stdout if no file is named
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Search a measured aortic flow and pressure instead: what a three-element Windkessel misses in them
+    /// Search a measured aortic flow and pressure for effects that a three-element Windkessel lacks
     #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker", "accept", "revert"])]
     afterload: Option<Vec<PathBuf>>,
-    /// Of one patient or afterload, draw measured, before and after as an SVG file
+    /// Draw the traces (measured, before and after) of one patient or afterload into an SVG file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Folder of the searches [default: discover in the folder that is searched]
+    /// Folder of the searches [default: discover in the searched folder]
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }
@@ -98,7 +100,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     let source = Source::read(args, talk)?;
     if source.is_cohort() && args.plot.is_some() {
         return Err(CliError::Usage(
-            "--plot draws one patient: name a patient's folder".to_owned(),
+            "--plot draws only one patient: name a patient's folder".to_owned(),
         ));
     }
     if args.accept || args.revert {
@@ -156,7 +158,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         page.display()
     ));
     if ended.stopped {
-        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        talk.say("stopped; no finished result is lost, and the same command continues");
         return Ok(Exit::Interrupted);
     }
     Ok(if ended.failures.is_empty() {

@@ -61,7 +61,7 @@ impl Source {
             (false, true) => {
                 if args.all || !args.patients.is_empty() {
                     let message = format!(
-                        "{} is a patient: --all and --patient are for a cohort",
+                        "{} is a patient, but --all and --patient need a cohort",
                         folder.display()
                     );
                     return Err(CliError::Usage(message));
@@ -133,7 +133,7 @@ impl Source {
         }
         let here = Path::new(FOLDER).join(&self.name);
         talk.say(&format!(
-            "{} cannot be written: the search is kept in {}",
+            "{} is not writable: the search is stored in {}",
             beside.display(),
             here.display()
         ));

@@ -52,15 +52,22 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     }
     text.push_str(&ranking.text());
     text.push_str(&format!(
-        "a name needs evidence above {:.1}; the best nameless competitor has {:.1}\n\n",
+        "an effect is named if its evidence exceeds {:.1}; the best unnamed competitor has \
+         {:.1}\n\n",
         found.threshold, found.nameless_evidence
     ));
     text.push_str(&places(case, talk));
     text.push_str(&gaps(case, talk));
     let lists = [
-        ("cannot be told from", found.confusable.join(", ")),
-        ("what would decide", found.deciding_measurement.join("; ")),
-        ("these data cannot show", found.not_identifiable.join(", ")),
+        ("indistinguishable from", found.confusable.join(", ")),
+        (
+            "deciding measurement",
+            found.deciding_measurement.join("; "),
+        ),
+        (
+            "not identifiable from these data",
+            found.not_identifiable.join(", "),
+        ),
     ];
     for (label, list) in lists.iter().filter(|(_, list)| !list.is_empty()) {
         text.push_str(&format!("{label}: {list}\n"));
@@ -132,7 +139,7 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
         ]);
     }
     format!(
-        "{}{} below one standard deviation left out\n\n",
+        "{}{} below one standard deviation omitted\n\n",
         table.text(),
         count(n_left_out, "place")
     )
@@ -177,7 +184,7 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
     ];
     table.row(row("all", all));
     format!(
-        "{}rms residual over the noise's standard deviation\n\n",
+        "{}rms residual divided by the noise's standard deviation\n\n",
         table.text()
     )
 }
@@ -287,8 +294,8 @@ fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
         return String::new();
     }
     format!(
-        "{}rms over the beat of the cohort's run; the organ's model: what no active stress and no cell of it came nearer than; \
-         the cell: what step 2's cell misses beyond that\n\n",
+        "{}rms over the beat of the cohort's run; the organ's model: smallest misfit with any \
+         active stress or cell; the cell: additional misfit of step 2's cell\n\n",
         table.text()
     )
 }
@@ -326,7 +333,8 @@ fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
         return String::new();
     }
     format!(
-        "{}periodic beat with the filling pressure of the patient's file, everything else as fitted; mL\n\n",
+        "{}mL, in a periodic beat with the filling pressure of the patient's file and all other \
+         parameters as fitted\n\n",
         table.text()
     )
 }

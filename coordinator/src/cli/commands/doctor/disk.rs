@@ -29,7 +29,7 @@ pub async fn look(run: &Path) -> Vec<Finding> {
                 "writing",
                 Level::Error,
                 words,
-                "choose another folder with --run-dir, or mend its permissions",
+                "choose another folder with --run-dir, or correct its permissions",
             ));
         }
         Ok(trial) => {
@@ -66,7 +66,7 @@ fn room(folder: &Path) -> Finding {
         Err(error) => Finding::bad(
             "room",
             Level::Note,
-            format!("the file system does not tell: {error}"),
+            format!("the file system does not report its free space: {error}"),
             "",
         ),
         Ok(told) => {
@@ -78,7 +78,8 @@ fn room(folder: &Path) -> Finding {
                 found.push_str(&format!(", {inodes} inodes free"));
             }
             if bytes < LITTLE_BYTES || (counts_inodes && inodes < FEW_INODES) {
-                let remedy = "`cardiotwin du` shows what takes room, `cardiotwin clean` removes what can be made again";
+                let remedy = "`cardiotwin du` shows the usage, and `cardiotwin clean` removes files \
+                              that can be recomputed";
                 return Finding::bad("room", Level::Warning, found, remedy);
             }
             Finding::ok("room", found)
@@ -94,12 +95,14 @@ fn operations(folder: &Path) -> Finding {
         fs::write(&draft, "1")?;
         fs::hard_link(&draft, &name)?;
         if fs::hard_link(&draft, &name).is_ok() {
-            return Err(io::Error::other("a second link took a name that was taken"));
+            return Err(io::Error::other("a second link replaced an existing name"));
         }
         fs::write(&draft, "2")?;
         fs::rename(&draft, &name)?;
         if fs::read(&name)? != b"2" {
-            return Err(io::Error::other("a rename did not replace"));
+            return Err(io::Error::other(
+                "a rename did not replace the existing file",
+            ));
         }
         let exclusive = || {
             OpenOptions::new()
@@ -127,7 +130,8 @@ fn operations(folder: &Path) -> Finding {
             check,
             Level::Error,
             error.to_string(),
-            "choose another file system for the run (--run-dir): results would not be safe here",
+            "choose another file system for the run (--run-dir): results would not be safe on this \
+             one",
         ),
         Ok(each) if each > SLOW_SYNC_S => {
             let found = format!("work; a synced write takes {:.0} ms", 1e3 * each);
@@ -135,7 +139,7 @@ fn operations(folder: &Path) -> Finding {
                 check,
                 Level::Warning,
                 found,
-                "every commit waits for the disk: a local disk is better for the run",
+                "every commit waits for the disk: use a local disk for the run",
             )
         }
         Ok(each) => Finding::ok(
@@ -147,7 +151,7 @@ fn operations(folder: &Path) -> Finding {
 
 async fn locks(folder: &Path) -> Finding {
     match engine::try_locks(folder).await {
-        Ok(()) => Finding::ok("SQLite's locks", "a second writer is kept out"),
+        Ok(()) => Finding::ok("SQLite's locks", "a second writer is excluded"),
         Err(error) => Finding::bad(
             "SQLite's locks",
             Level::Error,

@@ -29,7 +29,7 @@ fn processor() -> Finding {
         () if has("avx2") && has("fma") => "avx2",
         () => "portable",
     };
-    let found = format!("{model}, cores for us: {cores}, cell engine: {best}");
+    let found = format!("{model}, usable cores: {cores}, cell engine: {best}");
     match best {
         "portable" => Finding::bad(
             "processor",
@@ -48,7 +48,12 @@ fn memory() -> Finding {
         line.split_ascii_whitespace().nth(1)?.parse::<f64>().ok()
     };
     let Some((total, free)) = kib("MemTotal:").zip(kib("MemAvailable:")) else {
-        return Finding::bad("memory", Level::Note, "this system does not tell", "");
+        return Finding::bad(
+            "memory",
+            Level::Note,
+            "this system does not report its memory",
+            "",
+        );
     };
     let (total, free) = (1.024e-3 * total, 1.024e-3 * free);
     let found = format!("{:.1} GB, {:.1} GB available", 1e-3 * total, 1e-3 * free);
@@ -57,7 +62,7 @@ fn memory() -> Finding {
             "memory",
             Level::Warning,
             found,
-            "set executor.workers to 1, or a smaller mesh",
+            "set executor.workers to 1, or use a smaller mesh",
         ),
         false => Finding::ok("memory", found),
     }
@@ -76,13 +81,13 @@ fn compilers() -> Finding {
             "compilers",
             Level::Note,
             "none",
-            "needed only to build from source",
+            "only needed to build from source",
         ),
         (true, true) => Finding::bad(
             "compilers",
             Level::Warning,
             "none",
-            "`make deps` installs what building needs",
+            "`make deps` installs the build dependencies",
         ),
     }
 }

@@ -20,22 +20,22 @@ use crate::engine;
 use crate::input::{self, Options, Report};
 use finding::{Finding, Level};
 
-/// Whether this machine, file system and site can run cohorts; what to do where they can't
+/// Check whether this machine, file system and site can run cohorts, and show remedies
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code 1 where something would make runs fail.")]
+#[command(after_help = "Exits with 1 if something would make runs fail.")]
 pub struct DoctorArgs {
     #[command(flatten)]
     place: Place,
-    /// Look at the cluster with this profile, too: generic, archer2, laptop, or a file
+    /// Check the cluster of this site profile, too: generic, archer2, laptop, or a file
     #[arg(long, value_name = "NAME")]
     site: Option<String>,
-    /// Account for the cluster's jobs
+    /// Account that the cluster's jobs are charged to
     #[arg(long, value_name = "NAME", requires = "site")]
     account: Option<String>,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }
@@ -124,13 +124,8 @@ fn table(findings: &[Finding], talk: &Talk) -> String {
 /// Checks Slurm: the site's profile, and Slurm's own answers.
 async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
     let Some(site) = &args.site else {
-        let remedy = "--site NAME looks at a cluster with that profile";
-        return vec![Finding::bad(
-            "cluster",
-            Level::Note,
-            "not looked at",
-            remedy,
-        )];
+        let remedy = "--site NAME checks the cluster of that profile";
+        return vec![Finding::bad("cluster", Level::Note, "not checked", remedy)];
     };
     let settings = SlurmSettings {
         site: site.clone(),
@@ -155,8 +150,8 @@ async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
     };
     let mut found = vec![];
     if let Some(silent) = told.silent {
-        let remedy =
-            "load Slurm's module or run this on a login node; limits below are the profile's alone";
+        let remedy = "load Slurm's module, or run this command on a login node; the limits below are only \
+             those of the profile";
         found.push(Finding::bad("Slurm", Level::Error, silent, remedy));
     } else {
         found.push(Finding::ok("Slurm", told.version));

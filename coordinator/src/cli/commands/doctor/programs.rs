@@ -24,7 +24,7 @@ fn same_version(worker: &Path) -> Finding {
     let check = "worker";
     let at = worker.display().to_string();
     let Some(said) = first_line(&at, &["--version"]) else {
-        let remedy = "`make build` builds it; or name it with --worker";
+        let remedy = "build it with `make build`, or name it with --worker";
         return Finding::bad(check, Level::Error, format!("{at} does not run"), remedy);
     };
     let ours = env!("CARGO_PKG_VERSION");
@@ -35,22 +35,23 @@ fn same_version(worker: &Path) -> Finding {
         check,
         Level::Error,
         format!("{at}: {said}, this program is {ours}"),
-        "build or install both together",
+        "build or install both programs together",
     )
 }
 
 fn ranks(worker: &Path) -> Finding {
     let check = "MPI on two ranks";
     if !worker.is_file() {
-        let found = format!("{} is not there", worker.display());
+        let found = format!("{} does not exist", worker.display());
         return Finding::bad(
             check,
             Level::Note,
             found,
-            "needed only for beats on several nodes: docs/mpi.md, Building",
+            "only needed for beats on several nodes: docs/mpi.md, Building",
         );
     }
-    let remedy = "start it by hand, and with the launcher of the MPI that it was built with: docs/mpi.md, Running";
+    let remedy = "start it by hand with the launcher of the MPI that it was built with: \
+                  docs/mpi.md, Running";
     let launched = Command::new("mpirun")
         .args(["-n", "2", "--oversubscribe"])
         .arg(worker)
@@ -103,7 +104,7 @@ fn ranks(worker: &Path) -> Finding {
             let line = said
                 .lines()
                 .find(|line| !line.trim().is_empty())
-                .unwrap_or("no word")
+                .unwrap_or("no message")
                 .trim()
                 .to_owned();
             Finding::bad(check, Level::Warning, line, remedy)

@@ -27,46 +27,52 @@ const LARGE_MISFIT: f64 = 0.05;
 /// Correlation of two estimates above which a warning says that they cannot be told apart.
 const STRONG_CORRELATION: f64 = 0.95;
 
-/// The three-element Windkessel (characteristic and peripheral resistance, compliance) from measured flow and pressure
+/// Fit the three-element Windkessel (characteristic and peripheral resistance, compliance) to
+/// measured flow and pressure
 #[derive(Debug, Args)]
 #[command(
-    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, PRESSURE.csv time_ms and pressure_mmHg, on one clock, \
-                        one beat or more, samples of any spacing; lines that begin with # are comments.\n\
-                        What three elements miss in the record: `cardiotwin discover --afterload FLOW.csv PRESSURE.csv`."
+    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, and PRESSURE.csv time_ms and \
+                  pressure_mmHg, with times from the same instant. They hold one or more beats with \
+                  samples of any spacing; lines that begin with # are comments.\n\
+                  `cardiotwin discover --afterload FLOW.csv PRESSURE.csv` searches for effects that \
+                  three elements lack."
 )]
 pub struct AfterloadArgs {
-    /// FLOW.csv and PRESSURE.csv; with --volume the pressure alone, with --cuff the flow alone, with both none
+    /// FLOW.csv and PRESSURE.csv; only PRESSURE.csv with --volume, only FLOW.csv with --cuff, no
+    /// file with both
     #[arg(value_name = "TRACE.csv", num_args = 0..=2)]
     traces: Vec<PathBuf>,
-    /// In the place of a flow: -dV/dt in ejection of this volume, one cycle in the columns time_ms,volume_mL
+    /// Take -dV/dt of this volume in ejection as the flow; one cycle in the columns
+    /// time_ms,volume_mL
     #[arg(long, value_name = "VOLUME.csv")]
     volume: Option<PathBuf>,
-    /// Length of the volume's cycle in ms [default: to one step after its last sample]
+    /// Length of the volume's cycle in ms [default: until one step after the last sample]
     #[arg(long, value_name = "MS", requires = "volume")]
     cycle_length: Option<f64>,
-    /// In the place of a pressure: the cuff's in mmHg
+    /// Fit to cuff pressures in mmHg instead of a measured pressure trace
     #[arg(
         long,
         value_name = "SYSTOLIC/DIASTOLIC[/MEAN]",
         conflicts_with = "periodic"
     )]
     pub(super) cuff: Option<super::cuff::Pressures>,
-    /// Standard deviation of the cuff's pressures in mmHg [default: 4]
+    /// Standard deviation of the cuff pressures in mmHg [default: 4]
     #[arg(long, value_name = "MMHG", requires = "cuff")]
     pub(super) cuff_sd: Option<f64>,
-    /// Begin in the periodic steady state of the first cycle, instead of fitting the pressure at the beginning
+    /// Start from the periodic steady state of the first cycle instead of fitting the initial
+    /// pressure
     #[arg(long)]
     periodic: bool,
-    /// Probability that an interval covers
+    /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     pub(super) confidence: f64,
-    /// Draw pressure and fit into this SVG file
+    /// Draw the pressure and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
-    /// Print the lines for patient.toml instead
+    /// Print lines for patient.toml instead of a table
     #[arg(long, conflicts_with = "json")]
     pub(super) toml: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -78,7 +84,7 @@ pub struct AfterloadArgs {
 pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage(
-            "--confidence lies between 0 and 1".to_owned(),
+            "--confidence must lie between 0 and 1".to_owned(),
         ));
     }
     let (source, pressure) = sources(args)?;
@@ -144,7 +150,7 @@ pub(super) fn say(
         talk.data(said.toml)?;
     } else {
         talk.data(&said.text)?;
-        talk.hint("`--toml` prints the lines for patient.toml");
+        talk.hint("`--toml` prints lines for patient.toml");
     }
     if args.json || args.toml {
         said.warnings
@@ -207,10 +213,10 @@ fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliE
         .cycle_length
         .is_some_and(|ms| !(200.0..=3000.0).contains(&ms))
     {
-        return usage("--cycle-length is 200 to 3000 ms");
+        return usage("--cycle-length must lie between 200 and 3000 ms");
     }
     if args.cuff_sd.is_some_and(|sd| !(0.1..=50.0).contains(&sd)) {
-        return usage("--cuff-sd is 0.1 to 50 mmHg");
+        return usage("--cuff-sd must lie between 0.1 and 50 mmHg");
     }
     let volume = args
         .volume
@@ -222,13 +228,12 @@ fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliE
         (None, Some(_), [flow]) => Ok((FlowSource::Measured(flow), None)),
         (Some(volume), Some(_), []) => Ok((volume, None)),
         (None, None, _) => usage(
-            "give FLOW.csv and PRESSURE.csv; --volume takes the place of the one, --cuff of the other",
+            "give FLOW.csv and PRESSURE.csv, or --volume instead of FLOW.csv, or --cuff instead of \
+             PRESSURE.csv",
         ),
-        (Some(_), None, _) => usage("with --volume give PRESSURE.csv alone, or --cuff"),
-        (None, Some(_), _) => usage("with --cuff give FLOW.csv alone, or --volume"),
-        (Some(_), Some(_), _) => {
-            usage("--volume and --cuff take the place of both files: give none")
-        }
+        (Some(_), None, _) => usage("with --volume, give only PRESSURE.csv, or --cuff"),
+        (None, Some(_), _) => usage("with --cuff, give only FLOW.csv, or --volume"),
+        (Some(_), Some(_), _) => usage("--volume and --cuff replace both files: give no file"),
     }
 }
 
@@ -324,7 +329,7 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
     let mut found = Vec::new();
     if !answer.converged {
         found.push(
-            "the minimisation ended before it met its tolerance: look at the plot".to_owned(),
+            "the minimisation stopped before it reached its tolerance: check the plot".to_owned(),
         );
     }
     let open: Vec<&str> = answer
@@ -335,7 +340,7 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
         .collect();
     if !open.is_empty() {
         found.push(format!(
-            "the record does not determine {}: its interval has no end on a side",
+            "the record does not determine {}: the interval is open on one side or both",
             open.join(", ")
         ));
     }
@@ -343,13 +348,14 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
     for (pair, correlation) in pairs.iter().zip(answer.correlations) {
         if correlation.is_some_and(|c| c.abs() > STRONG_CORRELATION) {
             found.push(format!(
-                "{pair} are not told apart: their estimates go together"
+                "{pair} cannot be distinguished: their estimates are strongly correlated"
             ));
         }
     }
     if answer.share_of_pulse > LARGE_MISFIT {
         found.push(format!(
-            "three elements miss {:.0} % of the pulse pressure; `cardiotwin discover --afterload` says what is lacking",
+            "three elements misfit by {:.0} % of the pulse pressure; `cardiotwin discover \
+             --afterload` searches for the missing effect",
             100.0 * answer.share_of_pulse
         ));
     }
@@ -375,10 +381,9 @@ fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
         100.0 * answer.share_of_pulse,
         number(record.pulse_pressure_mmhg)
     ));
-    let alike = answer
-        .noise
-        .beat_correlation
-        .map_or(String::new(), |c| format!(", beats alike {c:.2}"));
+    let alike = answer.noise.beat_correlation.map_or(String::new(), |c| {
+        format!(", correlation between beats {c:.2}")
+    });
     text.push_str(&format!(
         "samples: {}, worth {} independent ones (correlation time {} ms{alike}); {} of {} ms, mean flow {} mL/s\n",
         record.n_samples,

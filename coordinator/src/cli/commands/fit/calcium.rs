@@ -23,19 +23,19 @@ const CORRELATED: f64 = 0.5;
 /// Number of intervals between the points of the fitted curve in the plot.
 const CURVE_POINTS: usize = 400;
 
-/// Rice's calcium (resting and peak calcium, two time constants) from one measured transient
+/// Fit Rice's calcium (resting and peak calcium, two time constants) to one measured transient
 #[derive(Debug, Args)]
 #[command(
-    after_help = "TRACE.csv has the columns time_ms and calcium_uM, one beat, samples of any spacing; lines that begin \
-                        with # are comments.\n\
-                        Least squares over all samples; intervals are those of the profile, for residuals independent of \
-                        each other."
+    after_help = "TRACE.csv has the columns time_ms and calcium_uM and holds one beat with samples \
+                  of any spacing; lines that begin with # are comments.\n\
+                  The fit is least squares over all samples; the profile intervals assume \
+                  independent residuals."
 )]
 pub struct CalciumArgs {
-    /// The transient: a CSV file with the columns time_ms,calcium_uM
+    /// CSV file of the transient with the columns time_ms,calcium_uM
     #[arg(value_name = "TRACE.csv")]
     trace: PathBuf,
-    /// Time of activation on the trace's clock, from which calcium rises
+    /// Time of activation on the trace's clock, in ms; calcium rises from then on
     #[arg(
         long,
         value_name = "MS",
@@ -43,13 +43,14 @@ pub struct CalciumArgs {
         allow_negative_numbers = true
     )]
     activation: f64,
-    /// Probability that an interval covers
+    /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     confidence: f64,
-    /// Draw trace and fit into this SVG file
+    /// Draw the trace and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print the result as tables of cohort.toml instead: calcium held at the values, or bounded by the intervals
+    /// Print tables for cohort.toml instead: calcium frozen at the values, or bounded by the
+    /// intervals
     #[arg(
         long,
         value_name = "frozen|bounds",
@@ -58,7 +59,7 @@ pub struct CalciumArgs {
         conflicts_with = "json"
     )]
     toml: Option<Defaults>,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -77,7 +78,7 @@ enum Defaults {
 pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.activation.is_finite() && args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage(
-            "--activation is a finite time, --confidence lies between 0 and 1".to_owned(),
+            "--activation must be finite, and --confidence must lie between 0 and 1".to_owned(),
         ));
     }
     let measured = trace::read(&args.trace, Quantity::Calcium, talk)?;
@@ -97,7 +98,7 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
         Some(Defaults::Bounds) => talk.data(&answer.cohort_toml.bounds)?,
         None => {
             talk.data(&text(&answer, talk))?;
-            talk.hint("`--toml frozen` and `--toml bounds` print this for cohort.toml");
+            talk.hint("`--toml frozen` and `--toml bounds` print tables for cohort.toml");
         }
     }
     if args.json || args.toml.is_some() {
@@ -117,18 +118,17 @@ fn problem(file: &Path, error: &CalciumFitError) -> Problem {
             Problem::error(
                 file,
                 found,
-                "at least 8, over one transient",
-                "export the trace with more of its samples",
+                "at least 8 samples over one transient",
+                "export the trace with more samples",
             )
         }
         CalciumFitError::NoTransient {
             activation_ms,
             peak_ms,
         } => {
-            let found = format!("no peak: the largest value is at {peak_ms} ms");
+            let found = format!("no peak; the largest value is at {peak_ms} ms");
             let expected = format!("a rise after activation at {activation_ms} ms and a fall");
-            let remedy =
-                "give one whole transient, and --activation where it does not begin at 0 ms";
+            let remedy = "give one whole transient, and --activation if it does not begin at 0 ms";
             Problem::error(file, found, expected, remedy).at_key("calcium_uM")
         }
         CalciumFitError::Sample { .. }
@@ -137,7 +137,7 @@ fn problem(file: &Path, error: &CalciumFitError) -> Problem {
             file,
             error.to_string(),
             "a calcium transient",
-            "look at the trace",
+            "check the trace",
         ),
     }
 }
@@ -198,7 +198,7 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
     let mut found = Vec::new();
     if !fit.converged {
         found.push(
-            "the minimisation ended before it met its tolerance: look at the plot".to_owned(),
+            "the minimisation stopped before it reached its tolerance: check the plot".to_owned(),
         );
     }
     let rho = fit.residual_correlation;
@@ -207,9 +207,9 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
         // shape altogether.
         let factor = ((1.0 + rho) / (1.0 - rho.min(0.999))).sqrt();
         found.push(format!(
-            "neighbouring residuals are alike (correlation {rho:.2}): the curve misses the trace's shape, or its noise is \
-             smooth, and the intervals are too narrow by a factor of about {factor:.1}; does the trace begin at its \
-             activation (--activation)?"
+            "neighbouring residuals are correlated ({rho:.2}): the curve does not fit the trace's \
+             shape, or the noise is smooth, and the intervals are too narrow by a factor of about \
+             {factor:.1}; check that the trace begins at its activation (--activation)"
         ));
     }
     found
@@ -231,7 +231,7 @@ fn text(answer: &CalciumFitAnswer, talk: &Talk) -> String {
     }
     let mut text = table.text();
     text.push_str(&format!(
-        "\nresidual: {} µM (root mean square of {} samples), correlation of neighbours {:.2}\n",
+        "\nresidual: {} µM (root mean square of {} samples), correlation between neighbours {:.2}\n",
         number(answer.root_mean_square_um),
         answer.n_samples,
         answer.residual_correlation
@@ -321,7 +321,8 @@ mod tests {
         let answer = answer("narrow.csv", 0.0, &fitted(&csv));
         assert_eq!(answer.time_constants, TimeConstants::Equal);
         assert!(
-            answer.warnings.len() == 1 && answer.warnings[0].contains("misses the trace's shape"),
+            answer.warnings.len() == 1
+                && answer.warnings[0].contains("does not fit the trace's shape"),
             "{answer:?}"
         );
         let said = text(&answer, &talk());

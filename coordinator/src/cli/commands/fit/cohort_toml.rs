@@ -33,7 +33,7 @@ fn frozen(fit: &CalciumFit, trace: &str) -> String {
     let mut text = format!(
         "{}[step2]\nparameters = [{}]\n\n[step2.frozen]\n",
         comment(
-            "Calcium is held at what `cardiotwin fit calcium` found in",
+            "Calcium is frozen at the values that `cardiotwin fit calcium` found in",
             trace
         ),
         others.join(", ")

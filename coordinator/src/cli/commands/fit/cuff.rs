@@ -51,7 +51,11 @@ impl FromStr for Pressures {
                         mean_mmhg,
                     });
                 }
-                Err("systolic lies above diastolic pressure, and the mean between them".to_owned())
+                Err(
+                    "systolic pressure must exceed diastolic pressure, and the mean must lie \
+                     between them"
+                        .to_owned(),
+                )
             }
             _ => Err("write it as 115/70 or 115/70/88, in mmHg".to_owned()),
         }
@@ -85,7 +89,8 @@ pub fn execute(
         sd_mmhg: args.cuff_sd,
     };
     let fit = fit_cuff(&even, step_ms, cuff).map_err(|error| {
-        let remedy = "give one whole cycle of flow out of the heart, and the pressures of the same patient at rest";
+        let remedy = "give one whole cycle of flow out of the heart, and cuff pressures of the same \
+                      patient at rest";
         trace::refused(
             Problem::error(source.file(), error.to_string(), "a flow with the cuff's pressures", remedy),
             talk,
@@ -136,11 +141,13 @@ fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) 
     let mut warnings = Vec::new();
     if fit.assumed_share {
         let why = if cuff.mean_mmhg.is_some() {
-            "no characteristic resistance goes with this mean pressure"
+            "no characteristic resistance is compatible with this mean pressure"
         } else {
-            "without a mean pressure nothing separates the resistances"
+            "the resistances cannot be separated without a mean pressure"
         };
-        warnings.push(format!("{why}: R1 is 0.06 R2, as in adults at rest"));
+        warnings.push(format!(
+            "{why}: R1 is assumed to be 0.06 R2, as in adults at rest"
+        ));
     }
     let shown = cuff
         .mean_mmhg
@@ -172,7 +179,7 @@ fn text(answer: &CuffFitAnswer, talk: &Talk) -> String {
     let word = |q: &AfterloadQuantity| in_a_word(q.determined);
     let mut text = estimates(&answer.estimates, answer.confidence_level, word, talk);
     text.push_str(&format!(
-        "\nflow: {}, mean {} mL/s; cuff known to {} mmHg\n",
+        "\nflow: {}, mean {} mL/s; standard deviation of the cuff {} mmHg\n",
         answer.flow,
         number(answer.mean_flow_ml_per_s),
         number(answer.sd_mmhg)

@@ -13,7 +13,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Fit a part of the model to measured traces, for a cohort's defaults
+/// Fit a part of the model to measured traces
 #[derive(Debug, Args)]
 pub struct FitArgs {
     #[command(subcommand)]

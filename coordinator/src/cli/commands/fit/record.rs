@@ -102,14 +102,14 @@ pub fn read_from(
         .map_err(|error| trace::refused(problem(flow, pressure, &error), talk))?;
     if !record.sampled_alike() {
         talk.say(
-            "note: flow and pressure are sampled at different times; the flow is taken as linear between its samples and \
-             the load is computed at the pressure's times",
+            "note: flow and pressure are sampled at different times; the flow is interpolated \
+             linearly, and the load is computed at the pressure's times",
         );
     }
     if record.n_dropped() > 0 {
         let left_out = count(record.n_dropped(), "pressure sample");
         talk.say(&format!(
-            "note: {left_out} left out, where no flow was measured"
+            "note: {left_out} omitted, at times without a measured flow"
         ));
     }
     let described = AfterloadRecord {
@@ -134,13 +134,14 @@ fn problem(flow: &Path, pressure: &Path, error: &AfterloadError) -> Problem {
     match error {
         AfterloadError::Samples { trace, n_times, .. } => {
             let file = if *trace == "flow" { flow } else { pressure };
-            let remedy = "export the trace with more of its samples";
-            Problem::error(file, format!("{n_times} samples"), "at least 20, over one beat or more", remedy)
+            let remedy = "export the trace with more samples";
+            Problem::error(file, format!("{n_times} samples"), "at least 20 samples over one beat or more", remedy)
         }
         AfterloadError::Overlap { n_samples, flow_ms, pressure_ms } => Problem::error(
             pressure,
             format!(
-                "{n_samples} samples where flow was measured: pressure from {} to {} ms, flow from {} to {} ms",
+                "{n_samples} samples at times with a measured flow: pressure from {} to {} ms, flow \
+                 from {} to {} ms",
                 pressure_ms[0], pressure_ms[1], flow_ms[0], flow_ms[1]
             ),
             "at least 20",
@@ -149,9 +150,10 @@ fn problem(flow: &Path, pressure: &Path, error: &AfterloadError) -> Problem {
         .at_key("time_ms"),
         AfterloadError::NoEjection { lowest_ml_per_s, highest_ml_per_s } => Problem::error(
             flow,
-            format!("values from {lowest_ml_per_s} to {highest_ml_per_s} mL/s: nothing is ejected"),
+            format!("values from {lowest_ml_per_s} to {highest_ml_per_s} mL/s without an ejection"),
             "a pulse of positive flow out of the heart",
-            "turn the sign if the probe was mounted the other way, and give at least one whole beat",
+            "change the sign if the probe was mounted the other way, and give at least one whole \
+             beat",
         )
         .at_key("flow_mL_per_s"),
         AfterloadError::Sample { .. }
@@ -159,7 +161,7 @@ fn problem(flow: &Path, pressure: &Path, error: &AfterloadError) -> Problem {
         | AfterloadError::NoLoad { .. }
         | AfterloadError::Confidence { .. }
         | AfterloadError::LeastSquares(_) => {
-            Problem::error(pressure, error.to_string(), "aortic flow and pressure", "look at both traces")
+            Problem::error(pressure, error.to_string(), "aortic flow and pressure", "check both traces")
         }
     }
 }

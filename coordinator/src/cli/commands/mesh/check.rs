@@ -16,14 +16,15 @@ use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
 use crate::input::{Report, mesh_problem};
 
-/// Say what is wrong with a mesh, all at once: place, expectation and remedy of each defect; and its figures
+/// Print a mesh's figures and all its defects, each with place, expectation and remedy
 ///
-/// The checks are those of step 0 and of `cardiotwin check`, which knows tags, volumes and activation from patient.toml.
+/// Step 0 and `cardiotwin check` make the same checks, with tags, volumes and activation from
+/// patient.toml.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
     #[command(flatten)]
     source: Source,
-    /// Tags of contracting tissue, separated by commas; without them tags are not looked at
+    /// Tags of contracting tissue, separated by commas; without them tags are not checked
     #[arg(
         long,
         value_name = "TAGS",
@@ -31,16 +32,16 @@ pub struct CheckArgs {
         allow_hyphen_values = true
     )]
     left_ventricle: Vec<i32>,
-    /// Where fibres are to come from
+    /// Source of the fibres
     #[arg(long, value_name = "WHENCE", value_enum, default_value_t = Whence::Auto)]
     fibres: Whence,
-    /// Volume that the cavity should have, in mL
+    /// Expected volume of the cavity, in mL
     #[arg(long, value_name = "ML", value_parser = parse::positive)]
     cavity_ml: Option<f64>,
-    /// Volume that the contracting wall should have, in mL
+    /// Expected volume of the contracting wall, in mL
     #[arg(long, value_name = "ML", value_parser = parse::positive)]
     wall_ml: Option<f64>,
-    /// One JSON object with every place of every defect
+    /// Print one JSON object with every place of every defect
     #[arg(long)]
     json: bool,
 }
@@ -48,11 +49,11 @@ pub struct CheckArgs {
 /// Where fibres come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Whence {
-    /// The mesh's own where it has some
+    /// The mesh's own fibres if it has any, else the rule
     Auto,
-    /// The mesh's own
+    /// The mesh's own fibres
     Mesh,
-    /// A rule
+    /// Rule-based fibres
     Rule,
 }
 
@@ -113,7 +114,7 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
         talk.data(&problems::text(&report, talk.colour_out))?;
         let (errors, warnings) = (report.n_errors(), report.n_warnings());
         if errors + warnings == 0 {
-            talk.data(&format!("{}: nothing to complain about\n", file.display()))?;
+            talk.data(&format!("{}: no problems\n", file.display()))?;
         } else {
             let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
             talk.data(&format!("{}: {errors}, {warnings}\n", file.display()))?;

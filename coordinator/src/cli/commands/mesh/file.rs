@@ -18,13 +18,13 @@ pub enum MeshFileCommandError {
     #[error(transparent)]
     File(#[from] MeshFileError),
     /// The output file exists and `--force` was not given.
-    #[error("{path} is there already; name another file with --out, or replace it with --force")]
+    #[error("{path} already exists; name another file with --out, or replace it with --force")]
     Exists {
         /// Path of the existing file.
         path: String,
     },
     /// The mesh could not be repaired.
-    #[error("{path} is not mended: {source}")]
+    #[error("{path} cannot be repaired: {source}")]
     Repair {
         /// Path of the mesh's file.
         path: String,
@@ -36,7 +36,7 @@ pub enum MeshFileCommandError {
 /// Units of coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Unit {
-    /// Micrometres, CARP's unit
+    /// Micrometres, the unit of CARP files
     Um,
     /// Millimetres
     Mm,
@@ -63,7 +63,7 @@ pub struct Source {
     /// Stem of CARP files (`heart` for heart.pts, heart.elem …), or a .vtu, .msh (gmsh) or .mesh (Medit) file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Unit of its coordinates; may be left out for CARP files, whose unit is um
+    /// Unit of the coordinates; optional for CARP files, which are in um
     #[arg(long, value_name = "UNIT", value_enum)]
     pub unit: Option<Unit>,
 }
@@ -78,7 +78,7 @@ impl Source {
             (Some(unit), _) => Ok(unit.length()),
             (None, true) => Ok(LengthUnit::Micrometre),
             (None, false) => Err(CliError::Usage(format!(
-                "{} does not say in which unit its coordinates are: add --unit um, mm, cm or m",
+                "{} does not state the unit of its coordinates: add --unit um, mm, cm or m",
                 self.file.display()
             ))),
         }
@@ -97,10 +97,10 @@ impl Source {
 /// The mesh to be written.
 #[derive(Debug, Args)]
 pub struct Target {
-    /// What to write: a .vtu file (mm), a .mesh file (mm), or a stem of CARP files (um)
+    /// File to write: a .vtu file (mm), a .mesh file (mm), or the stem of CARP files (um)
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
-    /// Replace files that are there
+    /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
 }
@@ -121,7 +121,7 @@ impl Target {
     pub fn refuse_existing(&self) -> Result<(), CliError> {
         if self.out.extension().is_some_and(|e| e == "msh") {
             return Err(CliError::Usage(
-                "gmsh files are read, not written: use .vtu, .mesh or a stem of CARP files".into(),
+                "gmsh files cannot be written: use .vtu, .mesh or a stem of CARP files".into(),
             ));
         }
         let there = if is_carp(&self.out) {

@@ -24,7 +24,7 @@ pub enum MmgError {
     )]
     Missing,
     /// The program cannot be started.
-    #[error("{program} does not start")]
+    #[error("cannot start {program}")]
     Start {
         /// Path of the program.
         program: PathBuf,
@@ -32,7 +32,7 @@ pub enum MmgError {
         source: std::io::Error,
     },
     /// The program ended with an error or wrote no mesh.
-    #[error("{program} made no mesh; it said:\n{said}")]
+    #[error("{program} wrote no mesh; its output was:\n{said}")]
     Failed {
         /// Path of the program.
         program: PathBuf,
@@ -40,10 +40,10 @@ pub enum MmgError {
         said: String,
     },
     /// A mesh could not be written for mmg3d, or its answer could not be read.
-    #[error("the exchange of files with mmg3d")]
+    #[error("cannot exchange files with mmg3d")]
     File(#[from] MeshFileError),
     /// The temporary folder could not be made.
-    #[error("no temporary folder for mmg3d")]
+    #[error("cannot create a temporary folder for mmg3d")]
     Folder(#[source] std::io::Error),
 }
 

@@ -18,7 +18,7 @@ use crate::cli::talk::Talk;
 pub use file::MeshFileCommandError;
 pub use mmg::MmgError;
 
-/// Check, repair, mesh anew or refine a tetrahedral mesh of a left ventricle
+/// Check, repair, remesh or refine a tetrahedral mesh of a left ventricle
 #[derive(Debug, Args)]
 pub struct MeshArgs {
     #[command(subcommand)]

@@ -9,17 +9,18 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Halve every edge: eight elements of one, with surfaces, tags and fibres; facets stay where they are
+/// Split each element into eight by halving its edges; surfaces, tags and fibres are kept, and
+/// facets stay where they are
 #[derive(Debug, Args)]
 pub struct RefineArgs {
     #[command(flatten)]
     source: Source,
     #[command(flatten)]
     target: Target,
-    /// How many times
+    /// Number of times to refine
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=4))]
     times: u8,
-    /// One JSON object with the figures of what was written
+    /// Print one JSON object with the figures of the written mesh
     #[arg(long)]
     json: bool,
 }

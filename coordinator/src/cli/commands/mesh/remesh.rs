@@ -17,10 +17,10 @@ const CALLS: usize = 4;
 /// Accepted deviation of the number of nodes from the requested one, as a share.
 const NEAR: f64 = 0.1;
 
-/// Mesh the same body anew, to an edge length or a number of nodes, with the program mmg3d
+/// Remesh the same body with mmg3d to an edge length or a number of nodes
 ///
-/// Tags and surfaces are kept, fibres are taken from the nearest old element. mmg3d is free software: `pip install mmgpy`, or
-/// www.mmgtools.org.
+/// Tags and surfaces are kept, and fibres are taken from the nearest old element. mmg3d is free
+/// software: `pip install mmgpy`, or www.mmgtools.org.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("size").required(true).args(["edge_mm", "nodes"])))]
 pub struct RemeshArgs {
@@ -28,19 +28,20 @@ pub struct RemeshArgs {
     source: Source,
     #[command(flatten)]
     target: Target,
-    /// Length of edges, in mm
+    /// Edge length of the new mesh, in mm
     #[arg(long, value_name = "MM", value_parser = parse::positive)]
     edge_mm: Option<f64>,
-    /// About so many nodes
+    /// Approximate number of nodes of the new mesh
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
     nodes: Option<u32>,
-    /// How far the new surface may be from the old one, in mm [default: a twentieth of the edge]
+    /// Largest distance of the new surface from the old one, in mm [default: a twentieth of the
+    /// edge length]
     #[arg(long, value_name = "MM", value_parser = parse::positive)]
     distance_mm: Option<f64>,
-    /// The program [default: mmg3d_O3 or mmg3d in PATH]
+    /// Path of mmg3d [default: mmg3d_O3 or mmg3d in PATH]
     #[arg(long, value_name = "PATH")]
     mmg3d: Option<PathBuf>,
-    /// One JSON object with the figures of what was written
+    /// Print one JSON object with the figures of the written mesh
     #[arg(long)]
     json: bool,
 }

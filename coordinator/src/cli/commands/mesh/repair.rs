@@ -16,26 +16,27 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Mend what can be mended without meshing anew, and say what is left
+/// Repair defects that need no remeshing, and list the remaining ones
 ///
-/// Always: doubled and unused nodes, doubled and turned elements, tissue that touches itself in an edge, flat elements (inner nodes
-/// are moved, the boundary stays), triangles turned outward, missing surfaces found. The rest is asked for.
+/// The following is always repaired: duplicate and unused nodes, duplicate and inverted elements,
+/// tissue that touches itself in an edge, flat elements (by moving inner nodes; the boundary
+/// stays), inward triangles, and missing surfaces. Other repairs need an option.
 #[derive(Debug, Args)]
 pub struct RepairArgs {
     #[command(flatten)]
     source: Source,
     #[command(flatten)]
     target: Target,
-    /// Remove pieces that do not hang together with the largest
+    /// Remove pieces that are not connected to the largest one
     #[arg(long)]
     keep_largest: bool,
-    /// Multiply all lengths
+    /// Multiply all lengths by this factor
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
     scale: Option<f64>,
-    /// Give elements another tag (may be given several times)
+    /// Change the tag of elements (may be given several times)
     #[arg(long = "tag", value_name = "NEW=OLD", value_parser = parse::tags)]
     tag: Vec<(i32, i32)>,
-    /// Keep elements with these tags alone; the side towards the others becomes the septum
+    /// Keep only elements with these tags; their interface with the others becomes the septum
     #[arg(
         long,
         value_name = "TAGS",
@@ -43,7 +44,8 @@ pub struct RepairArgs {
         allow_hyphen_values = true
     )]
     keep_tags: Vec<i32>,
-    /// Remove elements with these tags: valve plugs that close the cavity, papillary muscles
+    /// Remove elements with these tags, such as valve plugs that close the cavity, or papillary
+    /// muscles
     #[arg(
         long,
         value_name = "TAGS",
@@ -51,34 +53,36 @@ pub struct RepairArgs {
         allow_hyphen_values = true
     )]
     remove_tags: Vec<i32>,
-    /// Cut the base open at a plane: a point in mm, and a normal towards what goes
+    /// Cut the base open at a plane, given by a point in mm and a normal towards the removed side
     #[arg(long, value_name = "x,y,z,nx,ny,nz", value_parser = parse::plane, allow_hyphen_values = true)]
     cut_plane: Option<Plane>,
-    /// Make tissue above a plane passive: it gets the tag of --passive-tag
+    /// Make tissue above a plane passive by giving it the tag of --passive-tag
     #[arg(long, value_name = "x,y,z,nx,ny,nz", value_parser = parse::plane, allow_hyphen_values = true)]
     passive_above: Option<Plane>,
-    /// Tag of passive tissue for --passive-above
+    /// Tag of the passive tissue of --passive-above
     #[arg(long, value_name = "TAG", default_value_t = 2)]
     passive_tag: i32,
-    /// Give a surface another name, such as endocardium=endo (may be given several times)
+    /// Rename a surface, such as endocardium=endo (may be given several times)
     #[arg(long, value_name = "NEW=OLD", value_parser = parse::pair)]
     surface: Vec<(String, String)>,
-    /// Find endocardium, epicardium and rim anew though the file has some
+    /// Find endocardium, epicardium and rim anew even if the file has them
     #[arg(long)]
     find_surfaces: bool,
-    /// Plane of the base, where no sharp edge tells the rim: a point in mm, and a normal away from the apex
+    /// Plane of the base for a mesh whose rim has no sharp edge, given by a point in mm and a
+    /// normal away from the apex
     #[arg(long, value_name = "x,y,z,nx,ny,nz", value_parser = parse::plane, allow_hyphen_values = true)]
     rim_plane: Option<Plane>,
-    /// A point near the middle of the septum, in mm: the outer wall around it becomes the surface septum
+    /// Point near the middle of the septum, in mm; the outer wall around it becomes the surface
+    /// septum
     #[arg(long, value_name = "x,y,z", value_parser = parse::point, allow_hyphen_values = true)]
     septum: Option<Vec3>,
-    /// How far the septum goes around the long axis, in degrees
+    /// Extent of the septum around the long axis, in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 120.0)]
     septum_degrees: f64,
-    /// Leave badly shaped elements as they are
+    /// Do not repair badly shaped elements
     #[arg(long)]
     keep_shapes: bool,
-    /// One JSON object: what was done, and what is left
+    /// Print one JSON object with the repairs and the remaining defects
     #[arg(long)]
     json: bool,
 }
@@ -153,11 +157,11 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
         });
     }
     match done.steps.is_empty() {
-        true => talk.data("nothing to mend\n")?,
+        true => talk.data("nothing to repair\n")?,
         false => done
             .steps
             .iter()
-            .try_for_each(|step| talk.data(&format!("mended    {step}\n")))?,
+            .try_for_each(|step| talk.data(&format!("repaired  {step}\n")))?,
     }
     let exit = check::tell(&intake, out, false, talk)?;
     talk.hint(&format!(

@@ -224,7 +224,7 @@ impl Figures {
             );
             let sites: Vec<String> = marks.usual_activation_sites_mm.iter().map(place).collect();
             text += &format!(
-                "sites     {} mm: usual places where activation begins\n",
+                "sites     {} mm: usual sites of first activation\n",
                 sites.join(", ")
             );
         }

@@ -24,11 +24,11 @@ const LOADS: [&str; 5] = [
 const UNSAYABLE: [(&str, &str); 7] = [
     (
         "wall_volume_mL",
-        "the wall stays the patient's: the model does not say how a heart grows",
+        "the wall is fixed: the model does not describe growth",
     ),
     (
         "unloaded_volume_mL",
-        "the cavity stays the patient's: the model does not say how a heart remodels",
+        "the cavity is fixed: the model does not describe remodelling",
     ),
     (
         "a_p_kPa",
@@ -36,9 +36,10 @@ const UNSAYABLE: [(&str, &str); 7] = [
     ),
     (
         "stiffness_kPa",
-        "the passive law is fitted together with the unloaded state: neither can be changed alone",
+        "the passive law is fitted together with the unloaded state, and neither can be changed \
+         alone",
     ),
-    ("heart_rate", "pacing is given by `cycle_length_ms`"),
+    ("heart_rate", "pacing is set by `cycle_length_ms`"),
     (
         "end_diastolic_volume_mL",
         "filling follows from `left_atrial_pressure_mmHg`",
@@ -110,7 +111,7 @@ impl FromStr for Change {
             Some(percent) if amount.starts_with(['+', '-']) => Amount::Percent(number(percent)?),
             Some(_) => {
                 return Err(format!(
-                    "{key}: `{amount}` needs its sign: +N% or -N% of the twin's value"
+                    "{key}: `{amount}` has no sign; expected +N% or -N% of the twin's value"
                 ));
             }
             None => Amount::Value(number(amount)?),
@@ -132,7 +133,7 @@ fn known(key: &str) -> Result<(), String> {
     }
     if OUTCOMES.contains(&key) {
         return Err(format!(
-            "{key}: comes out of a beat; change what it follows from, such as {}",
+            "{key}: is a result of the beat; change one of its causes, such as {}",
             LOADS[3]
         ));
     }
@@ -158,7 +159,7 @@ impl Change {
         let key = &self.key;
         let place = self
             .place(beat)
-            .ok_or_else(|| format!("{key}: the twin has no cell"))?;
+            .ok_or_else(|| format!("{key}: the twin has no cell model"))?;
         let before = *place;
         let after = match self.amount {
             Amount::Value(value) => value,
@@ -167,7 +168,7 @@ impl Change {
         if !after.is_finite() || after * before <= 0.0 {
             let sign = if before < 0.0 { "negative" } else { "positive" };
             return Err(format!(
-                "{key}: {after} makes no sense, expected a {sign} value like the twin's {before}"
+                "{key}: found {after}, expected a {sign} value like the twin's {before}"
             ));
         }
         *place = after;
@@ -211,8 +212,8 @@ impl Change {
     pub fn remark(&self) -> Option<&'static str> {
         match self.key.as_str() {
             "cycle_length_ms" => Some(
-                "the calcium transient and the time to activate the wall stay those of the measured rate: the model has no \
-                 force-frequency relation",
+                "the calcium transient and the activation time of the wall remain those of the \
+                 measured rate: the model has no force-frequency relation",
             ),
             _ => None,
         }
@@ -261,14 +262,14 @@ mod tests {
 
     #[test]
     fn what_the_model_cannot_say_is_refused_with_the_reason() {
-        assert!(said("wall_volume_mL=-10%").contains("does not say how a heart grows"));
-        assert!(said("P_max_mmHg=120").contains("comes out of a beat"));
+        assert!(said("wall_volume_mL=-10%").contains("does not describe growth"));
+        assert!(said("P_max_mmHg=120").contains("is a result of the beat"));
         let unknown = said("peripheral_resistance=-20%");
         assert!(
             unknown.contains("did you mean `peripheral_resistance_mmHg_s_per_mL`?"),
             "{unknown}"
         );
-        assert!(said("phi=20%").contains("needs its sign"));
+        assert!(said("phi=20%").contains("has no sign"));
         assert!(said("phi=much").contains("neither a number nor a percentage"));
         assert!(said("phi").contains("expected KEY=VALUE"));
         let none = "compliance_mL_per_mmHg=-100%"

@@ -39,18 +39,21 @@ const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
     tolerance: 0.5,
 };
 
-/// What a change of loads, pacing, cell or valves does to a personalised twin: before against after
+/// Predict the effect of changed loads, pacing, cell or valves on a personalised twin
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, characteristic_resistance_mmHg_s_per_mL,\n\
-                  compliance_mL_per_mmHg, cycle_length_ms, R_AV_f_mmHg_s_per_mL, R_MV_f_mmHg_s_per_mL, and the cell's parameters.\n\
-                  Beats go on to the periodic state; the change between both periodic states is carried over to the twin's own beat."
+    after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, \
+                  characteristic_resistance_mmHg_s_per_mL,\n\
+                  compliance_mL_per_mmHg, cycle_length_ms, R_AV_f_mmHg_s_per_mL, \
+                  R_MV_f_mmHg_s_per_mL, and the cell's parameters.\n\
+                  Beats are simulated until the periodic state; the change between both periodic \
+                  states is added to the twin's own beat."
 )]
 pub struct PredictArgs {
-    /// Patient whose twin is changed; with --scenarios: the only one [default: every patient with a twin]
+    /// Patient of the twin; optional with --scenarios [default: every patient with a twin]
     #[arg(required_unless_present = "scenarios")]
     patient: Option<String>,
-    /// A change: to a value, or by a percentage such as -20% (may be given several times)
+    /// Change a quantity to a value, or by a percentage such as -20% (may be given several times)
     #[arg(
         long = "set",
         value_name = "KEY=VALUE",
@@ -58,25 +61,27 @@ pub struct PredictArgs {
         allow_hyphen_values = true
     )]
     set: Vec<String>,
-    /// A file of scenarios, each a table with `set` and, where not every twin is meant, `patients`
+    /// File of scenarios, each a table with `set` and, to restrict it to some twins, `patients`
     #[arg(long, value_name = "FILE", conflicts_with = "set")]
     scenarios: Option<PathBuf>,
-    /// Simulate the run's finite-element ventricle instead of the one-fibre one of its volumes and pressure
+    /// Simulate the run's finite-element ventricle instead of a one-fibre ventricle of its volumes
+    /// and pressure
     #[arg(long)]
     in_3d: bool,
-    /// Leave out how sure the prediction is: the change on draws of the twin's posterior
+    /// Skip the uncertainty of the prediction, which simulates the change on draws of the twin's
+    /// posterior
     #[arg(long)]
     no_band: bool,
-    /// Number of beats instead of as many as the periodic state takes
+    /// Number of beats [default: as many as the periodic state takes]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     beats: Option<u32>,
     /// Write traces (CSV), plot (SVG) and prediction (JSON) into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// JSON instead of a table
+    /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     #[command(flatten)]
@@ -192,7 +197,7 @@ async fn asked(
     }
     if all.is_empty() {
         return Err(CliError::Usage(
-            "no patient of the run has a twin yet: `cardiotwin run` makes them".to_owned(),
+            "no patient of the run has a twin yet: run `cardiotwin run` first".to_owned(),
         ));
     }
     Ok(all)
@@ -256,11 +261,12 @@ fn predict(
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
         remarks.push(format!(
-            "the twin is not personalised ({verdict}): what it predicts is as far off"
+            "the twin is not personalised ({verdict}): its predictions have errors of this size, \
+             too"
         ));
     }
     if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
-        remarks.push(format!("take the intervals for a guess: {doubt}"));
+        remarks.push(format!("the intervals are only a rough estimate: {doubt}"));
     }
     for (word, result) in [("before", &result_before), ("after", &result_after)] {
         if let Some(check) = result.failed_check() {
@@ -286,7 +292,7 @@ fn predict(
     if !prediction.periodic {
         let [a, b] = prediction.beats;
         prediction.remarks.push(format!(
-            "no periodic state after {a} and {b} beats: numbers still drift"
+            "no periodic state after {a} and {b} beats: the values still drift"
         ));
     }
     if let Some(folder) = &args.out {
@@ -302,7 +308,7 @@ fn simulate(
     worker: &Path,
 ) -> Result<(OrganBeatResult, String), CliError> {
     let scratch =
-        tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     let task = TaskSpec::OrganBeat(Box::new(beat.clone()));
     let outcome = ask_worker(worker, &task, scratch.path(), 0.0, asked)?;
     let traces = outcome
@@ -364,7 +370,7 @@ fn write(
     before: &str,
     after: &str,
 ) -> Result<(), CliError> {
-    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
     let stem = match &prediction.scenario {
         Some(scenario) => format!("{scenario}-{}", prediction.patient),
         None => prediction.patient.clone(),
@@ -488,8 +494,9 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
         row.extend(SHOWN.map(|(name, _)| cell(name)));
         table.row(row);
     }
-    let mut text =
-        table.text() + "predicted, and in brackets the change between both periodic states\n";
+    let mut text = table.text()
+        + "predicted values, with the change between both periodic states in \
+                        brackets\n";
     for prediction in predictions {
         prediction
             .remarks

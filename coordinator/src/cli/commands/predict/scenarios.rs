@@ -34,7 +34,8 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
         toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
     if found.is_empty() {
         return Err(refuse(
-            "no scenario; expected a table such as [stent] with set = [\"KEY=-20%\"]".to_owned(),
+            "no scenario found; expected a table such as [stent] with set = [\"KEY=-20%\"]"
+                .to_owned(),
         ));
     }
     for (name, scenario) in &found {
@@ -49,7 +50,7 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
 /// A message about the first invalid change, or about an empty list.
 pub fn changes(set: &[String]) -> Result<Vec<Change>, String> {
     if set.is_empty() {
-        return Err("no change; expected KEY=VALUE or KEY=±N%".to_owned());
+        return Err("no change found; expected KEY=VALUE or KEY=±N%".to_owned());
     }
     set.iter().map(|text| text.parse()).collect()
 }

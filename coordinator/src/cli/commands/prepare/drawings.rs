@@ -98,7 +98,7 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         format!(" ({})", named.join(", "))
     };
     found.text = vec![format!(
-        "{} beats, {} in the mean of {:.0} ms, {} left out{left_out}",
+        "{} beats, {} in the mean of {:.0} ms, {} excluded{left_out}",
         prepared.found.beats.len(),
         found.kept.len(),
         average.cycle_length_ms,

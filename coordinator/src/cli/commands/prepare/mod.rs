@@ -22,28 +22,31 @@ use cardiotwin_schemas::preparation::{Preparation, StepState};
 /// Number of left-out beats that the table lists; beats.csv lists all of them.
 const MOST_NAMED: usize = 12;
 
-/// Make a patient's folder of continuous recordings: find, judge and average beats, adjust and synchronise volumes
+/// Create a patient's folder from continuous recordings: find, judge and average beats, adjust and
+/// synchronise volumes
 #[derive(Debug, Args)]
 #[command(
-    after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, aortic_pressure_mmHg, flow_mL_per_s, \
-                        ecg_mV; a pressure is needed), cine.csv (time_ms, volume_mL), flow.csv, and prepare.toml, which names other \
-                        files and columns, gives whole-heart volume and cuff pressure, and switches or overrides each step.\n\
-                        All of it: docs/prepare.md. RAW_DIR itself is never changed."
+    after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, \
+                  aortic_pressure_mmHg, flow_mL_per_s, ecg_mV; at least one pressure), cine.csv \
+                  (time_ms, volume_mL), flow.csv, and prepare.toml, which names other files and \
+                  columns, states whole-heart volume and cuff pressure, and switches or overrides \
+                  each step.\n\
+                  docs/prepare.md has the details. RAW_DIR itself is never changed."
 )]
 pub struct PrepareArgs {
     /// Folder of the recordings
     #[arg(value_name = "RAW_DIR")]
     raw: PathBuf,
-    /// The patient's folder to make; its name is the patient's unless prepare.toml says another
+    /// Folder of the patient to create; its name is the patient's unless prepare.toml sets another
     #[arg(value_name = "PATIENT_DIR", required_unless_present = "dry_run")]
     patient: Option<PathBuf>,
-    /// Say what each step would change, and write nothing
+    /// Show what each step would change without writing anything
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// Take the place of a folder that `cardiotwin prepare` made before
+    /// Replace a folder that an earlier `cardiotwin prepare` created
     #[arg(long)]
     replace: bool,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -72,7 +75,7 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     let mut made = preparation::make(&raw, &id).map_err(|error| {
         CliError::Usage(format!(
-            "{}: {error}; [steps] of {PREPARE_TOML} can say more",
+            "{}: {error}; adjust [steps] in {PREPARE_TOML}",
             args.raw.display()
         ))
     })?;
@@ -104,7 +107,10 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     match folder {
         Some(folder) => afterwards(folder, talk),
-        None => talk.hint("nothing was written; without --dry-run a patient's folder is made"),
+        None => talk.hint(
+            "nothing was written; run without --dry-run to create the patient's \
+                           folder",
+        ),
     }
     Ok(Exit::Ok)
 }
@@ -119,7 +125,8 @@ fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
     let folder = args.patient.as_deref().and_then(name);
     match (&raw.file.id, folder) {
         (Some(id), Some(folder)) if *id != folder => Err(CliError::Usage(format!(
-            "{PREPARE_TOML} says id = {id:?}, but the patient's folder is to be called {folder:?}: give both the same name"
+            "{PREPARE_TOML} has id = {id:?}, but the patient's folder is named {folder:?}: give \
+             both the same name"
         ))),
         (Some(id), _) => Ok(id.clone()),
         (None, Some(folder)) => Ok(folder),
@@ -133,7 +140,7 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     let usage = |text: String| Err(CliError::Usage(text));
     if id.is_empty() || id == ".." || id == "." {
         return usage(format!(
-            "{} is no name of a patient's folder",
+            "{} is not a valid name of a patient's folder",
             folder.display()
         ));
     }
@@ -147,7 +154,7 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     };
     if inside(&args.raw, folder) || inside(folder, &args.raw) {
         return usage(format!(
-            "{} and {} lie in each other: give the patient a folder of its own",
+            "{} and {} contain each other: name a separate folder for the patient",
             folder.display(),
             args.raw.display()
         ));
@@ -160,11 +167,12 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     match (args.replace, ours) {
         (true, true) => Ok(()),
         (false, true) => usage(format!(
-            "{} is there already; `--replace` makes it anew",
+            "{} already exists; `--replace` replaces it",
             folder.display()
         )),
         (_, false) => usage(format!(
-            "{} is there already and was not made by `cardiotwin prepare`; give another folder, nothing was written",
+            "{} already exists and was not created by `cardiotwin prepare`; nothing was written: \
+             name another folder",
             folder.display()
         )),
     }
@@ -188,7 +196,7 @@ fn afterwards(folder: &Path, talk: &Talk) {
     }
     let complaints = report.n_errors() + report.n_warnings();
     let checked = if complaints == 0 {
-        "nothing to complain about".to_owned()
+        "no problems".to_owned()
     } else {
         format!(
             "{}, {}",
@@ -197,11 +205,11 @@ fn afterwards(folder: &Path, talk: &Talk) {
         )
     };
     talk.say(&format!(
-        "made {}; checked as `cardiotwin check` does: {checked}",
+        "created {}; result of `cardiotwin check`: {checked}",
         folder.display()
     ));
     talk.hint(&format!(
-        "look at {}",
+        "see {}",
         folder.join(PREPARED).join("beats.svg").display()
     ));
 }

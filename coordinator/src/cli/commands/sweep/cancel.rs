@@ -11,7 +11,7 @@ use crate::cli::talk::Talk;
 use crate::engine;
 use crate::sweep::folder;
 
-/// Stop a sweep; what is finished stays, and the sweep's command goes on with it
+/// Stop a sweep; finished tasks are kept, and the sweep's command continues it
 #[derive(Debug, Args)]
 pub struct CancelArgs {
     /// Folder of the sweep

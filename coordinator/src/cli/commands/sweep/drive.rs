@@ -64,7 +64,7 @@ async fn take_up_cancelled(
     if !cancelled.is_empty() {
         engine::retry_all(&options.run_dir, &cancelled).await?;
         talk.say(&format!(
-            "{} cancelled {members} are taken up again",
+            "{} cancelled {members} are resumed",
             cancelled.len()
         ));
     }

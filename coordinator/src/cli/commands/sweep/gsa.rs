@@ -27,20 +27,25 @@ use crate::sweep::gsa::spec::{self, Wishes};
 use crate::sweep::gsa::{chunks, selection};
 use crate::sweep::{SweepError, folder};
 
-/// Which of the cell's parameters matter: Sobol indices of its biomarkers, as in Jung et al. 2022, or of a patient's organ
+/// Rank the cell's parameters by Sobol indices of its biomarkers, as in Jung et al. 2022, or of a
+/// patient's organ
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The defaults of the cell are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
-                  goes on where it stopped; more --samples extend a sweep without repeating any. Ctrl-C as in `run`."
+    after_help = "The defaults of the cell are those of the paper: 1024 blocks of 44 samples over \
+                  17 Land and 4 Rice parameters. The same command continues an interrupted sweep, \
+                  and with more --samples it extends a sweep without repeating any. Ctrl-C works as \
+                  in `run`."
 )]
 pub struct GsaArgs {
-    /// Folder of the sweep, made if absent [default: gsa, or gsa-PATIENT with --organ]
+    /// Folder of the sweep, created if absent [default: gsa, or gsa-PATIENT with --organ]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Patient whose reduced ventricle is simulated with each cell: indices of the organ's seven biomarkers
+    /// Simulate this patient's reduced ventricle with each cell, for indices of the organ's seven
+    /// biomarkers
     #[arg(long, value_name = "PATIENT", conflicts_with_all = ["cycle_length_ms", "lambda_0", "tolerance"])]
     organ: Option<String>,
-    /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or `paper`, Table A5's
+    /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or
+    /// `paper`, those of Table A5
     #[arg(
         long,
         value_name = "BOX",
@@ -58,31 +63,33 @@ pub struct GsaArgs {
     /// Folder of the patient's run [default: COHORT/run]
     #[arg(long, value_name = "DIR", requires = "organ")]
     run_dir: Option<PathBuf>,
-    /// Base points N, best a power of two; each gives 2D + 2 samples [default: 1024]
+    /// Number of base points, best a power of two; each gives 2D + 2 samples for D parameters
+    /// [default: 1024]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
-    /// Seed of bootstrap and scrambling [default: 1]
+    /// Seed of the bootstrap and the scrambling [default: 1]
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
-    /// Scrambled Sobol points instead of plain ones
+    /// Use scrambled Sobol points instead of plain ones
     #[arg(long)]
     scramble: bool,
-    /// Blocks that a task computes; changes no result [default: 64, 32 with --organ]
+    /// Number of blocks per task, which does not affect results [default: 64, 32 with --organ]
     #[arg(long, value_name = "N")]
     chunk_blocks: Option<u32>,
-    /// Bootstrap resamples for the intervals [default: 1000]
+    /// Number of bootstrap resamples for the intervals [default: 1000]
     #[arg(long, value_name = "N")]
     resamples: Option<u32>,
-    /// Probability that an interval covers [default: 0.95]
+    /// Coverage probability of the intervals [default: 0.95]
     #[arg(long, value_name = "P")]
     confidence: Option<f64>,
-    /// Another interval of a parameter, or a further parameter (may be given several times)
+    /// Change the interval of a swept parameter, or sweep a further parameter (may be given several
+    /// times)
     #[arg(long, value_name = "NAME=LOWER,UPPER", value_parser = bounds)]
     bounds: Vec<(String, [f64; 2])>,
-    /// Value of a parameter that is not swept; one of the swept leaves the design (may be given several times)
+    /// Fix a parameter at a value; a swept parameter leaves the design (may be given several times)
     #[arg(long, value_name = "NAME=VALUE", value_parser = value)]
     set: Vec<(String, f64)>,
-    /// Cycle length [default: 1000]
+    /// Cycle length in ms [default: 1000]
     #[arg(long, value_name = "MS")]
     cycle_length_ms: Option<f64>,
     /// Initial stretch [default: 1.1]
@@ -91,18 +98,19 @@ pub struct GsaArgs {
     /// Tolerance of the cell engine [default: 1e-4]
     #[arg(long, value_name = "TOLERANCE")]
     tolerance: Option<f64>,
-    /// Write settings with the N most influential parameters: step 2's, or step 3's of an organ
+    /// Write settings that fit the N most influential parameters: of step 2, or of step 3 for an
+    /// organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: u32,
     #[command(flatten)]
     cluster: OnCluster,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
 }
@@ -130,7 +138,7 @@ fn value(text: &str) -> Result<(String, f64), String> {
 fn number(text: &str) -> Result<f64, String> {
     text.trim()
         .parse()
-        .map_err(|_| format!("`{text}` is no number"))
+        .map_err(|_| format!("`{text}` is not a number"))
 }
 
 impl GsaArgs {
@@ -189,7 +197,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         .select
         .is_some_and(|n| !(1..=n_parameters).contains(&n))
     {
-        let expected = format!("1 to {n_parameters}, the parameters swept");
+        let expected = format!("1 to {n_parameters}, the number of swept parameters");
         let found = args.select.unwrap_or_default().to_string();
         return Err(SweepError::Setting {
             name: "--select".into(),
@@ -383,12 +391,14 @@ fn hints(args: &GsaArgs, summary: &RunSummary, talk: &Talk) {
     let out = args.out();
     let folder = out.display();
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost");
-        talk.hint(&format!("`cardiotwin sweep gsa --out {folder}` goes on"));
+        talk.say("stopped; no finished result is lost");
+        talk.hint(&format!(
+            "continue with `cardiotwin sweep gsa --out {folder}`"
+        ));
     } else if summary.failed > 0 {
         talk.hint(&format!(
-            "`cardiotwin sweep status {folder}` names the failures; `cardiotwin retry --failed --cohort {folder}` opens \
-             them for another try"
+            "`cardiotwin sweep status {folder}` lists the failures; `cardiotwin retry --failed \
+             --cohort {folder}` retries them"
         ));
     }
 }
@@ -402,7 +412,7 @@ mod tests {
         assert_eq!(bounds("n_Tm=3,7.5"), Ok(("n_Tm".into(), [3.0, 7.5])));
         assert_eq!(value("phi=-1e-3"), Ok(("phi".into(), -1e-3)));
         assert_eq!(bounds("n_Tm=3"), Err("expected NAME=LOWER,UPPER".into()));
-        assert_eq!(bounds("n_Tm=3,x"), Err("`x` is no number".into()));
+        assert_eq!(bounds("n_Tm=3,x"), Err("`x` is not a number".into()));
         assert_eq!(value("phi"), Err("expected NAME=VALUE".into()));
     }
 }

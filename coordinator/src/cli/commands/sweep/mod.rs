@@ -20,7 +20,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Sweep over parameters: sensitivity analysis, robustness of personalisations
+/// Run and show parameter sweeps: sensitivity analysis and robustness of personalisations
 #[derive(Debug, Args)]
 pub struct SweepArgs {
     #[command(subcommand)]

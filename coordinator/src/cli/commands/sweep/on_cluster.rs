@@ -9,13 +9,15 @@ use crate::engine::RunSummary;
 /// Options of sweeps that run on a cluster.
 #[derive(Debug, Clone, Args)]
 pub struct OnCluster {
-    /// Run as jobs of a cluster: site profile archer2, generic, or a file (executor.slurm.site)
+    /// Run as jobs on a cluster with this site profile: archer2, generic, or a file
+    /// (executor.slurm.site)
     #[arg(long, value_name = "SITE")]
     slurm: Option<String>,
-    /// Account that is charged there (executor.slurm.account)
+    /// Account that the jobs are charged to (executor.slurm.account)
     #[arg(long, value_name = "NAME", requires = "slurm")]
     account: Option<String>,
-    /// On a cluster: stay until everything is over; else this is one tick, and the same command is the next
+    /// On a cluster, keep advancing until all jobs are finished, instead of one tick per call of
+    /// the command
     #[arg(long)]
     pub watch: bool,
 }
@@ -34,7 +36,7 @@ impl OnCluster {
 /// Prints how many members are over, and that jobs still wait or run.
 pub fn tell(summary: &RunSummary, members: &str, talk: &Talk) {
     talk.say(&format!(
-        "{} of {} {members} are over, {} jobs wait or run; the same command goes on",
+        "{} of {} {members} finished, {} jobs pending or running; the same command continues",
         summary.done + summary.failed + summary.cancelled,
         summary.patients,
         summary.jobs,

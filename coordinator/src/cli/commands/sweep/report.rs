@@ -13,16 +13,17 @@ use crate::cli::talk::Talk;
 use crate::sweep::folder;
 use crate::sweep::gsa::selection;
 
-/// Write tables, figure and page of what is complete so far
+/// Write tables, figure and page from the part of a sweep that is complete
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     /// Folder of the sweep
     #[arg(value_name = "DIR", default_value = "gsa")]
     folder: PathBuf,
-    /// Use the first N blocks only
+    /// Use only the first N blocks
     #[arg(long, value_name = "N")]
     blocks: Option<u32>,
-    /// Write settings with the N most influential parameters: step 2's, or step 3's of an organ
+    /// Write settings that fit the N most influential parameters: of step 2, or of step 3 for an
+    /// organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
 }

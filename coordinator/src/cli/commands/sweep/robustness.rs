@@ -41,32 +41,36 @@ const TO_THE_END: [&str; 3] = [
     "step1.stall_iterations=6",
 ];
 
-/// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
+/// Personalise with perturbed data or initial guesses, and tabulate the spread of results (Tables 3
+/// to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it. Over data, step 1 stops at the first iterate \
-                  within the tolerance, as in the paper. Over guesses it goes on until six iterations in a row gain \
-                  nothing, at most 30: else the guess decides where it stops. --set step1.stop=first-converged or \
-                  best-of-limit is for either."
+    after_help = "The same command continues an interrupted sweep without recomputing finished \
+                  members. The folder is a run: `status`, `show`, `logs` and `cancel` work on it. \
+                  For data, step 1 stops at the first iterate within the tolerance, as in the \
+                  paper. For guesses it continues until six iterations in a row bring no \
+                  improvement, at most 30, since the guess would otherwise decide where it stops. \
+                  --set step1.stop=first-converged or best-of-limit overrides either."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
     #[arg(value_name = "COHORT", default_value = ".")]
     cohort: PathBuf,
-    /// What is varied: the measured biomarkers, or the initial guesses of both steps
+    /// Inputs to vary: the measured biomarkers, or the initial guesses of both steps
     #[arg(long, value_name = "data|guess", value_enum)]
     kind: Kind,
-    /// Whose personalisation (may be given several times), or `all` [default: all]
+    /// Patient to personalise (may be given several times), or `all` [default: all]
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Samples of the Latin hypercube [default: 10 for data, 5 for guess, as in the paper]
+    /// Number of samples of the Latin hypercube [default: 10 for data, 5 for guess, as in the
+    /// paper]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     samples: Option<u32>,
-    /// Members that differ in step 2's seed alone [default: 0 for data, 5 for guess]
+    /// Number of members that differ only in step 2's seed [default: 0 for data, 5 for guess]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=100_000))]
     seeds: Option<u32>,
-    /// Half-width of the hypercube as a share of each value [default: 0.1 for data, 0.5 for guess]
+    /// Half-width of the hypercube as a fraction of each value [default: 0.1 for data, 0.5 for
+    /// guess]
     #[arg(long, value_name = "SHARE")]
     range: Option<f64>,
     /// Seed of the hypercube [default: 1]
@@ -75,21 +79,21 @@ pub struct RobustnessArgs {
     /// Folder of the sweep [default: COHORT/sweeps/robustness-KIND]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Workers at once; 0 is one for each core
+    /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
-    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    /// Override a setting of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Make the tables of what is there, and run nothing
+    /// Write the tables of finished members without running any
     #[arg(long)]
     results_only: bool,
     #[command(flatten)]
     cluster: OnCluster,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
 }
@@ -175,7 +179,7 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
         None => Ok(None),
         Some(SweepSpec::Robustness(spec)) if spec.over == over => Ok(Some(*spec)),
         Some(other) => {
-            let changes = format!("it is a sweep of {}", described(&other));
+            let changes = format!("it holds a sweep of {}", described(&other));
             Err(SweepError::Changed {
                 path: out.to_owned(),
                 changes,
@@ -262,7 +266,7 @@ fn specification(
         seed: args.seed.or(before.map(|s| s.seed)).unwrap_or(1),
     };
     if !(spec.range > 0.0 && spec.range < 1.0) {
-        let expected = "a share above 0 and below 1, for example 0.1 for ±10 %".to_owned();
+        let expected = "a fraction above 0 and below 1, for example 0.1 for ±10 %".to_owned();
         return Err(SweepError::Setting {
             name: "--range".into(),
             found: spec.range.to_string(),
@@ -295,7 +299,7 @@ fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
     let mut changes = Vec::new();
     let mut compare = |name: &str, before: String, now: String| {
         if before != now {
-            changes.push(format!("{name} {before} then, {now} now"));
+            changes.push(format!("{name} was {before}, now {now}"));
         }
     };
     compare(
@@ -384,7 +388,7 @@ pub(super) fn write(
 fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
     let failed = summary.failed + summary.cancelled;
     talk.say(&format!(
-        "{} in {}: {} done, {failed} failed or cancelled, {} not over; {} published",
+        "{} in {}: {} done, {failed} failed or cancelled, {} unfinished; {} published",
         count(summary.patients, "personalisation"),
         duration(began.elapsed().as_secs_f64()),
         summary.done,
@@ -395,7 +399,7 @@ fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
         ),
     ));
     if summary.stopped {
-        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        talk.say("stopped; no finished result is lost, and the same command continues");
         return Exit::Interrupted;
     }
     if failed > 0 { Exit::Problems } else { Exit::Ok }

@@ -20,14 +20,14 @@ fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) 
     let range = (1e4 * result.spec.range).round() / 100.0;
     let mut text = format!("{}  {} ±{range} %, {n}\n", patient.patient, over.word());
     if patient.tables.is_empty() {
-        text += "no tables before the original and a sample have a result\n";
+        text += "no tables until the original and a sample have a result\n";
     }
     for table in &patient.tables {
         text += &format!("\n{} (Table {})\n", table.table.word(), table.paper_table);
         text += &spreads(&table.quantities, talk);
     }
     for table in &patient.seed_tables {
-        text += &format!("\n{}, by step 2's seed alone\n", table.table.word());
+        text += &format!("\n{}, with only step 2's seed varied\n", table.table.word());
         text += &spreads(&table.quantities, talk);
     }
     if over == Uncertainty::Data && !patient.target_errors.is_empty() {
@@ -134,7 +134,7 @@ fn conditions(conditions: &[Condition], talk: &Talk) -> String {
             None => ("open  ", Tone::Quiet),
         };
         format!(
-            "{}  {}: {} (asked: {})\n",
+            "{}  {}: {} (required: {})\n",
             paint(talk.colour_out, tone, word),
             c.name,
             c.found,

@@ -184,8 +184,10 @@ pub fn remarks(record: &SensitivityRecord) -> String {
         ""
     };
     format!(
-        "± half of the {level} % interval; RANKS: the same of the rank; FIRST 9: share of the resamples\n\
-         {partial}{} of {} blocks, {} samples: {} physiological, {} excluded{by}, {} failed; {} not periodic\n\
+        "± half of the {level} % interval; RANKS: the {level} % interval of the rank; FIRST 9: \
+         fraction of the resamples\n\
+         {partial}{} of {} blocks, {} samples: {} physiological, {} excluded{by}, {} failed; {} not \
+         periodic\n\
          first-order indices explain {:.0} % of the variance on average, interactions the rest\n\
          {of_paper} of the paper's nine are among the first nine\n",
         record.n_blocks,

@@ -13,22 +13,22 @@ use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 use crate::sweep::folder;
 
-/// Show what the finished part of a sweep says: indices, or the tables of robustness
+/// Show results of the finished part of a sweep: indices, or the tables of robustness
 #[derive(Debug, Args)]
 pub struct ShowArgs {
     /// Folder of the sweep
     #[arg(value_name = "DIR", default_value = "gsa")]
     folder: PathBuf,
-    /// Which indices: first-order or total
+    /// Order of the indices: first-order or total
     #[arg(long, value_name = "ORDER", value_enum, hide_possible_values = true, default_value_t = Order::Total)]
     order: Order,
     /// Show the N largest second-order indices of each biomarker instead
     #[arg(long, value_name = "N")]
     pairs: Option<usize>,
-    /// Use the first N blocks only
+    /// Use only the first N blocks
     #[arg(long, value_name = "N")]
     blocks: Option<u32>,
-    /// JSON instead of a table (schema: sensitivity.schema.json, robustness.schema.json)
+    /// Print JSON instead of a table (schema: sensitivity.schema.json, robustness.schema.json)
     #[arg(long)]
     json: bool,
 }

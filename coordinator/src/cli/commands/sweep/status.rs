@@ -17,13 +17,13 @@ use crate::engine::Reader;
 use crate::sweep::folder;
 use crate::sweep::gsa::{chunks, spec};
 
-/// Show how far a sweep is
+/// Show the progress of a sweep
 #[derive(Debug, Args)]
 pub struct StatusArgs {
     /// Folder of the sweep
     #[arg(value_name = "DIR", default_value = "gsa")]
     folder: PathBuf,
-    /// JSON instead of text
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }

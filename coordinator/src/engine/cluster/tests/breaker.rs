@@ -58,7 +58,7 @@ async fn a_scheduler_that_does_not_answer_is_left_alone() {
     let first = report().await;
     let told = first.no_answer.unwrap_or_default();
     assert!(
-        told.contains("left alone until") && told.contains("after 3 commands without an answer"),
+        told.contains("no commands until") && told.contains("after 3 commands without an answer"),
         "{told}"
     );
     lab.pass(3600);

@@ -63,7 +63,7 @@ async fn while_accounting_lags_nobody_is_blamed() {
     let note = lab.reader().await.status().await.unwrap().patients[0]
         .note
         .clone();
-    assert!(note.contains("nobody says by whom"), "{note}");
+    assert!(note.contains("not yet by whom"), "{note}");
     lab.pass(10);
     let summary = lab.tick().await;
     assert_eq!((summary.cancelled, summary.jobs), (1, 0));
