@@ -18,7 +18,7 @@ pub struct Place {
     pub run_dir: Option<PathBuf>,
 }
 
-/// A cohort or run beside a patient, who is the first argument.
+/// A cohort or run, for a command whose first argument is a patient.
 #[derive(Debug, Clone, Args)]
 pub struct OfCohort {
     /// Folder of the cohort (with cohort.toml) or of the run (with cardiotwin.db)

@@ -142,14 +142,14 @@ async fn tell_one(
             json.clone()
         };
         let how = match run_limited(&command, &input, limit).await {
-            CommandEnd::Code(0) => "ended well".to_owned(),
+            CommandEnd::Code(0) => "succeeded".to_owned(),
             CommandEnd::Code(code) => format!("ended with {code}"),
             CommandEnd::Signal => "was killed".to_owned(),
             CommandEnd::TimedOut => format!("was killed after {} s", settings.time_limit_s),
             CommandEnd::NotStarted(why) => format!("could not be started: {why}"),
         };
         write_synced(&folder.join(format!("ended-{name}")), &how)?;
-        if how != "ended well" {
+        if how != "succeeded" {
             let event = folder
                 .file_name()
                 .unwrap_or_default()

@@ -135,7 +135,7 @@ mod tests {
         assert_eq!(wrong(&bad).unwrap(), "corner 3 of 3");
         bad = good.clone();
         bad.states[1].lambda.pop();
-        assert!(wrong(&bad).unwrap().contains("other than 3"));
+        assert!(wrong(&bad).unwrap().contains("does not have 3"));
         bad = good.clone();
         bad.schema_version += 1;
         assert!(wrong(&bad).is_some());

@@ -239,7 +239,7 @@ async fn readers_see_commits_while_the_writer_is_at_work() {
         .await
         .unwrap_err();
     assert!(
-        error.to_string().contains("known are P1, P2, P3"),
+        error.to_string().contains("known patients: P1, P2, P3"),
         "{error}"
     );
 }

@@ -21,7 +21,7 @@ use crate::engine::{self, RunOptions, RunSummary, StopSignal};
 pub struct AdvanceArgs {
     #[command(flatten)]
     place: Place,
-    /// Override a setting of all files (may be given several times)
+    /// Set KEY to VALUE, overriding all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Path of the worker's executable [default: cardiotwin-worker beside this program]

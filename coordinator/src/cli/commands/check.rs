@@ -18,7 +18,7 @@ pub struct CheckArgs {
     /// Check only this patient (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
-    /// Override a setting of all files, as in `run`
+    /// Set KEY to VALUE, overriding all files, as in `run`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Exit with 1 for warnings, too

@@ -36,7 +36,7 @@ struct ShowArgs {
     /// Show the settings of this patient, including its own layer and those that `rerun` stored
     #[arg(long, value_name = "PATIENT")]
     patient: Option<String>,
-    /// Override a setting of all files, as in `run`
+    /// Set KEY to VALUE, overriding all files, as in `run`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Print one JSON object instead of a table

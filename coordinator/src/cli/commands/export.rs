@@ -44,13 +44,13 @@ pub struct ExportArgs {
     /// Write a crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
     #[arg(long)]
     ro_crate: bool,
-    /// Put the measured traces themselves into the crate, not only their hashes
+    /// With --ro-crate, include the measured traces themselves, not only their hashes
     #[arg(long, requires = "ro_crate")]
     with_inputs: bool,
-    /// Licence of the crate
+    /// With --ro-crate, address of the crate's licence
     #[arg(long, value_name = "URL", requires = "ro_crate")]
     license: Option<String>,
-    /// Author of the crate
+    /// With --ro-crate, name of the crate's author
     #[arg(long, value_name = "NAME", requires = "ro_crate")]
     author: Option<String>,
     /// Print one JSON object instead of a list of files

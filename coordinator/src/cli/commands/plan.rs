@@ -18,7 +18,7 @@ use crate::engine::{self, PlannedRun};
 pub struct PlanArgs {
     #[command(flatten)]
     place: Place,
-    /// Override a setting of all files (may be given several times)
+    /// Set KEY to VALUE, overriding all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Print the batch scripts instead, exact except for names, which are made at submission

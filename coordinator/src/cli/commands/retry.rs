@@ -22,7 +22,7 @@ pub struct RetryArgs {
     /// Retry all failed patients
     #[arg(long)]
     failed: bool,
-    /// Retry only failures of this class
+    /// With --failed, retry only failures of this class
     #[arg(long, value_name = "CLASS", requires = "failed", value_parser = CLASSES)]
     class: Option<String>,
     #[command(flatten)]

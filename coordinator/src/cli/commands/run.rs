@@ -60,7 +60,7 @@ pub struct RunArgs {
     /// simulation (executor.vtu_every_ms)
     #[arg(long, value_name = "MS")]
     vtu_every: Option<f64>,
-    /// Override a setting of all files (may be given several times); `config show` lists the keys
+    /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Executor of the tasks (executor.kind)

@@ -99,9 +99,9 @@ fn limits(queue: &Queue) -> String {
     for (what, limit) in [
         ("jobs queued", queue.max_queued),
         ("running", queue.max_running),
-        ("nodes a job", queue.max_nodes_per_job),
-        ("nodes of a user", queue.max_nodes_per_user),
-        ("cores of a user", queue.max_cores_per_user),
+        ("nodes per job", queue.max_nodes_per_job),
+        ("nodes per user", queue.max_nodes_per_user),
+        ("cores per user", queue.max_cores_per_user),
     ] {
         words.extend(limit.map(|limit| format!("{limit} {what}")));
     }

@@ -395,7 +395,7 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     assert!(
         failure
             .message
-            .contains("still no whole beat, aortic valve opened and closed"),
+            .contains("iterations, aortic valve opened and closed"),
         "{}",
         failure.message
     );

@@ -131,7 +131,7 @@ pub fn summary(found: &Discovered) -> String {
             text.push('.');
         } else {
             text.push_str(&format!(
-                "; these would: {}.",
+                "; these measurements would decide: {}.",
                 found.deciding_measurement.join("; ")
             ));
         }
@@ -215,14 +215,14 @@ mod tests {
             "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
             "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
             "from 1.61 to 0.94 times the noise, and on held-out data from 1.72 to 1.10",
-            "cannot tell it from passive stiffening; these would: atrial or wedge pressure.",
+            "cannot distinguish it from passive stiffening; these measurements would decide: atrial or wedge pressure.",
         ] {
             assert!(text.contains(part), "{part} is not in {text}");
         }
         let artefact = finding(vec![effect("pressure_offset", 30.0, true)], 1);
         assert!(
             summary(&artefact)
-                .contains("corrected in the data, not in the heart: pressure offset.")
+                .contains("Correct this in the data, not in the heart: pressure offset.")
         );
         assert!(summary(&nothing()).starts_with("Nothing is missing"));
         let text = summary(&unexplained());

@@ -72,7 +72,7 @@ mod tests {
         assert_eq!(found["stent"].patients, None);
         let wrong = said("[stent]\nset = [\"P_max_mmHg=1\"]\n").unwrap_err();
         assert!(
-            wrong.contains("[stent] P_max_mmHg: comes out of a beat"),
+            wrong.contains("[stent] P_max_mmHg: is a result of the beat"),
             "{wrong}"
         );
         assert!(said("[stent]\nsets = []\n").unwrap_err().contains("sets"));

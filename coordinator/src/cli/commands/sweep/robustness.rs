@@ -82,7 +82,7 @@ pub struct RobustnessArgs {
     /// Number of workers at a time; 0 is one per core
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
-    /// Override a setting of all files (may be given several times); `config show` lists the keys
+    /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Write the tables of finished members without running any

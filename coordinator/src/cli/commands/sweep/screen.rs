@@ -12,7 +12,7 @@ use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, Tone, count};
 use crate::engine::RunSummary;
 
-/// Which indices stand in the biomarkers' columns.
+/// Order of the indices in the biomarkers' columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Order {
     /// First-order indices S1.
