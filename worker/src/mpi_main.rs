@@ -20,8 +20,8 @@ use tracing::Level;
 
 /// Does one task of a cardiotwin run on MPI ranks: `mpirun -n 4 cardiotwin-worker-mpi simulate --ranks 4 …`
 ///
-/// Exit codes: 1 nothing was published, 3 the attempt was claimed before, 4 it was revoked, 5 other ranks than were asked
-/// for, 6 a rank failed and ended all.
+/// Exit codes: 1 nothing was published, 3 another worker had claimed the attempt, 4 the attempt was revoked, 5 the number of
+/// ranks was not the required one, 6 a rank failed and ended all ranks.
 #[derive(Parser)]
 #[command(name = "cardiotwin-worker-mpi", version = VERSION_TEXT)]
 struct Cli {
@@ -54,7 +54,7 @@ struct RunArgs {
     directory: PathBuf,
     #[command(flatten)]
     ranks: Ranks,
-    /// Do not repeat progress on stderr
+    /// Print no progress on stderr
     #[arg(long)]
     quiet: bool,
 }
@@ -63,19 +63,19 @@ struct RunArgs {
 struct SimulateArgs {
     /// File with a task's specification in JSON
     spec: PathBuf,
-    /// Directory for traces; made if it does not exist
+    /// Directory for traces, created if it does not exist
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
     ranks: Ranks,
-    /// Simulated ms between frames of a series of VTU files, one file a frame gathered on rank 0, in OUT/vtu; 0 for none
+    /// Simulated time between VTU files in OUT/vtu, ms; 0 for no files. Rank 0 gathers and writes them
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     vtu_every: f64,
-    /// Simulated ms between two checkpoints in OUT/checkpoint, which any number of ranks or threads can go on from;
-    /// 0 for none
+    /// Simulated time between checkpoints in OUT/checkpoint, ms; 0 for none. Any number of ranks or threads can continue from
+    /// a checkpoint
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     checkpoint_every: f64,
-    /// Go on from the checkpoint in this directory
+    /// Continue from the checkpoint in this directory
     #[arg(long, value_name = "DIR")]
     restart: Option<PathBuf>,
 }

@@ -24,15 +24,14 @@ const EXIT_RANKS: u8 = 5;
 /// Ranks that a program is to have, and the parts of the mesh that they share.
 #[derive(Debug, Args)]
 pub struct Ranks {
-    /// Ranks that there must be; the default is what the environment says (CARDIOTWIN_RANKS), then, with `run`, what
-    /// spec.json says (`threads`)
+    /// Required number of ranks [default: CARDIOTWIN_RANKS, else with `run` the `threads` of spec.json]
     #[arg(long, value_name = "N")]
     ranks: Option<usize>,
-    /// Parts of the mesh, a multiple of the ranks: each computes several, on threads. They own the order of sums, so that a
-    /// beat is the same to the bit on any number of ranks and, with as many, on threads; without, a part a rank
+    /// Number of parts of the mesh, a multiple of the number of ranks [default: one part per rank]. Each rank computes its
+    /// parts on threads. Sums follow the parts, so a beat is the same to the bit on any number of ranks and on as many threads
     #[arg(long, value_name = "S")]
     subdomains: Option<usize>,
-    /// A rank that waits for another for so long ends all
+    /// Time that a rank waits for another before it ends all ranks
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0)]
     patience: f64,
 }
@@ -250,7 +249,7 @@ fn expected(
         }
         (None, None) => said_by_work()?.with_context(|| {
             format!(
-                "say with --ranks N (or CARDIOTWIN_RANKS) how many ranks there must be; found {found}"
+                "give the required number of ranks with --ranks N or CARDIOTWIN_RANKS; found {found}"
             )
         })?,
     };

@@ -49,10 +49,9 @@ impl Exclusion {
 ///
 /// - `values`: shape (rows, outputs), row by row
 /// - `samples`: status of each row
-/// [`SobolError`] if values and samples do not match, or no sample is physiological.
 ///
 /// # Errors
-/// [`SobolError`] when values and samples do not fit, or no sample is physiological.
+/// [`SobolError`] if values and samples do not match, or no sample is physiological.
 pub fn replace_excluded(
     values: &[f64],
     n_outputs: usize,
