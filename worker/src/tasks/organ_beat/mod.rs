@@ -370,7 +370,7 @@ fn organ_beat_result(
 
 /// Biomarkers of simulated traces, resampled like measured ones. Traces wrap around only if a cycle
 /// length is given.
-pub(crate) fn simulated_biomarkers(
+pub fn simulated_biomarkers(
     traces: &BeatTraces,
     cycle_length_ms: Option<f64>,
 ) -> Result<BiomarkerSet, TaskError> {
