@@ -6,7 +6,6 @@
 pub mod attempt;
 pub mod bench;
 pub mod benchmark;
-pub mod biomarkers;
 pub mod calcium;
 pub mod cell_parameters;
 pub mod checkpoint;
