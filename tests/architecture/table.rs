@@ -35,7 +35,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "signals",
-        may: &["units"],
+        may: &["vocabulary", "units"],
         why: "a trace knows no model, so measured and simulated ones are treated alike",
     },
     Rule {
@@ -61,12 +61,12 @@ pub const CRATES: &[Rule] = &[
     Rule {
         who: "models",
         may: &["vocabulary", "units", "signals", "vector-math"],
-        why: "models know no task, queue or file of a patient; vocabulary only in tests, which hold both tables together",
+        why: "models know no task, queue or file of a patient",
     },
     Rule {
         who: "cell-engine",
-        may: &["units", "vector-math", "models"],
-        why: "the kernels know neither organ nor task; models only in its tests, as an independent cell",
+        may: &["vocabulary", "units", "vector-math", "models"],
+        why: "the kernels know neither organ nor task; the equations, the tableau and the defaults are those of models; units only in tests",
     },
     Rule {
         who: "mechanics",

@@ -11,9 +11,6 @@ use cardiotwin_schemas::organ::CELL_PARAMETERS;
 
 use crate::error::TaskError;
 
-/// Position of `a_p_kPa`.
-const PASSIVE_SCALE: usize = N_PARAMETERS - 1;
-
 /// A cell whose parameters are accessed by name: contraction (Land), passive stress and calcium.
 /// All have their default values until they are set.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,12 +37,8 @@ impl NamedCell {
     /// sensitivity analysis), at a cycle length \[ms\] and an initial stretch.
     #[must_use]
     pub fn new(cycle_length_ms: f64, lambda_0: f64) -> Self {
-        let mut values = DEFAULT_PARAMETERS;
-        // Table A3's 2.1 kPa describes isolated tissue. A cell in the organ's place would collapse
-        // with it.
-        values[PASSIVE_SCALE] = LandPassiveParameters::default().a_p_kpa;
         Self {
-            values,
+            values: DEFAULT_PARAMETERS,
             cycle_length_ms,
             lambda_0,
         }
@@ -79,62 +72,17 @@ impl NamedCell {
     /// Input of the scalar cell, from which the organ's contraction is also made.
     #[must_use]
     pub fn parameters(&self) -> CellParameters {
-        let [
-            k_trpn_per_ms,
-            n_trpn,
-            ca50_ref_um,
-            k_u_per_ms,
-            n_tm,
-            trpn50,
-            k_uw_per_ms,
-            k_ws_per_ms,
-            r_w,
-            r_s,
-            gamma_s_per_ms,
-            gamma_w_per_ms,
-            phi,
-            a_eff,
-            beta0,
-            beta1_um,
-            smax_ref_kpa,
-            ca_res_um,
-            ca_max_um,
-            tau_cr_ms,
-            tau_cd_ms,
-            a_p_kpa,
-        ] = self.values;
-        let mut cell = CellParameters::default();
-        cell.land = Land2017Parameters {
-            k_trpn_per_ms,
-            n_trpn,
-            ca50_ref_um,
-            k_u_per_ms,
-            n_tm,
-            trpn50,
-            k_uw_per_ms,
-            k_ws_per_ms,
-            r_w,
-            r_s,
-            gamma_s_per_ms,
-            gamma_w_per_ms,
-            phi,
-            a_eff,
-            beta0,
-            beta1_um,
-            smax_ref_kpa,
-            ..cell.land
-        };
-        cell.passive.a_p_kpa = a_p_kpa;
-        cell.calcium = CalciumInput::Rice(Rice2008Parameters {
-            ca_res_um,
-            ca_max_um,
-            tau_cr_ms,
-            tau_cd_ms,
-        });
+        let [active @ .., ca_res, ca_max, tau_cr, tau_cd, a_p_kpa] = self.values;
+        let calcium = Rice2008Parameters::from_values([ca_res, ca_max, tau_cr, tau_cd]);
         CellParameters {
+            land: Land2017Parameters::from_values(active),
+            passive: LandPassiveParameters {
+                a_p_kpa,
+                ..LandPassiveParameters::default()
+            },
+            calcium: CalciumInput::Rice(calcium),
             cycle_length_ms: self.cycle_length_ms,
             lambda0: self.lambda_0,
-            ..cell
         }
     }
 }
@@ -142,24 +90,6 @@ impl NamedCell {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_cell_engine::PARAMETER_NAMES;
-
-    #[test]
-    fn files_say_the_same_defaults() {
-        let cell = NamedCell::new(1000.0, 1.0);
-        for name in CELL_PARAMETERS {
-            assert_eq!(
-                cell.value(name).ok(),
-                cardiotwin_schemas::organ::cell_default(name),
-                "{name}"
-            );
-        }
-    }
-
-    #[test]
-    fn files_and_engine_have_the_same_names_in_the_same_order() {
-        assert_eq!(CELL_PARAMETERS, PARAMETER_NAMES);
-    }
 
     #[test]
     fn defaults_are_the_scalar_cells() {

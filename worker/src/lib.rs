@@ -5,7 +5,6 @@
 //! executes the task and publishes the outcome. [`tasks::run_task`] only executes the task.
 
 pub mod attempt;
-pub mod biomarkers;
 pub mod calcium;
 pub mod cell_parameters;
 pub mod checkpoint;

@@ -13,7 +13,7 @@ use cardiotwin_schemas::settings::StartMode;
 use cardiotwin_signals::image::is_before_end_diastole;
 use cardiotwin_signals::read::read_trace;
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Problem, Quantity, Trace, resample};
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Problem, Quantity, Trace, resample};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
@@ -224,17 +224,19 @@ fn imaged_volume(file: &PatientFile, folder: &Path, start: StartMode) -> Option<
     };
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
-    let of_traces = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic).ok();
+    let of_traces = BeatBiomarkers::of_samples(pressure.as_ref(), volume.as_ref(), periodic)
+        .ok()
+        .map(|beat| beat.values);
     let edv = given
         .edv_ml
         .map(Ml)
-        .or(of_traces.as_ref().and_then(|set| set.edv));
+        .or(of_traces.and_then(|set| set.edv_ml).map(Ml));
     let edv = edv.or(measured.end_diastolic_volume_ml.map(Ml));
     let edp = measured
         .end_diastolic_pressure_mmhg
         .or(given.edp_mmhg)
         .map(Mmhg);
-    let edp = edp.or(of_traces.as_ref().and_then(|set| set.edp));
+    let edp = edp.or(of_traces.and_then(|set| set.edp_mmhg).map(Mmhg));
     let Some(image) = &measured.diastasis else {
         return edv;
     };

@@ -1,86 +1,11 @@
 //! Calcium: Rice's transient, or samples that are the same for every cell.
 
+use cardiotwin_models::calcium::Rice2008Shape;
+
 use crate::input::InputProblem;
 
 /// Relative difference of Rice's rates below which their limit is taken: its error is then below 1e-9.
-const EQUAL_RATES: f64 = 1e-5;
-
-/// Rice's transient as e^(−slow t) [gap_scale (1 − e^(−gap t)) + limit_scale t], peak one.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct CalciumShape {
-    pub slow: f64,
-    pub gap: f64,
-    pub gap_scale: f64,
-    pub limit_scale: f64,
-    pub peak_ms: f64,
-}
-
-pub(crate) fn calcium_shape(tau_cr_ms: f64, tau_cd_ms: f64) -> CalciumShape {
-    let slow = 1.0 / tau_cr_ms.max(tau_cd_ms);
-    let gap = (tau_cr_ms - tau_cd_ms).abs() / (tau_cr_ms * tau_cd_ms);
-    let mean = slow + 0.5 * gap;
-    let ratio = 0.5 * gap / mean;
-    if ratio < EQUAL_RATES {
-        return CalciumShape {
-            slow: mean,
-            gap: 0.0,
-            gap_scale: 0.0,
-            limit_scale: mean * std::f64::consts::E,
-            peak_ms: 1.0 / mean,
-        };
-    }
-    let peak_ms = 2.0 * ratio.atanh() / gap;
-    let gap_scale = (slow * peak_ms).exp() / -(-gap * peak_ms).exp_m1();
-    CalciumShape {
-        slow,
-        gap,
-        gap_scale,
-        limit_scale: 0.0,
-        peak_ms,
-    }
-}
-
-impl CalciumShape {
-    /// Value between 0 and 1 at time `t` after activation.
-    pub fn at(&self, t: f64) -> f64 {
-        (-self.slow * t).exp() * (-self.gap_scale * (-self.gap * t).exp_m1() + self.limit_scale * t)
-    }
-
-    /// Time after activation at which the transient has decayed by `fraction` from its peak.
-    pub fn decay_time(&self, fraction: f64) -> f64 {
-        let level = 1.0 - fraction;
-        let (mut low, mut high) = (self.peak_ms, 2.0 * self.peak_ms);
-        while self.at(high) > level && high < 1e9 {
-            low = high;
-            high *= 2.0;
-        }
-        // Newton from the middle, kept inside the bracket that it narrows.
-        let mut t = 0.5 * (low + high);
-        for _ in 0..60 {
-            let (slow, fast) = ((-self.slow * t).exp(), (-self.gap * t).exp());
-            let inner = self.gap_scale * (1.0 - fast) + self.limit_scale * t;
-            let value = slow * inner - level;
-            let slope =
-                slow * (self.gap_scale * self.gap * fast + self.limit_scale - self.slow * inner);
-            if value > 0.0 {
-                low = t;
-            } else {
-                high = t;
-            }
-            let newton = t - value / slope;
-            let next = if newton > low && newton < high {
-                newton
-            } else {
-                0.5 * (low + high)
-            };
-            if (next - t).abs() <= 1e-12 * t {
-                return next;
-            }
-            t = next;
-        }
-        t
-    }
-}
+pub(crate) const EQUAL_RATES: f64 = 1e-5;
 
 /// A measured or simulated transient in the place of Rice's, the same for every cell: step 2's median trace. Samples at a
 /// constant interval from activation on, joined by cubic Hermite pieces with central-difference slopes, held at the ends.
@@ -180,7 +105,7 @@ impl SampledCalcium {
 
 #[derive(Debug, Clone, Copy)]
 enum Source<'a> {
-    Rice(CalciumShape),
+    Rice(Rice2008Shape),
     Samples(&'a SampledCalcium),
 }
 
@@ -200,8 +125,10 @@ pub(crate) struct Transient<'a> {
 impl Transient<'_> {
     /// Rice's transient; its durations are those of the analytic curve, not cut at the cycle's end.
     pub fn rice(rest: f64, peak: f64, tau_cr_ms: f64, tau_cd_ms: f64) -> Self {
-        let shape = calcium_shape(tau_cr_ms, tau_cd_ms);
-        let (ctd50_ms, ctd90_ms) = (shape.decay_time(0.5), shape.decay_time(0.9));
+        let shape = Rice2008Shape::new(tau_cr_ms, tau_cd_ms, EQUAL_RATES);
+        // Every checked pair of time constants has a decay; otherwise the durations stand out as not a number.
+        let decay = |fraction| shape.decay_time(fraction).map_or(f64::NAN, |time| time.0);
+        let (ctd50_ms, ctd90_ms) = (decay(0.5), decay(0.9));
         let source = Source::Rice(shape);
         Self {
             source,
@@ -216,7 +143,7 @@ impl Transient<'_> {
     /// Calcium \[µM\] at time `t` after activation.
     pub fn at(&self, t: f64) -> f64 {
         match self.source {
-            Source::Rice(shape) => self.rest + self.amplitude * shape.at(t),
+            Source::Rice(shape) => self.rest + self.amplitude * shape.value(t),
             Source::Samples(samples) => samples.at(t).0,
         }
     }

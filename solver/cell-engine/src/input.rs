@@ -2,43 +2,23 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::calcium::calcium_shape;
+use cardiotwin_models::calcium::Rice2008Shape;
+use cardiotwin_models::cell0d::{LandPassive, LandPassiveParameters};
+use cardiotwin_models::contraction::Land2017Parameters;
+use cardiotwin_models::contraction::land2017::Equations;
+use cardiotwin_vocabulary::cell::{CELL, CELL_DEFAULTS, CELL_PARAMETERS};
+
+use crate::calcium::EQUAL_RATES;
 use crate::lanes::lanes;
 
 /// Number of parameters of a cell: Land active (17), Rice calcium (4), passive scale.
-pub const N_PARAMETERS: usize = 22;
+pub const N_PARAMETERS: usize = CELL.len();
 
 /// Order, and units in files, of [`CellInput::parameters`].
-pub const PARAMETER_NAMES: [&str; N_PARAMETERS] = [
-    "k_TRPN_per_ms",
-    "n_TRPN",
-    "Ca50_ref_uM",
-    "k_U_per_ms",
-    "n_Tm",
-    "TRPN50",
-    "k_UW_per_ms",
-    "k_WS_per_ms",
-    "r_W",
-    "r_S",
-    "gamma_S_per_ms",
-    "gamma_W_per_ms",
-    "phi",
-    "A_eff",
-    "beta_0",
-    "beta_1_uM",
-    "Smax_ref_kPa",
-    "Ca_res_uM",
-    "Ca_max_uM",
-    "tau_CR_ms",
-    "tau_CD_ms",
-    "a_p_kPa",
-];
+pub const PARAMETER_NAMES: [&str; N_PARAMETERS] = CELL_PARAMETERS;
 
-/// Tables A2, A3 and A4 of Jung et al. 2022, in the order of [`PARAMETER_NAMES`].
-pub const DEFAULT_PARAMETERS: [f64; N_PARAMETERS] = [
-    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4,
-    120.0, 0.15, 0.6, 129.0, 128.0, 2.1,
-];
+/// Defaults in the order of [`PARAMETER_NAMES`].
+pub const DEFAULT_PARAMETERS: [f64; N_PARAMETERS] = CELL_DEFAULTS;
 
 /// Position of k_UW and the others that a check names.
 pub(crate) mod at {
@@ -57,7 +37,6 @@ pub(crate) mod at {
     pub const PHI: usize = 12;
     pub const A_EFF: usize = 13;
     pub const BETA_0: usize = 14;
-    pub const BETA_1: usize = 15;
     pub const SMAX: usize = 16;
     pub const CA_RES: usize = 17;
     pub const CA_MAX: usize = 18;
@@ -80,13 +59,20 @@ pub struct PassiveConstants {
 }
 
 impl Default for PassiveConstants {
-    /// Table A3.
+    /// Defaults of [`LandPassiveParameters`].
     fn default() -> Self {
+        let LandPassiveParameters {
+            a_p_kpa: _,
+            b,
+            k,
+            eta_l_ms,
+            eta_s_ms,
+        } = LandPassiveParameters::default();
         Self {
-            b: 9.1,
-            k: 7.0,
-            eta_l_ms: 200.0,
-            eta_s_ms: 20.0,
+            b,
+            k,
+            eta_l_ms,
+            eta_s_ms,
         }
     }
 }
@@ -166,13 +152,13 @@ lanes! {
         k_trpn,
         /// n_TRPN.
         n_trpn,
-        /// Ca50 at λ = 0: Ca50_ref − β1.
-        ca50_0,
+        /// Ca50_ref.
+        ca50_ref,
         /// β1.
         beta_1,
         /// k_U.
         k_u,
-        /// k_B · c^(n_Tm/2).
+        /// k_B.
         k_b,
         /// n_Tm / 2.
         half_n_tm,
@@ -214,6 +200,8 @@ lanes! {
         a_p,
         /// Exponent b of the passive model.
         b,
+        /// Ratio k of the serial spring to the parallel one.
+        k,
         /// a_p · k.
         a_p_k,
         /// k / η_l.
@@ -348,47 +336,64 @@ impl CellInput {
     pub(crate) fn constants(&self, negative_kwu: NegativeKwu) -> Result<Constants, InputProblem> {
         self.check()?;
         let p = &self.parameters;
-        let (r_w, r_s, k_uw, k_ws) = (p[at::R_W], p[at::R_S], p[at::K_UW], p[at::K_WS]);
-        let k_wu = k_uw * (1.0 / r_w - 1.0) - k_ws;
-        if k_wu < 0.0 && negative_kwu == NegativeKwu::Refuse {
-            return Err(InputProblem::NegativeKwu { value_per_ms: k_wu });
+        let [active @ .., _, _, _, _, a_p_kpa] = *p;
+        let land = Equations::new(&Land2017Parameters::from_values(active));
+        let PassiveConstants {
+            b,
+            k,
+            eta_l_ms,
+            eta_s_ms,
+        } = self.passive;
+        let passive = LandPassive::new(&LandPassiveParameters {
+            a_p_kpa,
+            b,
+            k,
+            eta_l_ms,
+            eta_s_ms,
+        });
+        if land.k_wu < 0.0 && negative_kwu == NegativeKwu::Refuse {
+            return Err(InputProblem::NegativeKwu {
+                value_per_ms: land.k_wu,
+            });
         }
-        let ca50 = p[at::CA50] + p[at::BETA_1] * (self.lambda_0.min(1.2) - 1.0);
+        let ca50 = land.ca50(self.lambda_0);
         if ca50 <= 1e-6 {
             return Err(InputProblem::Ca50 { value_um: ca50 });
         }
-        let calcium = calcium_shape(p[at::TAU_CR], p[at::TAU_CD]);
-        let amplitude = p[at::CA_MAX] - p[at::CA_RES];
+        let calcium = Rice2008Shape::new(p[at::TAU_CR], p[at::TAU_CD], EQUAL_RATES);
+        let amplitude = (p[at::CA_MAX] - p[at::CA_RES]) * calcium.scale;
+        let is_limit = calcium.gap_per_ms == 0.0;
         Ok(Constants {
-            k_trpn: p[at::K_TRPN],
-            n_trpn: p[at::N_TRPN],
-            ca50_0: p[at::CA50] - p[at::BETA_1],
-            beta_1: p[at::BETA_1],
-            k_u: p[at::K_U],
-            k_b: p[at::K_U] * p[at::TRPN50].powf(p[at::N_TM]) / (1.0 - r_s - (1.0 - r_s) * r_w),
-            half_n_tm: 0.5 * p[at::N_TM],
-            k_uw,
-            k_ws,
-            k_wu,
-            k_su: k_ws * r_w * (1.0 / r_s - 1.0),
-            gamma_s: p[at::GAMMA_S],
-            gamma_w: p[at::GAMMA_W],
-            a: p[at::A_EFF] * r_s / ((1.0 - r_s) * r_w + r_s),
-            c_w: p[at::PHI] * k_uw * (1.0 - r_w) / r_w,
-            c_s: p[at::PHI] * k_ws * r_w * (1.0 - r_s) / r_s,
-            beta_0: p[at::BETA_0],
-            s_scale: p[at::SMAX] / r_s,
+            k_trpn: land.k_trpn,
+            n_trpn: land.n_trpn,
+            ca50_ref: land.ca50_ref,
+            beta_1: land.beta1,
+            k_u: land.k_u,
+            k_b: land.k_b,
+            half_n_tm: land.half_n_tm,
+            k_uw: land.k_uw,
+            k_ws: land.k_ws,
+            k_wu: land.k_wu,
+            k_su: land.k_su,
+            gamma_s: land.gamma_s,
+            gamma_w: land.gamma_w,
+            a: land.a,
+            c_w: land.c_w,
+            c_s: land.c_s,
+            beta_0: land.beta0,
+            s_scale: land.stress_scale,
             ca_res: p[at::CA_RES],
             ca_max: p[at::CA_MAX],
-            ca_gap_scale: amplitude * calcium.gap_scale,
-            ca_limit_scale: amplitude * calcium.limit_scale,
-            ca_slow: calcium.slow,
-            ca_gap: calcium.gap,
-            a_p: p[at::A_P],
-            b: self.passive.b,
-            a_p_k: p[at::A_P] * self.passive.k,
-            rate_l: self.passive.k / self.passive.eta_l_ms,
-            rate_s: self.passive.k / self.passive.eta_s_ms,
+            ca_gap_scale: if is_limit { 0.0 } else { amplitude },
+            ca_limit_scale: if is_limit { amplitude } else { 0.0 },
+            ca_slow: calcium.slow_per_ms,
+            ca_gap: calcium.gap_per_ms,
+            a_p: passive.a_p_kpa,
+            b: passive.b,
+            k: passive.k,
+            a_p_k: passive.a_p_kpa * passive.k,
+            rate_l: passive.rate_l_per_ms,
+            rate_s: passive.rate_s_per_ms,
             inv_lambda_0: 1.0 / self.lambda_0,
             lambda_0: self.lambda_0,
             cycle: self.cycle_length_ms,

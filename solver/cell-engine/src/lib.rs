@@ -26,7 +26,6 @@ mod periodic;
 mod schedule;
 mod start;
 mod step;
-mod tableau;
 mod trace;
 
 pub use biomarkers::{CellBiomarkers, Duration, Penalty};

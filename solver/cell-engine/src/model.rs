@@ -1,5 +1,8 @@
 //! The cell as an index-1 differential-algebraic system, for one lane and without branches.
 //!
+//! Rates and stresses are those of `cardiotwin_models`, evaluated in the numbers of vector code. The slopes and the
+//! elimination of the step's matrix are derived by hand; a test holds them to dual numbers of the same equations.
+//!
 //! States: CaTRPN, U = 1 − B − W − S (small numbers keep their digits so), W, S, z_W and z_S with ζ = z + A λ (so that the
 //! rate of λ drops out), C_V. The stretch λ is the root of Sa + S_p = 0. Only the term min(λ, 0.87) of h makes dλ/dt
 //! jump; its side is therefore fixed during a step (`low`), and steps end where λ crosses 0.87. The other kinks
@@ -7,13 +10,16 @@
 
 use crate::input::Constants;
 use crate::lanes::lanes;
-use cardiotwin_vector_math::{exp, fma, ln_ratios, max, min};
+use cardiotwin_models::cell0d::LandPassive;
+use cardiotwin_models::cell0d::passive::PassiveStress;
+use cardiotwin_models::contraction::land2017::equations::{
+    self, Equations, LAMBDA_CAP, LAMBDA_OVERLAP, LEAST_OCCUPANCY, Terms, pull,
+};
+use cardiotwin_vector_math::{Lane, fma, max, min};
 
 /// Stretch at which the slope of h jumps.
-pub const KINK: f64 = 0.87;
-/// Stretch above which neither h nor Ca50 changes.
-const LONGEST: f64 = 1.2;
-/// Floor of CaTRPN and of Ca50 inside powers: only a step that will be refused comes near it.
+pub const KINK: f64 = LAMBDA_OVERLAP;
+/// Floor of Ca50 inside powers: only a step that will be refused comes near it.
 const TINY: f64 = 1e-12;
 
 lanes! {
@@ -79,76 +85,139 @@ impl State {
     }
 }
 
-/// h(λ) and its slope, on the given side of the kink (`low` 1 or 0).
+impl Constants {
+    /// Constants of Land's active stress.
+    #[inline(always)]
+    pub fn land(&self) -> Equations {
+        Equations {
+            k_trpn: self.k_trpn,
+            n_trpn: self.n_trpn,
+            ca50_ref: self.ca50_ref,
+            beta1: self.beta_1,
+            k_u: self.k_u,
+            half_n_tm: self.half_n_tm,
+            k_uw: self.k_uw,
+            k_ws: self.k_ws,
+            gamma_s: self.gamma_s,
+            gamma_w: self.gamma_w,
+            beta0: self.beta_0,
+            k_wu: self.k_wu,
+            k_su: self.k_su,
+            k_b: self.k_b,
+            a: self.a,
+            c_w: self.c_w,
+            c_s: self.c_s,
+            stress_scale: self.s_scale,
+            cap_unblocking: false,
+        }
+    }
+
+    /// Constants of Land's passive element.
+    #[inline(always)]
+    pub fn passive(&self) -> LandPassive {
+        LandPassive {
+            a_p_kpa: self.a_p,
+            b: self.b,
+            k: self.k,
+            rate_l_per_ms: self.rate_l,
+            rate_s_per_ms: self.rate_s,
+        }
+    }
+
+    /// Ca50 at a stretch, above zero also where a step that will be refused comes.
+    #[inline(always)]
+    pub fn ca50<const FMA: bool>(&self, l: f64) -> f64 {
+        max(self.land().ca50(Lane::<FMA>(l)).0, TINY)
+    }
+}
+
+/// h(λ) on the given side of the kink (`low` 1 or 0).
 #[inline(always)]
-pub fn overlap<const FMA: bool>(p: &Constants, l: f64, low: f64) -> (f64, f64) {
-    let cut = min(l, LONGEST);
+pub fn overlap<const FMA: bool>(p: &Constants, l: f64, low: f64) -> f64 {
+    let cut = min(l, LAMBDA_CAP);
     let second = fma::<FMA>(low, cut - KINK, KINK);
-    let h = fma::<FMA>(p.beta_0, cut + second - 1.87, 1.0);
-    let slope = if l < LONGEST {
-        fma::<FMA>(p.beta_0, low, p.beta_0)
+    equations::overlap(Lane::<FMA>(p.beta_0), Lane(cut), Lane(second)).0
+}
+
+/// Its slope.
+#[inline(always)]
+fn overlap_slope<const FMA: bool>(p: &Constants, l: f64, low: f64, h: f64) -> f64 {
+    let slope = fma::<FMA>(p.beta_0, low, p.beta_0);
+    if l < LAMBDA_CAP && h > 0.0 {
+        slope
     } else {
         0.0
-    };
-    if h > 0.0 { (h, slope) } else { (0.0, 0.0) }
+    }
 }
 
-/// γ_SU and its derivative with respect to ζ_S.
+/// States of Land's equations, which have B in the place of U and ζ in the place of z.
 #[inline(always)]
-fn gamma_su(gamma_s: f64, zeta: f64) -> (f64, f64) {
-    let slope = if zeta > 0.0 { gamma_s } else { 0.0 };
-    let slope = if zeta < -1.0 { -gamma_s } else { slope };
-    let excess = if zeta < -1.0 { zeta + 1.0 } else { zeta };
-    (slope * excess, slope)
+fn land_state<const FMA: bool>(p: &Constants, x: &State) -> [Lane<FMA>; 6] {
+    [
+        Lane(x.c),
+        Lane(1.0 - x.u - x.w - x.s),
+        Lane(x.w),
+        Lane(x.s),
+        Lane(fma::<FMA>(p.a, x.l, x.z_w)),
+        Lane(fma::<FMA>(p.a, x.l, x.z_s)),
+    ]
 }
 
-/// Ca50 at a stretch.
-#[inline(always)]
-fn ca50<const FMA: bool>(p: &Constants, l: f64) -> f64 {
-    max(fma::<FMA>(p.beta_1, min(l, LONGEST), p.ca50_0), TINY)
+/// The equations' terms at a state.
+struct Point<const FMA: bool> {
+    /// States of Land's equations.
+    state: [Lane<FMA>; 6],
+    /// Terms of their rates.
+    terms: Terms<Lane<FMA>>,
+    /// Of the passive element.
+    passive: PassiveStress<Lane<FMA>>,
+    /// h(λ).
+    h: f64,
+}
+
+impl<const FMA: bool> Point<FMA> {
+    #[inline(always)]
+    fn at(p: &Constants, x: &State, ca: f64, low: f64) -> Self {
+        let state = land_state::<FMA>(p, x);
+        let ca50 = Lane(p.ca50::<FMA>(x.l));
+        let strain = fma::<FMA>(x.l, p.inv_lambda_0, -1.0);
+        Self {
+            state,
+            terms: p.land().terms_at(&state, Lane(x.u), Lane(ca), ca50),
+            passive: p.passive().stress(Lane(strain), Lane(x.v)),
+            h: overlap::<FMA>(p, x.l, low),
+        }
+    }
+
+    /// Rates of the seven states and the residual.
+    #[inline(always)]
+    fn rates(&self, p: &Constants) -> State {
+        let rates = p.land().rates_from(&self.state, &self.terms, Lane(0.0));
+        let [c, b, w, s, z_w, z_s] = rates.map(|rate| rate.0);
+        let stress = self.h * p.s_scale * pull(&self.state).0;
+        State {
+            c,
+            u: -b - w - s,
+            w,
+            s,
+            z_w,
+            z_s,
+            v: self.passive.cv_rate_per_ms.0,
+            l: stress + self.passive.sp_kpa.0,
+        }
+    }
 }
 
 /// Rates of the seven states and the residual, at calcium `ca`.
 #[inline(always)]
 pub fn rates<const FMA: bool>(p: &Constants, x: &State, ca: f64, low: f64) -> State {
-    let (ln_ca, ln_c) = ln_ratios::<FMA>(ca, ca50::<FMA>(p, x.l), max(x.c, TINY), 1.0);
-    let bound = exp::<FMA>(p.n_trpn * ln_ca);
-    let power = exp::<FMA>(p.half_n_tm * ln_c);
-    let zeta_w = fma::<FMA>(p.a, x.l, x.z_w);
-    let zeta_s = fma::<FMA>(p.a, x.l, x.z_s);
-    let gamma_wu = p.gamma_w * zeta_w.abs();
-    let gamma_su = gamma_su(p.gamma_s, zeta_s).0;
-    let strain = fma::<FMA>(x.l, p.inv_lambda_0, -1.0);
-    let serial = strain - x.v;
-    let rate_v = if serial > 0.0 { p.rate_l } else { p.rate_s };
-    let h = overlap::<FMA>(p, x.l, low).0;
-    let blocked = 1.0 - x.u - x.w - x.s;
-    let from_w = (p.k_wu + gamma_wu) * x.w;
-    let from_s = (p.k_su + gamma_su) * x.s;
-    let to_w = p.k_uw * x.u;
-    let to_s = p.k_ws * x.w;
-    let unblocking = p.k_u * power * blocked - p.k_b / power * x.u;
-    let stress = h * p.s_scale * fma::<FMA>(zeta_w, x.w, fma::<FMA>(zeta_s, x.s, x.s));
-    State {
-        c: p.k_trpn * fma::<FMA>(bound, 1.0 - x.c, -x.c),
-        u: unblocking - to_w + from_w + from_s,
-        w: to_w - from_w - to_s,
-        s: to_s - from_s,
-        z_w: -p.c_w * zeta_w,
-        z_s: -p.c_s * zeta_s,
-        v: rate_v * serial,
-        l: stress + fma::<FMA>(p.a_p, exp::<FMA>(p.b * strain) - 1.0, p.a_p_k * serial),
-    }
+    Point::<FMA>::at(p, x, ca, low).rates(p)
 }
 
 /// Active stress \[kPa\].
 #[inline(always)]
 pub fn active_stress<const FMA: bool>(p: &Constants, x: &State, low: f64) -> f64 {
-    let zeta_w = fma::<FMA>(p.a, x.l, x.z_w);
-    let zeta_s = fma::<FMA>(p.a, x.l, x.z_s);
-    overlap::<FMA>(p, x.l, low).0
-        * p.s_scale
-        * fma::<FMA>(zeta_w, x.w, fma::<FMA>(zeta_s, x.s, x.s))
+    overlap::<FMA>(p, x.l, low) * p.s_scale * pull(&land_state::<FMA>(p, x)).0
 }
 
 /// What a plot needs at one time: stress, stretch and their rates.
@@ -269,44 +338,33 @@ pub fn linearise<const FMA: bool>(
     low: f64,
     shift: f64,
 ) -> (Eliminated, State, Slopes, f64, f64) {
-    let ca50 = ca50::<FMA>(p, x.l);
-    let c = max(x.c, TINY);
-    let (ln_ca, ln_c) = ln_ratios::<FMA>(ca, ca50, c, 1.0);
-    let bound = exp::<FMA>(p.n_trpn * ln_ca);
-    let power = exp::<FMA>(p.half_n_tm * ln_c);
-    let zeta_w = fma::<FMA>(p.a, x.l, x.z_w);
-    let zeta_s = fma::<FMA>(p.a, x.l, x.z_s);
-    let gamma_wu = p.gamma_w * zeta_w.abs();
+    let land = p.land();
+    let at = Point::<FMA>::at(p, x, ca, low);
+    let f = at.rates(p);
+    let [_, Lane(blocked), _, _, Lane(zeta_w), Lane(zeta_s)] = at.state;
+    let Terms {
+        ca50_um: Lane(ca50),
+        binding: Lane(bound),
+        unblocking: Lane(unblocking),
+        blocking: Lane(blocking),
+        gamma_wu: Lane(gamma_wu),
+        ..
+    } = at.terms;
+    let (Lane(gamma_su), Lane(d_gamma_su)) =
+        equations::gamma_su(Lane::<FMA>(land.gamma_s), Lane(zeta_s));
     let d_gamma_wu = if zeta_w > 0.0 { p.gamma_w } else { -p.gamma_w };
-    let (gamma_su, d_gamma_su) = gamma_su(p.gamma_s, zeta_s);
-    let strain = fma::<FMA>(x.l, p.inv_lambda_0, -1.0);
-    let serial = strain - x.v;
-    let rate_v = if serial > 0.0 { p.rate_l } else { p.rate_s };
-    let (h, h_slope) = overlap::<FMA>(p, x.l, low);
-    let blocked = 1.0 - x.u - x.w - x.s;
-    let out_w = p.k_wu + gamma_wu;
-    let out_s = p.k_su + gamma_su;
-    let (from_w, from_s, to_w, to_s) = (out_w * x.w, out_s * x.s, p.k_uw * x.u, p.k_ws * x.w);
-    let (open, close) = (p.k_u * power, p.k_b / power);
-    let stretched = exp::<FMA>(p.b * strain);
-    let scale = h * p.s_scale;
-    let bridges = fma::<FMA>(zeta_w, x.w, fma::<FMA>(zeta_s, x.s, x.s));
+    let c = max(x.c, LEAST_OCCUPANCY);
+    let (open, close) = (p.k_u * blocking, p.k_b * unblocking);
+    let (out_w, out_s) = (p.k_wu + gamma_wu, p.k_su + gamma_su);
+    let rate_v = at.passive.cv_stiffness_per_ms.0;
+    let h_slope = overlap_slope::<FMA>(p, x.l, low, at.h);
+    let scale = at.h * p.s_scale;
+    let Lane(bridges) = pull(&at.state);
     let stress = scale * bridges;
-    let passive = fma::<FMA>(p.a_p, stretched - 1.0, p.a_p_k * serial);
-    let f = State {
-        c: p.k_trpn * fma::<FMA>(bound, 1.0 - x.c, -x.c),
-        u: open * blocked - close * x.u - to_w + from_w + from_s,
-        w: to_w - from_w - to_s,
-        s: to_s - from_s,
-        z_w: -p.c_w * zeta_w,
-        z_s: -p.c_s * zeta_s,
-        v: rate_v * serial,
-        l: stress + passive,
-    };
 
     let driven = p.k_trpn * (1.0 - x.c) * bound * p.n_trpn;
     let f_t = driven * ca_rate / ca;
-    let c_l = if x.l < LONGEST {
+    let c_l = if x.l < LAMBDA_CAP {
         -driven * p.beta_1 / ca50
     } else {
         0.0
@@ -343,7 +401,7 @@ pub fn linearise<const FMA: bool>(
     let g_zs = scale * x.s;
     let g_v = -p.a_p_k;
     let active_l = fma::<FMA>(h_slope * p.s_scale, bridges, p.a * (g_zw + g_zs));
-    let passive_l = fma::<FMA>(p.a_p * p.b, stretched, p.a_p_k) * p.inv_lambda_0;
+    let passive_l = at.passive.dsp_dstrain_kpa.0 * p.inv_lambda_0;
     let g_l = active_l + passive_l;
     let along = fma::<FMA>(
         g_w,
@@ -440,7 +498,12 @@ impl Eliminated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::{CellInput, DEFAULT_PARAMETERS, NegativeKwu};
+    use crate::input::{CellInput, NegativeKwu};
+    use cardiotwin_models::calcium::Rice2008Parameters;
+    use cardiotwin_models::cell0d::{CalciumInput, Cell0d, CellParameters, LandPassiveParameters};
+    use cardiotwin_models::contraction::Land2017Parameters;
+    use cardiotwin_vector_math::{Dual, Number};
+    use cardiotwin_vocabulary::cell::CELL;
     use proptest::prelude::*;
 
     fn entries(x: &State) -> [f64; 8] {
@@ -461,48 +524,114 @@ mod tests {
         }
     }
 
+    /// The same unknowns, rates or increments with B in the place of U = `total` − B − W − S and back.
+    fn exchanged<T: Number>(x: [T; 8], total: T) -> [T; 8] {
+        let [c, u, w, s, z_w, z_s, v, l] = x;
+        [c, total - u - w - s, w, s, z_w, z_s, v, l]
+    }
+
+    /// The engine's constants and the scalar cell of the same parameters: `place` is the position of each in its interval.
+    fn both(place: [f64; 21], a_p_kpa: f64, lambda_0: f64) -> (Constants, Cell0d) {
+        let mut parameters = crate::input::DEFAULT_PARAMETERS;
+        for ((value, place), of) in parameters.iter_mut().zip(place).zip(&CELL) {
+            let [low, high] = of.interval.unwrap();
+            *value = low + place * (high - low);
+        }
+        parameters[21] = a_p_kpa;
+        let [active @ .., ca_res, ca_max, tau_cr, tau_cd, _] = parameters;
+        let cell = CellParameters {
+            land: Land2017Parameters {
+                allow_negative_k_wu: true,
+                ..Land2017Parameters::from_values(active)
+            },
+            passive: LandPassiveParameters {
+                a_p_kpa,
+                ..LandPassiveParameters::default()
+            },
+            calcium: CalciumInput::Rice(Rice2008Parameters::from_values([
+                ca_res, ca_max, tau_cr, tau_cd,
+            ])),
+            cycle_length_ms: 1000.0,
+            lambda0: lambda_0,
+        };
+        let input = CellInput::new(parameters, 1000.0, lambda_0);
+        (
+            input.constants(NegativeKwu::Keep).unwrap(),
+            cell.build().unwrap(),
+        )
+    }
+
     proptest! {
+        /// Rates, their time derivative, the solver's matrix and the slopes, each against the scalar cell's equations over dual
+        /// numbers.
         #[test]
-        fn the_eliminated_matrix_is_that_of_the_rates(
+        fn rates_and_eliminated_matrix_are_those_of_the_equations(
+            place in prop::array::uniform21(0.0..1.0f64), a_p in 1.0..100.0f64, lambda_0 in 0.95..1.15f64,
             c in 0.05..0.95f64, u in 0.01..0.3f64, w in 0.01..0.3f64, s in 0.01..0.3f64,
             zeta_w in prop_oneof![-0.9..-0.1f64, 0.1..0.9f64], zeta_s in prop_oneof![-1.5..-1.1f64, -0.9..-0.1f64, 0.1..0.9f64],
-            serial in prop_oneof![-0.05..-0.01f64, 0.01..0.05f64], l in prop_oneof![0.75..0.86f64, 0.88..1.15f64],
-            ca in 0.1..0.9f64, shift in 0.05..20.0f64, r in prop::array::uniform8(-1.0..1.0f64),
+            serial in prop_oneof![-0.05..-0.01f64, 0.01..0.05f64],
+            l in prop_oneof![0.75..0.86f64, 0.88..1.15f64, 1.21..1.3f64],
+            ca in 0.1..0.9f64, ca_rate in -0.01..0.02f64, l_rate in -0.01..0.01f64,
+            shift in 0.05..20.0f64, r in prop::array::uniform8(-1.0..1.0f64), with_fma in any::<bool>(),
         ) {
-            let mut parameters = DEFAULT_PARAMETERS;
-            parameters[21] = 42.0;
-            let p = CellInput::new(parameters, 1000.0, 1.0).constants(NegativeKwu::Refuse).unwrap();
-            let v = l * p.inv_lambda_0 - 1.0 - serial;
+            let (p, cell) = both(place, a_p, lambda_0);
+            let land = p.land();
+            // Where Ca50 is not positive the scalar cell has no rates.
+            prop_assume!(land.ca50(l) > 0.05);
+            let v = l / lambda_0 - 1.0 - serial;
             let x = State { c, u, w, s, z_w: zeta_w - p.a * l, z_s: zeta_s - p.a * l, v, l };
             let low = if l < KINK { 1.0 } else { 0.0 };
-            let (matrix, f, slopes, _, passive_l) = linearise::<true>(&p, &x, ca, 0.0, low, shift);
-            for (a, b) in entries(&f).into_iter().zip(entries(&rates::<true>(&p, &x, ca, low))) {
-                prop_assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()));
+            let (matrix, f, slopes, f_t, passive_l) = if with_fma {
+                linearise::<true>(&p, &x, ca, ca_rate, low, shift)
+            } else {
+                linearise::<false>(&p, &x, ca, ca_rate, low, shift)
+            };
+            let k = if with_fma { matrix.solve::<true>(&p, &state(r)) } else { matrix.solve::<false>(&p, &state(r)) };
+            let (k, y) = (entries(&k), exchanged(entries(&x), 1.0));
+
+            // Sizes of the terms that cancel in each row, for rates and for their derivative along `k`.
+            let terms = land.terms(&[c, y[1], w, s, zeta_w, zeta_s], ca, l);
+            let (open, close) = (land.k_u * terms.blocking, land.k_b * terms.unblocking);
+            let stress = land.stress_scale + a_p * (1.0 + (p.b * serial.abs()).exp()) * p.b * p.b;
+            let far = k.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+            let binding = land.k_trpn * (1.0 + terms.binding) * (1.0 + land.n_trpn * 4.0 / terms.ca50_um);
+            let bridges = 1.0 + land.gamma_w + (open + close) * (1.0 + land.half_n_tm / c);
+            let size = [binding, bridges, bridges, bridges, 1.0 + p.a, 1.0 + p.a, 1.0, stress * (1.0 + p.a)];
+
+            let rates = exchanged(cell.equations(ca, &y), 0.0);
+            for (i, (got, want)) in entries(&f).into_iter().zip(rates).enumerate() {
+                prop_assert!((got - want).abs() <= 1e-12 * size[i], "rate {}: {} for {}", i, got, want);
             }
-            prop_assert!((slopes.sa - active_stress::<true>(&p, &x, low)).abs() <= 1e-12 * (1.0 + slopes.sa.abs()));
-            // (M shift − J) k must give back r, with J k by a central difference along k.
-            let k = matrix.solve::<true>(&p, &state(r));
-            let size = entries(&k).iter().fold(1e-3, |m: f64, e| m.max(e.abs()));
-            let eps = 1e-6 / size;
-            let (up, down) = (x.plus::<true>(eps, &k), x.plus::<true>(-eps, &k));
-            let (up, down) = (rates::<true>(&p, &up, ca, low), rates::<true>(&p, &down, ca, low));
-            for (i, ((a, b), (k, r))) in
-                entries(&up).into_iter().zip(entries(&down)).zip(entries(&k).into_iter().zip(r)).enumerate()
-            {
-                let along = (a - b) / (2.0 * eps);
-                let mass = if i == 7 { 0.0 } else { shift * k };
-                let scale = mass.abs() + along.abs() + 1.0;
-                // Stresses of up to some 100 kPa cancel in the last row, and a difference over a short way keeps their round-off.
-                let round_off = if i == 7 { 1e4 * f64::EPSILON / eps } else { 0.0 };
-                prop_assert!((mass - along - r).abs() <= 1e-5 * scale + round_off, "row {}: {} - {} is not {}", i, mass, along, r);
+            let along = |direction: [f64; 8], ca_rate: f64| {
+                let direction = exchanged(direction, 0.0);
+                let y: [Dual; 8] = std::array::from_fn(|i| Dual { v: y[i], d: direction[i] });
+                exchanged(cell.equations(Dual { v: ca, d: ca_rate }, &y), Dual::of(0.0)).map(|rate| rate.d)
+            };
+            let of_time = along([0.0; 8], ca_rate)[0];
+            prop_assert!((f_t - of_time).abs() <= 1e-12 * size[0], "{} {}", f_t, of_time);
+            // (M shift − J) k must give back r.
+            for (i, along) in along(k, 0.0).into_iter().enumerate() {
+                let mass = if i == 7 { 0.0 } else { shift * k[i] };
+                let scale = mass.abs() + size[i] * far + 1.0;
+                prop_assert!((mass - along - r[i]).abs() <= 1e-12 * scale, "row {}: {} - {} is not {}", i, mass, along, r[i]);
             }
-            // Passive stiffness, and the stretch rate that keeps the balance.
-            let passive = |l: f64| p.a_p * ((p.b * (l - 1.0)).exp() - 1.0) + p.a_p_k * (l - 1.0 - v);
-            let slope = (passive(l + 1e-6) - passive(l - 1e-6)) / 2e-6;
-            prop_assert!((passive_l / slope - 1.0).abs() < 1e-6);
-            let moved = State { l: slopes.dl, ..f };
-            let balance = |e: f64| rates::<true>(&p, &x.plus::<true>(e, &moved), ca, low).l;
-            prop_assert!((balance(1e-7) - balance(-1e-7)).abs() / 2e-7 <= 1e-5 * (1.0 + slopes.dsa.abs() + slope * slopes.dl.abs()));
+            // The stress, its rates, and the stretch rate that keeps the balance.
+            let sa = cell.land().equations().stress_kpa(&[c, y[1], w, s, zeta_w, zeta_s], l);
+            prop_assert!((slopes.sa - sa).abs() <= 1e-12 * size[7]);
+            let moved = [rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], slopes.dl];
+            let far = moved.iter().fold(1.0, |m: f64, e| m.max(e.abs()));
+            prop_assert!(along(moved, 0.0)[7].abs() <= 1e-12 * size[7] * far, "{:?}", slopes);
+            let mut only_l = [0.0; 8];
+            only_l[7] = 1.0;
+            let active_l = cell.land().equations().stress_kpa(
+                &[Dual::of(c), Dual::of(y[1]), Dual::of(w), Dual::of(s), Dual { v: zeta_w, d: p.a }, Dual { v: zeta_s, d: p.a }],
+                Dual { v: l, d: 1.0 },
+            );
+            prop_assert!((passive_l - (along(only_l, 0.0)[7] - active_l.d)).abs() <= 1e-12 * size[7]);
+            // Land's distortions at any stretch rate are those of z = ζ − A λ.
+            let with_rate = cell.land().equations().rates(&[c, y[1], w, s, zeta_w, zeta_s], ca, l, l_rate);
+            prop_assert!((f.z_w + p.a * l_rate - with_rate[4]).abs() <= 1e-12 * size[4]);
+            prop_assert!((f.z_s + p.a * l_rate - with_rate[5]).abs() <= 1e-12 * size[5]);
         }
     }
 }

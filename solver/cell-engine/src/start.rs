@@ -5,7 +5,8 @@ use crate::input::{ConstantLanes, Constants};
 use crate::lanes::{LANES, lanes};
 use crate::model::{KINK, State, StateLanes, overlap};
 use crate::step::{FloorLanes, Floors, PEAK_SHARE};
-use cardiotwin_vector_math::{exp, fma, ln_ratios, max, min};
+use cardiotwin_models::contraction::land2017::equations::LEAST_OCCUPANCY;
+use cardiotwin_vector_math::{Lane, Number as _, exp, fma, max, min};
 
 /// Steps of the bracketing root search. The start needs to be near, not exact: C_V closes the balance.
 const SEARCH_STEPS: usize = 10;
@@ -36,10 +37,10 @@ pub struct Prepared {
 /// CaTRPN, U, W, S in equilibrium with calcium at a fixed stretch, ζ = 0, C_V = C; and the unbalanced stress.
 #[inline(always)]
 fn isometric<const FMA: bool>(p: &Constants, ca: f64, l: f64) -> (State, f64, f64) {
-    let ca50 = max(fma::<FMA>(p.beta_1, min(l, 1.2), p.ca50_0), 1e-12);
-    let bound = exp::<FMA>(p.n_trpn * ln_ratios::<FMA>(ca, ca50, 1.0, 1.0).0);
+    let (land, one) = (p.land(), Lane::<FMA>(1.0));
+    let Lane(bound) = land.binding(Lane::<FMA>(ca).ln_ratio(Lane(p.ca50::<FMA>(l))));
     let c = bound / (1.0 + bound);
-    let power = exp::<FMA>(p.half_n_tm * ln_ratios::<FMA>(max(c, 1e-12), 1.0, 1.0, 1.0).0);
+    let (_, Lane(power)) = land.blocking(Lane::<FMA>(max(c, LEAST_OCCUPANCY)).ln_ratio(one));
     let w_per_u = p.k_uw / (p.k_wu + p.k_ws);
     let s_per_u = w_per_u * p.k_ws / p.k_su;
     let blocked_per_u = p.k_b / (p.k_u * power * power);
@@ -47,7 +48,7 @@ fn isometric<const FMA: bool>(p: &Constants, ca: f64, l: f64) -> (State, f64, f6
     let strain = fma::<FMA>(l, p.inv_lambda_0, -1.0);
     let s = s_per_u * u;
     let low = if l < KINK { 1.0 } else { 0.0 };
-    let stress = overlap::<FMA>(p, l, low).0 * p.s_scale * s;
+    let stress = overlap::<FMA>(p, l, low) * p.s_scale * s;
     let spring = p.a_p * (exp::<FMA>(p.b * strain) - 1.0);
     (
         State {

@@ -6,7 +6,7 @@ use crate::lanes::{LANES, lanes};
 use crate::model::{
     Eliminated, EliminatedLanes, KINK, Kinks, Slopes, State, StateLanes, linearise, rates,
 };
-use crate::tableau::{A2, A3, A4, A5, C2, C3, D, G2, G3, G4, G5, G6, GAMMA};
+use cardiotwin_models::cell0d::tableau::{A2, A3, A4, A5, C2, C3, C4, C5, C6, D, GAMMA, TIMES};
 use cardiotwin_vector_math::{exp, fma, max, min};
 
 /// How near to the kink a step must end to count as ending on it.
@@ -227,9 +227,9 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
         let h = if 1.05 * clock.h > left { left } else { clock.h };
         let inv_h = 1.0 / h;
         let (decay, close) = (-p.ca_slow * h, -p.ca_gap * h);
-        let (slow_3, fast_3) = (exp::<FMA>(C3 * decay), exp::<FMA>(C3 * close));
+        let (slow_3, fast_3) = (exp::<FMA>(TIMES[2] * decay), exp::<FMA>(TIMES[2] * close));
         let (slow_4, fast_4) = (slow_3 * slow_3 * slow_3, fast_3 * fast_3 * fast_3);
-        let (slow_2, fast_2) = (exp::<FMA>(C2 * decay), exp::<FMA>(C2 * close));
+        let (slow_2, fast_2) = (exp::<FMA>(TIMES[1] * decay), exp::<FMA>(TIMES[1] * close));
         let (slow_end, fast_end) = (
             clock.slow * exp::<FMA>(decay),
             clock.fast * exp::<FMA>(close),
@@ -240,19 +240,19 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
             &p,
             clock.slow * slow_2,
             clock.fast * fast_2,
-            fma::<FMA>(C2, h, t),
+            fma::<FMA>(TIMES[1], h, t),
         );
         frame.ca_3[i] = calcium::<FMA>(
             &p,
             clock.slow * slow_3,
             clock.fast * fast_3,
-            fma::<FMA>(C3, h, t),
+            fma::<FMA>(TIMES[2], h, t),
         );
         frame.ca_4[i] = calcium::<FMA>(
             &p,
             clock.slow * slow_4,
             clock.fast * fast_4,
-            fma::<FMA>(3.0 * C3, h, t),
+            fma::<FMA>(TIMES[3], h, t),
         );
         frame.ca_end[i] = calcium::<FMA>(&p, slow_end, fast_end, t + h);
         frame.slow_end[i] = slow_end;
@@ -266,9 +266,9 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
         for i in 0..LANES {
             let (t, h) = (clock.t[i], frame.h[i]);
             (frame.ca_1[i], frame.ca_rate[i]) = samples.at(t);
-            frame.ca_2[i] = samples.at(t + C2 * h).0;
-            frame.ca_3[i] = samples.at(t + C3 * h).0;
-            frame.ca_4[i] = samples.at(t + 3.0 * C3 * h).0;
+            frame.ca_2[i] = samples.at(t + TIMES[1] * h).0;
+            frame.ca_3[i] = samples.at(t + TIMES[2] * h).0;
+            frame.ca_4[i] = samples.at(t + TIMES[3] * h).0;
             frame.ca_end[i] = samples.at(t + h).0;
         }
     }
@@ -295,7 +295,7 @@ fn first_stage<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalci
     }
 }
 
-/// Stages 2 to 4: `A` are the arguments' and `G` the couplings' coefficients on the stages before.
+/// Stages 2 to 4: `A` are the arguments' and `g` the couplings' coefficients on the stages before.
 #[inline(always)]
 fn middle_stage<const FMA: bool, const BEFORE: usize>(
     lanes: &mut Lanes,
@@ -350,7 +350,7 @@ fn fifth_stage<const FMA: bool>(lanes: &mut Lanes) {
         }
         let mut r = rates::<FMA>(&p, &y, frame.ca_end[i], clock.low[i]);
         for j in 0..4 {
-            r = couple::<FMA>(r, G5[j] * inv_h, &before[j].get(i));
+            r = couple::<FMA>(r, C5[j] * inv_h, &before[j].get(i));
         }
         let k5 = matrix.get(i).solve::<FMA>(&p, &r);
         now[0].set(i, &k5);
@@ -377,7 +377,7 @@ fn last_stage<const FMA: bool>(lanes: &mut Lanes) {
         let y = candidate.get(i);
         let mut r = rates::<FMA>(&p, &y, frame.ca_end[i], low);
         for j in 0..5 {
-            r = couple::<FMA>(r, G6[j] * inv_h, &k[j].get(i));
+            r = couple::<FMA>(r, C6[j] * inv_h, &k[j].get(i));
         }
         let k6 = matrix.get(i).solve::<FMA>(&p, &r);
         let x = state.get(i);
@@ -466,9 +466,9 @@ fn choose(take: bool, new: &State, old: &State) -> State {
 #[inline(always)]
 pub fn step<const FMA: bool>(lanes: &mut Lanes, samples: Option<&SampledCalcium>) {
     first_stage::<FMA>(lanes, samples);
-    middle_stage::<FMA, 1>(lanes, A2, G2, D[1], |f| &f.ca_2);
-    middle_stage::<FMA, 2>(lanes, A3, G3, D[2], |f| &f.ca_3);
-    middle_stage::<FMA, 3>(lanes, A4, G4, D[3], |f| &f.ca_4);
+    middle_stage::<FMA, 1>(lanes, A2, C2, D[1], |f| &f.ca_2);
+    middle_stage::<FMA, 2>(lanes, A3, C3, D[2], |f| &f.ca_3);
+    middle_stage::<FMA, 3>(lanes, A4, C4, D[3], |f| &f.ca_4);
     fifth_stage::<FMA>(lanes);
     last_stage::<FMA>(lanes);
 }

@@ -1,4 +1,5 @@
-//! The engine beside the scalar cell of `cardiotwin-models`, which was written apart from it.
+//! The engine beside the scalar cell of `cardiotwin-models`: the same equations, with another solver and search for the
+//! periodic beat.
 
 mod common;
 

@@ -28,7 +28,7 @@ use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 
 /// Seconds of processor time so far: what a busy machine changes little; zero where the system does not tell.
@@ -245,23 +245,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("P {:.3?} mmHg, V {:.4?} mL", range(p), range(v));
     let trace = |quantity, x: &[f64]| Trace::new(quantity, traces.time_ms.clone(), x.to_vec());
     let (pressure, volume) = (trace(Quantity::Pressure, p)?, trace(Quantity::Volume, v)?);
-    let found = BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::Single)?;
+    let found = BeatBiomarkers::of(Some(&pressure), Some(&volume), Continuation::Single)?;
     let biomarkers = [
-        ("P_max", found.p_max.map(|x| x.0), "mmHg"),
+        ("P_max", found.values.p_max_mmhg, "mmHg"),
         (
             "dPdt_max",
-            found.dpdt_max_mmhg_per_ms.map(|x| 1e3 * x),
+            found.values.dpdt_max_mmhg_per_ms.map(|x| 1e3 * x),
             "mmHg/s",
         ),
         (
             "dPdt_min",
-            found.dpdt_min_mmhg_per_ms.map(|x| 1e3 * x),
+            found.values.dpdt_min_mmhg_per_ms.map(|x| 1e3 * x),
             "mmHg/s",
         ),
-        ("PTD90", found.ptd90.map(|x| x.0), "ms"),
-        ("SV", found.sv.map(|x| x.0), "mL"),
-        ("tau_VD", found.tau_vd.map(|x| x.0), "ms"),
-        ("tau_VR", found.tau_vr.map(|x| x.0), "ms"),
+        ("PTD90", found.values.ptd90_ms, "ms"),
+        ("SV", found.values.sv_ml, "mL"),
+        ("tau_VD", found.values.tau_vd_ms, "ms"),
+        ("tau_VR", found.values.tau_vr_ms, "ms"),
     ];
     let told = biomarkers
         .map(|(name, value, unit)| format!("{name} {:.3} {unit}", value.unwrap_or(f64::NAN)));

@@ -14,7 +14,7 @@ use cardiotwin_models::ventricle::{
     ActivationSpread, DiastasisPoint, GroupContraction, OneFibreParameters, OneFibrePassive,
     OneFibreVentricle, PassiveStateInput, PassiveStateMode, passive_state,
 };
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
 use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 
 struct Patient {
@@ -22,7 +22,7 @@ struct Patient {
     cycle_length: Ms,
     passive: OneFibrePassive,
     heart: LeftHeart,
-    measured: BiomarkerSet,
+    measured: BeatBiomarkers,
 }
 
 const PATIENTS: [&str; 7] = [
@@ -81,7 +81,7 @@ impl Patient {
             |quantity, t: &[f64], x: &[f64]| Trace::new(quantity, t.to_vec(), x.to_vec()).unwrap();
         let pressure = trace(Quantity::Pressure, &time, &pressure);
         let volume = trace(Quantity::Volume, &volume_time, &volume);
-        let measured = BiomarkerSet::of(
+        let measured = BeatBiomarkers::of(
             Some(&pressure),
             Some(&volume),
             Continuation::periodic(cycle_length),
@@ -145,7 +145,7 @@ impl Patient {
     }
 }
 
-fn biomarkers(result: &BeatResult) -> BiomarkerSet {
+fn biomarkers(result: &BeatResult) -> BeatBiomarkers {
     let t = &result.traces;
     let pressure = Trace::new(
         Quantity::Pressure,
@@ -154,19 +154,19 @@ fn biomarkers(result: &BeatResult) -> BiomarkerSet {
     )
     .unwrap();
     let volume = Trace::new(Quantity::Volume, t.time_ms.clone(), t.volume_ml.clone()).unwrap();
-    BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::Single).unwrap()
+    BeatBiomarkers::of(Some(&pressure), Some(&volume), Continuation::Single).unwrap()
 }
 
 /// P_max, dPdt_max, dPdt_min, PTD90, tau_VD, tau_VR, then SV.
-fn values(b: &BiomarkerSet) -> [f64; 7] {
+fn values(b: &BeatBiomarkers) -> [f64; 7] {
     [
-        b.p_max.unwrap().0,
-        b.dpdt_max_mmhg_per_ms.unwrap(),
-        b.dpdt_min_mmhg_per_ms.unwrap(),
-        b.ptd90.unwrap().0,
-        b.tau_vd.map_or(f64::NAN, |t| t.0),
-        b.tau_vr.map_or(f64::NAN, |t| t.0),
-        b.sv.unwrap().0,
+        b.values.p_max_mmhg.unwrap(),
+        b.values.dpdt_max_mmhg_per_ms.unwrap(),
+        b.values.dpdt_min_mmhg_per_ms.unwrap(),
+        b.values.ptd90_ms.unwrap(),
+        b.values.tau_vd_ms.unwrap_or(f64::NAN),
+        b.values.tau_vr_ms.unwrap_or(f64::NAN),
+        b.values.sv_ml.unwrap(),
     ]
 }
 

@@ -7,7 +7,9 @@
 //! percent, with both traces read over the same windows.
 
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, resample};
+use cardiotwin_signals::{
+    BeatBiomarkers, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
+};
 use cardiotwin_units::Ms;
 use cardiotwin_validation::Case;
 
@@ -21,15 +23,15 @@ fn biomarkers(
     periodic: Continuation,
     windows: NoiseWindows,
 ) -> Result<[Option<f64>; 7], Box<dyn std::error::Error>> {
-    let set = BiomarkerSet::over(Some(pressure), Some(volume), periodic, windows)?;
+    let set = BeatBiomarkers::over(Some(pressure), Some(volume), periodic, windows)?;
     Ok([
-        set.p_max.map(|p| p.0),
-        set.dpdt_max_mmhg_per_ms,
-        set.dpdt_min_mmhg_per_ms,
-        set.ptd90.map(|t| t.0),
-        set.sv.map(|v| v.0),
-        set.tau_vd.map(|t| t.0),
-        set.tau_vr.map(|t| t.0),
+        set.values.p_max_mmhg,
+        set.values.dpdt_max_mmhg_per_ms,
+        set.values.dpdt_min_mmhg_per_ms,
+        set.values.ptd90_ms,
+        set.values.sv_ml,
+        set.values.tau_vd_ms,
+        set.values.tau_vr_ms,
     ])
 }
 
@@ -54,7 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             pressure(&case.clean_pressure_mmhg)?,
         );
         let (frames, clean_frames) = (volume(&case.frame_ml)?, volume(&case.clean_frame_ml)?);
-        let windows = NoiseWindows::of(
+        let windows = noise_windows::of(
             Some(&resample(&noisy, periodic, STEP)?),
             Some(&frames),
             periodic,

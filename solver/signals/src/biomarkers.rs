@@ -11,11 +11,11 @@
 //! over the time between two crossings. `tests/continuity.rs` bounds the change.
 
 use crate::cycle::{Continuation, Crossing, Cycle, Side, Way};
-use crate::noise_windows::{self, NoiseWindows};
+use crate::noise_windows;
 use crate::resample::{ResampleError, STEP, resample};
 use crate::{Quantity, Trace};
-use cardiotwin_units::{Ml, Mmhg, Ms};
-use serde::{Deserialize, Serialize};
+use cardiotwin_units::{Ml, Ms};
+use cardiotwin_vocabulary::biomarkers::{Biomarkers, NoiseWindows, TimePoints};
 
 /// Fraction of the pressure's amplitude whose crossings bound PTD90, dimensionless.
 pub const PRESSURE_LEVEL: f64 = 0.1;
@@ -35,8 +35,7 @@ pub const VOLUME_STEEPNESS_PER_MS: f64 = 1.0 / 2000.0;
 const PLATEAU: f64 = 1e-3;
 
 /// Something about a set of biomarkers that its reader must know.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flag {
     /// Pressure is above its 10 % level when its upstroke begins: t1 lies where the foot of the upstroke, extended
     /// downwards, meets the level.
@@ -58,91 +57,47 @@ pub enum Flag {
     FillingTooShort,
 }
 
-/// The times of Figure A1, ms from the trace's time zero; a periodic trace's may lie in the cycle before or after, and a
-/// single beat's t1 before its first sample. Times of extremes (t2, steepest pressures) are for drawings: a flat top moves
-/// them far.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default)]
-pub struct TimePoints {
-    /// Upstroke crossing of 10 % of the pressure's amplitude.
-    #[serde(rename = "t1_ms", skip_serializing_if = "Option::is_none")]
-    pub t1: Option<Ms>,
-    /// Time of the largest pressure.
-    #[serde(rename = "t2_ms", skip_serializing_if = "Option::is_none")]
-    pub t2: Option<Ms>,
-    /// Downstroke crossing of 10 % of the pressure's amplitude.
-    #[serde(rename = "t3_ms", skip_serializing_if = "Option::is_none")]
-    pub t3: Option<Ms>,
-    /// Last time at the largest volume before ejection, to 0.1 % of the stroke volume.
-    #[serde(rename = "t4_ms", skip_serializing_if = "Option::is_none")]
-    pub t4: Option<Ms>,
-    /// First time at the smallest volume, likewise.
-    #[serde(rename = "t5_ms", skip_serializing_if = "Option::is_none")]
-    pub t5: Option<Ms>,
-    /// Last time at the smallest volume, likewise.
-    #[serde(rename = "t6_ms", skip_serializing_if = "Option::is_none")]
-    pub t6: Option<Ms>,
-    /// Time at which 80 % of the stroke volume is recovered.
-    #[serde(rename = "t7_ms", skip_serializing_if = "Option::is_none")]
-    pub t7: Option<Ms>,
-    /// Time of the largest pressure derivative.
-    #[serde(rename = "t_dPdt_max_ms", skip_serializing_if = "Option::is_none")]
-    pub t_dpdt_max: Option<Ms>,
-    /// Time of the smallest pressure derivative.
-    #[serde(rename = "t_dPdt_min_ms", skip_serializing_if = "Option::is_none")]
-    pub t_dpdt_min: Option<Ms>,
+impl Flag {
+    /// The flag in words.
+    #[must_use]
+    pub fn remark(self) -> &'static str {
+        match self {
+            Self::PressureRiseNotReached => {
+                "pressure is above its 10 % level when its upstroke begins: t1 is the upstroke's foot, extended downwards"
+            }
+            Self::PressureRiseBeforeBeat => {
+                "the 10 % level lies below the pressure at time zero: t1 lies before the beat"
+            }
+            Self::PressureFallNotReached => {
+                "pressure does not fall to its 10 % level: t3 is the end of the beat"
+            }
+            Self::NoPressurePulse => "pressure has no pulse: no rates before and after a peak",
+            Self::NoEjection => "volume does not vary",
+            Self::EjectionTooShort => "ejection has too few samples for tau_VD",
+            Self::FillingNotRecovered => {
+                "volume does not recover to 80 % of the stroke volume: tau_VR is fitted to the volume recovered"
+            }
+            Self::FillingTooShort => "filling has too few samples for tau_VR",
+        }
+    }
 }
 
-/// Biomarkers of one beat; what a missing trace or a degenerate one cannot give is absent.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default)]
-pub struct BiomarkerSet {
-    /// Largest pressure.
-    #[serde(rename = "P_max_mmHg", skip_serializing_if = "Option::is_none")]
-    pub p_max: Option<Mmhg>,
-    /// Largest rate of pressure before its peak, mmHg/ms.
-    #[serde(
-        rename = "dPdt_max_mmHg_per_ms",
-        skip_serializing_if = "Option::is_none"
-    )]
-    pub dpdt_max_mmhg_per_ms: Option<f64>,
-    /// Smallest rate of pressure after its peak, mmHg/ms, negative.
-    #[serde(
-        rename = "dPdt_min_mmHg_per_ms",
-        skip_serializing_if = "Option::is_none"
-    )]
-    pub dpdt_min_mmhg_per_ms: Option<f64>,
-    /// Pressure transient duration between the 10 % crossings.
-    #[serde(rename = "PTD90_ms", skip_serializing_if = "Option::is_none")]
-    pub ptd90: Option<Ms>,
-    /// Pressure at the beat's start.
-    #[serde(rename = "EDP_mmHg", skip_serializing_if = "Option::is_none")]
-    pub edp: Option<Mmhg>,
-    /// Stroke volume: largest less smallest volume.
-    #[serde(rename = "SV_mL", skip_serializing_if = "Option::is_none")]
-    pub sv: Option<Ml>,
-    /// Decay time constant of ejection.
-    #[serde(rename = "tau_VD_ms", skip_serializing_if = "Option::is_none")]
-    pub tau_vd: Option<Ms>,
-    /// Rise time constant of early filling.
-    #[serde(rename = "tau_VR_ms", skip_serializing_if = "Option::is_none")]
-    pub tau_vr: Option<Ms>,
-    /// Volume at the beat's start.
-    #[serde(rename = "EDV_mL", skip_serializing_if = "Option::is_none")]
-    pub edv: Option<Ml>,
-    /// Smallest volume.
-    #[serde(rename = "ESV_mL", skip_serializing_if = "Option::is_none")]
-    pub esv: Option<Ml>,
-    /// Volume at the beat's last sample.
-    #[serde(rename = "V_end_mL", skip_serializing_if = "Option::is_none")]
-    pub v_end: Option<Ml>,
-    /// Measured EDV less the volume at a simulated beat's end; set by [`BiomarkerSet::with_gap_to`].
-    #[serde(rename = "end_of_beat_gap_mL", skip_serializing_if = "Option::is_none")]
-    pub end_of_beat_gap: Option<Ml>,
-    /// Time points that the report draws.
+/// Biomarkers of one beat, with the times that define them; what a missing trace or a degenerate one cannot give is absent.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BeatBiomarkers {
+    /// The biomarkers themselves.
+    pub values: Biomarkers,
+    /// Times from the trace's time zero; a periodic trace's may lie in the cycle before or after, and a single beat's t1
+    /// before its first sample. Times of extremes (t2, steepest pressures) are for drawings: a flat top moves them far. t4 to
+    /// t6 are times at the largest and the smallest volume to 0.1 % of the stroke volume.
     pub time_points: TimePoints,
+    /// Time of the largest pressure derivative.
+    pub t_dpdt_max_ms: Option<f64>,
+    /// Time of the smallest pressure derivative.
+    pub t_dpdt_min_ms: Option<f64>,
+    /// Volume at the beat's last sample.
+    pub v_end_ml: Option<f64>,
     /// What the reader must know about these values.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flags: Vec<Flag>,
 }
 
@@ -162,7 +117,7 @@ pub enum BiomarkerError {
     Resample(#[from] ResampleError),
 }
 
-impl BiomarkerSet {
+impl BeatBiomarkers {
     /// Biomarkers of a beat's traces after resampling both to 1 ms ([`STEP`]): the one way for every comparison.
     ///
     /// - `pressure` in mmHg, `volume` in mL; either may be missing, and so are its biomarkers then
@@ -214,7 +169,7 @@ impl BiomarkerSet {
     /// With the volume that a simulated beat leaves open at its end against the measured end-diastolic volume.
     #[must_use]
     pub fn with_gap_to(mut self, measured_edv: Ml) -> Self {
-        self.end_of_beat_gap = self.v_end.map(|v| measured_edv - v);
+        self.values.end_of_beat_gap_ml = self.v_end_ml.map(|v| measured_edv.0 - v);
         self
     }
 
@@ -231,23 +186,31 @@ impl BiomarkerSet {
         let at_step =
             |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
         let (pressure, mut volume) = (at_step(pressure)?, at_step(volume)?);
-        if let (Some(trace), Some(window)) = (&mut volume, windows.volume) {
-            let values = noise_windows::smoothed(trace, continuation, window);
+        if let (Some(trace), Some(window)) = (&mut volume, windows.volume_ms) {
+            let values = noise_windows::smoothed(trace, continuation, Ms(window));
             *trace = Trace::new(trace.quantity(), trace.time_ms().to_vec(), values)
                 .map_err(ResampleError::from)?;
         }
         let mut set = Self::of_samples(pressure.as_ref(), volume.as_ref(), continuation)?;
-        if let (Some(trace), Some(window), false) =
-            (&pressure, windows.pressure, set.has(Flag::NoPressurePulse))
-        {
+        if let (Some(trace), Some(window), false) = (
+            &pressure,
+            windows.pressure_ms,
+            set.has(Flag::NoPressurePulse),
+        ) {
             let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
-            set.add_rates(&cycle, noise_windows::reach_of(window, &cycle));
-            set.p_max = noise_windows::smoothed(trace, continuation, window)
+            set.add_rates(&cycle, noise_windows::reach_of(Ms(window), &cycle));
+            set.values.p_max_mmhg = noise_windows::smoothed(trace, continuation, Ms(window))
                 .into_iter()
-                .reduce(f64::max)
-                .map(Mmhg);
+                .reduce(f64::max);
         }
         Ok(set)
+    }
+
+    /// The flags in words.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        let words = self.flags.iter().map(|flag| flag.remark().to_owned());
+        words.collect()
     }
 
     /// Whether a flag is set.
@@ -259,9 +222,9 @@ impl BiomarkerSet {
     fn add_pressure(&mut self, p: &Cycle) {
         let peak = p.argmax();
         let (max, min) = (p.value(peak), p.value(p.argmin()));
-        self.p_max = Some(Mmhg(max));
-        self.edp = Some(Mmhg(p.value(0)));
-        self.time_points.t2 = Some(Ms(p.time(peak)));
+        self.values.p_max_mmhg = Some(max);
+        self.values.edp_mmhg = Some(p.value(0));
+        self.time_points.t2_ms = Some(p.time(peak));
         if max <= min {
             self.flags.push(Flag::NoPressurePulse);
             return;
@@ -293,9 +256,9 @@ impl BiomarkerSet {
         if t3 < fall.time_ms {
             self.flags.push(Flag::PressureFallNotReached);
         }
-        self.time_points.t1 = Some(Ms(rise.time_ms));
-        self.time_points.t3 = Some(Ms(t3));
-        self.ptd90 = Some(Ms(t3 - rise.time_ms));
+        self.time_points.t1_ms = Some(rise.time_ms);
+        self.time_points.t3_ms = Some(t3);
+        self.values.ptd90_ms = Some(t3 - rise.time_ms);
     }
 
     /// Largest and smallest rate with their indices, of lines through the samples up to `reach` away.
@@ -315,10 +278,10 @@ impl BiomarkerSet {
         };
         let steepest = slopes(first..peak).max_by(|a, b| a.1.total_cmp(&b.1));
         let fastest_fall = slopes(peak + 1..end + 1).min_by(|a, b| a.1.total_cmp(&b.1));
-        self.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
-        self.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
-        self.time_points.t_dpdt_max = steepest.map(|x| Ms(p.time(x.0)));
-        self.time_points.t_dpdt_min = fastest_fall.map(|x| Ms(p.time(x.0)));
+        self.values.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
+        self.values.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
+        self.t_dpdt_max_ms = steepest.map(|x| p.time(x.0));
+        self.t_dpdt_min_ms = fastest_fall.map(|x| p.time(x.0));
         [steepest, fastest_fall]
     }
 
@@ -326,10 +289,10 @@ impl BiomarkerSet {
         let lowest = v.argmin();
         let (max, min) = (v.value(v.argmax()), v.value(lowest));
         let sv = max - min;
-        self.sv = Some(Ml(sv));
-        self.edv = Some(Ml(v.value(0)));
-        self.esv = Some(Ml(min));
-        self.v_end = Some(Ml(v.values()[v.len() - 1]));
+        self.values.sv_ml = Some(sv);
+        self.values.edv_ml = Some(v.value(0));
+        self.values.esv_ml = Some(min);
+        self.v_end_ml = Some(v.values()[v.len() - 1]);
         if sv <= 0.0 {
             self.flags.push(Flag::NoEjection);
             return;
@@ -362,11 +325,11 @@ impl BiomarkerSet {
             |share: f64| at(v.leaves(after, Way::Back, Side::Below, min + share * sv, rate));
         let emptiest =
             |share: f64| at(v.leaves(after - 1, Way::On, Side::Above, min + share * sv, rate));
-        self.time_points.t4 = fullest(high / sv - PLATEAU).map(Ms);
-        self.time_points.t5 = emptiest(PLATEAU).map(Ms);
+        self.time_points.t4_ms = fullest(high / sv - PLATEAU);
+        self.time_points.t5_ms = emptiest(PLATEAU);
         let window = fullest(upper).zip(emptiest(lower));
-        self.tau_vd = window.and_then(|w| time_constant(v, w, |x| (x - min) / sv));
-        if self.tau_vd.is_none() {
+        self.values.tau_vd_ms = window.and_then(|w| time_constant(v, w, |x| (x - min) / sv));
+        if self.values.tau_vd_ms.is_none() {
             self.flags.push(Flag::EjectionTooShort);
         }
     }
@@ -391,14 +354,14 @@ impl BiomarkerSet {
         let emptiest =
             |height: f64| at(v.leaves(before + 1, Way::Back, Side::Above, min + height, rate));
         let fullest = |height: f64| at(v.leaves(before, Way::On, Side::Below, min + height, rate));
-        self.time_points.t6 = emptiest(PLATEAU * sv).map(Ms);
-        self.time_points.t7 = fullest(RECOVERY_LEVEL * sv).map(Ms);
+        self.time_points.t6_ms = emptiest(PLATEAU * sv);
+        self.time_points.t7_ms = fullest(RECOVERY_LEVEL * sv);
         // 1 − x falls from 0.9 to 0.1 while the recovered fraction x rises from 0.1 to 0.9.
         let [early, late] = FIT_WINDOW.map(|argument| (1.0 - argument) * recovered);
-        self.tau_vr = emptiest(early)
+        self.values.tau_vr_ms = emptiest(early)
             .zip(fullest(late))
             .and_then(|w| time_constant(v, w, |x| 1.0 - (x - min) / recovered));
-        if self.tau_vr.is_none() {
+        if self.values.tau_vr_ms.is_none() {
             self.flags.push(Flag::FillingTooShort);
         }
     }
@@ -408,7 +371,11 @@ impl BiomarkerSet {
 /// linear between samples; none where the window is not longer than a sample's step or no decay is found.
 ///
 /// An integral, not a sum over the samples inside: a sum jumps when a sample enters the window.
-fn time_constant(v: &Cycle, (begin, end): (f64, f64), argument: impl Fn(f64) -> f64) -> Option<Ms> {
+fn time_constant(
+    v: &Cycle,
+    (begin, end): (f64, f64),
+    argument: impl Fn(f64) -> f64,
+) -> Option<f64> {
     if end - begin <= v.usual_step() {
         return None;
     }
@@ -434,7 +401,7 @@ fn time_constant(v: &Cycle, (begin, end): (f64, f64), argument: impl Fn(f64) -> 
     }
     let variance = (end - begin).powi(3) / 12.0;
     let tau = -variance / covariance;
-    (tau.is_finite() && tau > 0.0).then_some(Ms(tau))
+    (tau.is_finite() && tau > 0.0).then_some(tau)
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
 use super::*;
+use cardiotwin_vocabulary::biomarkers::Biomarker;
 use proptest::prelude::*;
 
 const CYCLE_MS: f64 = 800.0;
@@ -46,28 +47,28 @@ fn periodic() -> Continuation {
 
 #[test]
 fn pressure_biomarkers_of_a_pulse() {
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         Some(&sampled(Quantity::Pressure, 1.0, pressure)),
         None,
         periodic(),
     )
     .unwrap();
-    assert_eq!(b.p_max, Some(Mmhg(118.0)));
+    assert_eq!(b.values.p_max_mmhg, Some(118.0));
     let slope = 110.0 * std::f64::consts::PI / 300.0;
-    assert!((b.dpdt_max_mmhg_per_ms.unwrap() - slope).abs() < 1e-3 * slope);
-    assert!((b.dpdt_min_mmhg_per_ms.unwrap() + slope).abs() < 1e-3 * slope);
+    assert!((b.values.dpdt_max_mmhg_per_ms.unwrap() - slope).abs() < 1e-3 * slope);
+    assert!((b.values.dpdt_min_mmhg_per_ms.unwrap() + slope).abs() < 1e-3 * slope);
     // sin² = 0.1 at both ends.
     let ptd90 = 300.0 * (1.0 - 2.0 * 0.1f64.sqrt().asin() / std::f64::consts::PI);
     assert!(
-        (b.ptd90.unwrap().0 - ptd90).abs() < 0.02,
+        (b.values.ptd90_ms.unwrap() - ptd90).abs() < 0.02,
         "{:?} {ptd90}",
-        b.ptd90
+        b.values.ptd90_ms
     );
     assert_eq!(
-        (b.edp, b.time_points.t2),
-        (Some(Mmhg(8.0)), Some(Ms(210.0)))
+        (b.values.edp_mmhg, b.time_points.t2_ms),
+        (Some(8.0), Some(210.0))
     );
-    assert_eq!((b.sv, b.flags.len()), (None, 0));
+    assert_eq!((b.values.sv_ml, b.flags.len()), (None, 0));
 }
 
 #[test]
@@ -84,13 +85,13 @@ fn an_atrial_kick_above_the_level_ends_at_the_foot_of_the_upstroke() {
         if t > 400.0 && t < 700.0 { 2.0 } else { p(t) }
     });
     let [wrapped, single] = [periodic(), Continuation::Single]
-        .map(|continuation| BiomarkerSet::of(Some(&trace), None, continuation).unwrap());
+        .map(|continuation| BeatBiomarkers::of(Some(&trace), None, continuation).unwrap());
     // 2.5 mmHg at a five-hundredth of 125 mmHg per ms below the foot at 60 ms, which the upstroke leaves a little later.
-    let t1 = wrapped.time_points.t1.unwrap().0;
+    let t1 = wrapped.time_points.t1_ms.unwrap();
     assert!((50.0..56.0).contains(&t1), "{t1}");
     assert_eq!(
-        (single.time_points.t1, single.ptd90),
-        (wrapped.time_points.t1, wrapped.ptd90)
+        (single.time_points.t1_ms, single.values.ptd90_ms),
+        (wrapped.time_points.t1_ms, wrapped.values.ptd90_ms)
     );
     assert_eq!(
         [wrapped.flags, single.flags],
@@ -104,13 +105,13 @@ fn an_atrial_kick_above_the_level_ends_at_the_foot_of_the_upstroke() {
 #[test]
 fn an_upstroke_from_the_first_sample_on_begins_before_the_beat() {
     let values: Vec<f64> = (0..=400).map(|t| pressure(f64::from(t) + 100.0)).collect();
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         Some(&Trace::uniform(Quantity::Pressure, 1.0, values).unwrap()),
         None,
         Continuation::Single,
     )
     .unwrap();
-    assert!(b.time_points.t1.unwrap().0 < 0.0);
+    assert!(b.time_points.t1_ms.unwrap() < 0.0);
     assert_eq!(
         b.flags,
         [Flag::PressureRiseNotReached, Flag::PressureRiseBeforeBeat]
@@ -120,22 +121,22 @@ fn an_upstroke_from_the_first_sample_on_begins_before_the_beat() {
 #[test]
 fn pressure_that_does_not_fall_ends_with_the_beat() {
     let cut: Vec<f64> = (0..=300).map(|t| pressure(f64::from(t))).collect();
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         Some(&Trace::uniform(Quantity::Pressure, 1.0, cut).unwrap()),
         None,
         Continuation::Single,
     )
     .unwrap();
     assert_eq!(
-        (b.time_points.t3, b.flags.clone()),
-        (Some(Ms(300.0)), vec![Flag::PressureFallNotReached])
+        (b.time_points.t3_ms, b.flags.clone()),
+        (Some(300.0), vec![Flag::PressureFallNotReached])
     );
 }
 
 #[test]
 fn a_flat_or_rising_pressure_is_flagged() {
     for f in [|_: f64| 8.0, |t: f64| t] {
-        let b = BiomarkerSet::of(
+        let b = BeatBiomarkers::of(
             Some(&sampled(Quantity::Pressure, 1.0, f)),
             None,
             Continuation::Single,
@@ -149,22 +150,22 @@ fn a_flat_or_rising_pressure_is_flagged() {
 fn volume_biomarkers_of_known_exponentials() {
     let f = |t: f64| volume(t, 70.0, 45.0);
     for continuation in [periodic(), Continuation::Single] {
-        let b =
-            BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, f)), continuation).unwrap();
-        assert!((b.sv.unwrap().0 - 70.0).abs() < 0.1);
-        assert_eq!(b.edv, Some(Ml(120.0)));
+        let b = BeatBiomarkers::of(None, Some(&sampled(Quantity::Volume, 1.0, f)), continuation)
+            .unwrap();
+        assert!((b.values.sv_ml.unwrap() - 70.0).abs() < 0.1);
+        assert_eq!(b.values.edv_ml, Some(120.0));
         // Offset by the 2 % that are left: −d ln(x + 0.02)/dt is smaller than that of x, so the fitted constant is.
         assert!(
-            (b.tau_vd.unwrap().0 / 70.0 - 0.931).abs() < 0.005,
+            (b.values.tau_vd_ms.unwrap() / 70.0 - 0.931).abs() < 0.005,
             "{:?}",
-            b.tau_vd
+            b.values.tau_vd_ms
         );
-        assert!((b.time_points.t4.unwrap().0 - 50.0).abs() <= 1.0);
+        assert!((b.time_points.t4_ms.unwrap() - 50.0).abs() <= 1.0);
         // Filling asymptotes to 58 mL, 80 % of SV are 56: nearly the whole exponential.
         assert!(
-            (b.tau_vr.unwrap().0 / 45.0 - 1.0).abs() < 0.15,
+            (b.values.tau_vr_ms.unwrap() / 45.0 - 1.0).abs() < 0.15,
             "{:?}",
-            b.tau_vr
+            b.values.tau_vr_ms
         );
         assert!(b.flags.is_empty(), "{:?}", b.flags);
     }
@@ -182,14 +183,14 @@ fn an_exponential_is_recovered() {
             50.0
         }
     };
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         None,
         Some(&sampled(Quantity::Volume, 1.0, v)),
         Continuation::Single,
     )
     .unwrap();
-    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4);
-    assert!((199.0..=200.0).contains(&b.time_points.t5.unwrap().0));
+    assert!((b.values.tau_vd_ms.unwrap() - tau).abs() < 1e-4);
+    assert!((199.0..=200.0).contains(&b.time_points.t5_ms.unwrap()));
     assert!(b.has(Flag::FillingTooShort));
 }
 
@@ -199,11 +200,16 @@ fn filling_that_does_not_recover_ends_with_the_beat() {
         .map(|t| volume(f64::from(t) + 60.0, 70.0, 200.0))
         .collect();
     let trace = Trace::uniform(Quantity::Volume, 1.0, values).unwrap();
-    let b = BiomarkerSet::of(None, Some(&trace), Continuation::Single).unwrap();
+    let b = BeatBiomarkers::of(None, Some(&trace), Continuation::Single).unwrap();
     assert!(b.has(Flag::FillingNotRecovered), "{b:?}");
-    assert_eq!(b.time_points.t7, Some(Ms(330.0)));
-    let gap = b.clone().with_gap_to(Ml(120.0)).end_of_beat_gap.unwrap();
-    assert_eq!(gap, Ml(120.0) - b.v_end.unwrap());
+    assert_eq!(b.time_points.t7_ms, Some(330.0));
+    let gap = b
+        .clone()
+        .with_gap_to(Ml(120.0))
+        .values
+        .end_of_beat_gap_ml
+        .unwrap();
+    assert_eq!(gap, 120.0 - b.v_end_ml.unwrap());
 }
 
 #[test]
@@ -216,78 +222,71 @@ fn a_beat_that_ends_fuller_than_it_began_still_has_its_ejection() {
             60.0 + (t - 200.0) * 0.1
         }
     };
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         None,
         Some(&sampled(Quantity::Volume, 1.0, v)),
         Continuation::Single,
     )
     .unwrap();
-    assert!(b.edv.unwrap().0 < b.esv.unwrap().0 + 0.9 * b.sv.unwrap().0);
-    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4, "{b:?}");
+    assert!(b.values.edv_ml.unwrap() < b.values.esv_ml.unwrap() + 0.9 * b.values.sv_ml.unwrap());
+    assert!((b.values.tau_vd_ms.unwrap() - tau).abs() < 1e-4, "{b:?}");
 }
 
 #[test]
 fn a_ventricle_that_never_ejects_is_flagged() {
-    let b = BiomarkerSet::of(
+    let b = BeatBiomarkers::of(
         None,
         Some(&sampled(Quantity::Volume, 1.0, |_| 100.0)),
         Continuation::Single,
     )
     .unwrap();
-    assert_eq!((b.sv, b.flags), (Some(Ml(0.0)), vec![Flag::NoEjection]));
+    assert_eq!(
+        (b.values.sv_ml, b.flags),
+        (Some(0.0), vec![Flag::NoEjection])
+    );
 }
 
 #[test]
 fn swapped_traces_are_refused() {
     let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
     assert!(matches!(
-        BiomarkerSet::of(Some(&v), None, periodic()),
+        BeatBiomarkers::of(Some(&v), None, periodic()),
         Err(BiomarkerError::Quantity { .. })
     ));
 }
 
 #[test]
-fn names_carry_their_units() {
+fn both_traces_of_a_beat_give_every_biomarker_and_time_point() {
     let p = sampled(Quantity::Pressure, 1.0, pressure);
     let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
-    let b = BiomarkerSet::of(Some(&p), Some(&v), periodic())
+    let b = BeatBiomarkers::of(Some(&p), Some(&v), periodic())
         .unwrap()
         .with_gap_to(Ml(120.0));
-    let json = serde_json::to_value(&b).unwrap();
-    for key in [
-        "P_max_mmHg",
-        "dPdt_max_mmHg_per_ms",
-        "dPdt_min_mmHg_per_ms",
-        "PTD90_ms",
-        "EDP_mmHg",
-        "SV_mL",
-        "tau_VD_ms",
-        "tau_VR_ms",
-        "EDV_mL",
-        "ESV_mL",
-        "end_of_beat_gap_mL",
-    ] {
-        assert!(json[key].is_f64(), "{key} missing in {json}");
+    for biomarker in Biomarker::ALL {
+        assert!(b.values.get(biomarker).is_some(), "{biomarker}");
     }
-    assert!(json["time_points"]["t7_ms"].is_f64());
-    assert_eq!(serde_json::from_value::<BiomarkerSet>(json).unwrap(), b);
+    let t = b.time_points;
+    let times = [
+        t.t1_ms, t.t2_ms, t.t3_ms, t.t4_ms, t.t5_ms, t.t6_ms, t.t7_ms,
+    ];
+    assert!(times.iter().all(Option::is_some), "{t:?}");
 }
 
 proptest! {
     #[test]
     fn finer_sampling_changes_biomarkers_little(tau_vd in 50.0..90.0f64, tau_vr in 30.0..60.0f64, step in 0.1..0.9f64) {
         let step = CYCLE_MS / (CYCLE_MS / step).round();
-        let at = |s: f64| BiomarkerSet::of_samples(
+        let at = |s: f64| BeatBiomarkers::of_samples(
             Some(&sampled(Quantity::Pressure, s, pressure)),
             Some(&sampled(Quantity::Volume, s, |t| volume(t, tau_vd, tau_vr))), periodic()).unwrap();
         let (coarse, fine) = (at(1.0), at(step));
         let close = |a: f64, b: f64, relative: f64| (a - b).abs() <= relative * b.abs();
-        prop_assert!(close(coarse.p_max.unwrap().0, fine.p_max.unwrap().0, 1e-4));
-        prop_assert!(close(coarse.dpdt_max_mmhg_per_ms.unwrap(), fine.dpdt_max_mmhg_per_ms.unwrap(), 1e-3));
-        prop_assert!(close(coarse.ptd90.unwrap().0, fine.ptd90.unwrap().0, 1e-3));
-        prop_assert!(close(coarse.sv.unwrap().0, fine.sv.unwrap().0, 1e-3));
-        prop_assert!(close(coarse.tau_vd.unwrap().0, fine.tau_vd.unwrap().0, 0.01));
-        prop_assert!(close(coarse.tau_vr.unwrap().0, fine.tau_vr.unwrap().0, 0.02));
+        prop_assert!(close(coarse.values.p_max_mmhg.unwrap(), fine.values.p_max_mmhg.unwrap(), 1e-4));
+        prop_assert!(close(coarse.values.dpdt_max_mmhg_per_ms.unwrap(), fine.values.dpdt_max_mmhg_per_ms.unwrap(), 1e-3));
+        prop_assert!(close(coarse.values.ptd90_ms.unwrap(), fine.values.ptd90_ms.unwrap(), 1e-3));
+        prop_assert!(close(coarse.values.sv_ml.unwrap(), fine.values.sv_ml.unwrap(), 1e-3));
+        prop_assert!(close(coarse.values.tau_vd_ms.unwrap(), fine.values.tau_vd_ms.unwrap(), 0.01));
+        prop_assert!(close(coarse.values.tau_vr_ms.unwrap(), fine.values.tau_vr_ms.unwrap(), 0.02));
     }
 
     #[test]
@@ -299,14 +298,14 @@ proptest! {
             values.rotate_left(shift);
             Trace::uniform(t.quantity(), 1.0, values).unwrap()
         };
-        let a = BiomarkerSet::of(Some(&p), Some(&v), periodic()).unwrap();
-        let b = BiomarkerSet::of(Some(&rotate(&p)), Some(&rotate(&v)), periodic()).unwrap();
-        prop_assert!((a.ptd90.unwrap().0 - b.ptd90.unwrap().0).abs() < 1e-9);
-        prop_assert!((a.tau_vd.unwrap().0 - b.tau_vd.unwrap().0).abs() < 1e-9);
-        prop_assert!((a.tau_vr.unwrap().0 - b.tau_vr.unwrap().0).abs() < 1e-9);
-        prop_assert_eq!(a.dpdt_max_mmhg_per_ms, b.dpdt_max_mmhg_per_ms);
-        prop_assert_eq!(a.dpdt_min_mmhg_per_ms, b.dpdt_min_mmhg_per_ms);
-        let moved = (a.time_points.t1.unwrap().0 - b.time_points.t1.unwrap().0 - shift as f64) / CYCLE_MS;
+        let a = BeatBiomarkers::of(Some(&p), Some(&v), periodic()).unwrap();
+        let b = BeatBiomarkers::of(Some(&rotate(&p)), Some(&rotate(&v)), periodic()).unwrap();
+        prop_assert!((a.values.ptd90_ms.unwrap() - b.values.ptd90_ms.unwrap()).abs() < 1e-9);
+        prop_assert!((a.values.tau_vd_ms.unwrap() - b.values.tau_vd_ms.unwrap()).abs() < 1e-9);
+        prop_assert!((a.values.tau_vr_ms.unwrap() - b.values.tau_vr_ms.unwrap()).abs() < 1e-9);
+        prop_assert_eq!(a.values.dpdt_max_mmhg_per_ms, b.values.dpdt_max_mmhg_per_ms);
+        prop_assert_eq!(a.values.dpdt_min_mmhg_per_ms, b.values.dpdt_min_mmhg_per_ms);
+        let moved = (a.time_points.t1_ms.unwrap() - b.time_points.t1_ms.unwrap() - shift as f64) / CYCLE_MS;
         prop_assert!((moved - moved.round()).abs() < 1e-9);
     }
 }

@@ -19,9 +19,9 @@ mod told;
 pub mod trace;
 
 pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};
-pub use biomarkers::{BiomarkerError, BiomarkerSet, Flag, TimePoints};
+pub use biomarkers::{BeatBiomarkers, BiomarkerError, Flag};
+pub use cardiotwin_vocabulary::biomarkers::NoiseWindows;
 pub use cycle::Continuation;
-pub use noise_windows::NoiseWindows;
 pub use problem::{Problem, Severity};
 pub use read::{Origin, Reading, parse_trace, parse_trace_from, read_trace, read_trace_from};
 pub use resample::resample;

@@ -7,6 +7,7 @@
 //! measured one.
 
 use cardiotwin_units::Ms;
+use cardiotwin_vocabulary::biomarkers::NoiseWindows;
 
 use crate::Trace;
 use crate::cycle::{Continuation, Cycle};
@@ -24,45 +25,34 @@ const LEFT_OF_VARIANCE: [f64; MOST_FRAMES] = [1.0, 17.0 / 35.0, 1.0 / 3.0];
 /// |z| of a standard normal number stays below this with a probability of 1/4.
 const LOWER_QUARTILE: f64 = 0.318_639;
 
-/// Windows of a pair of traces; none where samples are taken as they are.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct NoiseWindows {
-    /// Of the pressure.
-    pub pressure: Option<Ms>,
-    /// Of the volume.
-    pub volume: Option<Ms>,
-}
-
-impl NoiseWindows {
-    /// The windows that measured traces ask for.
-    ///
-    /// - `pressure`: at the common step of 1 ms
-    /// - `frames`: the volume as it was measured, not resampled
-    #[must_use]
-    pub fn of(
-        pressure: Option<&Trace>,
-        frames: Option<&Trace>,
-        continuation: Continuation,
-    ) -> Self {
-        Self {
-            pressure: pressure.and_then(|pressure| pressure_window(pressure, continuation)),
-            volume: frames.and_then(volume_window),
-        }
+/// The windows that measured traces ask for.
+///
+/// - `pressure`: at the common step of 1 ms
+/// - `frames`: the volume as it was measured, not resampled
+#[must_use]
+pub fn of(
+    pressure: Option<&Trace>,
+    frames: Option<&Trace>,
+    continuation: Continuation,
+) -> NoiseWindows {
+    NoiseWindows {
+        pressure_ms: pressure.and_then(|pressure| pressure_window_ms(pressure, continuation)),
+        volume_ms: frames.and_then(volume_window_ms),
     }
 }
 
-fn pressure_window(pressure: &Trace, continuation: Continuation) -> Option<Ms> {
+fn pressure_window_ms(pressure: &Trace, continuation: Continuation) -> Option<f64> {
     let cycle = Cycle::new(pressure.time_ms(), pressure.values(), continuation);
     let quiet = |reach: &isize| {
         noise_over_largest(&cycle, *reach).is_none_or(|noise| noise <= TOLERATED_RATE_NOISE)
     };
     let reach = (1..=MOST_SAMPLES).find(quiet).unwrap_or(MOST_SAMPLES);
     let step_ms = cycle.time(1) - cycle.time(0);
-    (reach > 1).then_some(Ms(2.0 * reach as f64 * step_ms))
+    (reach > 1).then_some(2.0 * reach as f64 * step_ms)
 }
 
 /// The noise is told by second differences of neighbouring frames; their lower quartile leaves out where the volume bends.
-fn volume_window(frames: &Trace) -> Option<Ms> {
+fn volume_window_ms(frames: &Trace) -> Option<f64> {
     let values = frames.values();
     let mut bends: Vec<f64> = values
         .windows(3)
@@ -82,9 +72,7 @@ fn volume_window(frames: &Trace) -> Option<Ms> {
     let quiet = |reach: &usize| LEFT_OF_VARIANCE[reach - 1].sqrt() * noise <= tolerated;
     let reach = (2..=MOST_FRAMES).find(quiet).unwrap_or(MOST_FRAMES);
     let time = frames.time_ms();
-    Some(Ms(
-        2.0 * reach as f64 * (frames.end_ms() - time[0]) / (time.len() - 1) as f64
-    ))
+    Some(2.0 * reach as f64 * (frames.end_ms() - time[0]) / (time.len() - 1) as f64)
 }
 
 /// Values of least-squares parabolas over a window around each sample; at the ends of a single beat, over what there is of it.
@@ -132,7 +120,7 @@ fn noise_over_largest(cycle: &Cycle, reach: isize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BiomarkerSet, Quantity};
+    use crate::{BeatBiomarkers, Quantity};
 
     const CYCLE: Ms = Ms(800.0);
 
@@ -157,9 +145,7 @@ mod tests {
     #[test]
     fn a_smooth_trace_needs_no_window_and_a_noisy_one_a_longer_one() {
         let window = |rms: f64| {
-            NoiseWindows::of(Some(&trace(rms)), None, Continuation::periodic(CYCLE))
-                .pressure
-                .map(|w| w.0)
+            super::of(Some(&trace(rms)), None, Continuation::periodic(CYCLE)).pressure_ms
         };
         assert_eq!(window(0.0), None);
         let (little, much) = (window(0.3).expect("noise"), window(1.5).expect("noise"));
@@ -169,11 +155,11 @@ mod tests {
     #[test]
     fn rates_of_a_noisy_trace_are_those_of_the_beat_over_the_same_window() {
         let (smooth, noisy, periodic) = (trace(0.0), trace(1.5), Continuation::periodic(CYCLE));
-        let windows = NoiseWindows::of(Some(&noisy), None, periodic);
+        let windows = super::of(Some(&noisy), None, periodic);
         let of = |trace: &Trace, windows| {
-            BiomarkerSet::over(Some(trace), None, periodic, windows).expect("biomarkers")
+            BeatBiomarkers::over(Some(trace), None, periodic, windows).expect("biomarkers")
         };
-        let fastest = |set: BiomarkerSet| set.dpdt_max_mmhg_per_ms.expect("a rise");
+        let fastest = |set: BeatBiomarkers| set.values.dpdt_max_mmhg_per_ms.expect("a rise");
         let (known, differences, lines) = (
             fastest(of(&smooth, windows)),
             fastest(of(&noisy, NoiseWindows::default())),
@@ -213,14 +199,14 @@ mod tests {
             Trace::uniform(Quantity::Volume, 30.0, values).expect("frames")
         };
         let periodic = Continuation::periodic(Ms(810.0));
-        let windows = |frames: &Trace| NoiseWindows::of(None, Some(frames), periodic);
-        assert_eq!(windows(&frames(0.0, 0)).volume, None);
+        let windows = |frames: &Trace| super::of(None, Some(frames), periodic);
+        assert_eq!(windows(&frames(0.0, 0)).volume_ms, None);
         let of = |frames: &Trace, windows| {
-            BiomarkerSet::over(None, Some(frames), periodic, windows)
+            BeatBiomarkers::over(None, Some(frames), periodic, windows)
                 .expect("biomarkers")
-                .sv
+                .values
+                .sv_ml
                 .expect("a stroke")
-                .0
         };
         // Errors of forty measurements, as they are and over the window.
         let [mut raw, mut over] = [0.0; 2];

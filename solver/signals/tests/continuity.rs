@@ -1,7 +1,9 @@
 //! No biomarker jumps: traces shifted, scaled and perturbed, each change bounded by a stated constant times the
 //! perturbation; and sweeps through the places where a literal crossing jumps.
 
-use cardiotwin_signals::{BiomarkerSet, Continuation, Flag, Quantity, Trace, read_trace, resample};
+use cardiotwin_signals::{
+    BeatBiomarkers, Continuation, Flag, Quantity, Trace, read_trace, resample,
+};
 use cardiotwin_units::Ms;
 use proptest::prelude::*;
 use std::path::Path;
@@ -51,26 +53,31 @@ fn amplitude(values: &[f64]) -> f64 {
         - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-fn of(pressure: &Trace, volume: &Trace, continuation: Continuation) -> BiomarkerSet {
-    BiomarkerSet::of_samples(Some(pressure), Some(volume), continuation).unwrap()
+fn of(pressure: &Trace, volume: &Trace, continuation: Continuation) -> BeatBiomarkers {
+    BeatBiomarkers::of_samples(Some(pressure), Some(volume), continuation).unwrap()
 }
 
 /// Values that a perturbation must move little: P_max, rates, PTD90, SV, tau_VD, tau_VR.
-fn values(b: &BiomarkerSet) -> [f64; 7] {
+fn values(b: &BeatBiomarkers) -> [f64; 7] {
     [
-        b.p_max.unwrap().0,
-        b.dpdt_max_mmhg_per_ms.unwrap(),
-        b.dpdt_min_mmhg_per_ms.unwrap(),
-        b.ptd90.unwrap().0,
-        b.sv.unwrap().0,
-        b.tau_vd.unwrap().0,
-        b.tau_vr.unwrap().0,
+        b.values.p_max_mmhg.unwrap(),
+        b.values.dpdt_max_mmhg_per_ms.unwrap(),
+        b.values.dpdt_min_mmhg_per_ms.unwrap(),
+        b.values.ptd90_ms.unwrap(),
+        b.values.sv_ml.unwrap(),
+        b.values.tau_vd_ms.unwrap(),
+        b.values.tau_vr_ms.unwrap(),
     ]
 }
 
 /// Each change over its bound, for samples moved by up to `p` mmHg and `v` mL.
-fn over_bounds(a: &BiomarkerSet, b: &BiomarkerSet, amplitude: f64, [p, v]: [f64; 2]) -> [f64; 7] {
-    let ([a, b], sv) = ([values(a), values(b)], a.sv.unwrap().0);
+fn over_bounds(
+    a: &BeatBiomarkers,
+    b: &BeatBiomarkers,
+    amplitude: f64,
+    [p, v]: [f64; 2],
+) -> [f64; 7] {
+    let ([a, b], sv) = ([values(a), values(b)], a.values.sv_ml.unwrap());
     let bounds = [
         p,
         p,
@@ -122,7 +129,7 @@ proptest! {
 fn a_level_that_sinks_through_end_diastolic_pressure_moves_ptd90_smoothly() {
     for (k, id) in COHORT.into_iter().enumerate() {
         let (p, v, periodic) = patient(k);
-        let fall = of(&p, &v, periodic).time_points.t3.unwrap().0;
+        let fall = of(&p, &v, periodic).time_points.t3_ms.unwrap();
         let dip = |depth: f64| {
             changed(&p, |i, x| {
                 x - depth * (-((i as f64 - fall - 60.0) / 20.0).powi(2)).exp()
@@ -170,11 +177,11 @@ fn a_diastasis_that_passes_the_window_moves_tau_vr_smoothly() {
     };
     let tau = |filled: f64| {
         let continuation = Continuation::periodic(Ms(1000.0));
-        BiomarkerSet::of_samples(None, Some(&volume(filled)), continuation)
+        BeatBiomarkers::of_samples(None, Some(&volume(filled)), continuation)
             .unwrap()
-            .tau_vr
+            .values
+            .tau_vr_ms
             .unwrap()
-            .0
     };
     let (step, mut before) = (2e-4, tau(0.66));
     for i in 1..=400 {

@@ -3,8 +3,8 @@
 
 use cardiotwin_signals::checks::{Measured, MeasuredVolume, Source, check};
 use cardiotwin_signals::{
-    ActiveStressBiomarkers, BiomarkerSet, CalciumDurations, Continuation, Flag, Problem, Quantity,
-    Trace, active_stress, read_trace,
+    ActiveStressBiomarkers, BeatBiomarkers, CalciumDurations, Continuation, Flag, Problem,
+    Quantity, Trace, active_stress, read_trace,
 };
 use cardiotwin_units::{MicroMolar, Ml, Mmhg, Ms};
 use std::path::{Path, PathBuf};
@@ -65,9 +65,9 @@ impl Patient {
         Ms(number(&self.toml, "", "cycle_length_ms").unwrap())
     }
 
-    fn biomarkers(&self) -> BiomarkerSet {
+    fn biomarkers(&self) -> BeatBiomarkers {
         let continuation = Continuation::periodic(self.cycle_length());
-        BiomarkerSet::of(Some(&self.pressure), Some(&self.volume), continuation).unwrap()
+        BeatBiomarkers::of(Some(&self.pressure), Some(&self.volume), continuation).unwrap()
     }
 
     fn problems(&self) -> Vec<Problem> {
@@ -120,11 +120,11 @@ fn coa_seven_has_the_clinical_biomarkers_of_table_2() {
     for (id, clinical) in TABLE_2 {
         let b = coa(id).biomarkers();
         let ours = [
-            b.p_max.unwrap().0,
-            b.dpdt_max_mmhg_per_ms.unwrap(),
-            b.dpdt_min_mmhg_per_ms.unwrap(),
-            b.ptd90.unwrap().0,
-            b.sv.unwrap().0,
+            b.values.p_max_mmhg.unwrap(),
+            b.values.dpdt_max_mmhg_per_ms.unwrap(),
+            b.values.dpdt_min_mmhg_per_ms.unwrap(),
+            b.values.ptd90_ms.unwrap(),
+            b.values.sv_ml.unwrap(),
         ];
         // Pressure to the rounding of the files (0.001 mmHg). The stroke volume was set before sampling to 5 ms; the
         // spline through the samples overshoots the printed one by up to 0.16 mL.
@@ -137,15 +137,15 @@ fn coa_seven_has_the_clinical_biomarkers_of_table_2() {
         }
         assert!(b.flags.is_empty(), "{id}: {:?}", b.flags);
         assert!(
-            (20.0..150.0).contains(&b.tau_vd.unwrap().0)
-                && (20.0..150.0).contains(&b.tau_vr.unwrap().0),
+            (20.0..150.0).contains(&b.values.tau_vd_ms.unwrap())
+                && (20.0..150.0).contains(&b.values.tau_vr_ms.unwrap()),
             "{id}"
         );
     }
 }
 
 /// P_max, dP/dt_max, dP/dt_min, t1, t3, PTD90, SV, tau_VD, tau_VR by the literal definitions: first and last crossings,
-/// regressions as sums over the 1 ms samples within their window. Computed at commit 531ec84 by `BiomarkerSet::of`.
+/// regressions as sums over the 1 ms samples within their window. Computed at commit 531ec84 by `BeatBiomarkers::of`.
 const LITERAL: [(&str, [f64; 9]); 7] = [
     (
         "01-CoA",
@@ -253,14 +253,14 @@ fn the_continuous_definitions_agree_with_the_literal_ones_on_coa_seven() {
         let b = coa(id).biomarkers();
         let t = b.time_points;
         let [p_max, t1, t3, ptd90] = [
-            b.p_max.unwrap().0,
-            t.t1.unwrap().0,
-            t.t3.unwrap().0,
-            b.ptd90.unwrap().0,
+            b.values.p_max_mmhg.unwrap(),
+            t.t1_ms.unwrap(),
+            t.t3_ms.unwrap(),
+            b.values.ptd90_ms.unwrap(),
         ];
         let rates = [
-            b.dpdt_max_mmhg_per_ms.unwrap(),
-            b.dpdt_min_mmhg_per_ms.unwrap(),
+            b.values.dpdt_max_mmhg_per_ms.unwrap(),
+            b.values.dpdt_min_mmhg_per_ms.unwrap(),
         ];
         let ours = [
             p_max,
@@ -269,9 +269,9 @@ fn the_continuous_definitions_agree_with_the_literal_ones_on_coa_seven() {
             t1,
             t3,
             ptd90,
-            b.sv.unwrap().0,
-            b.tau_vd.unwrap().0,
-            b.tau_vr.unwrap().0,
+            b.values.sv_ml.unwrap(),
+            b.values.tau_vd_ms.unwrap(),
+            b.values.tau_vr_ms.unwrap(),
         ];
         // Time constants are integrals for sums, which jump by up to so much when a sample enters the window.
         let tolerances = [1e-9; 7].into_iter().chain([4e-3; 2]);
@@ -291,7 +291,10 @@ fn the_continuous_definitions_agree_with_the_literal_ones_on_coa_seven() {
 fn an_end_diastolic_pressure_above_the_level_begins_at_the_upstroke() {
     for (id, ptd90) in [("dev-008", 330.2), ("dev-025", 308.8)] {
         let b = Patient::read(data("hidden-effects").join(id)).biomarkers();
-        assert!((b.ptd90.unwrap().0 - ptd90).abs() < 0.1, "{id}: {b:?}");
+        assert!(
+            (b.values.ptd90_ms.unwrap() - ptd90).abs() < 0.1,
+            "{id}: {b:?}"
+        );
         assert!(b.has(Flag::PressureRiseNotReached), "{id}: {b:?}");
     }
 }
@@ -299,17 +302,20 @@ fn an_end_diastolic_pressure_above_the_level_begins_at_the_upstroke() {
 #[test]
 fn time_points_are_in_the_order_of_a_beat() {
     for (id, _) in TABLE_2 {
-        let t = coa(id).biomarkers().time_points;
-        let [t1, t2, t3, t4, t5, t6, t7] =
-            [t.t1, t.t2, t.t3, t.t4, t.t5, t.t6, t.t7].map(|t| t.unwrap().0);
+        let b = coa(id).biomarkers();
+        let t = b.time_points;
+        let [t1, t2, t3, t4, t5, t6, t7] = [
+            t.t1_ms, t.t2_ms, t.t3_ms, t.t4_ms, t.t5_ms, t.t6_ms, t.t7_ms,
+        ]
+        .map(Option::unwrap);
         assert!(
             0.0 < t1 && t1 < t4 && t4 < t2 && t2 < t5 && t5 <= t6 && t6 < t7,
             "{id}: {t:?}"
         );
         assert!(
-            t.t_dpdt_max.unwrap().0 < t2
-                && t2 < t.t_dpdt_min.unwrap().0
-                && t.t_dpdt_min.unwrap().0 < t3,
+            b.t_dpdt_max_ms.unwrap() < t2
+                && t2 < b.t_dpdt_min_ms.unwrap()
+                && b.t_dpdt_min_ms.unwrap() < t3,
             "{id}"
         );
     }
@@ -326,18 +332,18 @@ fn frames_of_a_cine_series_give_nearly_the_same_volume_biomarkers() {
         .collect();
     let values = times.iter().map(|t| patient.volume.at(*t)).collect();
     let frames = Trace::new(Quantity::Volume, times, values).unwrap();
-    let b = BiomarkerSet::of(None, Some(&frames), Continuation::periodic(period)).unwrap();
+    let b = BeatBiomarkers::of(None, Some(&frames), Continuation::periodic(period)).unwrap();
     let relative = |a: f64, b: f64| (a / b - 1.0).abs();
     assert!(
-        relative(b.sv.unwrap().0, full.sv.unwrap().0) < 0.04,
+        relative(b.values.sv_ml.unwrap(), full.values.sv_ml.unwrap()) < 0.04,
         "{b:?}"
     );
     assert!(
-        relative(b.tau_vd.unwrap().0, full.tau_vd.unwrap().0) < 0.05,
+        relative(b.values.tau_vd_ms.unwrap(), full.values.tau_vd_ms.unwrap()) < 0.05,
         "{b:?}"
     );
     assert!(
-        relative(b.tau_vr.unwrap().0, full.tau_vr.unwrap().0) < 0.15,
+        relative(b.values.tau_vr_ms.unwrap(), full.values.tau_vr_ms.unwrap()) < 0.15,
         "{b:?}"
     );
 }

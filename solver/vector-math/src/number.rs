@@ -4,7 +4,7 @@
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::{exp, fma, ln_ratio};
+use crate::{exp, fma, ln_ratio, ln_ratios};
 
 /// Operations that the equations of a model need.
 pub trait Number:
@@ -30,6 +30,12 @@ pub trait Number:
 
     /// ln(self/other) of two positive numbers.
     fn ln_ratio(self, other: Self) -> Self;
+
+    /// ln(self/other) and ln(c/d) of positive numbers, which lanes compute with one division for both.
+    #[inline(always)]
+    fn ln_ratios(self, other: Self, [c, d]: [Self; 2]) -> (Self, Self) {
+        (self.ln_ratio(other), c.ln_ratio(d))
+    }
 
     /// Absolute value.
     fn abs(self) -> Self;
@@ -147,6 +153,11 @@ impl<const FMA: bool> Number for Lane<FMA> {
     #[inline(always)]
     fn ln_ratio(self, other: Self) -> Self {
         Self(ln_ratio::<FMA>(self.0, other.0))
+    }
+    #[inline(always)]
+    fn ln_ratios(self, other: Self, [c, d]: [Self; 2]) -> (Self, Self) {
+        let (first, second) = ln_ratios::<FMA>(self.0, other.0, c.0, d.0);
+        (Self(first), Self(second))
     }
     #[inline(always)]
     fn abs(self) -> Self {
@@ -271,7 +282,8 @@ mod tests {
         let two = T::of(2.0);
         let power = (x.ln_ratio(two) * T::of(1.7)).exp();
         let bent = (-x).abs().max(T::of(0.1)).min(T::of(9.0));
-        (power - x / two).mul_add(bent, two + x.exp_m1() * x)
+        let (log, inverse_log) = x.ln_ratios(two, [two, x]);
+        (power - x / two).mul_add(bent, two + x.exp_m1() * x) + log - two * inverse_log
     }
 
     proptest! {

@@ -93,6 +93,24 @@ impl Rice2008Shape {
             )
         }
     }
+
+    /// Time from activation until the transient has decayed by `fraction` of its amplitude, for
+    /// example CTD50 with 0.5 and CTD90 with 0.9 (Jung 2022, Appendix C). It comes from the
+    /// analytic curve without a limit at the cycle length.
+    ///
+    /// # Errors
+    /// [`RootError`] if `fraction` is not inside (0, 1).
+    pub fn decay_time(&self, fraction: f64) -> Result<Ms, RootError> {
+        let level = 1.0 - fraction;
+        // The slow exponential alone is an upper bound of the decay time.
+        let bound = self.peak_ms + 60.0 / self.slow_per_ms;
+        let guess = self.peak_ms + (1.0 + fraction) / self.slow_per_ms;
+        increasing_root(self.peak_ms, bound, guess, 1e-10, |s| {
+            let (shape, slope) = self.value_and_slope(s);
+            (level - shape, -slope)
+        })
+        .map(Ms)
+    }
 }
 
 /// The transient `Ca_res + (Ca_max − Ca_res) · shape(s)`, where s is the time since activation. Its
@@ -149,22 +167,12 @@ impl Rice2008 {
         Ms(self.shape.peak_ms)
     }
 
-    /// Time from activation until the transient has decayed by `fraction` of its amplitude, for
-    /// example CTD50 with 0.5 and CTD90 with 0.9 (Jung 2022, Appendix C). It comes from the
-    /// analytic curve without a limit at the cycle length.
+    /// [`Rice2008Shape::decay_time`] of this transient.
     ///
     /// # Errors
     /// [`RootError`] if `fraction` is not inside (0, 1).
     pub fn decay_time(&self, fraction: f64) -> Result<Ms, RootError> {
-        let level = 1.0 - fraction;
-        // The slow exponential alone is an upper bound of the decay time.
-        let bound = self.shape.peak_ms + 60.0 / self.shape.slow_per_ms;
-        let guess = self.shape.peak_ms + (1.0 + fraction) / self.shape.slow_per_ms;
-        increasing_root(self.shape.peak_ms, bound, guess, 1e-10, |s| {
-            let (shape, slope) = self.shape.value_and_slope(s);
-            (level - shape, -slope)
-        })
-        .map(Ms)
+        self.shape.decay_time(fraction)
     }
 }
 

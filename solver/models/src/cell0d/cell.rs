@@ -1,6 +1,6 @@
 //! The 0D cell's parameters, beats and errors.
 
-use super::passive::LandPassiveParameters;
+use super::passive::{LandPassive, LandPassiveParameters};
 use crate::calcium::{Calcium, CalciumError, Rice2008, Rice2008Parameters, SampledCalcium};
 use crate::contraction::{ContractionError, Land2017, Land2017Parameters};
 use crate::roots::RootError;
@@ -171,7 +171,7 @@ pub enum CellError {
 #[derive(Debug, Clone)]
 pub struct Cell0d {
     pub(super) land: Land2017,
-    passive: LandPassiveParameters,
+    passive: LandPassive,
     calcium: Source,
     pub(super) cycle_length_ms: f64,
     lambda0: f64,
@@ -207,7 +207,7 @@ impl Cell0d {
         };
         Ok(Self {
             land: Land2017::new(parameters.land)?,
-            passive: parameters.passive,
+            passive: LandPassive::new(&parameters.passive),
             calcium,
             cycle_length_ms: parameters.cycle_length_ms,
             lambda0: parameters.lambda0,

@@ -21,7 +21,7 @@ pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, C
     let balance = |lambda: f64| {
         let c = lambda / system.lambda0 - 1.0;
         let passive = system.passive.stress(c, c);
-        let (h, dh) = (land.overlap(lambda), land.overlap_slope(lambda));
+        let (h, dh) = (land.k.overlap(lambda), land.overlap_slope(lambda));
         match steady(lambda) {
             Ok(state) => {
                 // The slope leaves out what Ca50 adds: it only costs an iteration or a bisection.
@@ -70,7 +70,7 @@ pub(crate) fn balance_stretch(system: &System<'_>, y: &mut Vector) -> Result<(),
         TOLERANCE,
         |lambda| {
             let passive = system.passive.stress(lambda / system.lambda0 - 1.0, cv);
-            let (h, dh) = (land.overlap(lambda), land.overlap_slope(lambda));
+            let (h, dh) = (land.k.overlap(lambda), land.overlap_slope(lambda));
             let pull = (z_s + land.k.a * lambda + 1.0) * s + (z_w + land.k.a * lambda) * w;
             (
                 land.k.stress_scale * h * pull + passive.sp_kpa,

@@ -11,10 +11,11 @@ pub mod passive;
 mod periodic;
 mod rodas;
 mod system;
+pub mod tableau;
 
 pub use biomarkers::{ActiveStressBiomarkers, CalciumBiomarkers};
 pub use cell::{
     CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState,
 };
 pub use objective::{CellCost, CellPenalty, CellTargets, CellWeights};
-pub use passive::LandPassiveParameters;
+pub use passive::{LandPassive, LandPassiveParameters};

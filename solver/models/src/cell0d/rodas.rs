@@ -1,61 +1,9 @@
 //! RODAS: a stiffly accurate, L-stable Rosenbrock method of order 4(3) with dense output of order 3 for the 0D cell.
 //!
-//! Coefficients: Hairer and Wanner, Solving Ordinary Differential Equations II (2nd ed. 1996), section VI.4. Each stage
-//! solves `(M/(hγ) − J) u_i = f(t + c_i h, y + Σ a_ij u_j) + M Σ (c_ij/h) u_j + d_i h f_t`.
+//! The coefficients and the form of the stages are those of [`super::tableau`].
 
 use super::system::{LAMBDA, N, System, Vector};
-
-const GAMMA: f64 = 0.25;
-const TIMES: [f64; 4] = [0.0, 0.386, 0.21, 0.63];
-const D: [f64; 4] = [0.25, -0.1043, 0.1035, -0.036_200_000_000_000_23];
-const A2: [f64; 1] = [1.544];
-const A3: [f64; 2] = [0.946_678_528_081_582_6, 0.255_701_169_898_328_4];
-const A4: [f64; 3] = [
-    3.314_825_187_068_521,
-    2.896_124_015_972_201,
-    0.998_641_913_997_781_7,
-];
-const A5: [f64; 4] = [
-    1.221_224_509_226_641,
-    6.019_134_481_288_629,
-    12.537_083_329_320_87,
-    -0.687_886_036_105_895,
-];
-const C2: [f64; 1] = [-5.6688];
-const C3: [f64; 2] = [-2.430_093_356_833_875, -0.206_359_915_709_191_5];
-const C4: [f64; 3] = [
-    -0.107_352_905_815_137_5,
-    -9.594_562_251_023_355,
-    -20.470_286_148_096_16,
-];
-const C5: [f64; 4] = [
-    7.496_443_313_967_647,
-    -10.246_804_314_643_52,
-    -33.999_903_528_199_05,
-    11.708_908_932_061_6,
-];
-const C6: [f64; 5] = [
-    8.083_246_795_921_522,
-    -7.981_132_988_064_893,
-    -31.521_594_328_743_71,
-    16.319_305_431_231_36,
-    -6.058_818_238_834_054,
-];
-/// Dense output.
-const H2: [f64; 5] = [
-    10.126_235_083_445_86,
-    -7.487_995_877_610_167,
-    -34.800_918_615_557_47,
-    -7.992_771_707_568_823,
-    1.025_137_723_295_662,
-];
-const H3: [f64; 5] = [
-    -0.676_280_339_280_125_3,
-    6.087_714_651_680_015,
-    16.430_843_208_924_78,
-    24.767_225_114_183_86,
-    -6.594_389_125_716_872,
-];
+use super::tableau::{A2, A3, A4, A5, C2, C3, C4, C5, C6, D, GAMMA, H2, H3, TIMES};
 
 /// A tried step: the new unknowns, the error estimate and what the dense output needs.
 #[derive(Debug, Clone, Copy)]

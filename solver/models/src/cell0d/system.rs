@@ -2,10 +2,10 @@
 //!
 //! With z = ζ − A λ as states the stretch's rate drops out, and λ is the root of the force balance (Jung 2022, eq. 16).
 
-use super::passive::{LandPassiveParameters, PassiveStress};
+use super::passive::{LandPassive, PassiveStress};
 use crate::calcium::Calcium;
 use crate::contraction::Land2017;
-use crate::contraction::land2017::equations::Terms;
+use crate::contraction::land2017::equations::{Terms, pull};
 use cardiotwin_vector_math::Number;
 
 /// Number of unknowns: CaTRPN, B, W, S, z_W, z_S, C_V and λ.
@@ -20,7 +20,7 @@ pub(crate) type Vector = [f64; N];
 #[derive(Debug)]
 pub(crate) struct System<'a> {
     pub land: &'a Land2017,
-    pub passive: &'a LandPassiveParameters,
+    pub passive: &'a LandPassive,
     pub calcium: &'a dyn Calcium,
     pub lambda0: f64,
 }
@@ -60,7 +60,7 @@ impl System<'_> {
     /// Active stress at an unknown vector \[kPa\].
     #[inline]
     pub fn active_stress_kpa(&self, y: &Vector) -> f64 {
-        self.land.stress_kpa(&self.land_state(y), y[LAMBDA])
+        self.land.k.stress_kpa(&self.land_state(y), y[LAMBDA])
     }
 
     /// Right-hand side at the time since activation `t`. A negative sensitivity makes it NaN, which the step control turns
@@ -74,7 +74,7 @@ impl System<'_> {
     #[inline(always)]
     pub fn equations<T: Number>(&self, ca_um: T, y: &[T; N]) -> [T; N] {
         let state = self.land_state(y);
-        let terms = self.land.terms(&state, ca_um, y[LAMBDA]);
+        let terms = self.land.k.terms(&state, ca_um, y[LAMBDA]);
         self.rhs_of_terms(&state, &terms, &self.passive_stress(y), y[LAMBDA])
     }
 
@@ -87,8 +87,8 @@ impl System<'_> {
         passive: &PassiveStress<T>,
         lambda: T,
     ) -> [T; N] {
-        let [trpn, b, w, s, z_w, z_s] = self.land.rates_from(state, terms, T::of(0.0));
-        let balance = self.land.stress_kpa(state, lambda) + passive.sp_kpa;
+        let [trpn, b, w, s, z_w, z_s] = self.land.k.rates_from(state, terms, T::of(0.0));
+        let balance = self.land.k.stress_kpa(state, lambda) + passive.sp_kpa;
         [trpn, b, w, s, z_w, z_s, passive.cv_rate_per_ms, balance]
     }
 
@@ -98,7 +98,7 @@ impl System<'_> {
         let lambda = y[LAMBDA];
         let (ca_um, ca_rate) = self.calcium.value_and_rate(t);
         let state = self.land_state(y);
-        let terms = land.terms(&state, ca_um, lambda);
+        let terms = k.terms(&state, ca_um, lambda);
         let slopes = land.term_slopes(&state, &terms, lambda);
         let passive = self.passive_stress(y);
         let rhs = self.rhs_of_terms(&state, &terms, &passive, lambda);
@@ -113,9 +113,9 @@ impl System<'_> {
             gamma_wu,
             gamma_su,
         } = terms;
-        let h = land.overlap(lambda) * k.stress_scale;
+        let h = k.overlap(lambda) * k.stress_scale;
         let dh = land.overlap_slope(lambda) * k.stress_scale;
-        let pull = (zeta_s + 1.0) * s + zeta_w * w;
+        let pull = pull(&state);
         let dr_dca = p.n_trpn * binding / ca_um;
         let time_rate = p.k_trpn_per_ms * (1.0 - trpn) * dr_dca * ca_rate;
         let jacobian = Jacobian {
@@ -243,6 +243,7 @@ impl Factored {
 
 #[cfg(test)]
 mod tests {
+    use super::super::passive::LandPassiveParameters;
     use super::*;
     use crate::calcium::{Rice2008, Rice2008Parameters};
     use crate::contraction::Land2017Parameters;
@@ -251,7 +252,7 @@ mod tests {
 
     fn with_system<R>(f: impl FnOnce(&System<'_>) -> R) -> R {
         let land = Land2017::new(Land2017Parameters::default()).unwrap();
-        let passive = LandPassiveParameters::default();
+        let passive = LandPassive::new(&LandPassiveParameters::default());
         let rice = Rice2008::new(Rice2008Parameters::default()).unwrap();
         f(&System {
             land: &land,

@@ -1,7 +1,7 @@
 //! Do pressure, volume and the single numbers of the patient's file belong together?
 
 use super::{Measured, Source, extremes};
-use crate::{BiomarkerSet, Continuation, Problem};
+use crate::{BeatBiomarkers, Continuation, Problem};
 
 /// End-diastolic pressure may differ from the trace at time zero by so much, mmHg, and more is an error.
 const EDP_MMHG: [f64; 2] = [4.0, 20.0];
@@ -25,7 +25,7 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) {
         return;
     };
     // A trace that cannot be resampled was reported by the checks of times.
-    let Ok(b) = BiomarkerSet::of(Some(p.trace), Some(v.trace), periodic) else {
+    let Ok(b) = BeatBiomarkers::of(Some(p.trace), Some(v.trace), periodic) else {
         return;
     };
     order(&b, p, v, measured.cycle_length.0, problems);
@@ -134,7 +134,7 @@ fn begins_in_diastole(source: Source, problems: &mut Vec<Problem>) -> bool {
 
 /// Ejection must follow the pressure's rise. Half of the amplitude stands for rise and fall: the 10 % level may lie below
 /// the end-diastolic pressure, and then is crossed somewhere in diastole.
-fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &mut Vec<Problem>) {
+fn order(b: &BeatBiomarkers, p: Source, v: Source, cycle_length: f64, problems: &mut Vec<Problem>) {
     let (max, min) = extremes(p.trace);
     let high = |v: &f64| *v > 0.5 * (min + max);
     let (times, values) = (p.trace.time_ms(), p.trace.values());
@@ -142,11 +142,13 @@ fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &m
     else {
         return;
     };
-    let Some(t5) = b.time_points.t5 else { return };
+    let Some(t5) = b.time_points.t5_ms else {
+        return;
+    };
     let (rise, fall) = (times[rise], times[fall]);
     let volume_at = |t: f64| v.trace.at(t.rem_euclid(cycle_length));
     let (before, after) = (volume_at(rise), volume_at(fall));
-    let stroke = b.sv.map_or(0.0, |x| x.0);
+    let stroke = b.values.sv_ml.unwrap_or(0.0);
     if after > before - 0.25 * stroke {
         problems.push(Problem::error(
             v.file,
@@ -156,7 +158,7 @@ fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &m
         ));
         return;
     }
-    let Some(begin) = ejection_begin(b, v, t5.0, cycle_length) else {
+    let Some(begin) = ejection_begin(b, v, t5, cycle_length) else {
         return;
     };
     let delay = (begin - rise + 0.5 * cycle_length).rem_euclid(cycle_length) - 0.5 * cycle_length;
@@ -173,8 +175,8 @@ fn order(b: &BiomarkerSet, p: Source, v: Source, cycle_length: f64, problems: &m
 }
 
 /// Last time before the minimum at which nine tenths of the stroke volume are still inside, ms.
-fn ejection_begin(b: &BiomarkerSet, v: Source, t5: f64, cycle_length: f64) -> Option<f64> {
-    let level = b.esv?.0 + 0.9 * b.sv?.0;
+fn ejection_begin(b: &BeatBiomarkers, v: Source, t5: f64, cycle_length: f64) -> Option<f64> {
+    let level = b.values.esv_ml? + 0.9 * b.values.sv_ml?;
     let step = 1.0;
     let mut t = t5;
     while t > t5 - cycle_length {

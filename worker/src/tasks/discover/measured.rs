@@ -7,10 +7,9 @@ use cardiotwin_discover::measured::{
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, resample};
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace, resample};
 use cardiotwin_units::Ms;
 
-use crate::biomarkers;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
@@ -203,12 +202,7 @@ impl Patient {
             Ok(resample(&trace, periodic, STEP)?)
         };
         let (pressure, volume) = (like(&self.pressure, pressure)?, like(&self.volume, volume)?);
-        Ok(biomarkers::to_schema(&BiomarkerSet::of_samples(
-            Some(&pressure),
-            Some(&volume),
-            periodic,
-        )?)
-        .0)
+        Ok(BeatBiomarkers::of_samples(Some(&pressure), Some(&volume), periodic)?.values)
     }
 }
 

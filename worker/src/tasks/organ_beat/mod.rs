@@ -28,10 +28,9 @@ use cardiotwin_schemas::organ::{
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 use cardiotwin_schemas::task::OrganBeatSpec;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
 use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
 
-use crate::biomarkers;
 use crate::calcium;
 use crate::cell_parameters::NamedCell;
 use crate::context::Context;
@@ -327,12 +326,11 @@ fn organ_beat_result(
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
     let [pressure, volume] = signals(traces, periodic)?;
     let continuation = continuation(periodic, spec.cycle_length_ms);
-    let windows = biomarkers::windows_to_solver(spec.noise_windows);
-    let mut set = BiomarkerSet::over(Some(&pressure), Some(&volume), continuation, windows)?;
+    let windows = spec.noise_windows;
+    let mut read = BeatBiomarkers::over(Some(&pressure), Some(&volume), continuation, windows)?;
     if let (Some(measured), false) = (spec.measured_end_diastolic_volume_ml, periodic) {
-        set = set.with_gap_to(Ml(measured));
+        read = read.with_gap_to(Ml(measured));
     }
-    let (biomarkers, time_points) = biomarkers::to_schema(&set);
     let lambda = traces.nodes.iter().flat_map(|nodes| &nodes.lambda);
     let counters = BTreeMap::from([
         ("time_steps".to_owned(), result.work.n_steps as f64),
@@ -348,8 +346,8 @@ fn organ_beat_result(
         ),
     ]);
     Ok(OrganBeatResult {
-        biomarkers,
-        time_points,
+        biomarkers: read.values,
+        time_points: read.time_points,
         samples: BeatSamples {
             pressure_mmhg: samples(&pressure, spec.cycle_length_ms),
             volume_ml: samples(&volume, spec.cycle_length_ms),
@@ -357,10 +355,10 @@ fn organ_beat_result(
         checks: result.checks.iter().map(check).collect(),
         beats: result.n_beats as u32,
         periodic,
-        remarks: biomarkers::remarks(&set),
+        remarks: read.remarks(),
         motion: seen
             .motion
-            .and_then(|motion| motion.measures(&time_points, traces)),
+            .and_then(|motion| motion.measures(&read.time_points, traces)),
         lambda_min: seen
             .lambda_min
             .unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
@@ -373,13 +371,13 @@ fn organ_beat_result(
 pub fn simulated_biomarkers(
     traces: &BeatTraces,
     cycle_length_ms: Option<f64>,
-) -> Result<BiomarkerSet, TaskError> {
+) -> Result<BeatBiomarkers, TaskError> {
     let [pressure, volume] = signals(traces, cycle_length_ms.is_some())?;
     let continuation = continuation(
         cycle_length_ms.is_some(),
         cycle_length_ms.unwrap_or_default(),
     );
-    Ok(BiomarkerSet::of(
+    Ok(BeatBiomarkers::of(
         Some(&pressure),
         Some(&volume),
         continuation,

@@ -142,8 +142,8 @@ impl<'a> Loads<'a> {
             .measured
             .pressure
             .as_ref()
-            .zip(self.measured.set.time_points.t4)
-            .map(|(p, t)| p.at(t.0));
+            .zip(self.measured.read.time_points.t4_ms)
+            .map(|(p, t)| p.at(t));
         match (
             self.measured.biomarkers.p_max_mmhg,
             self.spec.aortic_diastolic_mmhg.or(opening),

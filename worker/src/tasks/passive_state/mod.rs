@@ -14,19 +14,19 @@ use std::collections::BTreeMap;
 use cardiotwin_models::ventricle::{
     DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode,
 };
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::organ;
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
-use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
 use cardiotwin_signals::{
-    BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
+    BeatBiomarkers, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
 };
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
 
-use crate::biomarkers;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
@@ -36,9 +36,9 @@ use crate::tasks::organ_beat::samples;
 struct Measurements {
     pressure: Option<Trace>,
     volume: Option<Trace>,
-    set: BiomarkerSet,
+    read: BeatBiomarkers,
     /// Biomarkers of the traces, replaced by directly given values where there are any.
-    biomarkers: files::Biomarkers,
+    biomarkers: Biomarkers,
     /// Windows over which biomarkers of noisy traces are read.
     windows: NoiseWindows,
     /// Change of the end-diastolic pressure by the corrections \[mmHg\].
@@ -61,7 +61,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     context.check_stop()?;
     let mut estimates = Vec::new();
     let mut measured = Measurements::read(spec)?;
-    let mut remarks = biomarkers::remarks(&measured.set);
+    let mut remarks = measured.read.remarks();
     remarks.extend(corrections::remark(&spec.corrections));
     remarks.extend(noise_remarks(measured.windows));
     let mut end_diastole = measured.end_diastole(spec, &mut estimates)?;
@@ -131,8 +131,8 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         circulation,
         measured: measured.biomarkers,
         biomarker_factors,
-        noise_windows: biomarkers::windows_to_schema(measured.windows),
-        time_points: biomarkers::to_schema(&measured.set).1,
+        noise_windows: measured.windows,
+        time_points: measured.read.time_points,
         samples: BeatSamples {
             pressure_mmhg: measured
                 .pressure
@@ -252,17 +252,17 @@ impl Measurements {
         ];
         let of_volume = [given.sv_ml, given.tau_vd_ms, given.tau_vr_ms];
         let ours = |given: &[Option<f64>]| given.iter().all(Option::is_none);
-        let windows = NoiseWindows::of(
+        let windows = noise_windows::of(
             pressure.as_ref().filter(|_| ours(&of_pressure)),
             frames.as_ref().filter(|_| ours(&of_volume)),
             periodic,
         );
-        let set = BiomarkerSet::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
-        let biomarkers = biomarkers::to_schema(&set).0.overridden_by(given);
+        let read = BeatBiomarkers::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
+        let biomarkers = read.values.overridden_by(given);
         Ok(Self {
             pressure,
             volume,
-            set,
+            read,
             biomarkers,
             windows,
             moved_by,
@@ -273,8 +273,8 @@ impl Measurements {
     fn quiet_volume(&self, cycle_length_ms: f64) -> Option<Vec<f64>> {
         let volume = self.volume.as_ref()?;
         let periodic = Continuation::periodic(Ms(cycle_length_ms));
-        Some(match self.windows.volume {
-            Some(window) => noise_windows::smoothed(volume, periodic, window),
+        Some(match self.windows.volume_ms {
+            Some(window) => noise_windows::smoothed(volume, periodic, Ms(window)),
             None => volume.values().to_vec(),
         })
     }
@@ -324,19 +324,19 @@ impl Measurements {
 
 /// Remarks about the windows over which noisy traces are read.
 fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
-    let said = |trace: &str, window: Option<Ms>, what: &str| {
-        window.map(|window| {
-            format!("the measured {trace} is noisy: {what}, measured and simulated, are read over {:.0} ms", window.0)
+    let said = |trace: &str, window_ms: Option<f64>, what: &str| {
+        window_ms.map(|window_ms| {
+            format!("the measured {trace} is noisy: {what}, measured and simulated, are read over {window_ms:.0} ms")
         })
     };
     let pressure = said(
         "pressure",
-        windows.pressure,
+        windows.pressure_ms,
         "its largest value and its rates",
     );
     pressure
         .into_iter()
-        .chain(said("volume", windows.volume, "its biomarkers"))
+        .chain(said("volume", windows.volume_ms, "its biomarkers"))
         .collect()
 }
 

@@ -1,9 +1,9 @@
 //! The equations of Land 2017 (Jung 2022, eqs. A4-A14), written once over any [`Number`].
 //!
-//! The 0D cell takes its right-hand side from here, the organ's step its terms in the numbers of vector code; dual numbers
-//! give the slopes that hand-derived ones are tested against.
+//! The 0D cell and the lanes of the cell's engine take their right-hand side from here, the organ's step its terms in the
+//! numbers of vector code; dual numbers give the slopes that hand-derived ones are tested against.
 
-use super::Land2017;
+use super::Land2017Parameters;
 use cardiotwin_vector_math::Number;
 
 /// Stretch above which length dependence stops (eq. A13 and every public implementation).
@@ -12,9 +12,52 @@ pub const LAMBDA_CAP: f64 = 1.2;
 pub const LAMBDA_OVERLAP: f64 = 0.87;
 /// Floor of CaTRPN inside powers, far below any resting occupancy: an overshooting trial stage must give a bad step, not a
 /// NaN.
-pub(super) const LEAST_OCCUPANCY: f64 = 1e-9;
+pub const LEAST_OCCUPANCY: f64 = 1e-9;
 /// Largest unblocking factor where the cap is on.
 pub(super) const UNBLOCKING_CAP: f64 = 100.0;
+
+/// Constants of the equations: parameters that enter as they are, and constants derived from parameters (eqs. A8-A12).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Equations {
+    /// k_TRPN \[1/ms\].
+    pub k_trpn: f64,
+    /// n_TRPN.
+    pub n_trpn: f64,
+    /// Ca50_ref \[µM\].
+    pub ca50_ref: f64,
+    /// β1 \[µM\].
+    pub beta1: f64,
+    /// k_U \[1/ms\].
+    pub k_u: f64,
+    /// n_Tm/2.
+    pub half_n_tm: f64,
+    /// k_UW \[1/ms\].
+    pub k_uw: f64,
+    /// k_WS \[1/ms\].
+    pub k_ws: f64,
+    /// γ_S \[1/ms\].
+    pub gamma_s: f64,
+    /// γ_W \[1/ms\].
+    pub gamma_w: f64,
+    /// β0.
+    pub beta0: f64,
+    /// k_WU = k_UW (1/r_W − 1) − k_WS \[1/ms\].
+    pub k_wu: f64,
+    /// k_SU = k_WS r_W (1/r_S − 1) \[1/ms\].
+    pub k_su: f64,
+    /// k_B = k_U TRPN50^n_Tm / (1 − r_S − (1 − r_S) r_W) \[1/ms\].
+    pub k_b: f64,
+    /// Distortion per stretch A = A_W = A_S.
+    pub a: f64,
+    /// Decay of ζ_W \[1/ms\].
+    pub c_w: f64,
+    /// Decay of ζ_S \[1/ms\].
+    pub c_s: f64,
+    /// Smax_ref / r_S \[kPa\].
+    pub stress_scale: f64,
+    /// Whether CaTRPN^(−n_Tm/2) is capped at 100.
+    pub cap_unblocking: bool,
+}
 
 /// Terms of the rates that their slopes need as well.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +97,34 @@ pub fn gamma_su<T: Number>(gamma_s: T, zeta_s: T) -> (T, T) {
     (slope * excess, slope)
 }
 
-impl Land2017 {
+impl Equations {
+    /// Constants of parameters that nobody has checked (misprints as resolved in docs/models.md).
+    #[must_use]
+    pub fn new(p: &Land2017Parameters) -> Self {
+        let unbound = 1.0 - p.r_s - (1.0 - p.r_s) * p.r_w;
+        Self {
+            k_trpn: p.k_trpn_per_ms,
+            n_trpn: p.n_trpn,
+            ca50_ref: p.ca50_ref_um,
+            beta1: p.beta1_um,
+            k_u: p.k_u_per_ms,
+            half_n_tm: 0.5 * p.n_tm,
+            k_uw: p.k_uw_per_ms,
+            k_ws: p.k_ws_per_ms,
+            gamma_s: p.gamma_s_per_ms,
+            gamma_w: p.gamma_w_per_ms,
+            beta0: p.beta0,
+            k_wu: p.k_uw_per_ms * (1.0 / p.r_w - 1.0) - p.k_ws_per_ms,
+            k_su: p.k_ws_per_ms * p.r_w * (1.0 / p.r_s - 1.0),
+            k_b: p.k_u_per_ms * p.trpn50.powf(p.n_tm) / unbound,
+            a: p.a_eff * p.r_s / ((1.0 - p.r_s) * p.r_w + p.r_s),
+            c_w: p.phi * p.k_uw_per_ms * (1.0 - p.r_w) / p.r_w,
+            c_s: p.phi * p.k_ws_per_ms * p.r_w * (1.0 - p.r_s) / p.r_s,
+            stress_scale: p.smax_ref_kpa / p.r_s,
+            cap_unblocking: p.cap_unblocking,
+        }
+    }
+
     /// Rates of the six states \[1/ms\] (eqs. A4, A6-A10).
     ///
     /// - `state`: order as [`super::STATES`], dimensionless
@@ -67,17 +137,32 @@ impl Land2017 {
     /// The terms of [`Self::rates`].
     #[inline(always)]
     pub fn terms<T: Number>(&self, state: &[T; 6], ca_um: T, lambda: T) -> Terms<T> {
-        let [trpn, b, w, s, zeta_w, zeta_s] = *state;
-        let ca50_um = self.ca50(lambda);
-        let (unblocking, blocking) = self.blocking(trpn);
+        let [_, b, w, s, _, _] = *state;
+        let unbound = T::of(1.0) - b - w - s;
+        self.terms_at(state, unbound, ca_um, self.ca50(lambda))
+    }
+
+    /// The same for a solver whose unknown is U = 1 − B − W − S, and at a Ca50 \[µM\].
+    #[inline(always)]
+    pub fn terms_at<T: Number>(
+        &self,
+        state: &[T; 6],
+        unbound: T,
+        ca_um: T,
+        ca50_um: T,
+    ) -> Terms<T> {
+        let [trpn, _, _, _, zeta_w, zeta_s] = *state;
+        let occupied = [trpn.max(T::of(LEAST_OCCUPANCY)), T::of(1.0)];
+        let (ln_ca, ln_occupied) = ca_um.ln_ratios(ca50_um, occupied);
+        let (unblocking, blocking) = self.blocking(ln_occupied);
         Terms {
             ca50_um,
-            binding: self.binding(ca_um, ca50_um),
+            binding: self.binding(ln_ca),
             unblocking,
             blocking,
-            unbound: T::of(1.0) - b - w - s,
+            unbound,
             gamma_wu: self.gamma_wu(zeta_w),
-            gamma_su: gamma_su(T::of(self.p.gamma_s_per_ms), zeta_s).0,
+            gamma_su: gamma_su(T::of(self.gamma_s), zeta_s).0,
         }
     }
 
@@ -89,72 +174,69 @@ impl Land2017 {
         terms: &Terms<T>,
         lambda_rate: T,
     ) -> [T; 6] {
-        let (p, k, of) = (&self.p, &self.k, T::of);
+        let of = T::of;
         let [trpn, b, w, s, zeta_w, zeta_s] = *state;
-        let out_of_w = of(k.k_wu + p.k_ws_per_ms) + terms.gamma_wu;
-        let pulled = of(k.a) * lambda_rate;
+        let out_of_w = of(self.k_wu + self.k_ws) + terms.gamma_wu;
+        let out_of_s = of(self.k_su) + terms.gamma_su;
+        let unblocked = of(self.k_b) * terms.unblocking;
+        let blocked = of(self.k_u) * terms.blocking * b;
+        let pulled = of(self.a) * lambda_rate;
         [
-            of(p.k_trpn_per_ms) * (terms.binding * (of(1.0) - trpn) - trpn),
-            of(k.k_b) * terms.unblocking * terms.unbound - of(p.k_u_per_ms) * terms.blocking * b,
-            of(p.k_uw_per_ms) * terms.unbound - out_of_w * w,
-            of(p.k_ws_per_ms) * w - (of(k.k_su) + terms.gamma_su) * s,
-            pulled - of(k.c_w) * zeta_w,
-            pulled - of(k.c_s) * zeta_s,
+            of(self.k_trpn) * terms.binding.mul_add(of(1.0) - trpn, -trpn),
+            unblocked.mul_add(terms.unbound, -blocked),
+            of(self.k_uw).mul_add(terms.unbound, -(out_of_w * w)),
+            of(self.k_ws).mul_add(w, -(out_of_s * s)),
+            of(-self.c_w).mul_add(zeta_w, pulled),
+            of(-self.c_s).mul_add(zeta_s, pulled),
         ]
     }
 
     /// Active stress Sa = h(λ) · (Smax_ref/r_S) · [(ζ_S + 1) S + ζ_W W] \[kPa\] (eq. A14).
     #[inline(always)]
     pub fn stress_kpa<T: Number>(&self, state: &[T; 6], lambda: T) -> T {
-        self.overlap(lambda) * T::of(self.k.stress_scale) * pull(state)
+        self.overlap(lambda) * T::of(self.stress_scale) * pull(state)
     }
 
     /// Ca50 = Ca50_ref + β1 (min(λ, 1.2) − 1) \[µM\] (eq. A5).
     #[inline(always)]
     pub fn ca50<T: Number>(&self, lambda: T) -> T {
         let l = lambda.min(T::of(LAMBDA_CAP));
-        T::of(self.p.ca50_ref_um) + T::of(self.p.beta1_um) * (l - T::of(1.0))
+        T::of(self.beta1).mul_add(l - T::of(1.0), T::of(self.ca50_ref))
     }
 
     /// h(λ) (eq. A13).
     #[inline(always)]
     pub fn overlap<T: Number>(&self, lambda: T) -> T {
         let l = lambda.min(T::of(LAMBDA_CAP));
-        overlap(T::of(self.p.beta0), l, l.min(T::of(LAMBDA_OVERLAP)))
+        overlap(T::of(self.beta0), l, l.min(T::of(LAMBDA_OVERLAP)))
     }
 
-    /// (Ca/Ca50)^n_TRPN (eq. A4); not a number where Ca50 is not positive.
+    /// (Ca/Ca50)^n_TRPN (eq. A4) from ln(Ca/Ca50); not a number where Ca50 is not positive.
     #[inline(always)]
-    pub(super) fn binding<T: Number>(&self, ca_um: T, ca50_um: T) -> T {
-        (T::of(self.p.n_trpn) * ca_um.ln_ratio(ca50_um)).exp()
+    pub fn binding<T: Number>(&self, ln_ca: T) -> T {
+        (T::of(self.n_trpn) * ln_ca).exp()
     }
 
-    /// Unblocking and blocking factors CaTRPN^(−n_Tm/2), capped if asked, and CaTRPN^(n_Tm/2) (eq. A6).
+    /// Unblocking and blocking factors CaTRPN^(−n_Tm/2), capped if asked, and CaTRPN^(n_Tm/2) (eq. A6), from ln CaTRPN.
     #[inline(always)]
-    pub(super) fn blocking<T: Number>(&self, ca_trpn: T) -> (T, T) {
-        let one = T::of(1.0);
-        let occupied = ca_trpn.max(T::of(LEAST_OCCUPANCY));
-        let blocking = (T::of(0.5 * self.p.n_tm) * occupied.ln_ratio(one)).exp();
-        let printed = one / blocking;
+    pub fn blocking<T: Number>(&self, ln_trpn: T) -> (T, T) {
+        let blocking = (T::of(self.half_n_tm) * ln_trpn).exp();
+        let printed = T::of(1.0) / blocking;
         let capped = printed.min(T::of(UNBLOCKING_CAP));
-        let unblocking = if self.p.cap_unblocking {
-            capped
-        } else {
-            printed
-        };
+        let unblocking = if self.cap_unblocking { capped } else { printed };
         (unblocking, blocking)
     }
 
     /// γ_WU = γ_W |ζ_W| \[1/ms\] (eq. A10).
     #[inline(always)]
-    pub(super) fn gamma_wu<T: Number>(&self, zeta_w: T) -> T {
-        T::of(self.p.gamma_w_per_ms) * zeta_w.abs()
+    pub fn gamma_wu<T: Number>(&self, zeta_w: T) -> T {
+        T::of(self.gamma_w) * zeta_w.abs()
     }
 }
 
 /// (ζ_S + 1) S + ζ_W W.
 #[inline(always)]
-fn pull<T: Number>(state: &[T; 6]) -> T {
+pub fn pull<T: Number>(state: &[T; 6]) -> T {
     let [_, _, w, s, zeta_w, zeta_s] = *state;
-    (zeta_s + T::of(1.0)) * s + zeta_w * w
+    zeta_w.mul_add(w, (zeta_s + T::of(1.0)) * s)
 }

@@ -10,8 +10,9 @@ mod step;
 use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
 use crate::parameter::parameters;
 use cardiotwin_units::{Kpa, MicroMolar, Stretch};
+use equations::LEAST_OCCUPANCY;
 
-pub use equations::LAMBDA_CAP;
+pub use equations::{Equations, LAMBDA_CAP};
 
 /// Names of the states, in their order.
 pub const STATES: [&str; 6] = ["CaTRPN", "B", "W", "S", "zeta_W", "zeta_S"];
@@ -62,47 +63,11 @@ parameters! {
     }
 }
 
-/// Constants that follow from the parameters (eqs. A8-A12, misprints as resolved in docs/models.md).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DerivedConstants {
-    /// k_WU = k_UW (1/r_W − 1) − k_WS \[1/ms\].
-    pub k_wu: f64,
-    /// k_SU = k_WS r_W (1/r_S − 1) \[1/ms\].
-    pub k_su: f64,
-    /// k_B = k_U TRPN50^n_Tm / (1 − r_S − (1 − r_S) r_W) \[1/ms\].
-    pub k_b: f64,
-    /// Distortion per stretch A = A_W = A_S.
-    pub a: f64,
-    /// Decay of ζ_W \[1/ms\].
-    pub c_w: f64,
-    /// Decay of ζ_S \[1/ms\].
-    pub c_s: f64,
-    /// Smax_ref / r_S \[kPa\].
-    pub stress_scale: f64,
-}
-
-impl DerivedConstants {
-    /// Of parameters that nobody has checked.
-    #[must_use]
-    pub fn new(p: &Land2017Parameters) -> Self {
-        let unbound = 1.0 - p.r_s - (1.0 - p.r_s) * p.r_w;
-        Self {
-            k_wu: p.k_uw_per_ms * (1.0 / p.r_w - 1.0) - p.k_ws_per_ms,
-            k_su: p.k_ws_per_ms * p.r_w * (1.0 / p.r_s - 1.0),
-            k_b: p.k_u_per_ms * p.trpn50.powf(p.n_tm) / unbound,
-            a: p.a_eff * p.r_s / ((1.0 - p.r_s) * p.r_w + p.r_s),
-            c_w: p.phi * p.k_uw_per_ms * (1.0 - p.r_w) / p.r_w,
-            c_s: p.phi * p.k_ws_per_ms * p.r_w * (1.0 - p.r_s) / p.r_s,
-            stress_scale: p.smax_ref_kpa / p.r_s,
-        }
-    }
-}
-
 /// Land 2017 with its derived constants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Land2017 {
     pub(crate) p: Land2017Parameters,
-    pub(crate) k: DerivedConstants,
+    pub(crate) k: Equations,
 }
 
 impl Land2017 {
@@ -120,7 +85,7 @@ impl Land2017 {
                 expected: parameter.domain.expected(),
             });
         }
-        let k = DerivedConstants::new(&p);
+        let k = Equations::new(&p);
         if k.k_wu < 0.0 && !p.allow_negative_k_wu {
             return Err(ContractionError::NegativeKwu {
                 k_wu_per_ms: k.k_wu,
@@ -138,19 +103,25 @@ impl Land2017 {
         &self.p
     }
 
+    /// The equations with this cell's constants.
+    #[must_use]
+    pub fn equations(&self) -> &Equations {
+        &self.k
+    }
+
     /// Active stress Sa = h(λ) · (Smax_ref/r_S) · [(ζ_S + 1) S + ζ_W W] (eq. A14).
     ///
     /// - `state`: length 6, order as [`STATES`], dimensionless; `lambda`: fibre stretch
     #[must_use]
     pub fn active_stress(&self, state: &[f64; 6], lambda: Stretch) -> Kpa {
-        Kpa(self.stress_kpa(state, lambda.0))
+        Kpa(self.k.stress_kpa(state, lambda.0))
     }
 
     /// Active stiffness K_a = h(λ) · (Smax_ref/r_S) · A (S + W): the instantaneous slope of stress with stretch, for the
     /// stabilisation of a staggered step (Regazzoni and Quarteroni 2021).
     #[must_use]
     pub fn active_stiffness(&self, state: &[f64; 6], lambda: Stretch) -> Kpa {
-        Kpa(self.overlap(lambda.0) * self.k.stress_scale * self.k.a * (state[2] + state[3]))
+        Kpa(self.k.overlap(lambda.0) * self.k.stress_scale * self.k.a * (state[2] + state[3]))
     }
 
     /// Steady state at constant calcium and stretch; exact also with the cap on.
@@ -165,7 +136,7 @@ impl Land2017 {
         if !(lambda.0 > 0.0 && lambda.0.is_finite()) {
             return Err(ContractionError::Stretch { lambda: lambda.0 });
         }
-        let ca50 = self.ca50(lambda.0);
+        let ca50 = self.k.ca50(lambda.0);
         if !(ca50 > 0.0 && ca.0 > 0.0) {
             return Err(ContractionError::Sensitivity {
                 ca50_um: ca50,
@@ -174,7 +145,7 @@ impl Land2017 {
         }
         let r = (ca.0 / ca50).powf(self.p.n_trpn);
         let ca_trpn = r / (1.0 + r);
-        let (down, up) = self.blocking(ca_trpn);
+        let (down, up) = self.k.blocking(ca_trpn.max(LEAST_OCCUPANCY).ln());
         // Balance of B against U, then W and S in the ratios r_W (1 − r_S) and r_S of what is not blocked.
         let unbound = 1.0 - self.p.r_s - (1.0 - self.p.r_s) * self.p.r_w;
         let blocked_per_free = self.k.k_b * down / (self.p.k_u_per_ms * up) * unbound;
@@ -318,11 +289,11 @@ mod tests {
     #[test]
     fn clips_of_length_dependence() {
         let cell = default_cell();
-        assert_eq!(cell.overlap(1.2), cell.overlap(1.5));
-        assert_eq!(cell.overlap(0.5), 0.0);
-        assert_eq!(cell.overlap(1.0), 1.0);
-        assert!((cell.overlap(0.8) - (1.0 + 2.3 * (1.6 - 1.87))).abs() < 1e-14);
-        assert_eq!(cell.ca50(1.3), cell.ca50(1.2));
+        assert_eq!(cell.k.overlap(1.2), cell.k.overlap(1.5));
+        assert_eq!(cell.k.overlap(0.5), 0.0);
+        assert_eq!(cell.k.overlap(1.0), 1.0);
+        assert!((cell.k.overlap(0.8) - (1.0 + 2.3 * (1.6 - 1.87))).abs() < 1e-14);
+        assert_eq!(cell.k.ca50(1.3), cell.k.ca50(1.2));
     }
 
     /// SciPy's rates along a prescribed stretch that changes (its header says how they were made), in every number.
@@ -343,28 +314,29 @@ mod tests {
                 let [ca, lambda, rate] =
                     ["Ca_uM", "lambda", "lambda_rate_per_ms"].map(|key| number(&sample[key]));
                 let state: [f64; 6] = std::array::from_fn(|i| number(&sample["states"][i]));
-                let exact = cell.rates(&state, ca, lambda, rate);
+                let exact = cell.k.rates(&state, ca, lambda, rate);
                 let fused =
-                    cell.rates(&state.map(Lane::<true>), Lane(ca), Lane(lambda), Lane(rate));
-                let lane = cell.rates(
+                    cell.k
+                        .rates(&state.map(Lane::<true>), Lane(ca), Lane(lambda), Lane(rate));
+                let lane = cell.k.rates(
                     &state.map(Lane::<false>),
                     Lane(ca),
                     Lane(lambda),
                     Lane(rate),
                 );
-                let dual = cell.rates(
+                let dual = cell.k.rates(
                     &state.map(Dual::<f64>::of),
                     Dual::of(ca),
                     Dual::of(lambda),
                     Dual::of(rate),
                 );
-                let narrow = cell.rates(
+                let narrow = cell.k.rates(
                     &state.map(|x| x as f32),
                     ca as f32,
                     lambda as f32,
                     rate as f32,
                 );
-                let terms = cell.terms(&state, ca, lambda);
+                let terms = cell.k.terms(&state, ca, lambda);
                 // The rate of B is a difference of large terms.
                 let stiff = cell.k.k_b * terms.unblocking * (terms.unbound.abs() + 1e-3);
                 for i in 0..6 {
@@ -388,7 +360,7 @@ mod tests {
                         "rate {i}: {got} for {want}"
                     );
                 }
-                let sa = cell.stress_kpa(&state, lambda);
+                let sa = cell.k.stress_kpa(&state, lambda);
                 assert!((sa - number(&sample["Sa_kPa"])).abs() < 1e-12 * (1.0 + sa.abs()));
                 n_samples += 1;
             }

@@ -30,7 +30,7 @@ impl Land2017 {
         lambda: f64,
     ) -> TermSlopes {
         let [trpn, _, _, _, zeta_w, zeta_s] = *state;
-        let half = 0.5 * self.p.n_tm;
+        let half = self.k.half_n_tm;
         let occupied = trpn.max(LEAST_OCCUPANCY);
         let is_capped = self.p.cap_unblocking && terms.unblocking >= UNBLOCKING_CAP;
         TermSlopes {
@@ -42,7 +42,7 @@ impl Land2017 {
             },
             blocking: half * terms.blocking / occupied,
             gamma_wu: self.gamma_wu_slope(zeta_w),
-            gamma_su: gamma_su(self.p.gamma_s_per_ms, zeta_s).1,
+            gamma_su: gamma_su(self.k.gamma_s, zeta_s).1,
         }
     }
 
@@ -61,7 +61,7 @@ impl Land2017 {
     pub(crate) fn overlap_slope(&self, lambda: f64) -> f64 {
         let dl = if lambda < LAMBDA_CAP { 1.0 } else { 0.0 };
         let dm = if lambda < LAMBDA_OVERLAP { dl } else { 0.0 };
-        if self.overlap(lambda) > 0.0 {
+        if self.k.overlap(lambda) > 0.0 {
             self.p.beta0 * (dl + dm)
         } else {
             0.0
@@ -89,12 +89,12 @@ mod tests {
         ) {
             let cell = Land2017::new(Land2017Parameters { cap_unblocking: capped, ..Default::default() }).unwrap();
             let state = [trpn, 0.4, 0.1, 0.1, zeta_w, zeta_s];
-            let terms = cell.terms(&state, 0.5, lambda);
+            let terms = cell.k.terms(&state, 0.5, lambda);
             let slopes = cell.term_slopes(&state, &terms, lambda);
             let along = |i: usize| {
                 let state = std::array::from_fn(|j| Dual { v: state[j], d: f64::from(u8::from(i == j)) });
                 let lambda = Dual { v: lambda, d: f64::from(u8::from(i == 6)) };
-                (cell.terms(&state, Dual { v: 0.5, d: 0.0 }, lambda), cell.overlap(lambda))
+                (cell.k.terms(&state, Dual { v: 0.5, d: 0.0 }, lambda), cell.k.overlap(lambda))
             };
             for (got, want) in [
                 (slopes.ca50_um, along(6).0.ca50_um.d),

@@ -50,7 +50,7 @@ impl Shared {
             }
         }
         let sensitivity = |lambda: f64, share: f64| {
-            let v = cell.ca50(lambda);
+            let v = cell.k.ca50(lambda);
             if v > 0.0 {
                 Ok(Dual {
                     v,
@@ -72,7 +72,7 @@ impl Shared {
                 sensitivity(lambda, 1.0)?,
             ],
             scale: Dual {
-                v: cell.k.stress_scale * cell.overlap(lambda),
+                v: cell.k.stress_scale * cell.k.overlap(lambda),
                 d: cell.k.stress_scale * cell.overlap_slope(lambda),
             },
         })
@@ -83,7 +83,8 @@ impl Shared {
     fn stage(&self, base: [Dual; N], ca_um: f64, ca50: Dual) -> [Dual; N] {
         let Self { cell, gh, rate, .. } = *self;
         let (p, constants) = (cell.p, cell.k);
-        let r = cell.binding(Lane::<false>(ca_um), Lane(ca50.v)).0;
+        let ln_ca = Lane::<false>(ca_um).ln_ratio(Lane(ca50.v));
+        let r = cell.k.binding(ln_ca).0;
         let dr = -p.n_trpn * r / ca50.v * ca50.d;
 
         // Troponin: linear in its state.
@@ -105,7 +106,7 @@ impl Shared {
 
         // Bridges: linear in (B, W, S), by Cramer's rule for two right-hand sides at once.
         let (down, ddown, up, dup) = blocking(&cell, trpn);
-        let (gamma_wu, dgamma_wu) = (cell.gamma_wu(zeta_w.v), cell.gamma_wu_slope(zeta_w.v));
+        let (gamma_wu, dgamma_wu) = (cell.k.gamma_wu(zeta_w.v), cell.gamma_wu_slope(zeta_w.v));
         let (gamma_su, dgamma_su) = gamma_su(p.gamma_s_per_ms, zeta_s.v);
         let m00 = 1.0 + gh * (constants.k_b * down + p.k_u_per_ms * up);
         let m01 = gh * (constants.k_b * down);
@@ -192,8 +193,10 @@ impl Shared {
 /// Unblocking factor, its slope with CaTRPN, blocking factor and its slope, in the numbers of vector code.
 #[inline(always)]
 fn blocking(cell: &Land2017, ca_trpn: f64) -> (f64, f64, f64, f64) {
-    let (Lane(down), Lane(up)) = cell.blocking(Lane::<false>(ca_trpn));
-    let slope = 0.5 * cell.p.n_tm / max(ca_trpn, LEAST_OCCUPANCY);
+    let occupied = max(ca_trpn, LEAST_OCCUPANCY);
+    let ln_trpn = Lane::<false>(occupied).ln_ratio(Lane(1.0));
+    let (Lane(down), Lane(up)) = cell.k.blocking(ln_trpn);
+    let slope = cell.k.half_n_tm / occupied;
     let is_capped = cell.p.cap_unblocking & (down >= UNBLOCKING_CAP);
     let ddown = if is_capped { 0.0 } else { -down * slope };
     (down, ddown, up, up * slope)
@@ -604,12 +607,14 @@ mod tests {
             for (ca50, share) in shared.ca50.into_iter().zip([GAMMA, 1.0]) {
                 let x = shared.stage(base, ca, ca50);
                 let at = Dual { v: lambda_prev + share * (lambda - lambda_prev), d: share };
-                let rates = land.rates(&x, Dual::of(ca), at, shared.rate);
+                let rates = land.k.rates(&x, Dual::of(ca), at, shared.rate);
                 // The rate of B is a difference of large terms.
-                let stiff = shared.gh * land.k.k_b * land.blocking(x[0].v).0;
+                let stiff = shared.gh * land.k.k_b * land.k.blocking(x[0].v.ln()).0;
+                // So is the rate of CaTRPN where little of Ca50 is left.
+                let binding = shared.gh * land.k.k_trpn * land.k.binding((ca / ca50.v).ln());
                 for i in 0..N {
                     let (change, slope) = (shared.gh * rates[i].v, shared.gh * rates[i].d);
-                    let size = 1.0 + change.abs() + stiff;
+                    let size = 1.0 + change.abs() + stiff + if i == 0 { binding } else { 0.0 };
                     let dsize = 1.0 + slope.abs() + x[i].d.abs() + 100.0 * stiff;
                     let miss = x[i].v - base[i].v - change;
                     let dmiss = x[i].d - base[i].d - slope;
