@@ -9,7 +9,7 @@ use crate::organ::{EffectSpec, WindkesselParameters};
 
 /// `cardiotwin fit afterload --json`: the three-element Windkessel of a measured flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadFitAnswer {
     /// Of the formats.
     pub schema_version: u32,
@@ -42,7 +42,7 @@ pub struct AfterloadFitAnswer {
 
 /// `cardiotwin fit afterload --cuff --json`: the three-element Windkessel through a cuff's pressures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CuffFitAnswer {
     /// Of the formats.
     pub schema_version: u32,
@@ -79,7 +79,7 @@ pub struct CuffFitAnswer {
 
 /// A record of flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadRecord {
     /// The flow's file, as it was named.
     pub flow: String,
@@ -103,7 +103,7 @@ pub struct AfterloadRecord {
 
 /// What coloured residuals are worth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadNoise {
     /// Correlation time of the residuals.
     pub correlation_time_ms: f64,
@@ -115,7 +115,7 @@ pub struct AfterloadNoise {
 
 /// One fitted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadQuantity {
     /// Name with unit.
     pub name: String,
@@ -145,7 +145,7 @@ pub enum Determined {
 
 /// `cardiotwin discover --afterload --json`: what three elements miss in a record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadDiscovery {
     /// Of the formats.
     pub schema_version: u32,
@@ -195,7 +195,7 @@ pub struct AfterloadDiscovery {
 
 /// How the organ model takes a found load.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadInOrgan {
     /// The three elements to go with.
     pub afterload: WindkesselParameters,
@@ -207,7 +207,7 @@ pub struct AfterloadInOrgan {
 
 /// A candidate beside the three elements, refitted with them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadCandidate {
     /// Name.
     pub name: String,
@@ -233,7 +233,7 @@ pub struct AfterloadCandidate {
 
 /// An effect that was added.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadEffect {
     /// Name.
     pub name: String,
@@ -247,7 +247,7 @@ pub struct AfterloadEffect {
 
 /// What passes for an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadConfusable {
     /// The accepted effect.
     pub effect: String,
@@ -259,7 +259,7 @@ pub struct AfterloadConfusable {
 
 /// A gap without a name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadUnexplained {
     /// Fall of BIC with it.
     pub delta_bic: f64,

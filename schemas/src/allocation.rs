@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
@@ -16,8 +17,7 @@ use crate::progress::Claim;
 use crate::settings::InstructionSet;
 
 /// `order-<element>.json`: what an element of a job is to do.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobOrder {
     /// Format version.
     pub schema_version: u32,
@@ -47,8 +47,7 @@ pub struct JobOrder {
 }
 
 /// A patient of a job, with all that its next task follows from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobPatient {
     /// The plan.
     pub plan: ResolvedPatient,
@@ -61,8 +60,7 @@ pub struct JobPatient {
 }
 
 /// A task that was tried before.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct KnownTask {
     /// Which.
     pub task: TaskKey,
@@ -73,7 +71,7 @@ pub struct KnownTask {
 }
 
 /// How a known task stands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Standing {
     /// To be tried again.
@@ -86,7 +84,6 @@ pub enum Standing {
 
 /// `started-<element>-<node>.json`: a driver's claim, created exclusively: a job that Slurm starts twice works once.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DriverClaim {
     /// The scheduler's number of the job, where the environment tells it.
     pub job: Option<String>,
@@ -96,7 +93,6 @@ pub struct DriverClaim {
 
 /// `ended-<element>-<node>.json`: a driver's last word.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DriverEnd {
     /// UTC, RFC 3339.
     pub at: String,
@@ -127,7 +123,6 @@ pub enum DriverEnding {
 
 /// `allocation.json` in an attempt's directory: which job made it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct AttemptAllocation {
     /// Unique name of the job.
     pub job: String,

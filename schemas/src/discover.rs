@@ -11,7 +11,7 @@ use crate::task::InputFile;
 
 /// Everything that a search follows from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct DiscoverSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -57,7 +57,7 @@ pub struct DiscoverSpec {
 
 /// A candidate in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RankedEffect {
     /// Name in the catalogue.
     pub name: String,
@@ -91,7 +91,7 @@ pub struct RankedEffect {
 
 /// How a finite-element ventricle takes an effect over.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct InThreeDimensions {
     /// `as-it-is`, `activation-map`, `passive-exponents`, `material-term` or `cannot`.
     pub way: String,
@@ -102,7 +102,7 @@ pub struct InThreeDimensions {
 
 /// What cannot be told from an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Confusable {
     /// The accepted effect.
     pub effect: String,
@@ -114,7 +114,7 @@ pub struct Confusable {
 
 /// A candidate that these data would not show even at a typical strength.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NotIdentifiable {
     /// Name in the catalogue.
     pub name: String,
@@ -126,7 +126,7 @@ pub struct NotIdentifiable {
 
 /// A place where model and data disagree: a signal in a phase, or a scalar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Place {
     /// `pressure`, `pressure_rate`, `volume`, or the scalar's name.
     pub signal: String,
@@ -158,7 +158,7 @@ pub enum Side {
 
 /// A gap without a name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Unexplained {
     /// Which nameless competitor explains it best: `activation` or `discrepancy`.
     pub kind: String,
@@ -172,7 +172,7 @@ pub struct Unexplained {
 
 /// How well one variable explains a discrepancy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Dependence {
     /// `pressure` or `volume`.
     pub signal: String,
@@ -184,7 +184,7 @@ pub struct Dependence {
 
 /// Rms standardised residuals of a signal in a phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct GapAt {
     /// `pressure` or `volume`.
     pub signal: String,
@@ -204,7 +204,7 @@ pub struct GapAt {
 
 /// A biomarker as measured and as both models have it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BiomarkerGap {
     /// Name with unit, as in `biomarkers`.
     pub name: String,
@@ -218,7 +218,7 @@ pub struct BiomarkerGap {
 
 /// A signal at the times of its data. All lists have the length of `time_ms`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ComparedSignal {
     /// Times of the data.
     pub time_ms: Vec<f64>,
@@ -238,7 +238,7 @@ pub struct ComparedSignal {
 
 /// Simulated beats on a common grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SimulatedCurves {
     /// Times.
     pub time_ms: Vec<f64>,
@@ -258,7 +258,7 @@ pub struct SimulatedCurves {
 
 /// What can be drawn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct DiscoverSeries {
     /// Beginning of each phase, in the order of the beat.
     pub phases: Vec<PhaseBegin>,
@@ -272,7 +272,7 @@ pub struct DiscoverSeries {
 
 /// Where a phase begins; it ends where the next one does.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PhaseBegin {
     /// Name of the phase.
     pub phase: String,
@@ -282,7 +282,7 @@ pub struct PhaseBegin {
 
 /// The periodic beat with the filling pressure that the patient file states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct StatedFilling {
     /// The stated pressure.
     #[serde(rename = "left_atrial_pressure_mmHg")]
@@ -306,7 +306,7 @@ pub struct StatedFilling {
 
 /// What `--accept` writes: effects, corrections of the data, and the base values fitted with them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FoundModel {
     /// Effects of heart and vessels.
     pub effects: Vec<EffectSpec>,
@@ -424,7 +424,7 @@ pub struct DiscoverCase {
 
 /// What beats of a personalised patient miss of the measured traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RunMisses {
     /// Of the pressure, mmHg; absent where it was not measured.
     #[serde(rename = "pressure_mmHg")]
@@ -436,7 +436,7 @@ pub struct RunMisses {
 
 /// Root mean squares of simulated minus measured over one beat, in the trace's unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TraceMisses {
     /// Of step 1's beat, whose active stress moved freely.
     pub step1: f64,
@@ -467,7 +467,7 @@ pub type DiscoverCases = BTreeMap<String, DiscoverCase>;
 
 /// A candidate over a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PooledEffect {
     /// Name in the catalogue.
     pub name: String,

@@ -121,7 +121,7 @@ pub struct ExternalSettings {
 
 /// The organ that another solver simulates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalOrgan {
     /// Volumes, pressure and one-fibre law of step 0: the state that a beat begins with.
     pub passive: OneFibrePassive,
@@ -135,7 +135,7 @@ pub struct ExternalOrgan {
 
 /// What produces the active stress, flat: model and parameters by the names of files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalContraction {
     /// `tanh`, `land2017-rice` or `land2017-trace`.
     pub model: String,
@@ -148,7 +148,7 @@ pub struct ExternalContraction {
 
 /// `parameters.toml` or `parameters.json`: what an external solver is handed for one simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalParameters {
     /// Format version.
     pub schema_version: u32,

@@ -372,7 +372,7 @@ impl FiniteElementSettings {
 
 /// What step 0 makes of a finite-element ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AnatomySpec {
     /// About how many nodes.
     pub mesh_nodes: u32,
@@ -404,7 +404,7 @@ pub enum MeshFibres {
 
 /// A patient's own mesh, by its files' contents.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OwnMesh {
     /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu`, `.msh` or `.mesh`.
     pub files: Vec<InputFile>,
@@ -427,7 +427,7 @@ pub struct OwnMesh {
 
 /// The passive right ventricle of a patient's own mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OwnRightVentricle {
     /// Surface of its endocardium.
     pub surface: String,
@@ -437,7 +437,8 @@ pub struct OwnRightVentricle {
 
 /// Pressure in the right ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum RightPressureSpec {
     /// The same at all times.
     Constant {
@@ -454,7 +455,7 @@ pub enum RightPressureSpec {
 
 /// How the equations of a beat are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct EquationSettings {
     /// Residual of a time step over the scale of its forces.
     pub tolerance: f64,
@@ -473,7 +474,7 @@ pub struct EquationSettings {
 
 /// A finite-element ventricle that step 0 made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FiniteElementOrgan {
     /// Mesh, fibres, activation, unloaded geometry and end-diastolic state (artefact `ventricle` of step 0).
     pub ventricle: InputFile,
@@ -483,7 +484,7 @@ pub struct FiniteElementOrgan {
 
 /// Figures of a finite-element ventricle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct VentricleFigures {
     /// Nodes of the mesh.
     pub nodes: u64,

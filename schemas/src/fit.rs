@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// `cardiotwin fit calcium --json`: Rice's calcium (docs/models.md) as fitted to a measured transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CalciumFitAnswer {
     /// Of the formats.
     pub schema_version: u32,
@@ -48,7 +48,7 @@ pub struct CalciumFitAnswer {
 
 /// One fitted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FittedQuantity {
     /// Name with unit.
     pub name: String,
@@ -76,7 +76,7 @@ pub enum TimeConstants {
 
 /// Tables for `cohort.toml`, as text.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CohortDefaults {
     /// Step 2 holds calcium at the fitted values and fits the other parameters.
     pub frozen: String,

@@ -19,7 +19,8 @@ pub use cardiotwin_vocabulary::step1::{
 /// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
 /// (Tables A2, A4); names that are absent keep their default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "model", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum ContractionSpec {
     /// Phenomenological, step 1.
     Tanh {
@@ -59,7 +60,7 @@ impl ContractionSpec {
     }
 }
 
-const fn one() -> f64 {
+pub(crate) const fn one() -> f64 {
     1.0
 }
 
@@ -75,7 +76,7 @@ pub enum StretchOrigin {
 
 /// The stretch that a cell in the organ knows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellStretch {
     /// Where it is counted from.
     pub origin: StretchOrigin,
@@ -101,7 +102,7 @@ pub fn is_parameter(name: &str) -> bool {
 
 /// Three-element Windkessel: P = R1 Q + Pc, C dPc/dt = Q − Pc/R2.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct WindkesselParameters {
     /// R1.
     #[serde(rename = "characteristic_resistance_mmHg_s_per_mL")]
@@ -116,7 +117,7 @@ pub struct WindkesselParameters {
 
 /// An effect beyond the base model, by its catalogue name, with its parameters (keys carry units).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct EffectSpec {
     /// Catalogue name, for example `atrial_kick`.
     pub name: String,
@@ -126,7 +127,7 @@ pub struct EffectSpec {
 
 /// What the cavity is coupled to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CirculationSpec {
     /// The arterial load.
     pub afterload: WindkesselParameters,
@@ -143,7 +144,7 @@ pub struct CirculationSpec {
 
 /// The passive one-fibre ventricle after step 0 (Arts 1991; SPEC section 4).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OneFibrePassive {
     /// Volume of the wall.
     #[serde(rename = "wall_volume_mL")]
@@ -166,7 +167,7 @@ pub struct OneFibrePassive {
 
 /// How the wall is activated: a fixed distribution of `groups` equal parts over `spread_ms`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ActivationSpec {
     /// First activation to last.
     pub spread_ms: f64,
@@ -178,7 +179,8 @@ pub struct ActivationSpec {
 
 /// The organ that is simulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "fidelity", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "fidelity", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum OrganSpec {
     /// The reduced one-fibre ventricle.
     Reduced {
@@ -195,7 +197,8 @@ pub enum OrganSpec {
 
 /// How many beats are simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "mode", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "mode", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum BeatCount {
     /// Exactly `n`, the last one reported; one beat is never taken as periodic.
     Fixed {

@@ -17,7 +17,7 @@ use crate::samples::BeatSamples;
 
 /// `outcome.json` of an attempt, written once, atomically.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TaskOutcome {
     /// Format version.
     pub schema_version: u32,
@@ -33,7 +33,7 @@ pub struct TaskOutcome {
 
 /// `outcome.json` of an attempt that was revoked before its worker published: the coordinator took the name first.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RevokedAttempt {
     /// The revocation in an outcome's place.
     pub revoked: Revocation,
@@ -41,7 +41,7 @@ pub struct RevokedAttempt {
 
 /// The coordinator's word that an attempt is to publish nothing.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Revocation {
     /// Format version.
     pub schema_version: u32,
@@ -80,7 +80,7 @@ pub enum Ending {
 
 /// A file that an attempt made, relative to its directory.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Artefact {
     /// Role, for example `traces`, `nodal`, `median`.
     pub name: String,
@@ -120,7 +120,7 @@ pub enum TaskResult {
 
 /// A quantity that the patient's file lacked and that was estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Estimate {
     /// Which key of the patient file it stands for.
     pub key: String,
@@ -132,7 +132,7 @@ pub struct Estimate {
 
 /// Step 0: everything that the simulations of this patient share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PassiveStateResult {
     /// The organ, passive state fitted.
     pub organ: OrganSpec,
@@ -165,7 +165,7 @@ pub struct PassiveStateResult {
 
 /// A check of the science with what was found and what is allowed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Check {
     /// For example `aortic valve opened and closed`.
     pub name: String,
@@ -179,7 +179,7 @@ pub struct Check {
 
 /// One simulation of the organ. Artefacts: `traces` (`traces.csv`), `nodal` (`nodal.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OrganBeatResult {
     /// Simulated biomarkers of the last beat.
     pub biomarkers: Biomarkers,
@@ -252,7 +252,7 @@ impl OrganBeatResult {
 
 /// What to simulate next, and what the corrected one-fibre ventricle promises of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ProposalResult<P> {
     /// What to simulate.
     pub parameters: P,
@@ -287,11 +287,12 @@ pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
 
 /// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TargetsResult {
     /// First value of the median stretch trace.
     pub lambda_0: f64,
-    /// Largest stretch of any node at any time.
+    /// Largest stretch of any node at any time. Earlier programs did not look for it; at 1 it asks nothing of Ca50.
+    #[serde(default = "crate::organ::one")]
     pub lambda_max: f64,
     /// Biomarkers of the median traces.
     pub targets: CellBiomarkers,
@@ -332,7 +333,7 @@ impl Determination {
 /// Values of a parameter with which a near-optimal cost is reached, all other parameters fitted anew (profile
 /// likelihood; Raue et al. 2009, Bioinformatics 25:1923).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NearOptimal {
     /// Smallest value.
     pub lower: f64,
@@ -344,7 +345,7 @@ pub struct NearOptimal {
 
 /// How near-optimal values were found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Identifiability {
     /// Largest cost that counts as near-optimal.
     pub threshold: f64,
@@ -356,7 +357,7 @@ pub struct Identifiability {
 
 /// A fitted parameter.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FittedParameter {
     /// Name with unit.
     pub name: String,
@@ -375,9 +376,10 @@ pub struct FittedParameter {
 
 /// Step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence` (`convergence.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellFitResult {
-    /// Stretch at which the cell's beat begins: the median trace's first.
+    /// Stretch at which the cell's beat begins: the median trace's first. Earlier programs began the beat in the organ at 1.
+    #[serde(default = "crate::organ::one")]
     pub lambda_0: f64,
     /// Fitted parameters in the order of the settings.
     pub parameters: Vec<FittedParameter>,
@@ -404,7 +406,7 @@ pub struct CellFitResult {
 
 /// A chunk of a sensitivity sweep. Artefact: `samples` (`samples.csv`), a line a sample in the design's order.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellSweepResult {
     /// Samples computed; all other counts are parts of it.
     pub n_samples: u64,

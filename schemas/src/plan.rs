@@ -44,7 +44,7 @@ pub enum Workflow {
 
 /// A patient ready to run. Every task of the patient follows from this and from the outcomes so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ResolvedPatient {
     /// Pseudonym.
     pub id: PatientId,
@@ -66,6 +66,7 @@ pub struct ResolvedPatient {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external_files: Vec<InputFile>,
     /// Settings, all layers merged (executor included, which never enters a task's key).
+    #[serde(deserialize_with = "crate::earlier::settings")]
     pub settings: Settings,
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

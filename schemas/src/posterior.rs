@@ -43,7 +43,7 @@ impl Default for PosteriorSettings {
 
 /// The beat of step 3 that was taken, or the verification beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TwinBeat {
     /// Moved parameters by name.
     pub parameters: BTreeMap<String, f64>,
@@ -55,7 +55,7 @@ pub struct TwinBeat {
 
 /// The posterior of a twin's parameters in the one-fibre ventricle, corrected to the twin's beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PosteriorSpec {
     /// The twin's beat; of a finite-element ventricle the figures are used.
     pub beat: OrganBeatSpec,
@@ -88,7 +88,7 @@ pub const USUAL_NOISE: TraceNoise = TraceNoise {
 
 /// The noise of a patient's traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TraceNoise {
     /// Standard deviation of the pressure.
     #[serde(rename = "pressure_rms_mmHg")]
@@ -130,7 +130,7 @@ impl TraceNoise {
 
 /// Values below which 5, 50 and 95 % of a distribution lie.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Spread {
     /// 5 %.
     pub p5: f64,
@@ -142,7 +142,7 @@ pub struct Spread {
 
 /// What is known of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ParameterSpread {
     /// The twin's value.
     pub twin: f64,
@@ -165,7 +165,8 @@ impl ParameterSpread {
 
 /// A trace's distribution at the times of [`BeatSamples`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct Band {
     /// 5 %.
     pub p5: Vec<f64>,
@@ -177,7 +178,7 @@ pub struct Band {
 
 /// How the draws were made, and whether to trust them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Sampling {
     /// Share of the draws that were asked for whose search ended by itself.
     pub converged_share: f64,
@@ -214,7 +215,7 @@ impl Sampling {
 
 /// Standard deviations that the data were given.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Deviations {
     /// Noise of the traces.
     pub noise: TraceNoise,
@@ -228,7 +229,7 @@ pub struct Deviations {
 
 /// The posterior of a twin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PosteriorResult {
     /// What is known of each parameter, by name.
     pub parameters: BTreeMap<String, ParameterSpread>,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// What was made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Preparation {
     /// Of the formats.
     pub schema_version: u32,
@@ -31,7 +31,7 @@ pub struct Preparation {
 
 /// A file that was read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RawInput {
     /// Its name in the folder.
     pub file: String,
@@ -43,7 +43,7 @@ pub struct RawInput {
 
 /// Beats of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatsFound {
     /// What they begin with, in words.
     pub source: String,
@@ -57,7 +57,7 @@ pub struct BeatsFound {
 
 /// A beat that is not in the mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatLeftOut {
     /// Its number, from 1.
     pub number: usize,
@@ -73,7 +73,7 @@ pub struct BeatLeftOut {
 
 /// A step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct StepDone {
     /// Its name, as in `prepare.toml`.
     pub step: String,

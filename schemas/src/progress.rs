@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// How far an attempt is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Progress {
     /// UTC, RFC 3339.
     pub at: String,
@@ -21,7 +21,7 @@ pub struct Progress {
 
 /// `started.json`: the worker's claim on the attempt, created exclusively; who holds it and how to see whether he lives.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Claim {
     /// Host name.
     pub host: String,

@@ -33,7 +33,7 @@ impl Uncertainty {
 
 /// Whole personalisations around that of each patient: what the members follow from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RobustnessSpec {
     /// What is varied.
     pub over: Uncertainty,

@@ -8,7 +8,7 @@ pub const N_SAMPLES: usize = 40;
 
 /// Values at the times k T / [`N_SAMPLES`], T the cycle length; none where there is no trace.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatSamples {
     /// Cavity pressure.
     #[serde(
@@ -51,7 +51,7 @@ impl Default for TraceDeviations {
 
 /// Measured traces as step 3 sees them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct MeasuredTraces {
     /// What was measured.
     pub samples: BeatSamples,

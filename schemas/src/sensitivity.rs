@@ -9,7 +9,7 @@ use crate::sweep::GsaSpec;
 
 /// Sobol indices with intervals, and the ranking that follows from them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SensitivityRecord {
     /// Format version.
     pub schema_version: u32,
@@ -31,7 +31,7 @@ pub struct SensitivityRecord {
 
 /// What became of samples.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SampleCounts {
     /// All.
     pub total: u64,
@@ -49,7 +49,7 @@ pub struct SampleCounts {
 
 /// The indices of one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OutputSensitivity {
     /// Biomarker, with its unit.
     pub name: String,
@@ -67,7 +67,7 @@ pub struct OutputSensitivity {
 
 /// A parameter's indices for one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ParameterIndices {
     /// Its name.
     pub name: String,
@@ -79,7 +79,7 @@ pub struct ParameterIndices {
 
 /// The second-order index S2 of a pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PairIndices {
     /// The pair, in the design's order.
     pub parameters: [String; 2],
@@ -89,7 +89,7 @@ pub struct PairIndices {
 
 /// An index with its interval, dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SobolIndex {
     /// The estimate.
     pub value: f64,
@@ -101,7 +101,7 @@ pub struct SobolIndex {
 
 /// A parameter's place.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RankedParameter {
     /// 1 for the most influential.
     pub rank: u32,
@@ -123,7 +123,7 @@ pub struct RankedParameter {
 
 /// A parameter's place in the independent reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ReferenceRank {
     /// 1 for the most influential.
     pub rank: u32,
@@ -133,7 +133,7 @@ pub struct ReferenceRank {
 
 /// A parameter's place in section 3.1 of the paper, which states six of its nine ranks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PaperRank {
     /// Whether it is one of the nine that the paper fits.
     pub among_first_nine: bool,

@@ -12,7 +12,7 @@ use crate::task::OrganBeatSpec;
 
 /// `sweep.json` in the folder of a sweep, beside the run's database.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweepFile {
     /// Format version.
     pub schema_version: u32,
@@ -47,7 +47,7 @@ impl SweepSpec {
 
 /// A Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, section 2.4), or of the organ with that cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct GsaSpec {
     /// The design, box and cell: what the samples follow from.
     pub design: CellDesign,
@@ -61,7 +61,7 @@ pub struct GsaSpec {
 
 /// A Saltelli design over parameters of the 0D cell, and the other settings of the cell or of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellDesign {
     /// Parameters in the design's order, which is that of its columns.
     pub parameters: Vec<SweptParameter>,
@@ -84,7 +84,7 @@ pub struct CellDesign {
 
 /// A patient's ventricle in a sensitivity analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweptOrgan {
     /// Whose.
     pub patient: PatientId,
@@ -126,7 +126,7 @@ pub const ORGAN_SAMPLES_HEADING: &str = "block,row,status,P_max_mmHg,dPdt_max_mm
 
 /// A parameter and the interval that it is drawn from, in the unit that its name says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweptParameter {
     /// One of the cell's names, or of the valves' of an organ.
     pub name: String,

@@ -22,7 +22,7 @@ use crate::sweep::CellDesign;
 
 /// A file that a task reads. The path is where it lies now; only name and content enter the key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct InputFile {
     /// Role, for example `pressure`.
     pub name: String,
@@ -137,7 +137,7 @@ fn strip_paths(value: &mut serde_json::Value) {
 
 /// Step 0 (SPEC section 3, "passive state", and section 4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PassiveStateSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -189,7 +189,11 @@ pub struct PassiveStateSpec {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
     /// The finite-element ventricle to be made; absent: the reduced one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        deserialize_with = "crate::earlier::anatomy",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub finite_element: Option<AnatomySpec>,
     /// The patient's own mesh; absent: one is generated. Finite-element ventricle only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -205,7 +209,7 @@ pub struct PassiveStateSpec {
 
 /// One simulation of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OrganBeatSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -263,7 +267,7 @@ impl OrganBeatSpec {
 
 /// What to simulate next in step 1: the optimum of the one-fibre ventricle, corrected to the simulations so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step1ProposalSpec {
     /// The beat whose parameters are sought; its own are the initial guess. Of a finite-element ventricle the figures are
     /// used: those of a one-fibre ventricle of the same volumes, pressure and activation.
@@ -285,7 +289,7 @@ pub struct Step1ProposalSpec {
 
 /// A simulation, as a proposal sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ProposalRun<P> {
     /// What was simulated.
     pub parameters: P,
@@ -303,7 +307,7 @@ pub type Step1Run = ProposalRun<Step1Parameters>;
 
 /// The verification beat or a simulation of step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step3Run {
     /// Parameters and biomarkers.
     pub run: ProposalRun<BTreeMap<String, f64>>,
@@ -315,7 +319,7 @@ pub struct Step3Run {
 /// What to simulate next in step 3: the cell whose organ meets the measured biomarkers, by the one-fibre ventricle
 /// with that cell, corrected to the beats so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step3ProposalSpec {
     /// The beat with step 2's cell; of a finite-element ventricle the figures are used.
     pub beat: OrganBeatSpec,
@@ -339,7 +343,7 @@ pub struct Step3ProposalSpec {
 
 /// A beat of step 1, as step 3 sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step1Beat {
     /// What was simulated.
     pub parameters: Step1Parameters,
@@ -359,7 +363,7 @@ pub struct CellInOrgan {
 /// A parameter of step 3: the logarithm of its magnitude is sought within bounds, and has a normal distribution before
 /// any measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct MovedParameter {
     /// Smallest value, in the unit that the name says.
     pub lower: f64,
@@ -373,7 +377,7 @@ pub struct MovedParameter {
 
 /// Median nodal traces and step 2's targets from an organ simulation's nodal traces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TargetsSpec {
     /// `nodal.csv` of the simulation.
     pub nodal: InputFile,
@@ -381,13 +385,15 @@ pub struct TargetsSpec {
 
 /// Step 2 (SPEC section 6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellFitSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
     /// First value of the median stretch trace.
     pub lambda_0: f64,
-    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there.
+    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there. Earlier programs did not ask for that; at 1
+    /// every Ca50 within its bounds fulfils it.
+    #[serde(default = "crate::organ::one")]
     pub lambda_max: f64,
     /// What is to be reached.
     pub targets: CellBiomarkers,
@@ -404,7 +410,7 @@ pub struct CellFitSpec {
 
 /// Some blocks of a Saltelli design. The design's own length is no part of it: a longer one has the same first blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellSweepSpec {
     /// The design.
     pub design: CellDesign,
@@ -416,7 +422,7 @@ pub struct CellSweepSpec {
 
 /// Nothing to do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NoopSpec {
     /// Makes tasks distinct.
     pub label: String,
@@ -426,7 +432,7 @@ pub struct NoopSpec {
 
 /// `spec.json` of an attempt: the task, and which try this is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AttemptSpec {
     /// Format version.
     pub schema_version: u32,

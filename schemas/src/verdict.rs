@@ -62,7 +62,7 @@ impl TwinTolerances {
 
 /// What the verification beat says of a twin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Verdict {
     /// Whether every measured biomarker is within its tolerance.
     pub personalised: bool,

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_protocol::claim::{self, ClaimFile};
 use cardiotwin_protocol::closing::{self, PreparedOutcome, Winner};
 use cardiotwin_protocol::{names, process};
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats::{FormatError, SPEC};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::task::AttemptSpec;
 
@@ -29,24 +29,9 @@ pub enum AttemptError {
         /// Why.
         source: io::Error,
     },
-    /// The specification is not one of ours.
-    #[error("{file}: not a specification of an attempt in format {SCHEMA_VERSION}")]
-    Spec {
-        /// Which file.
-        file: PathBuf,
-        /// Where and why.
-        source: serde_json::Error,
-    },
-    /// A file of another version.
-    #[error(
-        "{file}: written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the same version as the coordinator"
-    )]
-    Version {
-        /// Which file.
-        file: PathBuf,
-        /// Its version.
-        found: u32,
-    },
+    /// The specification is none, of a later version, or asks for more than this worker knows.
+    #[error(transparent)]
+    Spec(#[from] FormatError),
     /// Another process has the attempt.
     #[error(
         "{directory} was claimed before, by {holder}; a further try needs a directory of its own"
@@ -141,21 +126,11 @@ impl Attempt {
 
 /// Reads an attempt's specification.
 fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
-    let text = fs::read_to_string(file).map_err(|source| AttemptError::Read {
+    let text = fs::read(file).map_err(|source| AttemptError::Read {
         file: file.to_owned(),
         source,
     })?;
-    let spec: AttemptSpec = serde_json::from_str(&text).map_err(|source| AttemptError::Spec {
-        file: file.to_owned(),
-        source,
-    })?;
-    if spec.schema_version != SCHEMA_VERSION {
-        return Err(AttemptError::Version {
-            file: file.to_owned(),
-            found: spec.schema_version,
-        });
-    }
-    Ok(spec)
+    Ok(SPEC.read_order(&file.display(), &text)?)
 }
 
 /// The holder of a claim, in words.
@@ -212,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_claim_names_a_living_process_and_is_given_once() {
-        let directory = directory_with_spec(SCHEMA_VERSION);
+        let directory = directory_with_spec(SPEC.version);
         let attempt = Attempt::claim(directory.path()).unwrap();
         assert_eq!(attempt.spec.task.kind(), "noop");
         let claim: Claim =
@@ -228,7 +203,7 @@ mod tests {
 
     #[test]
     fn a_dead_claim_is_still_a_claim() {
-        let directory = directory_with_spec(SCHEMA_VERSION);
+        let directory = directory_with_spec(SPEC.version);
         let claim = Claim {
             host: "h".into(),
             boot_id: process::boot_id().into(),
@@ -250,12 +225,9 @@ mod tests {
 
     #[test]
     fn a_spec_of_another_format_is_refused_with_both_versions() {
-        let directory = directory_with_spec(SCHEMA_VERSION + 1);
+        let directory = directory_with_spec(SPEC.version + 1);
         let error = Attempt::claim(directory.path()).unwrap_err().to_string();
-        assert!(
-            error.contains("format 2") && error.contains("format 1"),
-            "{error}"
-        );
+        assert!(error.contains("version 2, expected version 1"), "{error}");
         assert!(!directory.path().join("started.json").exists());
     }
 }

@@ -1,7 +1,4 @@
-//! A batch of transitions: rows of every table, committed as one transaction.
-//!
-//! Each table's rows travel as one JSON array into one statement, so that a commit of a thousand transitions costs the
-//! same ten statements as a commit of one.
+//! A batch of transitions: rows of every table, one JSON array each, committed as one transaction.
 
 use serde::Serialize;
 

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_schemas::formats::FormatError;
 use cardiotwin_schemas::ids::PatientId;
 
 /// A failure of the store. Nothing that was committed before it is lost.
@@ -119,6 +120,9 @@ pub enum StoreError {
         /// What there is.
         known: String,
     },
+    /// A stored outcome or claim, or what the database holds in JSON, is of a later version.
+    #[error(transparent)]
+    Format(#[from] FormatError),
     /// A column holds something that this version cannot read.
     #[error("{table}.{column} of {row} cannot be read")]
     Content {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::{StoreError, file_system};
+use super::{StoreError, file_system, stored_formats};
 
 /// File name inside the run directory.
 pub const DATABASE_FILE: &str = "cardiotwin.db";
@@ -15,9 +15,9 @@ pub const SNAPSHOT_FILE: &str = "cardiotwin.snapshot.db";
 /// `CTWN`: marks the file as ours.
 const APPLICATION_ID: i64 = 1_129_600_846;
 /// The format that this version reads and writes; older ones are brought up to it by `migrations/`.
-pub const FORMAT: i64 = 2;
+pub const FORMAT: i64 = cardiotwin_schemas::formats::DATABASE.version as i64;
 
-/// Rows that SQLite's thread may be ahead of whoever reads them: few, and both spend their time waking each other.
+/// Rows that SQLite's thread may be ahead of whoever reads them.
 const ROWS_IN_FLIGHT: usize = 4096;
 
 /// The version of this program.
@@ -98,6 +98,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         .execute(&mut connection)
         .await
         .map_err(sql(&file, "writing"))?;
+    stored_formats::note(&mut connection, &file).await?;
     Ok(connection)
 }
 
@@ -136,6 +137,9 @@ async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64
             written_by,
             version: VERSION,
         });
+    }
+    if format > 0 {
+        stored_formats::check(connection, file).await?;
     }
     Ok(format)
 }

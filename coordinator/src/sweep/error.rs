@@ -20,17 +20,9 @@ pub enum SweepError {
         /// Why.
         source: io::Error,
     },
-    /// `sweep.json` is not one of ours.
-    #[error(
-        "{path}: not the file of a sweep in format {}",
-        cardiotwin_schemas::SCHEMA_VERSION
-    )]
-    Format {
-        /// Which file.
-        path: PathBuf,
-        /// Where and why.
-        source: serde_json::Error,
-    },
+    /// `sweep.json` is not one of ours, or of a later version.
+    #[error(transparent)]
+    Format(#[from] cardiotwin_schemas::formats::FormatError),
     /// A folder that holds something else.
     #[error("{path} {holds}: a sweep needs a folder of its own, see --out")]
     Occupied {

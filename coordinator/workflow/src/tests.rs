@@ -29,7 +29,7 @@ fn attempt_endings() -> Vec<AttemptEnding> {
     ]
 }
 
-fn attempt_states() -> Vec<Attempt> {
+pub(super) fn attempt_states() -> Vec<Attempt> {
     let mut states = vec![
         Attempt::Planned,
         Attempt::Submitting,
@@ -47,7 +47,7 @@ fn attempt_states() -> Vec<Attempt> {
     states
 }
 
-fn attempt_events() -> Vec<AttemptEvent> {
+pub(super) fn attempt_events() -> Vec<AttemptEvent> {
     let mut events = vec![
         AttemptEvent::Approve,
         AttemptEvent::Cancel,
@@ -78,7 +78,7 @@ fn is_command(event: &AttemptEvent) -> bool {
     )
 }
 
-fn task_states() -> Vec<Task> {
+pub(super) fn task_states() -> Vec<Task> {
     vec![
         Task::Open {
             generation: 0,
@@ -104,7 +104,7 @@ fn task_states() -> Vec<Task> {
     ]
 }
 
-fn task_events() -> Vec<TaskEvent> {
+pub(super) fn task_events() -> Vec<TaskEvent> {
     let mut events = vec![TaskEvent::Start, TaskEvent::Retry, TaskEvent::Purged];
     for generation in [1, 2] {
         events.extend(attempt_endings().into_iter().map(|how| TaskEvent::Ended {
@@ -120,7 +120,7 @@ fn step(stage: Stage, number: u32) -> Step {
     Step { stage, number }
 }
 
-fn patient_states() -> Vec<Patient> {
+pub(super) fn patient_states() -> Vec<Patient> {
     let task = TaskKey::from("a");
     vec![
         Patient::Waiting,
@@ -144,7 +144,7 @@ fn patient_states() -> Vec<Patient> {
     ]
 }
 
-fn patient_events() -> Vec<PatientEvent> {
+pub(super) fn patient_events() -> Vec<PatientEvent> {
     vec![
         PatientEvent::Want {
             step: step(Stage::Step1, 2),

@@ -19,7 +19,8 @@ macro_rules! biomarkers {
 
         /// Biomarkers of one beat of the left ventricle. Absent where the trace is absent.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-        #[serde(deny_unknown_fields, default)]
+        #[serde(default)]
+        #[schemars(deny_unknown_fields)]
         pub struct Biomarkers {
             $($(#[doc = $doc])*
             #[serde(rename = $key, skip_serializing_if = "Option::is_none")]
@@ -309,7 +310,8 @@ const fn of_cell(
 
 /// Windows over which biomarkers of noisy traces are read; absent where samples are taken as they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct NoiseWindows {
     /// Of the pressure: its largest value and its rates.
     #[serde(skip_serializing_if = "Option::is_none")]

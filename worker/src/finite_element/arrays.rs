@@ -7,11 +7,11 @@
 //! …SHA-256 of everything before, 64 hexadecimal digits…
 //! ```
 
+use cardiotwin_schemas::formats::ARRAYS;
 use cardiotwin_schemas::hash::sha256_hex;
 use serde::{Deserialize, Serialize};
 
 const MAGIC: &[u8] = b"cardiotwin-arrays ";
-const FORMAT: &[u8] = b"1";
 const CHECKSUM: usize = 64;
 
 /// Values of an array.
@@ -41,10 +41,12 @@ pub enum ArraysError {
     #[error("it is no file of arrays of this program")]
     Foreign,
     /// Of another format.
-    #[error("it has format {found}, but this program reads format 1")]
+    #[error("it has format {found}, but this program reads format {known}")]
     Format {
         /// Its format.
         found: String,
+        /// This program's.
+        known: u32,
     },
     /// It ends early, or was changed.
     #[error("its checksum is not that of its content: it is truncated or damaged")]
@@ -66,7 +68,7 @@ pub enum ArraysError {
         /// Its kind.
         found: String,
         /// Kind wanted.
-        expected: &'static str,
+        expected: String,
     },
     /// An array is missing, of another type or of another length.
     #[error("it has no array {name} of {expected}")]
@@ -191,7 +193,7 @@ impl Arrays {
             about: self.about.clone(),
             arrays: declared.collect(),
         };
-        let mut bytes = [MAGIC, FORMAT, b"\n"].concat();
+        let mut bytes = [MAGIC, ARRAYS.version.to_string().as_bytes(), b"\n"].concat();
         bytes.extend(serde_json::to_vec(&header).expect("a header is JSON"));
         bytes.push(b'\n');
         for (_, values) in &self.arrays {
@@ -209,12 +211,13 @@ impl Arrays {
     ///
     /// # Errors
     /// [`ArraysError`] for anything else, a truncated or changed file among it.
-    pub fn from_bytes(bytes: &[u8], kind: &'static str) -> Result<Self, ArraysError> {
+    pub fn from_bytes(bytes: &[u8], kind: &str) -> Result<Self, ArraysError> {
         let rest = bytes.strip_prefix(MAGIC).ok_or(ArraysError::Foreign)?;
         let (format, _) = line(rest).ok_or(ArraysError::Checksum)?;
-        if format != FORMAT {
+        if format != ARRAYS.version.to_string().as_bytes() {
             return Err(ArraysError::Format {
                 found: String::from_utf8_lossy(format).into_owned(),
+                known: ARRAYS.version,
             });
         }
         let (content, checksum) = bytes
@@ -240,7 +243,7 @@ impl Arrays {
         if header.kind != kind {
             return Err(ArraysError::Kind {
                 found: header.kind,
-                expected: kind,
+                expected: kind.to_owned(),
             });
         }
         let mut arrays = Vec::with_capacity(header.arrays.len());
@@ -287,6 +290,13 @@ mod tests {
         Arrays::new("test", serde_json::json!({ "t_ms": 0.1 }))
             .with("u", vec![1.5, f64::INFINITY, -0.0])
             .with_indices("tets", vec![1, 2, u32::MAX])
+    }
+
+    #[test]
+    fn a_file_is_read_and_written_as_the_golden_one() {
+        let golden = include_bytes!("../../tests/golden/arrays.bin");
+        assert_eq!(sample().to_bytes(), golden);
+        assert_eq!(Arrays::from_bytes(golden, "test").unwrap(), sample());
     }
 
     #[test]

@@ -9,6 +9,7 @@ use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
 use cardiotwin_schemas::finite_element::{ElementKind, WallSettings};
+use cardiotwin_schemas::formats::VENTRICLE;
 use cardiotwin_schemas::task::InputFile;
 use serde::{Deserialize, Serialize};
 
@@ -17,9 +18,6 @@ use super::right_ventricle::StoredRightPressure;
 use super::{FiniteElementError, wall};
 use crate::error::TaskError;
 use crate::inputs::read_verified;
-
-/// Kind of the file.
-const KIND: &str = "ventricle 2";
 
 /// What a file says beside its arrays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -98,7 +96,7 @@ impl StoredVentricle {
             .iter()
             .flat_map(|f| [f.fibre, f.sheet, f.normal])
             .flatten();
-        let mut arrays = Arrays::new(KIND, about)
+        let mut arrays = Arrays::new(&VENTRICLE.kind(), about)
             .with("nodes_mm", mesh.nodes_mm.as_flattened())
             .with_indices("tets", mesh.tets.as_flattened())
             .with_indices(
@@ -146,7 +144,7 @@ impl StoredVentricle {
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, ArraysError> {
-        let mut arrays = Arrays::from_bytes(bytes, KIND)?;
+        let mut arrays = Arrays::from_bytes(bytes, &VENTRICLE.kind())?;
         let about: About =
             serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         let frames = arrays.take("frames")?;

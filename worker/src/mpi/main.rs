@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use cardiotwin_schemas::formats::SPEC;
 use cardiotwin_schemas::task::AttemptSpec;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
@@ -284,9 +285,7 @@ fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()
         }
         (None, None, Command::Run { directory, .. }) => {
             let file = directory.join("spec.json");
-            let spec: AttemptSpec = serde_json::from_str(&read(&file)?).with_context(|| {
-                format!("{}: not the specification of an attempt", file.display())
-            })?;
+            let spec: AttemptSpec = SPEC.read_order(&file.display(), read(&file)?.as_bytes())?;
             (spec.threads.max(1) as usize, "threads in spec.json")
         }
         (None, None, _) => {

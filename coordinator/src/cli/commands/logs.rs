@@ -5,6 +5,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use cardiotwin_schemas::formats::PROGRESS;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::progress::Progress;
 use clap::Args;
@@ -152,7 +153,7 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
 
 /// Progress reports as lines for people; a line that is none is shown as it is.
 fn readable(text: &str) -> String {
-    let line = |line: &str| match serde_json::from_str::<Progress>(line) {
+    let line = |line: &str| match PROGRESS.read::<Progress>(&"progress", line.as_bytes()) {
         Ok(report) => {
             let total = report
                 .total

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::{files, names};
 use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, JobOrder};
+use cardiotwin_schemas::formats::{self, Format, JOB_ORDER};
 use cardiotwin_schemas::task::AttemptSpec;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -118,7 +119,9 @@ impl JobFolder {
     pub fn order(&self, element: u32) -> Result<JobOrder, DispatchError> {
         let path = self.path.join(format!("order-{element}.json"));
         let bytes = fs::read(&path).map_err(file("read", &path))?;
-        serde_json::from_slice(&bytes).map_err(|error| file("read", &path)(io::Error::other(error)))
+        JOB_ORDER
+            .read_order(&path.display(), &bytes)
+            .map_err(|error| file("read", &path)(io::Error::other(error.in_full())))
     }
 
     /// Claims an element's node for a driver; false where another has it.
@@ -166,7 +169,8 @@ impl JobFolder {
     /// A driver's claim.
     #[must_use]
     pub fn started(&self, element: usize, node: u32) -> Option<DriverClaim> {
-        read(&self.path.join(format!("started-{element}-{node}.json")))
+        let path = self.path.join(format!("started-{element}-{node}.json"));
+        read(&formats::DRIVER_CLAIM, &path)
     }
 
     /// Notes that a driver was told to stop: what follows may kill it before its last word. A note that cannot be written is
@@ -189,7 +193,8 @@ impl JobFolder {
     /// A driver's last word.
     #[must_use]
     pub fn ended(&self, element: usize, node: u32) -> Option<DriverEnd> {
-        read(&self.path.join(format!("ended-{element}-{node}.json")))
+        let path = self.path.join(format!("ended-{element}-{node}.json"));
+        read(&formats::DRIVER_END, &path)
     }
 
     /// Leaves a driver's last word.
@@ -260,7 +265,7 @@ pub fn make_attempt(
 /// Which job made an attempt's directory.
 #[must_use]
 pub fn allocation_of(directory: &Path) -> Option<AttemptAllocation> {
-    read(&directory.join(names::ALLOCATION))
+    read(&formats::ALLOCATION, &directory.join(names::ALLOCATION))
 }
 
 /// Whether an attempt was begun: its directory appears with its spec in it.
@@ -281,8 +286,8 @@ fn json<T: Serialize>(value: &T) -> Vec<u8> {
 }
 
 /// What is there and whole; files appear by rename, or exclusively and small, so that half of one is as none.
-fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
+fn read<T: DeserializeOwned>(format: &Format, path: &Path) -> Option<T> {
+    format.read(&path.display(), &fs::read(path).ok()?).ok()
 }
 
 fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DispatchError> {
@@ -306,7 +311,6 @@ fn tail(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::SCHEMA_VERSION;
     use cardiotwin_schemas::ids::AttemptId;
     use cardiotwin_schemas::task::{NoopSpec, TaskSpec};
 
@@ -322,7 +326,7 @@ mod tests {
             generation: 1,
         };
         let spec = AttemptSpec {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::SPEC.version,
             attempt,
             threads: 1,
             instruction_set: Default::default(),
