@@ -14,6 +14,7 @@ mod housekeeping;
 mod launcher;
 mod mesh;
 mod notices;
+mod old_run;
 mod output;
 mod prepare;
 mod requests;
