@@ -452,3 +452,23 @@ fn error_messages_have_their_remedies() {
     );
     assert!(n_messages > 200, "the sources were read");
 }
+
+/// The table of formats is that of the code, row by row.
+#[test]
+fn formats_stand_with_their_versions() {
+    use cardiotwin_schemas::formats::{ALL, ANSWERS};
+    let page = read(&root().join("docs/formats.md"));
+    let rows: Vec<&str> = page
+        .lines()
+        .skip_while(|line| !line.starts_with("| format | version |"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .collect();
+    let row = |format: &cardiotwin_schemas::formats::Format| {
+        let (name, version) = (format.name, format.version);
+        let (place, writer, reader) = (format.place, format.writer, format.reader);
+        format!("| {name} | {version} | {place} | {writer} | {reader} |")
+    };
+    let expected: Vec<String> = ALL.iter().chain(ANSWERS).map(row).collect();
+    assert_eq!(rows, expected);
+}

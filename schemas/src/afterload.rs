@@ -10,7 +10,7 @@ use crate::organ::{EffectSpec, WindkesselParameters};
 /// Result of `cardiotwin fit afterload --json`: the three-element Windkessel fitted to a measured
 /// flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadFitAnswer {
     /// Version of the formats.
     pub schema_version: u32,
@@ -47,7 +47,7 @@ pub struct AfterloadFitAnswer {
 /// Result of `cardiotwin fit afterload --cuff --json`: the three-element Windkessel fitted to cuff
 /// pressures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CuffFitAnswer {
     /// Version of the formats.
     pub schema_version: u32,
@@ -86,7 +86,7 @@ pub struct CuffFitAnswer {
 
 /// A record of flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadRecord {
     /// File of the flow, as named on the command line.
     pub flow: String,
@@ -110,7 +110,7 @@ pub struct AfterloadRecord {
 
 /// Statistics of correlated residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadNoise {
     /// Correlation time of the residuals.
     pub correlation_time_ms: f64,
@@ -123,7 +123,7 @@ pub struct AfterloadNoise {
 
 /// One fitted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadQuantity {
     /// Name with unit.
     pub name: String,
@@ -156,7 +156,7 @@ pub enum Determined {
 /// Result of `cardiotwin discover --afterload --json`: effects in a record that a three-element
 /// Windkessel lacks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadDiscovery {
     /// Version of the formats.
     pub schema_version: u32,
@@ -207,7 +207,7 @@ pub struct AfterloadDiscovery {
 
 /// Representation of a found load in the organ model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadInOrgan {
     /// Windkessel that goes with the effects.
     pub afterload: WindkesselParameters,
@@ -219,7 +219,7 @@ pub struct AfterloadInOrgan {
 
 /// A candidate effect, fitted together with the three elements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadCandidate {
     /// Name of the effect.
     pub name: String,
@@ -246,7 +246,7 @@ pub struct AfterloadCandidate {
 
 /// An effect that was added to the model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadEffect {
     /// Name of the effect.
     pub name: String,
@@ -260,7 +260,7 @@ pub struct AfterloadEffect {
 
 /// A rival effect that the record does not distinguish from an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadConfusable {
     /// The accepted effect.
     pub effect: String,
@@ -273,7 +273,7 @@ pub struct AfterloadConfusable {
 
 /// A gap that no named effect explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AfterloadUnexplained {
     /// Fall of BIC when the gap is added to the model.
     pub delta_bic: f64,

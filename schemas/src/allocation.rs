@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
@@ -18,8 +19,7 @@ use crate::progress::Claim;
 use crate::settings::InstructionSet;
 
 /// `order-<element>.json`: work of one element of a job.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobOrder {
     /// Format version.
     pub schema_version: u32,
@@ -51,8 +51,7 @@ pub struct JobOrder {
 }
 
 /// A patient of a job, with all data that determine its next task.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobPatient {
     /// Resolved plan of the patient.
     pub plan: ResolvedPatient,
@@ -65,8 +64,7 @@ pub struct JobPatient {
 }
 
 /// A task with earlier attempts.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct KnownTask {
     /// Key of the task.
     pub task: TaskKey,
@@ -77,7 +75,7 @@ pub struct KnownTask {
 }
 
 /// State of a known task.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Standing {
     /// The task is to be tried again.
@@ -91,7 +89,6 @@ pub enum Standing {
 /// `started-<element>-<node>.json`: a driver's claim. It is created exclusively, so that a job
 /// which Slurm starts twice works only once.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DriverClaim {
     /// The scheduler's number of the job; `None` if the environment does not contain it.
     pub job: Option<String>,
@@ -101,7 +98,6 @@ pub struct DriverClaim {
 
 /// `ended-<element>-<node>.json`: a driver's final report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DriverEnd {
     /// Time of the end, UTC, RFC 3339.
     pub at: String,
@@ -133,7 +129,6 @@ pub enum DriverEnding {
 
 /// `allocation.json` in an attempt's directory: the job that created the attempt.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct AttemptAllocation {
     /// Unique name of the job.
     pub job: String,

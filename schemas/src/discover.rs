@@ -12,7 +12,7 @@ use crate::task::InputFile;
 
 /// Input of a search for missing effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct DiscoverSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -58,7 +58,7 @@ pub struct DiscoverSpec {
 
 /// A candidate in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RankedEffect {
     /// Name in the catalogue.
     pub name: String,
@@ -94,7 +94,7 @@ pub struct RankedEffect {
 
 /// Representation of an effect in a finite-element ventricle.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct InThreeDimensions {
     /// Kind of representation: `as-it-is`, `activation-map`, `passive-exponents`, `material-term`
     /// or `cannot`.
@@ -106,7 +106,7 @@ pub struct InThreeDimensions {
 
 /// A rival effect that the data do not distinguish from an accepted effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Confusable {
     /// The accepted effect.
     pub effect: String,
@@ -118,7 +118,7 @@ pub struct Confusable {
 
 /// A candidate that the data would not show even at a typical strength.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NotIdentifiable {
     /// Name in the catalogue.
     pub name: String,
@@ -130,7 +130,7 @@ pub struct NotIdentifiable {
 
 /// A discrepancy between model and data: a signal in a phase, or a scalar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Place {
     /// Signal `pressure`, `pressure_rate` or `volume`, or the name of the scalar.
     pub signal: String,
@@ -162,7 +162,7 @@ pub enum Side {
 
 /// A gap that no named effect explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Unexplained {
     /// Nameless competitor that explains the gap best: `activation` or `discrepancy`.
     pub kind: String,
@@ -176,7 +176,7 @@ pub struct Unexplained {
 
 /// How well one variable explains a discrepancy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Dependence {
     /// Signal, `pressure` or `volume`.
     pub signal: String,
@@ -189,7 +189,7 @@ pub struct Dependence {
 
 /// Rms standardised residuals of a signal in a phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct GapAt {
     /// Signal, `pressure` or `volume`.
     pub signal: String,
@@ -209,7 +209,7 @@ pub struct GapAt {
 
 /// Measured and simulated values of a biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BiomarkerGap {
     /// Name with unit, as in `biomarkers`.
     pub name: String,
@@ -223,7 +223,7 @@ pub struct BiomarkerGap {
 
 /// A signal at the times of its data. All lists have as many entries as `time_ms`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ComparedSignal {
     /// Times of the data.
     pub time_ms: Vec<f64>,
@@ -243,7 +243,7 @@ pub struct ComparedSignal {
 
 /// Simulated beats on a common grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SimulatedCurves {
     /// Times in the beat.
     pub time_ms: Vec<f64>,
@@ -263,7 +263,7 @@ pub struct SimulatedCurves {
 
 /// Curves for figures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct DiscoverSeries {
     /// Beginning of each phase, in the order of the beat.
     pub phases: Vec<PhaseBegin>,
@@ -277,7 +277,7 @@ pub struct DiscoverSeries {
 
 /// Beginning of a phase, which is also the end of the previous phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PhaseBegin {
     /// Name of the phase.
     pub phase: String,
@@ -287,7 +287,7 @@ pub struct PhaseBegin {
 
 /// Periodic beat with the filling pressure that the patient file states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct StatedFilling {
     /// Filling pressure that the patient file states.
     #[serde(rename = "left_atrial_pressure_mmHg")]
@@ -312,7 +312,7 @@ pub struct StatedFilling {
 /// Model that `--accept` writes: effects, corrections of the data, and the base values fitted with
 /// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FoundModel {
     /// Accepted effects of heart and vessels.
     pub effects: Vec<EffectSpec>,
@@ -432,7 +432,7 @@ pub struct DiscoverCase {
 
 /// Differences between beats of a personalised patient and the measured traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RunMisses {
     /// Differences of the pressure, mmHg; absent if it was not measured.
     #[serde(rename = "pressure_mmHg")]
@@ -444,7 +444,7 @@ pub struct RunMisses {
 
 /// Root mean squares of simulated minus measured values over one beat, in the unit of the trace.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TraceMisses {
     /// Difference of the beat of step 1, in which the active stress was adjusted freely.
     pub step1: f64,
@@ -476,7 +476,7 @@ pub type DiscoverCases = BTreeMap<String, DiscoverCase>;
 
 /// Results for a candidate over a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PooledEffect {
     /// Name in the catalogue.
     pub name: String,

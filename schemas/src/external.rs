@@ -129,7 +129,7 @@ pub struct ExternalSettings {
 
 /// An organ that an external solver simulates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalOrgan {
     /// Volumes, pressure and one-fibre law from step 0, which define the state at the beginning of
     /// a beat.
@@ -144,7 +144,7 @@ pub struct ExternalOrgan {
 
 /// Model of the active stress and its parameters, by the names used in files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalContraction {
     /// `tanh`, `land2017-rice` or `land2017-trace`.
     pub model: String,
@@ -157,7 +157,7 @@ pub struct ExternalContraction {
 
 /// `parameters.toml` or `parameters.json`: input of an external solver for one simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ExternalParameters {
     /// Format version.
     pub schema_version: u32,

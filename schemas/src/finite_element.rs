@@ -384,7 +384,7 @@ impl FiniteElementSettings {
 
 /// Input from which step 0 makes a finite-element ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AnatomySpec {
     /// Approximate number of nodes.
     pub mesh_nodes: u32,
@@ -416,7 +416,7 @@ pub enum MeshFibres {
 
 /// A patient's own mesh, identified by the contents of its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OwnMesh {
     /// Files of the mesh. The extension of the first file determines the format: `.pts`, `.vtu`,
     /// `.msh` or `.mesh`.
@@ -440,7 +440,7 @@ pub struct OwnMesh {
 
 /// The passive right ventricle of a patient's own mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OwnRightVentricle {
     /// Surface of the right ventricular endocardium.
     pub surface: String,
@@ -450,7 +450,8 @@ pub struct OwnRightVentricle {
 
 /// Pressure in the right ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum RightPressureSpec {
     /// Constant pressure.
     Constant {
@@ -467,7 +468,7 @@ pub enum RightPressureSpec {
 
 /// Settings by which the equations of a beat are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct EquationSettings {
     /// Ratio of a time step's residual to the scale of its forces at which the step has converged.
     pub tolerance: f64,
@@ -487,7 +488,7 @@ pub struct EquationSettings {
 
 /// A finite-element ventricle from step 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FiniteElementOrgan {
     /// Mesh, fibres, activation, unloaded geometry and end-diastolic state (artefact `ventricle` of
     /// step 0).
@@ -498,7 +499,7 @@ pub struct FiniteElementOrgan {
 
 /// Figures of a finite-element ventricle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct VentricleFigures {
     /// Nodes of the mesh.
     pub nodes: u64,

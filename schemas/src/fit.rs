@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Result of `cardiotwin fit calcium --json`: Rice's calcium (docs/models.md) fitted to a measured
 /// transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CalciumFitAnswer {
     /// Version of the formats.
     pub schema_version: u32,
@@ -51,7 +51,7 @@ pub struct CalciumFitAnswer {
 
 /// One fitted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FittedQuantity {
     /// Name with unit.
     pub name: String,
@@ -83,7 +83,7 @@ pub enum TimeConstants {
 
 /// Tables for `cohort.toml`, as text.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CohortDefaults {
     /// Tables with which step 2 holds calcium at the fitted values and fits the other parameters.
     pub frozen: String,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// The cut goes through the same tissue in each state. Positions are rounded to 0.01 mm, stress to
 /// 0.01 kPa, stretch to 0.0001.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct HeartSurface {
     /// Format version.
     pub schema_version: u32,
@@ -29,7 +29,7 @@ pub struct HeartSurface {
 
 /// A part of the surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct HeartPart {
     /// Name of the surface in the mesh, or `cut`.
     pub surface: String,
@@ -41,7 +41,7 @@ pub struct HeartPart {
 
 /// State at one instant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct HeartState {
     /// `end-diastole` or `end-systole`.
     pub name: String,
@@ -83,7 +83,7 @@ mod tests {
             triangles: vec![[0, 0, 0]],
         };
         let heart = HeartSurface {
-            schema_version: crate::SCHEMA_VERSION,
+            schema_version: crate::formats::HEART.version,
             long_axis: [0.0, 0.0, 1.0],
             towards_viewer: [0.0, -1.0, 0.0],
             triangles_before: 1,

@@ -9,10 +9,12 @@ pub mod afterload;
 pub mod allocation;
 pub mod cohort;
 pub mod discover;
+pub mod earlier;
 pub mod external;
 pub mod failure;
 pub mod finite_element;
 pub mod fit;
+pub mod formats;
 pub mod hash;
 pub mod heart;
 pub mod ids;
@@ -44,6 +46,3 @@ pub mod verdict;
 pub mod json_schemas;
 
 pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, step1};
-
-/// Version of this crate's file formats. It is raised when an old reader would misread a new file.
-pub const SCHEMA_VERSION: u32 = 1;

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 /// Motion of a finite-element ventricle in a beat. Percentages refer to end-diastole.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct MotionMeasures {
     /// Mean displacement of the rim towards the apex, from end-diastole to end-systole.
     pub base_descent_mm: f64,

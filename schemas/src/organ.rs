@@ -19,7 +19,8 @@ pub use cardiotwin_vocabulary::step1::{
 /// Model of the active stress. The parameters of Land's and Rice's models have the names of Tables
 /// A2 and A4; absent parameters keep their default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "model", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum ContractionSpec {
     /// Phenomenological model of step 1.
     Tanh {
@@ -60,7 +61,7 @@ impl ContractionSpec {
     }
 }
 
-const fn one() -> f64 {
+pub(crate) const fn one() -> f64 {
     1.0
 }
 
@@ -76,7 +77,7 @@ pub enum StretchOrigin {
 
 /// Definition of the stretch in the cells of the organ.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellStretch {
     /// Length at which the stretch is 1.
     pub origin: StretchOrigin,
@@ -103,7 +104,7 @@ pub fn is_parameter(name: &str) -> bool {
 
 /// Three-element Windkessel: P = R1 Q + Pc, C dPc/dt = Q − Pc/R2.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct WindkesselParameters {
     /// Characteristic resistance R1.
     #[serde(rename = "characteristic_resistance_mmHg_s_per_mL")]
@@ -119,7 +120,7 @@ pub struct WindkesselParameters {
 /// An effect beyond the base model with its parameters. The keys of the parameters carry their
 /// units.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct EffectSpec {
     /// Name in the catalogue, for example `atrial_kick`.
     pub name: String,
@@ -129,7 +130,7 @@ pub struct EffectSpec {
 
 /// Loads to which the cavity is coupled.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CirculationSpec {
     /// Arterial load.
     pub afterload: WindkesselParameters,
@@ -146,7 +147,7 @@ pub struct CirculationSpec {
 
 /// Passive one-fibre ventricle after step 0 (Arts 1991; SPEC section 4).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OneFibrePassive {
     /// Volume of the left ventricular wall.
     #[serde(rename = "wall_volume_mL")]
@@ -169,7 +170,7 @@ pub struct OneFibrePassive {
 
 /// Activation of the wall: `groups` equal parts, distributed over `spread_ms`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ActivationSpec {
     /// Time from the first to the last activation.
     pub spread_ms: f64,
@@ -181,7 +182,8 @@ pub struct ActivationSpec {
 
 /// Organ of a simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "fidelity", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "fidelity", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum OrganSpec {
     /// Reduced one-fibre ventricle.
     Reduced {
@@ -198,7 +200,8 @@ pub enum OrganSpec {
 
 /// Number of beats of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "mode", rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(tag = "mode", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
 pub enum BeatCount {
     /// Exactly `n` beats, of which the last one is reported. A single beat never counts as
     /// periodic.

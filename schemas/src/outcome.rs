@@ -17,7 +17,7 @@ use crate::samples::BeatSamples;
 
 /// `outcome.json` of an attempt, which is written once and atomically.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TaskOutcome {
     /// Format version.
     pub schema_version: u32,
@@ -34,7 +34,7 @@ pub struct TaskOutcome {
 /// `outcome.json` of an attempt that was revoked before its worker published. The coordinator
 /// created the file first.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RevokedAttempt {
     /// Revocation in the place of an outcome.
     pub revoked: Revocation,
@@ -42,7 +42,7 @@ pub struct RevokedAttempt {
 
 /// Revocation of an attempt by the coordinator. The attempt must not publish.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Revocation {
     /// Format version.
     pub schema_version: u32,
@@ -82,7 +82,7 @@ pub enum Ending {
 
 /// A file made by an attempt, relative to the attempt's directory.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Artefact {
     /// Role of the file, for example `traces`, `nodal`, `median`.
     pub name: String,
@@ -122,7 +122,7 @@ pub enum TaskResult {
 
 /// A quantity that the patient's file lacks and that was estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Estimate {
     /// Key of the patient file for which the estimate stands.
     pub key: String,
@@ -134,7 +134,7 @@ pub struct Estimate {
 
 /// Result of step 0: the input that all simulations of this patient share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PassiveStateResult {
     /// Organ with the fitted passive state.
     pub organ: OrganSpec,
@@ -170,7 +170,7 @@ pub struct PassiveStateResult {
 
 /// A scientific check with the found and the allowed value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Check {
     /// Name of the check, for example `aortic valve opened and closed`.
     pub name: String,
@@ -185,7 +185,7 @@ pub struct Check {
 /// Result of one simulation of the organ. Artefacts: `traces` (`traces.csv`), `nodal`
 /// (`nodal.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OrganBeatResult {
     /// Simulated biomarkers of the last beat.
     pub biomarkers: Biomarkers,
@@ -262,7 +262,7 @@ impl OrganBeatResult {
 /// Parameters for the next simulation, and the prediction of the corrected one-fibre ventricle for
 /// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ProposalResult<P> {
     /// Parameters to simulate.
     pub parameters: P,
@@ -298,11 +298,12 @@ pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
 
 /// Targets of step 2. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TargetsResult {
     /// First value of the median stretch trace.
     pub lambda_0: f64,
-    /// Largest stretch of any node at any time.
+    /// Largest stretch of any node at any time. Earlier programs did not look for it; at 1 it asks nothing of Ca50.
+    #[serde(default = "crate::organ::one")]
     pub lambda_max: f64,
     /// Biomarkers of the median traces.
     pub targets: CellBiomarkers,
@@ -346,7 +347,7 @@ impl Determination {
 /// Values of a parameter at which a near-optimal cost is reached with all other parameters refitted
 /// (profile likelihood; Raue et al. 2009, Bioinformatics 25:1923).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NearOptimal {
     /// Smallest value.
     pub lower: f64,
@@ -358,7 +359,7 @@ pub struct NearOptimal {
 
 /// Effort and completeness of the search for near-optimal values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Identifiability {
     /// Largest cost that counts as near-optimal.
     pub threshold: f64,
@@ -370,7 +371,7 @@ pub struct Identifiability {
 
 /// A fitted parameter.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct FittedParameter {
     /// Name with unit.
     pub name: String,
@@ -390,9 +391,10 @@ pub struct FittedParameter {
 /// Result of step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence`
 /// (`convergence.csv`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellFitResult {
-    /// Stretch at the beginning of the cell's beat, which is the first value of the median trace.
+    /// Stretch at which the cell's beat begins: the median trace's first. Earlier programs began the beat in the organ at 1.
+    #[serde(default = "crate::organ::one")]
     pub lambda_0: f64,
     /// Fitted parameters in the order of the settings.
     pub parameters: Vec<FittedParameter>,
@@ -421,7 +423,7 @@ pub struct CellFitResult {
 /// Result of a part of a sensitivity sweep. Artefact: `samples` (`samples.csv`), one line per
 /// sample in the order of the design.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellSweepResult {
     /// Number of computed samples. All other counts are parts of it.
     pub n_samples: u64,

@@ -45,7 +45,7 @@ pub enum Workflow {
 
 /// A patient ready to run. All tasks of the patient follow from this and from the outcomes so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ResolvedPatient {
     /// Pseudonym.
     pub id: PatientId,
@@ -69,6 +69,7 @@ pub struct ResolvedPatient {
     pub external_files: Vec<InputFile>,
     /// Settings with all layers merged. They include those of the executor, which never enter a
     /// task's key.
+    #[serde(deserialize_with = "crate::earlier::settings")]
     pub settings: Settings,
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

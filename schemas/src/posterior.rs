@@ -44,7 +44,7 @@ impl Default for PosteriorSettings {
 
 /// The twin's beat: the best one of step 3, or the verification beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TwinBeat {
     /// Values of the varied parameters, by name.
     pub parameters: BTreeMap<String, f64>,
@@ -56,7 +56,7 @@ pub struct TwinBeat {
 
 /// Posterior of a twin's parameters in the one-fibre ventricle, corrected to the twin's beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PosteriorSpec {
     /// Settings of the twin's beat. Only the figures of a finite-element ventricle are used.
     pub beat: OrganBeatSpec,
@@ -90,7 +90,7 @@ pub const USUAL_NOISE: TraceNoise = TraceNoise {
 
 /// Noise of a patient's traces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TraceNoise {
     /// Standard deviation of the pressure.
     #[serde(rename = "pressure_rms_mmHg")]
@@ -133,7 +133,7 @@ impl TraceNoise {
 
 /// Quantiles of a distribution at 5, 50 and 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Spread {
     /// Quantile at 5 %.
     pub p5: f64,
@@ -145,7 +145,7 @@ pub struct Spread {
 
 /// Knowledge about a parameter before and after the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ParameterSpread {
     /// Value in the twin.
     pub twin: f64,
@@ -168,7 +168,8 @@ impl ParameterSpread {
 
 /// Distribution of a trace at the times of its samples.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct Band {
     /// Quantiles at 5 %.
     pub p5: Vec<f64>,
@@ -180,7 +181,7 @@ pub struct Band {
 
 /// Effort and reliability of the draws.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Sampling {
     /// Share of the requested draws for which the search converged.
     pub converged_share: f64,
@@ -219,7 +220,7 @@ impl Sampling {
 
 /// Standard deviations assumed for the data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Deviations {
     /// Noise of the traces.
     pub noise: TraceNoise,
@@ -233,7 +234,7 @@ pub struct Deviations {
 
 /// Posterior of a twin's parameters and predictions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PosteriorResult {
     /// Knowledge about each parameter, by name.
     pub parameters: BTreeMap<String, ParameterSpread>,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Result of `cardiotwin prepare`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Preparation {
     /// Version of the formats.
     pub schema_version: u32,
@@ -33,7 +33,7 @@ pub struct Preparation {
 
 /// A file that was read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RawInput {
     /// Name of the file in the folder.
     pub file: String,
@@ -45,7 +45,7 @@ pub struct RawInput {
 
 /// Beats of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatsFound {
     /// Description of the event that begins each beat.
     pub source: String,
@@ -59,7 +59,7 @@ pub struct BeatsFound {
 
 /// A beat that does not enter the mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatLeftOut {
     /// Number of the beat, from 1.
     pub number: usize,
@@ -76,7 +76,7 @@ pub struct BeatLeftOut {
 
 /// One step of the preparation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct StepDone {
     /// Name of the step, as in `prepare.toml`.
     pub step: String,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Progress of an attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Progress {
     /// Time of the report, UTC, RFC 3339.
     pub at: String,
@@ -22,7 +22,7 @@ pub struct Progress {
 /// `started.json`: the worker's claim on the attempt, created exclusively. It identifies the
 /// process that holds the claim and allows to check if the process still exists.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Claim {
     /// Name of the host.
     pub host: String,

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 /// Provenance of an outcome. The commit is provenance, not identity.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct Provenance {
     /// Version of the worker.
     pub version: String,

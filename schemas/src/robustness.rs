@@ -34,7 +34,7 @@ impl Uncertainty {
 
 /// Robustness of whole personalisations, with members around the personalisation of each patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RobustnessSpec {
     /// Uncertainty that is varied.
     pub over: Uncertainty,

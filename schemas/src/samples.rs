@@ -8,7 +8,7 @@ pub const N_SAMPLES: usize = 40;
 
 /// Values at the times k T / 40, where T is the cycle length. A list is empty if there is no trace.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct BeatSamples {
     /// Cavity pressure.
     #[serde(
@@ -53,7 +53,7 @@ impl Default for TraceDeviations {
 
 /// Measured traces as used in step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct MeasuredTraces {
     /// Measured values.
     pub samples: BeatSamples,

@@ -10,7 +10,7 @@ use crate::sweep::GsaSpec;
 
 /// Sobol indices with intervals, and the ranking that follows from them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SensitivityRecord {
     /// Format version.
     pub schema_version: u32,
@@ -33,7 +33,7 @@ pub struct SensitivityRecord {
 
 /// Numbers of samples by status.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SampleCounts {
     /// All samples.
     pub total: u64,
@@ -53,7 +53,7 @@ pub struct SampleCounts {
 
 /// Sensitivity indices of one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OutputSensitivity {
     /// Name of the biomarker, with its unit.
     pub name: String,
@@ -71,7 +71,7 @@ pub struct OutputSensitivity {
 
 /// Indices of a parameter for one biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ParameterIndices {
     /// Name of the parameter.
     pub name: String,
@@ -83,7 +83,7 @@ pub struct ParameterIndices {
 
 /// Second-order index S2 of a pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PairIndices {
     /// Names of the pair, in the order of the design.
     pub parameters: [String; 2],
@@ -93,7 +93,7 @@ pub struct PairIndices {
 
 /// A dimensionless index with its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SobolIndex {
     /// Estimate of the index.
     pub value: f64,
@@ -105,7 +105,7 @@ pub struct SobolIndex {
 
 /// Rank of a parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct RankedParameter {
     /// Rank, 1 for the most influential parameter.
     pub rank: u32,
@@ -127,7 +127,7 @@ pub struct RankedParameter {
 
 /// Rank of a parameter in the independent reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ReferenceRank {
     /// Rank, 1 for the most influential parameter.
     pub rank: u32,
@@ -137,7 +137,7 @@ pub struct ReferenceRank {
 
 /// Rank of a parameter in section 3.1 of the paper, which states six of its nine ranks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PaperRank {
     /// Whether the parameter is one of the nine that the paper fits.
     pub among_first_nine: bool,

@@ -13,7 +13,7 @@ use crate::task::OrganBeatSpec;
 
 /// `sweep.json` in the folder of a sweep, beside the database of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweepFile {
     /// Format version.
     pub schema_version: u32,
@@ -48,7 +48,7 @@ impl SweepSpec {
 
 /// A Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, section 2.4), or of the organ with that cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct GsaSpec {
     /// Design, box and cell, which determine the samples.
     pub design: CellDesign,
@@ -62,7 +62,7 @@ pub struct GsaSpec {
 
 /// A Saltelli design over parameters of the 0D cell, and the other settings of the cell or of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellDesign {
     /// Parameters in the order of the design's columns.
     pub parameters: Vec<SweptParameter>,
@@ -85,7 +85,7 @@ pub struct CellDesign {
 
 /// A patient's ventricle in a sensitivity analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweptOrgan {
     /// Patient to whom the ventricle belongs.
     pub patient: PatientId,
@@ -132,7 +132,7 @@ pub const ORGAN_SAMPLES_HEADING: &str = "block,row,status,P_max_mmHg,dPdt_max_mm
 
 /// A parameter and the interval from which it is drawn, in the unit of its name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct SweptParameter {
     /// Name of a parameter of the cell or, in an organ, of the valves.
     pub name: String,

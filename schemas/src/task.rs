@@ -23,7 +23,7 @@ use crate::sweep::CellDesign;
 /// A file that a task reads. The path is its present location; only name and content enter the
 /// task's key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct InputFile {
     /// Role, for example `pressure`.
     pub name: String,
@@ -142,7 +142,7 @@ fn strip_paths(value: &mut serde_json::Value) {
 
 /// Input of step 0 (SPEC section 3, "passive state", and section 4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct PassiveStateSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -197,7 +197,11 @@ pub struct PassiveStateSpec {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
     /// Input for the finite-element ventricle; absent for the reduced one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        deserialize_with = "crate::earlier::anatomy",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub finite_element: Option<AnatomySpec>,
     /// Patient's own mesh, for the finite-element ventricle. If absent, a mesh is generated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -214,7 +218,7 @@ pub struct PassiveStateSpec {
 
 /// Input of one simulation of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct OrganBeatSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
@@ -274,7 +278,7 @@ impl OrganBeatSpec {
 /// Input of a proposal in step 1: search for the optimum of the one-fibre ventricle, corrected to
 /// the simulations so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step1ProposalSpec {
     /// Beat for which parameters are sought. Its own parameters are the initial guess. For a
     /// finite-element ventricle, a one-fibre ventricle of the same volumes, pressure and activation
@@ -297,7 +301,7 @@ pub struct Step1ProposalSpec {
 
 /// A simulation as input of a proposal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct ProposalRun<P> {
     /// Parameters of the simulation.
     pub parameters: P,
@@ -315,7 +319,7 @@ pub type Step1Run = ProposalRun<Step1Parameters>;
 
 /// The verification beat or a simulation of step 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step3Run {
     /// Parameters and biomarkers of the simulation.
     pub run: ProposalRun<BTreeMap<String, f64>>,
@@ -327,7 +331,7 @@ pub struct Step3Run {
 /// Input of a proposal in step 3: search for the cell with which the organ agrees with the measured
 /// biomarkers, in the one-fibre ventricle with that cell, corrected to the beats so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step3ProposalSpec {
     /// Beat with the cell of step 2. Only the figures of a finite-element ventricle are used.
     pub beat: OrganBeatSpec,
@@ -352,7 +356,7 @@ pub struct Step3ProposalSpec {
 
 /// A beat of step 1 as input of step 3.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step1Beat {
     /// Parameters of the beat.
     pub parameters: Step1Parameters,
@@ -372,7 +376,7 @@ pub struct CellInOrgan {
 /// A parameter of step 3. The logarithm of its magnitude varies within bounds and has a normal
 /// prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct MovedParameter {
     /// Smallest value, in the unit of the name.
     pub lower: f64,
@@ -386,7 +390,7 @@ pub struct MovedParameter {
 
 /// Input for the median nodal traces and the targets of step 2.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct TargetsSpec {
     /// File `nodal.csv` of the simulation.
     pub nodal: InputFile,
@@ -394,14 +398,15 @@ pub struct TargetsSpec {
 
 /// Input of step 2 (SPEC section 6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellFitSpec {
     /// Cycle length.
     pub cycle_length_ms: f64,
     /// First value of the median stretch trace.
     pub lambda_0: f64,
-    /// Largest stretch of any node at any time. Ca50 is kept above the resting calcium up to this
-    /// stretch.
+    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there. Earlier programs did not ask for that; at 1
+    /// every Ca50 within its bounds fulfils it.
+    #[serde(default = "crate::organ::one")]
     pub lambda_max: f64,
     /// Biomarkers to reach.
     pub targets: CellBiomarkers,
@@ -420,7 +425,7 @@ pub struct CellFitSpec {
 /// Some blocks of a Saltelli design. The number of blocks in the design is not included, because a
 /// longer design has the same first blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct CellSweepSpec {
     /// Design of the sweep.
     pub design: CellDesign,
@@ -432,7 +437,7 @@ pub struct CellSweepSpec {
 
 /// A task without work.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct NoopSpec {
     /// Label that makes the task distinct.
     pub label: String,
@@ -442,7 +447,7 @@ pub struct NoopSpec {
 
 /// `spec.json` of an attempt: the task and the number of the attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct AttemptSpec {
     /// Format version.
     pub schema_version: u32,

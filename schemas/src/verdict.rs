@@ -63,7 +63,7 @@ impl TwinTolerances {
 
 /// Agreement of a twin's beat with the measured biomarkers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Verdict {
     /// Whether every measured biomarker is within its tolerance.
     pub personalised: bool,

@@ -15,6 +15,7 @@ mod housekeeping;
 mod launcher;
 mod mesh;
 mod notices;
+mod old_run;
 mod output;
 mod prepare;
 mod requests;

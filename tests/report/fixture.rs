@@ -630,7 +630,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
 
 fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
     RunRecord {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::RUN_RECORD.version,
         cohort: name.into(),
         description: "Measured traces of the bundled cohort with the numbers of Jung et al. 2022"
             .into(),

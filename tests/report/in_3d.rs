@@ -194,7 +194,9 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
     let page = html(&out);
     assert!(!page.contains("<svg class=\"heart\""));
     assert!(
-        words(&page).contains("heart.json is not a surface of a heart: unknown field `part`"),
+        words(&page).contains(
+            "heart.json: cannot be read as heart surface of version 1: missing field `surface`"
+        ),
         "{}",
         words(&page)
     );

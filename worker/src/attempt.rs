@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_protocol::claim::{self, ClaimFile};
 use cardiotwin_protocol::closing::{self, PreparedOutcome, Winner};
 use cardiotwin_protocol::{names, process};
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats::{FormatError, SPEC};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::task::AttemptSpec;
 
@@ -30,25 +30,9 @@ pub enum AttemptError {
         /// The operating system's error.
         source: io::Error,
     },
-    /// The file is not a valid specification of an attempt.
-    #[error("{file} is not a specification of an attempt in format {SCHEMA_VERSION}")]
-    Spec {
-        /// Path of the file.
-        file: PathBuf,
-        /// Position and cause of the parse error.
-        source: serde_json::Error,
-    },
-    /// The specification was written in another format version.
-    #[error(
-        "{file} is written in format {found}, but this worker reads format {SCHEMA_VERSION}; use the worker of the \
-         same version as the coordinator"
-    )]
-    Version {
-        /// Path of the file.
-        file: PathBuf,
-        /// Format version found in the file.
-        found: u32,
-    },
+    /// The file is not the specification of an attempt, is of a later version, or asks for more than this worker knows.
+    #[error(transparent)]
+    Spec(#[from] FormatError),
     /// Another process has claimed the attempt.
     #[error(
         "{directory} has already been claimed by {holder}; another attempt needs its own directory"
@@ -144,21 +128,11 @@ impl Attempt {
 }
 
 fn read_spec(file: &Path) -> Result<AttemptSpec, AttemptError> {
-    let text = fs::read_to_string(file).map_err(|source| AttemptError::Read {
+    let text = fs::read(file).map_err(|source| AttemptError::Read {
         file: file.to_owned(),
         source,
     })?;
-    let spec: AttemptSpec = serde_json::from_str(&text).map_err(|source| AttemptError::Spec {
-        file: file.to_owned(),
-        source,
-    })?;
-    if spec.schema_version != SCHEMA_VERSION {
-        return Err(AttemptError::Version {
-            file: file.to_owned(),
-            found: spec.schema_version,
-        });
-    }
-    Ok(spec)
+    Ok(SPEC.read_order(&file.display(), &text)?)
 }
 
 /// Describes the process that holds the claim.
@@ -215,7 +189,7 @@ mod tests {
 
     #[test]
     fn a_claim_names_a_living_process_and_is_given_once() {
-        let directory = directory_with_spec(SCHEMA_VERSION);
+        let directory = directory_with_spec(SPEC.version);
         let attempt = Attempt::claim(directory.path()).unwrap();
         assert_eq!(attempt.spec.task.kind(), "noop");
         let claim: Claim =
@@ -231,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_dead_claim_is_still_a_claim() {
-        let directory = directory_with_spec(SCHEMA_VERSION);
+        let directory = directory_with_spec(SPEC.version);
         let claim = Claim {
             host: "h".into(),
             boot_id: process::boot_id().into(),
@@ -253,12 +227,9 @@ mod tests {
 
     #[test]
     fn a_spec_of_another_format_is_refused_with_both_versions() {
-        let directory = directory_with_spec(SCHEMA_VERSION + 1);
+        let directory = directory_with_spec(SPEC.version + 1);
         let error = Attempt::claim(directory.path()).unwrap_err().to_string();
-        assert!(
-            error.contains("format 2") && error.contains("format 1"),
-            "{error}"
-        );
+        assert!(error.contains("version 2, expected version 1"), "{error}");
         assert!(!directory.path().join("started.json").exists());
     }
 }

@@ -18,11 +18,9 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::names;
+use cardiotwin_schemas::formats::SEARCH_JOURNAL;
 use cardiotwin_schemas::ids::AttemptId;
 use serde::{Deserialize, Serialize};
-
-/// Version of the file format, raised when an older file would be misread.
-const FORMAT: u32 = 2;
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
@@ -219,7 +217,7 @@ impl Chain {
 fn create(folder: &Path, name: &str, search: &str) -> io::Result<File> {
     fs::create_dir_all(folder)?;
     let header = Header {
-        format: FORMAT,
+        format: SEARCH_JOURNAL.version,
         search: search.to_owned(),
     };
     let mut file = File::create(folder.join(name))?;
@@ -248,7 +246,7 @@ fn read(path: &Path, search: &str) -> Option<Vec<Record>> {
     let header: Header = serde_json::from_slice(&bytes[..end]).ok()?;
     if header
         != (Header {
-            format: FORMAT,
+            format: SEARCH_JOURNAL.version,
             search: search.to_owned(),
         })
     {
@@ -334,6 +332,16 @@ mod tests {
         assert_eq!(recalled(root.path(), 2, "a"), 2);
         assert_eq!(recalled(root.path(), 1, "a"), 0);
         assert_eq!(recalled(root.path(), 5, "b"), 0, "another search");
+    }
+
+    #[test]
+    fn a_journal_is_read_and_written_as_the_golden_one() {
+        let golden = include_bytes!("../tests/golden/told-costs");
+        let root = tempfile::tempdir().unwrap();
+        let path = leave(root.path(), 1, 3);
+        assert_eq!(fs::read(&path).unwrap(), golden);
+        fs::write(&path, golden).unwrap();
+        assert_eq!(recalled(root.path(), 2, "a"), 3);
     }
 
     #[test]

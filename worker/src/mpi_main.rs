@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::Context as _;
+use cardiotwin_schemas::formats::SPEC;
 use cardiotwin_schemas::task::AttemptSpec;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
@@ -87,8 +87,7 @@ impl RankProgram for RunArgs {
 
     fn n_ranks(&self) -> anyhow::Result<Option<(usize, &'static str)>> {
         let file = self.directory.join("spec.json");
-        let spec: AttemptSpec = serde_json::from_str(&read(&file)?)
-            .with_context(|| format!("{}: not the specification of an attempt", file.display()))?;
+        let spec: AttemptSpec = SPEC.read_order(&file.display(), read(&file)?.as_bytes())?;
         Ok(Some((spec.threads.max(1) as usize, "threads in spec.json")))
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use cardiotwin_schemas::formats::SPEC;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tracing::Level;
 
@@ -51,15 +52,16 @@ pub fn read(file: &Path) -> anyhow::Result<String> {
 /// # Errors
 /// When the file cannot be read or does not hold a specification; the error names it.
 pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
-    let read = |text: String| {
-        let value: serde_json::Value = serde_json::from_str(&text)?;
-        if value.get("attempt").is_some() {
-            return serde_json::from_value::<AttemptSpec>(value).map(|attempt| attempt.task);
-        }
-        serde_json::from_value(value)
+    let (place, text) = (file.display(), self::read(file)?);
+    let is_attempt = serde_json::from_str::<serde_json::Value>(&text)
+        .is_ok_and(|value| value.get("attempt").is_some());
+    let read = match is_attempt {
+        true => SPEC
+            .read_order::<AttemptSpec>(&place, text.as_bytes())
+            .map(|attempt| attempt.task),
+        false => SPEC.read_order(&place, text.as_bytes()),
     };
-    read(self::read(file)?)
-        .with_context(|| format!("{}: not the specification of a task", file.display()))
+    read.with_context(|| format!("{place}: not the specification of a task"))
 }
 
 /// Creates a folder for results.

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cardiotwin_protocol::names;
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::provenance::Provenance;
@@ -99,7 +99,7 @@ fn outcome(
         ..beginning.provenance(task, context.threads, context.instruction_set)
     };
     TaskOutcome {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::OUTCOME.version,
         attempt,
         ending,
         artefacts: context.artefacts.take(),

@@ -11,12 +11,11 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::Path;
 
+use cardiotwin_schemas::formats::SAMPLE_LOG;
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::Checkpoints;
 
-/// Version of the file format, raised when an older file would be misread.
-const FORMAT: u32 = 1;
 /// Name of the file among an attempt's checkpoints.
 pub const FILE: &str = "samples";
 
@@ -42,7 +41,7 @@ impl SampleLog {
     /// Any error of the file system while the new file is created.
     pub fn open(checkpoints: &Checkpoints, about: &str) -> io::Result<(Self, Vec<String>)> {
         let header = Header {
-            format: FORMAT,
+            format: SAMPLE_LOG.version,
             samples: about.to_owned(),
         };
         let earlier = checkpoints.earlier_files(FILE);
@@ -156,6 +155,17 @@ mod tests {
             3,
             "the fourth has none, the third has"
         );
+    }
+
+    #[test]
+    fn a_log_is_read_and_written_as_the_golden_one() {
+        let golden = include_bytes!("../tests/golden/samples");
+        let lines = ["0,0,periodic,1.5", "0,1,failed,", "1,0,periodic,2.5"];
+        let root = tempfile::tempdir().unwrap();
+        let path = leave(root.path(), 1, &lines);
+        assert_eq!(fs::read(&path).unwrap(), golden);
+        fs::write(&path, golden).unwrap();
+        assert_eq!(recalled(root.path(), 2, "a"), lines);
     }
 
     #[test]

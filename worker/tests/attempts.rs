@@ -8,8 +8,8 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use cardiotwin_protocol::closing::{self, Winner};
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::ContractionSpec;
@@ -23,7 +23,7 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32) -> PathBuf {
     let directory = root.join(format!("{}-g{generation}", &key.0[..16]));
     fs::create_dir_all(&directory).unwrap();
     let spec = AttemptSpec {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SPEC.version,
         attempt: AttemptId {
             task: key,
             generation,
@@ -121,7 +121,7 @@ fn of_many_starts_at_once_one_does_the_work() {
 
 fn revoke(directory: &Path, task: &TaskSpec) -> Winner {
     let revocation = Revocation {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::REVOCATION.version,
         attempt: AttemptId {
             task: task.key(),
             generation: 1,

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, TaskOutcome, TaskResult};
@@ -339,7 +339,7 @@ fn attempt(folder: &Path, task: &TaskSpec) -> PathBuf {
     let directory = folder.join("attempt");
     fs::create_dir(&directory).expect("a folder");
     let spec = AttemptSpec {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SPEC.version,
         attempt: AttemptId {
             task: task.key(),
             generation: 1,

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Ending, TargetsResult, TaskOutcome, TaskResult};
 use cardiotwin_schemas::settings::{CellFitSettings, InstructionSet};
@@ -73,7 +73,7 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32
         generation,
     };
     let spec = AttemptSpec {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SPEC.version,
         attempt,
         threads,
         instruction_set: InstructionSet::Auto,

@@ -149,7 +149,7 @@ fn sweep_exit(error: &SweepError) -> Exit {
         | SweepError::OtherKind { .. }
         | SweepError::Setting { .. } => Exit::Usage,
         SweepError::Design(_) => Exit::Input,
-        SweepError::Format { .. } | SweepError::Samples { .. } => Exit::Store,
+        SweepError::Format(_) | SweepError::Samples { .. } => Exit::Store,
         SweepError::Sobol(_) | SweepError::TooEarly { .. } | SweepError::Empty { .. } => {
             Exit::Problems
         }

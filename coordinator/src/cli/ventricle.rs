@@ -4,6 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, ValveParameters};
 use cardiotwin_schemas::outcome::{
@@ -310,8 +311,8 @@ pub fn ask_worker(
     }
     let outcome = out.join("outcome.json");
     std::fs::write(&outcome, &output.stdout).map_err(CliError::file("write", &outcome))?;
-    serde_json::from_slice(&output.stdout)
-        .map_err(|error| said(format!("the answer is not an outcome: {error}")))
+    let read = OUTCOME.read(&"its answer", &output.stdout);
+    read.map_err(|error| said(error.in_full()))
 }
 
 /// Error for an outcome that does not belong to the task.

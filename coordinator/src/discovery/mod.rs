@@ -5,10 +5,11 @@
 
 pub mod overlay;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Discovered};
+use cardiotwin_schemas::formats::DISCOVER_CASE;
 
 use crate::results::atomic;
 use crate::results::discovery::words;
@@ -22,7 +23,7 @@ pub const CASES: &str = "discover.json";
 #[must_use]
 pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
     DiscoverCase {
-        schema_version: SCHEMA_VERSION,
+        schema_version: DISCOVER_CASE.version,
         case: patient.to_owned(),
         summary: words::summary(found),
         task: task.to_owned(),
@@ -57,16 +58,18 @@ pub fn cases_text(cases: &DiscoverCases) -> String {
     serde_json::to_string_pretty(cases).expect("cases are JSON") + "\n"
 }
 
-/// Cases that an earlier search left in the folder of a run; `None` if the file does not exist or
-/// is of another version.
+/// Cases that an earlier search left in the folder of a run; none where there is no such file or it is of a later version.
 #[must_use]
 pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
-    let text = std::fs::read(cases_file(run_dir)).ok()?;
-    let cases: DiscoverCases = serde_json::from_slice(&text).ok()?;
-    cases
-        .values()
-        .all(|case| case.schema_version == SCHEMA_VERSION)
-        .then_some(cases)
+    let path = cases_file(run_dir);
+    let text = std::fs::read(&path).ok()?;
+    // The version stands in each case.
+    let cases: BTreeMap<String, serde_json::Value> = serde_json::from_slice(&text).ok()?;
+    let case = |(name, case): (String, serde_json::Value)| {
+        let case = case.to_string().into_bytes();
+        Some((name, DISCOVER_CASE.read(&path.display(), &case).ok()?))
+    };
+    cases.into_iter().map(case).collect()
 }
 
 /// Cases that an earlier search left in the cohort's folder; `None` if there are none.

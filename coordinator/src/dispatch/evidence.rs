@@ -7,8 +7,8 @@ use std::path::Path;
 use cardiotwin_protocol::claim::{self, ClaimFile};
 use cardiotwin_protocol::closing::{self, Closing, Winner};
 use cardiotwin_protocol::names;
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
 
@@ -34,15 +34,16 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
 }
 
 fn evidence_of(directory: &Path, text: String) -> Evidence {
-    let outcome: TaskOutcome = match serde_json::from_str(&text) {
+    let path = directory.join(names::OUTCOME);
+    let read = formats::OUTCOME.read(&path.display(), text.as_bytes());
+    let outcome: TaskOutcome = match read {
         Ok(outcome) => outcome,
         // Outcomes appear complete or not at all, so that half an outcome is a defect of the
         // program.
         Err(error) => {
-            let path = directory.join(names::OUTCOME);
             return Evidence::Nothing {
                 class: FailureClass::Bug,
-                reason: format!("{} cannot be read: {error}", path.display()),
+                reason: error.in_full(),
             };
         }
     };
@@ -89,7 +90,7 @@ pub fn revoke(
     reason: &str,
 ) -> Result<Option<Evidence>, DispatchError> {
     let revocation = Revocation {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::REVOCATION.version,
         attempt: attempt.clone(),
         reason: reason.to_owned(),
         at: clock::now_utc(),

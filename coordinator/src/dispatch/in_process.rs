@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use cardiotwin_protocol::process;
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::provenance::Provenance;
@@ -51,7 +51,7 @@ impl InProcess {
             ..Provenance::default()
         };
         let outcome = TaskOutcome {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::OUTCOME.version,
             attempt: attempt.clone(),
             ending: Ending::Succeeded {
                 result: Box::new(TaskResult::Noop),

@@ -501,7 +501,7 @@ mod tests {
             generation: 1,
         };
         let outcome = cardiotwin_schemas::outcome::TaskOutcome {
-            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            schema_version: cardiotwin_schemas::formats::OUTCOME.version,
             attempt: attempt.clone(),
             ending: cardiotwin_schemas::outcome::Ending::Cancelled,
             artefacts: vec![],

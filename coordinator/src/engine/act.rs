@@ -1,8 +1,8 @@
 //! Executes the committed actions of the outbox. Actions are idempotent: a second execution changes
 //! nothing.
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
@@ -89,7 +89,7 @@ impl<E: Executor> LocalLoop<E> {
         })?;
         let directory = self.world.directory(attempt);
         let spec = AttemptSpec {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::SPEC.version,
             attempt: attempt.clone(),
             threads: cores::threads(&self.settings, &task),
             instruction_set: self.settings.instruction_set,

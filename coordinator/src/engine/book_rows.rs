@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
+use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId, TaskKey};
 use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::outcome::TaskOutcome;
@@ -71,7 +72,7 @@ impl TaskEntry {
             .get_or_init(|| {
                 self.outcome_text
                     .as_ref()
-                    .and_then(|text| serde_json::from_str(text).ok())
+                    .and_then(|text| OUTCOME.read(&"tasks.outcome", text.as_bytes()).ok())
             })
             .as_ref()
     }

@@ -13,11 +13,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use cardiotwin_protocol::closing;
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{
     AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing,
 };
 use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
@@ -319,7 +319,7 @@ impl<E: Executor> InJobLoop<'_, E> {
     async fn begin(&mut self, attempt: &AttemptId, task: &TaskSpec) -> Result<bool, EngineError> {
         let directory = self.directory(attempt);
         let spec = AttemptSpec {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::SPEC.version,
             attempt: attempt.clone(),
             threads: self.order.threads,
             instruction_set: self.order.instruction_set,

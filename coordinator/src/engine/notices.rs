@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use cardiotwin_protocol::files::{self, SyncedDraft};
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::notices::{Notice, NoticeKind, NoticeSettings};
 
 use super::EngineError;
@@ -68,7 +68,7 @@ fn events(
 ) -> Vec<(String, Notice)> {
     let at = clock::utc_text(clock::now_ms());
     let base = |kind| Notice {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::NOTICE.version,
         event: kind,
         cohort: notable.cohort.clone(),
         at: at.clone(),

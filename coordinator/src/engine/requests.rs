@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::files;
 use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::formats::REQUEST;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_workflow::patient::Stage;
 use serde::{Deserialize, Serialize};
@@ -21,7 +22,7 @@ const FOLDER: &str = "requests";
 
 /// A change requested by a person.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "request", rename_all = "kebab-case")]
+#[serde(tag = "request", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Request {
     /// Change settings from a stage on.
     Rerun {
@@ -86,8 +87,10 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
         .into_iter()
         .map(|path| {
             let read = fs::read(&path).map_err(|e| e.to_string());
-            let request =
-                read.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string()));
+            let request = read.and_then(|bytes| {
+                let request = REQUEST.read(&path.display(), &bytes);
+                request.map_err(|error| error.in_full())
+            });
             (path, request)
         })
         .collect())
@@ -130,4 +133,36 @@ pub fn remove(paths: &[PathBuf]) -> Result<(), EngineError> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_request_is_read_as_it_was_written() {
+        let golden: serde_json::Value =
+            serde_json::from_str(include_str!("golden/requests.json")).unwrap();
+        let read: Vec<Request> = serde_json::from_value(golden.clone()).unwrap();
+        assert_eq!(serde_json::to_value(&read).unwrap(), golden);
+        assert!(matches!(
+            read[..],
+            [
+                Request::Rerun { .. },
+                Request::Retry { .. },
+                Request::Cancel { .. },
+                Request::Cancel { patient: None }
+            ]
+        ));
+    }
+
+    #[test]
+    fn a_request_that_asks_for_more_than_is_known_is_refused() {
+        let run = tempfile::tempdir().unwrap();
+        fs::create_dir(run.path().join(FOLDER)).unwrap();
+        let text = r#"{"request":"retry","patient":"P1","of_tomorrow":1}"#;
+        fs::write(run.path().join(FOLDER).join("1.json"), text).unwrap();
+        let error = pending(run.path()).unwrap().remove(0).1.unwrap_err();
+        assert!(error.contains("unknown field `of_tomorrow`"), "{error}");
+    }
 }

@@ -5,6 +5,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use cardiotwin_schemas::formats::PROGRESS;
 use cardiotwin_schemas::progress::Progress;
 
 /// Reader of one attempt's progress.
@@ -43,7 +44,7 @@ impl Tail {
         bytes[..complete]
             .split(|byte| *byte == b'\n')
             .rev()
-            .find_map(|line| serde_json::from_slice(line).ok())
+            .find_map(|line| PROGRESS.read(&self.path.display(), line).ok())
     }
 }
 

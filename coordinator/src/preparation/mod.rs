@@ -45,7 +45,7 @@ pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
     warnings.extend(load.warning());
     let patient_toml = patient::toml(id, folder, &prepared, &facts, &load);
     let answer = Preparation {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::PREPARATION.version,
         id: id.to_owned(),
         files: folder.inputs.clone(),
         cycle_length_ms: prepared.average.cycle_length_ms,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats::{FormatError, HEART};
 use cardiotwin_schemas::heart::HeartSurface;
 use cardiotwin_schemas::record::PatientRecord;
 
@@ -19,16 +19,11 @@ pub enum HeartError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file is not a surface.
-    #[error("{file} is not a surface of a heart: {source}")]
-    Format {
-        /// Path of the file.
-        file: PathBuf,
-        /// Position and reason of the parser's error.
-        source: serde_json::Error,
-    },
-    /// The surface is of another version, or its triangles name corners that do not exist.
-    #[error("{file} is not a surface of a heart in format {SCHEMA_VERSION}: {what}")]
+    /// The file is not a surface, or of a later version.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// Triangles of the surface name corners that do not exist.
+    #[error("{file} is not a surface of a heart: {what}")]
     Content {
         /// Path of the file.
         file: PathBuf,
@@ -62,10 +57,7 @@ impl HeartFile {
             Ok(bytes) => bytes,
             Err(source) => return Err(HeartError::Read { file, source }),
         };
-        let heart: HeartSurface = match serde_json::from_slice(&bytes) {
-            Ok(heart) => heart,
-            Err(source) => return Err(HeartError::Format { file, source }),
-        };
+        let heart: HeartSurface = HEART.read(&file.display(), &bytes)?;
         match wrong(&heart) {
             Some(what) => Err(HeartError::Content { file, what }),
             None => Ok(Some(Self {
@@ -77,9 +69,6 @@ impl HeartFile {
 }
 
 fn wrong(heart: &HeartSurface) -> Option<String> {
-    if heart.schema_version != SCHEMA_VERSION {
-        return Some(format!("its format is {}", heart.schema_version));
-    }
     if heart.states.len() != 2 {
         return Some(format!("{} states, expected 2", heart.states.len()));
     }
@@ -122,7 +111,7 @@ mod tests {
             triangles: vec![[0, 1, 2]],
         };
         let good = HeartSurface {
-            schema_version: SCHEMA_VERSION,
+            schema_version: HEART.version,
             long_axis: [0.0, 0.0, 1.0],
             towards_viewer: [0.0, -1.0, 0.0],
             triangles_before: 1,
@@ -138,7 +127,16 @@ mod tests {
         assert!(wrong(&bad).unwrap().contains("does not have 3"));
         bad = good.clone();
         bad.schema_version += 1;
-        assert!(wrong(&bad).is_some());
+        let later = serde_json::to_vec(&bad).unwrap();
+        let error = HEART.read::<HeartSurface>(&"heart.json", &later);
+        assert!(matches!(
+            error,
+            Err(FormatError::Newer {
+                found: 2,
+                known: 1,
+                ..
+            })
+        ));
         bad = good;
         bad.states.pop();
         assert!(wrong(&bad).is_some());

@@ -14,7 +14,7 @@ pub mod spread;
 mod write_error;
 
 pub use comparison::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};
-pub use heart::HeartFile;
+pub use heart::{HeartError, HeartFile};
 pub use signals::{Signal, SignalKind, Signals, Source};
 pub use spread::SpreadFile;
 pub use write_error::WriteError;

@@ -1,7 +1,4 @@
-//! A batch of transitions: rows of every table, committed as one transaction.
-//!
-//! The rows of each table travel as one JSON array into one statement, so a commit of a thousand
-//! transitions takes as many statements as a commit of one.
+//! A batch of transitions: rows of every table, one JSON array each, committed as one transaction.
 
 use serde::Serialize;
 

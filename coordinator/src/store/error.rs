@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_schemas::formats::FormatError;
 use cardiotwin_schemas::ids::PatientId;
 
 /// A failure of the store. Everything committed before it remains.
@@ -124,6 +125,9 @@ pub enum StoreError {
         /// Names of the first patients of the run.
         known: String,
     },
+    /// A stored outcome or claim, or what the database holds in JSON, is of a later version.
+    #[error(transparent)]
+    Format(#[from] FormatError),
     /// A column holds a text that this version cannot read.
     #[error("{table}.{column} of {row} cannot be read")]
     Content {

@@ -10,6 +10,7 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_schemas::formats::LEASE;
 use cardiotwin_schemas::progress::Claim;
 use serde::{Deserialize, Serialize};
 
@@ -199,7 +200,7 @@ fn highest(folder: &Path) -> io::Result<u64> {
 }
 
 fn read(path: &Path) -> Option<Text> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
+    LEASE.read(&path.display(), &fs::read(path).ok()?).ok()
 }
 
 /// Whether a file was modified less than a lease's time ago.
@@ -223,8 +224,13 @@ pub fn holder(run_dir: &Path) -> Option<LockHolder> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+
+    pub(in crate::store) fn is_read_as_written(golden: &serde_json::Value) {
+        let read: Text = serde_json::from_value(golden.clone()).unwrap();
+        assert_eq!(&serde_json::to_value(&read).unwrap(), golden);
+    }
 
     fn claim(host: &str, pid: u32) -> Claim {
         Claim {

@@ -7,6 +7,7 @@ use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use cardiotwin_schemas::formats::LOCK;
 use serde::{Deserialize, Serialize};
 
 use crate::clock;
@@ -136,7 +137,7 @@ fn read_holder(file: &mut File) -> Option<LockHolder> {
     let mut text = String::new();
     file.rewind().ok()?;
     file.read_to_string(&mut text).ok()?;
-    serde_json::from_str(&text).ok()
+    LOCK.read(&LOCK_FILE, text.as_bytes()).ok()
 }
 
 fn unnamed() -> LockHolder {

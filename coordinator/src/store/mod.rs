@@ -2,6 +2,12 @@
 //!
 //! One transaction ([`Batch`]) appends the events, updates rows guarded by their versions, and puts
 //! actions in the outbox. Actions run after the commit. A worker never opens the database.
+//!
+//! # Why rows travel as JSON
+//! SQLite runs on a thread of its own, and each statement, and each value of a row that is read, is handed over to it or from it.
+//! To hand over costs more than to store. So the rows of each table are one JSON array for one statement, which SQLite's
+//! `json_each` takes apart: a commit of a thousand transitions costs the same statements as a commit of one. Tables of many rows are
+//! read likewise, some hundreds of rows to a text, and rows that are read one by one are buffered on the way.
 
 pub mod attempts;
 mod batch;
@@ -10,6 +16,8 @@ pub mod cluster_jobs;
 mod error;
 pub mod events;
 pub mod file_system;
+#[cfg(test)]
+mod golden;
 pub mod lease;
 pub mod lock;
 pub mod notable;
@@ -20,6 +28,7 @@ mod reader;
 mod record;
 mod screen;
 pub mod steps;
+mod stored_formats;
 pub mod tasks;
 #[cfg(test)]
 pub(crate) mod tests;

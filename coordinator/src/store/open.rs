@@ -7,7 +7,7 @@ use std::time::Duration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::{StoreError, file_system};
+use super::{StoreError, file_system, stored_formats};
 
 /// Name of the database in the run directory.
 pub const DATABASE_FILE: &str = "cardiotwin.db";
@@ -16,10 +16,9 @@ pub const SNAPSHOT_FILE: &str = "cardiotwin.snapshot.db";
 /// `CTWN` in ASCII: marks the file as a database of cardiotwin.
 const APPLICATION_ID: i64 = 1_129_600_846;
 /// Format that this version reads and writes; `migrations/` converts older ones.
-pub const FORMAT: i64 = 2;
+pub const FORMAT: i64 = cardiotwin_schemas::formats::DATABASE.version as i64;
 
-/// Number of rows by which SQLite's thread may be ahead of the reader. With few, both threads spend
-/// their time waking each other.
+/// Rows that SQLite's thread may be ahead of whoever reads them.
 const ROWS_IN_FLIGHT: usize = 4096;
 
 /// Version of this program.
@@ -101,6 +100,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         .execute(&mut connection)
         .await
         .map_err(sql(&file, "writing"))?;
+    stored_formats::note(&mut connection, &file).await?;
     Ok(connection)
 }
 
@@ -139,6 +139,9 @@ async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64
             written_by,
             version: VERSION,
         });
+    }
+    if format > 0 {
+        stored_formats::check(connection, file).await?;
     }
     Ok(format)
 }

@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::Failure;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -80,7 +80,7 @@ impl Reader {
             StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
         })?;
         Ok(Status {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::STATUS.version,
             cohort: self.meta("cohort").await?,
             as_of: clock::utc_text(now_ms),
             coordinator_running: lock::is_held(&self.run_dir)
@@ -148,7 +148,7 @@ impl Reader {
             }
         }
         Ok(RunRecord {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::RUN_RECORD.version,
             cohort: self.meta("cohort").await?,
             description: self.meta("description").await?,
             run_directory: self.run_dir.clone(),

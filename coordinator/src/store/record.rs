@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::failure::Failure;
+use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -44,8 +45,9 @@ pub(super) fn settled(row: &SqliteRow, run_dir: &Path) -> Result<(TaskKey, Settl
     let (key, state): (String, String) = (row.get(0), row.get(1));
     let state = parse(&state, "tasks", "state", &key)?;
     let outcome: Option<String> = row.get(2);
+    let place = format!("the outcome of task {key} in the database");
     let outcome = outcome
-        .map(|text| parse(&text, "tasks", "outcome", &key))
+        .map(|text| OUTCOME.read(&place, text.as_bytes()))
         .transpose()?;
     let directory: Option<String> = row.get(3);
     Ok((

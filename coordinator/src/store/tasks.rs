@@ -61,7 +61,5 @@ SET version = tasks.version + 1, word = value->>'word', state = value->'state',
 FROM json_each(?1) AS new
 WHERE tasks.key = (new.value->>'key') AND tasks.version = (new.value->>'version')";
 
-/// All rows, up to 512 per text: passing each value of each row separately costs more than reading
-/// it.
 pub(super) const SELECT_ALL: &str = "
 SELECT json_group_array(json_array(key, kind, version, json(state), spec, outcome)) FROM tasks GROUP BY id / 512";

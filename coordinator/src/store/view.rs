@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_schemas::formats::CLAIM;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::TaskSpec;
@@ -138,7 +139,7 @@ pub(super) fn attempt(
         directory: run_dir.join(directory),
         external_id: row.get("external_id"),
         claim: claim
-            .map(|text| parse(&text, "attempts", "claim", &task))
+            .map(|text| CLAIM.read(&"attempts.claim", text.as_bytes()))
             .transpose()?,
         planned: clock::utc_text(row.get("planned_ms")),
         ended: row.get::<Option<i64>, _>("ended_ms").map(clock::utc_text),

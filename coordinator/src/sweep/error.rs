@@ -20,17 +20,9 @@ pub enum SweepError {
         /// Error of the operating system.
         source: io::Error,
     },
-    /// `sweep.json` is not in the format of this version.
-    #[error(
-        "{path} is not the file of a sweep in format {}",
-        cardiotwin_schemas::SCHEMA_VERSION
-    )]
-    Format {
-        /// Path of the file.
-        path: PathBuf,
-        /// Position and reason of the parser's error.
-        source: serde_json::Error,
-    },
+    /// `sweep.json` is not the file of a sweep, or of a later version.
+    #[error(transparent)]
+    Format(#[from] cardiotwin_schemas::formats::FormatError),
     /// The folder holds a cohort or a run.
     #[error("{path} {holds}: name a separate folder for the sweep with --out")]
     Occupied {

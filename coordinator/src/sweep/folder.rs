@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_schemas::formats::SWEEP;
 use cardiotwin_schemas::sweep::SweepFile;
 
 use super::SweepError;
@@ -37,9 +38,7 @@ pub fn find(folder: &Path) -> Result<Option<SweepFile>, SweepError> {
             });
         }
     };
-    serde_json::from_slice(&text)
-        .map(Some)
-        .map_err(|source| SweepError::Format { path, source })
+    Ok(Some(SWEEP.read(&path.display(), &text)?))
 }
 
 /// The sweep in a folder that must hold one.

@@ -299,7 +299,7 @@ mod tests {
     fn outcome(ending: Ending) -> TaskOutcome {
         let provenance = Provenance::default();
         TaskOutcome {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::OUTCOME.version,
             attempt: attempt(1),
             ending,
             artefacts: vec![],

@@ -21,6 +21,8 @@ pub mod patient;
 pub mod task;
 
 #[cfg(test)]
+mod golden;
+#[cfg(test)]
 mod tests;
 
 /// A command that makes no sense in the present state.

@@ -30,7 +30,7 @@ fn attempt_endings() -> Vec<AttemptEnding> {
     ]
 }
 
-fn attempt_states() -> Vec<Attempt> {
+pub(super) fn attempt_states() -> Vec<Attempt> {
     let mut states = vec![
         Attempt::Planned,
         Attempt::Submitting,
@@ -48,7 +48,7 @@ fn attempt_states() -> Vec<Attempt> {
     states
 }
 
-fn attempt_events() -> Vec<AttemptEvent> {
+pub(super) fn attempt_events() -> Vec<AttemptEvent> {
     let mut events = vec![
         AttemptEvent::Approve,
         AttemptEvent::Cancel,
@@ -79,7 +79,7 @@ fn is_command(event: &AttemptEvent) -> bool {
     )
 }
 
-fn task_states() -> Vec<Task> {
+pub(super) fn task_states() -> Vec<Task> {
     vec![
         Task::Open {
             generation: 0,
@@ -105,7 +105,7 @@ fn task_states() -> Vec<Task> {
     ]
 }
 
-fn task_events() -> Vec<TaskEvent> {
+pub(super) fn task_events() -> Vec<TaskEvent> {
     let mut events = vec![TaskEvent::Start, TaskEvent::Retry, TaskEvent::Purged];
     for generation in [1, 2] {
         events.extend(attempt_endings().into_iter().map(|how| TaskEvent::Ended {
@@ -121,7 +121,7 @@ fn step(stage: Stage, number: u32) -> Step {
     Step { stage, number }
 }
 
-fn patient_states() -> Vec<Patient> {
+pub(super) fn patient_states() -> Vec<Patient> {
     let task = TaskKey::from("a");
     vec![
         Patient::Waiting,
@@ -145,7 +145,7 @@ fn patient_states() -> Vec<Patient> {
     ]
 }
 
-fn patient_events() -> Vec<PatientEvent> {
+pub(super) fn patient_events() -> Vec<PatientEvent> {
     vec![
         PatientEvent::Want {
             step: step(Stage::Step1, 2),

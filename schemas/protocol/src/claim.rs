@@ -5,6 +5,7 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
+use cardiotwin_schemas::formats::CLAIM;
 use cardiotwin_schemas::progress::Claim;
 
 use crate::{files, names};
@@ -14,8 +15,7 @@ use crate::{files, names};
 pub enum ClaimFile {
     /// No process has claimed the attempt.
     Absent,
-    /// The claim is empty or truncated: a worker of an earlier version is writing it, or was killed
-    /// in between.
+    /// The claim is empty, cut or of a later version: a worker of an earlier version is writing it, or was killed in between.
     Unreadable,
     /// The process that claimed the attempt.
     By(Claim),
@@ -35,9 +35,11 @@ pub fn take(directory: &Path, claim: &Claim) -> io::Result<bool> {
 /// # Errors
 /// Any error of the file system except a missing file.
 pub fn read(directory: &Path) -> io::Result<ClaimFile> {
-    match fs::read(directory.join(names::CLAIM)) {
+    let path = directory.join(names::CLAIM);
+    match fs::read(&path) {
         Ok(bytes) => {
-            Ok(serde_json::from_slice(&bytes).map_or(ClaimFile::Unreadable, ClaimFile::By))
+            let claim = CLAIM.read(&path.display(), &bytes);
+            Ok(claim.map_or(ClaimFile::Unreadable, ClaimFile::By))
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(ClaimFile::Absent),
         Err(error) => Err(error),

@@ -8,7 +8,10 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::outcome::{Revocation, RevokedAttempt, TaskOutcome};
+
+use serde::Deserialize;
 
 use crate::files::SyncedDraft;
 use crate::names;
@@ -20,8 +23,7 @@ pub enum Closing {
     Open,
     /// The worker published this text.
     Published(String),
-    /// The coordinator revoked the attempt; `None` if an earlier version did so, which stored no
-    /// reason.
+    /// The coordinator revoked the attempt; `None` where an earlier version left no reason, or a later one says it otherwise.
     Revoked(Option<Revocation>),
 }
 
@@ -34,16 +36,29 @@ pub enum Winner {
     Coordinator,
 }
 
+/// The key by which a revocation is told from an outcome.
+#[derive(Deserialize)]
+struct MaybeRevoked {
+    revoked: Option<serde_json::Value>,
+}
+
 /// Reads the state of an attempt.
 ///
 /// # Errors
 /// Any error of the file system except a missing file.
 pub fn read(directory: &Path) -> io::Result<Closing> {
     match fs::read_to_string(directory.join(names::OUTCOME)) {
-        // The first key distinguishes a revocation from an outcome.
-        Ok(text) => Ok(match serde_json::from_str::<RevokedAttempt>(&text) {
-            Ok(closed) => Closing::Revoked(Some(closed.revoked)),
-            Err(_) => Closing::Published(text),
+        // A revocation of any version revokes, whether or not its words can be read.
+        Ok(text) => Ok(match serde_json::from_str(&text) {
+            Ok(MaybeRevoked {
+                revoked: Some(revocation),
+            }) => {
+                let path = directory.join(names::OUTCOME);
+                let words =
+                    formats::REVOCATION.read(&path.display(), &revocation.to_string().into_bytes());
+                Closing::Revoked(words.ok())
+            }
+            _ => Closing::Published(text),
         }),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             Ok(if directory.join(names::FORMER_FENCE).exists() {
@@ -137,7 +152,6 @@ pub fn revoke(directory: &Path, revocation: &Revocation) -> io::Result<Winner> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::SCHEMA_VERSION;
     use cardiotwin_schemas::ids::{AttemptId, TaskKey};
     use cardiotwin_schemas::outcome::Ending;
     use cardiotwin_schemas::provenance::Provenance;
@@ -151,7 +165,7 @@ mod tests {
 
     fn outcome() -> TaskOutcome {
         TaskOutcome {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::OUTCOME.version,
             attempt: attempt(),
             ending: Ending::Cancelled,
             artefacts: vec![],
@@ -161,7 +175,7 @@ mod tests {
 
     fn revocation(reason: &str) -> Revocation {
         Revocation {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::REVOCATION.version,
             attempt: attempt(),
             reason: reason.into(),
             at: "t".into(),
@@ -238,6 +252,16 @@ mod tests {
             Winner::Coordinator
         );
         assert!(!missing.exists());
+    }
+
+    #[test]
+    fn a_revocation_of_a_later_version_revokes() {
+        let dir = tempfile::tempdir().unwrap();
+        let later = r#"{"revoked":{"schema_version":9,"because":["a reason"]}}"#;
+        fs::write(dir.path().join(names::OUTCOME), later).unwrap();
+        assert_eq!(read(dir.path()).unwrap(), Closing::Revoked(None));
+        let prepared = PreparedOutcome::new(dir.path(), &outcome()).unwrap();
+        assert_eq!(prepared.publish().unwrap(), Winner::Coordinator);
     }
 
     #[test]

@@ -19,7 +19,8 @@ macro_rules! biomarkers {
 
         /// Biomarkers of one beat of the left ventricle. Absent where the trace is absent.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-        #[serde(deny_unknown_fields, default)]
+        #[serde(default)]
+        #[schemars(deny_unknown_fields)]
         pub struct Biomarkers {
             $($(#[doc = $doc])*
             #[serde(rename = $key, skip_serializing_if = "Option::is_none")]
@@ -313,7 +314,8 @@ const fn of_cell(
 /// Widths of the windows over which biomarkers of noisy traces are read. A window is absent if
 /// single samples are used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct NoiseWindows {
     /// Width of the window for the largest pressure and the pressure rates.
     #[serde(skip_serializing_if = "Option::is_none")]

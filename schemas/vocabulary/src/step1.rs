@@ -9,7 +9,8 @@ use crate::label::Label;
 
 /// Tanh active stress (Jung et al. 2022, eqs. A1-A3).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct TanhParameters {
     /// Peak isometric stress.
     #[serde(rename = "Smax_ref_kPa")]
@@ -59,7 +60,8 @@ impl Default for TanhParameters {
 
 /// Forward and backward resistances of the diode valves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct ValveParameters {
     /// Forward resistance of the aortic valve.
     #[serde(rename = "R_AV_f_mmHg_s_per_mL")]
@@ -112,7 +114,7 @@ impl Default for ValveParameters {
 
 /// Parameters that step 1 personalises: the Tanh model and the valves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)]
 pub struct Step1Parameters {
     /// Parameters of the active stress.
     pub tanh: TanhParameters,

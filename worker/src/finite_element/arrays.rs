@@ -8,11 +8,11 @@
 //! …SHA-256 of everything before, 64 hexadecimal digits…
 //! ```
 
+use cardiotwin_schemas::formats::ARRAYS;
 use cardiotwin_schemas::hash::sha256_hex;
 use serde::{Deserialize, Serialize};
 
 const MAGIC: &[u8] = b"cardiotwin-arrays ";
-const FORMAT: &[u8] = b"1";
 const CHECKSUM: usize = 64;
 
 /// Values of an array.
@@ -42,10 +42,12 @@ pub enum ArraysError {
     #[error("this is not a file of arrays of this program")]
     Foreign,
     /// The file has another format version.
-    #[error("the file has format {found}, but this program reads format 1")]
+    #[error("the file has format {found}, but this program reads format {known}")]
     Format {
         /// Format version of the file.
         found: String,
+        /// This program's.
+        known: u32,
     },
     /// The file is truncated or was changed.
     #[error("the checksum does not match the content: the file is truncated or damaged")]
@@ -67,7 +69,7 @@ pub enum ArraysError {
         /// Kind found.
         found: String,
         /// Kind expected.
-        expected: &'static str,
+        expected: String,
     },
     /// An array is missing, or has another type or length.
     #[error("the file has no array {name} of {expected}")]
@@ -192,7 +194,7 @@ impl Arrays {
             about: self.about.clone(),
             arrays: declared.collect(),
         };
-        let mut bytes = [MAGIC, FORMAT, b"\n"].concat();
+        let mut bytes = [MAGIC, ARRAYS.version.to_string().as_bytes(), b"\n"].concat();
         bytes.extend(serde_json::to_vec(&header).expect("a header is JSON"));
         bytes.push(b'\n');
         for (_, values) in &self.arrays {
@@ -210,12 +212,13 @@ impl Arrays {
     ///
     /// # Errors
     /// [`ArraysError`] for any other content, including a truncated or changed file.
-    pub fn from_bytes(bytes: &[u8], kind: &'static str) -> Result<Self, ArraysError> {
+    pub fn from_bytes(bytes: &[u8], kind: &str) -> Result<Self, ArraysError> {
         let rest = bytes.strip_prefix(MAGIC).ok_or(ArraysError::Foreign)?;
         let (format, _) = line(rest).ok_or(ArraysError::Checksum)?;
-        if format != FORMAT {
+        if format != ARRAYS.version.to_string().as_bytes() {
             return Err(ArraysError::Format {
                 found: String::from_utf8_lossy(format).into_owned(),
+                known: ARRAYS.version,
             });
         }
         let (content, checksum) = bytes
@@ -241,7 +244,7 @@ impl Arrays {
         if header.kind != kind {
             return Err(ArraysError::Kind {
                 found: header.kind,
-                expected: kind,
+                expected: kind.to_owned(),
             });
         }
         let mut arrays = Vec::with_capacity(header.arrays.len());
@@ -288,6 +291,13 @@ mod tests {
         Arrays::new("test", serde_json::json!({ "t_ms": 0.1 }))
             .with("u", vec![1.5, f64::INFINITY, -0.0])
             .with_indices("tets", vec![1, 2, u32::MAX])
+    }
+
+    #[test]
+    fn a_file_is_read_and_written_as_the_golden_one() {
+        let golden = include_bytes!("../../tests/golden/arrays.bin");
+        assert_eq!(sample().to_bytes(), golden);
+        assert_eq!(Arrays::from_bytes(golden, "test").unwrap(), sample());
     }
 
     #[test]

@@ -12,13 +12,12 @@ use cardiotwin_mechanics::organ::VentricleWork;
 use cardiotwin_models::beat::RunProgress;
 use cardiotwin_models::circulation::CirculationState;
 use cardiotwin_models::ventricle::VentricleSnapshot;
+use cardiotwin_schemas::formats::BEAT_CHECKPOINT;
 use serde::{Deserialize, Serialize};
 
 use super::arrays::{Arrays, ArraysError};
 use super::shapes::Shapes;
 
-/// Kind of the file.
-const KIND: &str = "beat checkpoint 4";
 /// Name of the file in the attempt's folder of checkpoints.
 pub const FILE: &str = "beat.bin";
 
@@ -88,7 +87,7 @@ impl BeatCheckpoint {
             shapes: self.shapes.clone(),
         };
         let about = serde_json::to_value(&about).expect("plain fields are JSON");
-        Arrays::new(KIND, about)
+        Arrays::new(&BEAT_CHECKPOINT.kind(), about)
             .with("ventricle", self.ventricle.values.as_slice())
             .with("u_begin_mm", self.shapes.begin.u.as_slice())
             .with("u_smallest_mm", self.shapes.smallest.u.as_slice())
@@ -101,7 +100,7 @@ impl BeatCheckpoint {
     /// # Errors
     /// [`CheckpointError`] for any other content.
     pub fn from_bytes(bytes: &[u8], task: &str) -> Result<Self, CheckpointError> {
-        let mut arrays = Arrays::from_bytes(bytes, KIND)?;
+        let mut arrays = Arrays::from_bytes(bytes, &BEAT_CHECKPOINT.kind())?;
         let about: About =
             serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         if about.task != task {

@@ -8,7 +8,7 @@ use cardiotwin_mesh::vec3::{
     Vec3, any_perpendicular, axpy, cross, distance, reject, scale, sub, unit,
 };
 use cardiotwin_models::beat::BeatTraces;
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::heart::{HeartPart, HeartState, HeartSurface};
 
 use super::shapes::{Shape, Shapes};
@@ -86,7 +86,7 @@ pub fn surface(
     parts.retain(|part| !part.triangles.is_empty());
     let state = |name, shape, fields| state(organ, &half, &corners, traces, (name, shape, fields));
     Some(HeartSurface {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::HEART.version,
         long_axis: view.long_axis.map(|x| rounded(x, 1e6)),
         towards_viewer: view.plane.normal.map(|x| rounded(x, 1e6)),
         triangles_before: half.triangles.len() as u64,

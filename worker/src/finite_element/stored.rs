@@ -10,6 +10,7 @@ use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
 use cardiotwin_schemas::finite_element::{ElementKind, WallSettings};
+use cardiotwin_schemas::formats::VENTRICLE;
 use cardiotwin_schemas::task::InputFile;
 use serde::{Deserialize, Serialize};
 
@@ -18,9 +19,6 @@ use super::right_ventricle::StoredRightPressure;
 use super::{FiniteElementError, wall};
 use crate::error::TaskError;
 use crate::inputs::read_verified;
-
-/// Kind of the file.
-const KIND: &str = "ventricle 2";
 
 /// Content of the file other than arrays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,7 +98,7 @@ impl StoredVentricle {
             .iter()
             .flat_map(|f| [f.fibre, f.sheet, f.normal])
             .flatten();
-        let mut arrays = Arrays::new(KIND, about)
+        let mut arrays = Arrays::new(&VENTRICLE.kind(), about)
             .with("nodes_mm", mesh.nodes_mm.as_flattened())
             .with_indices("tets", mesh.tets.as_flattened())
             .with_indices(
@@ -148,7 +146,7 @@ impl StoredVentricle {
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, ArraysError> {
-        let mut arrays = Arrays::from_bytes(bytes, KIND)?;
+        let mut arrays = Arrays::from_bytes(bytes, &VENTRICLE.kind())?;
         let about: About =
             serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         let frames = arrays.take("frames")?;

@@ -59,7 +59,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.json {
         let findings = problems::in_order(&report);
         talk.json(&Answer {
-            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            schema_version: cardiotwin_schemas::formats::CHECK.version,
             cohort: cohort.as_ref().map(|cohort| cohort.name.as_str()),
             patients: n_patients,
             errors,

@@ -134,7 +134,7 @@ fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
         Some((a, b))
     });
     Comparison {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::COMPARISON.version,
         before: before.run_directory.clone(),
         after: after.run_directory.clone(),
         only_before: missing_in(before, after),

@@ -111,7 +111,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     if args.json {
         talk.json(&Answer {
-            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            schema_version: cardiotwin_schemas::formats::EXPORT.version,
             files: &files,
             problems: &problems,
         })?;

@@ -5,6 +5,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use cardiotwin_schemas::formats::PROGRESS;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::progress::Progress;
 use clap::Args;
@@ -153,7 +154,7 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
 
 /// Progress reports as readable lines. A line that is not a progress report is kept unchanged.
 fn readable(text: &str) -> String {
-    let line = |line: &str| match serde_json::from_str::<Progress>(line) {
+    let line = |line: &str| match PROGRESS.read::<Progress>(&"progress", line.as_bytes()) {
         Ok(report) => {
             let total = report
                 .total

@@ -145,7 +145,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     let screen = screen(&result, &ventricle.passive, talk);
     if args.json {
         let (patient, traces) = (args.patient.as_str(), columns(&text));
-        let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
+        let schema_version = cardiotwin_schemas::formats::SIMULATION.version;
         talk.json(&Answer {
             schema_version,
             patient,

@@ -286,7 +286,7 @@ mod tests {
 
     fn status() -> Status {
         Status {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::STATUS.version,
             cohort: "coa-seven".into(),
             as_of: "2026-03-01T12:00:00.000Z".into(),
             coordinator_running: true,

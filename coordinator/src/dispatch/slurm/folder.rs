@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::{files, names};
 use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, JobOrder};
+use cardiotwin_schemas::formats::{self, Format, JOB_ORDER};
 use cardiotwin_schemas::task::AttemptSpec;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -119,7 +120,9 @@ impl JobFolder {
     pub fn order(&self, element: u32) -> Result<JobOrder, DispatchError> {
         let path = self.path.join(format!("order-{element}.json"));
         let bytes = fs::read(&path).map_err(file("read", &path))?;
-        serde_json::from_slice(&bytes).map_err(|error| file("read", &path)(io::Error::other(error)))
+        JOB_ORDER
+            .read_order(&path.display(), &bytes)
+            .map_err(|error| file("read", &path)(io::Error::other(error.in_full())))
     }
 
     /// Claims a node of an element for a driver; false if another driver holds the claim.
@@ -168,7 +171,8 @@ impl JobFolder {
     /// A driver's claim; `None` if it is absent or incomplete.
     #[must_use]
     pub fn started(&self, element: usize, node: u32) -> Option<DriverClaim> {
-        read(&self.path.join(format!("started-{element}-{node}.json")))
+        let path = self.path.join(format!("started-{element}-{node}.json"));
+        read(&formats::DRIVER_CLAIM, &path)
     }
 
     /// Notes that a driver got a signal to stop, because it may be killed before its final report.
@@ -191,7 +195,8 @@ impl JobFolder {
     /// A driver's final report; `None` if it is absent or incomplete.
     #[must_use]
     pub fn ended(&self, element: usize, node: u32) -> Option<DriverEnd> {
-        read(&self.path.join(format!("ended-{element}-{node}.json")))
+        let path = self.path.join(format!("ended-{element}-{node}.json"));
+        read(&formats::DRIVER_END, &path)
     }
 
     /// Writes a driver's final report.
@@ -263,7 +268,7 @@ pub fn make_attempt(
 /// The job that made an attempt's directory; `None` for an attempt outside a job.
 #[must_use]
 pub fn allocation_of(directory: &Path) -> Option<AttemptAllocation> {
-    read(&directory.join(names::ALLOCATION))
+    read(&formats::ALLOCATION, &directory.join(names::ALLOCATION))
 }
 
 /// Whether an attempt was begun. Its directory appears together with its spec.
@@ -285,8 +290,8 @@ fn json<T: Serialize>(value: &T) -> Vec<u8> {
 
 /// Content of a complete file. Files appear by rename, or exclusively and small, so that an
 /// incomplete one counts as absent.
-fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
+fn read<T: DeserializeOwned>(format: &Format, path: &Path) -> Option<T> {
+    format.read(&path.display(), &fs::read(path).ok()?).ok()
 }
 
 fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DispatchError> {
@@ -310,7 +315,6 @@ fn tail(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::SCHEMA_VERSION;
     use cardiotwin_schemas::ids::AttemptId;
     use cardiotwin_schemas::task::{NoopSpec, TaskSpec};
 
@@ -326,7 +330,7 @@ mod tests {
             generation: 1,
         };
         let spec = AttemptSpec {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::SPEC.version,
             attempt,
             threads: 1,
             instruction_set: Default::default(),

@@ -1,8 +1,8 @@
 //! Executes the committed actions of a tick: fences, cancellations, submissions. Every action may
 //! be executed twice.
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, Standing};
+use cardiotwin_schemas::formats;
 use cardiotwin_slurm::answers::Exit;
 use cardiotwin_slurm::answers::submit::{self, RefusalKind, Submission as Answer};
 use cardiotwin_slurm::commands;
@@ -258,7 +258,7 @@ impl<S: Scheduler> Cluster<S> {
                 });
             }
             orders.push(JobOrder {
-                schema_version: SCHEMA_VERSION,
+                schema_version: formats::JOB_ORDER.version,
                 job: row.name.clone(),
                 run_dir: self.world.run_dir.clone(),
                 worker: self.worker.clone(),

@@ -10,6 +10,7 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::names;
+use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::hash::hex;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::TaskOutcome;
@@ -225,8 +226,10 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
 
 /// Files that an attempt's outcome names; empty if the attempt has no outcome.
 fn artefacts_of(attempt: &Path) -> HashSet<String> {
-    let outcome = fs::read(attempt.join(names::OUTCOME)).ok();
-    let outcome = outcome.and_then(|bytes| serde_json::from_slice::<TaskOutcome>(&bytes).ok());
+    let path = attempt.join(names::OUTCOME);
+    let outcome = fs::read(&path).ok();
+    let outcome =
+        outcome.and_then(|bytes| OUTCOME.read::<TaskOutcome>(&path.display(), &bytes).ok());
     outcome
         .into_iter()
         .flat_map(|outcome| outcome.artefacts)

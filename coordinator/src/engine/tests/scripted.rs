@@ -5,10 +5,10 @@ use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::organ::{
@@ -417,7 +417,7 @@ impl Executor for Scripted {
                 bytes: 1,
             };
             let outcome = TaskOutcome {
-                schema_version: SCHEMA_VERSION,
+                schema_version: formats::OUTCOME.version,
                 attempt: attempt.clone(),
                 ending: script.ending(&order.spec.task),
                 artefacts: vec![nodal],

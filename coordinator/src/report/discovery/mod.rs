@@ -186,7 +186,7 @@ mod tests {
 
     fn case(id: &str, found: Discovered) -> DiscoverCase {
         DiscoverCase {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::DISCOVER_CASE.version,
             case: id.into(),
             summary: words::summary(&found),
             task: "t".into(),

@@ -437,7 +437,7 @@ mod tests {
             lambda,
         };
         HeartSurface {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::HEART.version,
             long_axis: [0.0, 0.0, 1.0],
             towards_viewer: [0.0, -1.0, 0.0],
             triangles_before: 12,

@@ -14,7 +14,7 @@ use cardiotwin_schemas::settings::Fidelity;
 use maud::{Markup, html};
 
 use super::figures::figure;
-use crate::results::{HeartFile, Signals, SpreadFile};
+use crate::results::{HeartError, HeartFile, Signals, SpreadFile};
 
 pub use palette::css;
 pub use spread::spread_svg;
@@ -37,6 +37,7 @@ impl Drawn {
         let mut drawn = Self::default();
         match HeartFile::read(patient) {
             Ok(heart) => drawn.heart = heart,
+            Err(HeartError::Format(error)) => drawn.problems.push(error.in_full()),
             Err(error) => drawn.problems.push(error.to_string()),
         }
         match SpreadFile::read(patient) {

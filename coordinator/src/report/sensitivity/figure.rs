@@ -204,7 +204,7 @@ pub(super) mod tests {
             organ: None,
         };
         SensitivityRecord {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::SENSITIVITY.version,
             version: "0".into(),
             spec: GsaSpec {
                 design,

@@ -4,7 +4,7 @@ use cardiotwin_calibrate::sobol::{
     Analysis, AnalysisSettings, Exclusion, Index, OutputIndices, Ranking, SobolError, analyse,
     replace_excluded,
 };
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::sensitivity::{
     OutputSensitivity, PairIndices, ParameterIndices, RankedParameter, SensitivityRecord,
     SobolIndex,
@@ -54,7 +54,7 @@ pub fn sensitivity(
         .map(|p| p.name.as_str())
         .collect();
     Ok(SensitivityRecord {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SENSITIVITY.version,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         spec: spec.clone(),
         n_blocks: samples.n_blocks,

@@ -125,7 +125,7 @@ mod tests {
             paper: reference::paper(name),
         };
         SensitivityRecord {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::SENSITIVITY.version,
             version: String::new(),
             spec: published(),
             n_blocks: 1024,

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use cardiotwin_calibrate::fixed_point::driver;
 use cardiotwin_calibrate::robustness::{self as statistics, Spread};
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -48,7 +48,7 @@ pub fn result(
         Ok(of_patient(spec, plan, &members, &records))
     });
     Ok(RobustnessResult {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::ROBUSTNESS.version,
         version: record.version.clone(),
         cohort: record.cohort.clone(),
         spec: spec.clone(),

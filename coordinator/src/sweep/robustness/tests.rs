@@ -103,7 +103,7 @@ fn finished(member: &Member, error: f64) -> RobustnessMember {
 
 fn of(spec: &RobustnessSpec, members: Vec<RobustnessMember>) -> RobustnessResult {
     RobustnessResult {
-        schema_version: 1,
+        schema_version: cardiotwin_schemas::formats::ROBUSTNESS.version,
         version: "test".into(),
         cohort: "test".into(),
         spec: spec.clone(),

@@ -124,7 +124,7 @@ fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
     deciding.sort();
     deciding.dedup();
     AfterloadDiscovery {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::AFTERLOAD_DISCOVERY.version,
         case: measured.described.flow.clone(),
         record: measured.described.clone(),
         none: found.accepted.is_empty(),

@@ -67,7 +67,7 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     if args.json {
         let version = env!("CARGO_PKG_VERSION");
         talk.json(&Answer {
-            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            schema_version: cardiotwin_schemas::formats::DOCTOR.version,
             version,
             findings: &findings,
         })?;

@@ -281,7 +281,7 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
     );
     let share_of_pulse = fit.root_mean_square_mmhg / record.pulse_pressure_mmhg;
     let mut answer = AfterloadFitAnswer {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::AFTERLOAD_FIT.version,
         record: record.clone(),
         patient_toml: table(&afterload, &from),
         afterload,

@@ -151,7 +151,7 @@ fn answer(trace: &str, activation_ms: f64, fit: &CalciumFit) -> CalciumFitAnswer
         ("tau_mean_ms", &fit.tau_mean_ms),
     ];
     CalciumFitAnswer {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::CALCIUM_FIT.version,
         trace: trace.to_owned(),
         activation_ms,
         ca_res_um: fit.parameters.ca_res_um,

@@ -159,7 +159,7 @@ fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) 
         one_line(&source.name())
     );
     CuffFitAnswer {
-        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        schema_version: cardiotwin_schemas::formats::CUFF_FIT.version,
         flow: source.name(),
         mean_flow_ml_per_s: fit.mean_flow_ml_per_s,
         systolic_mmhg: cuff.systolic_mmhg,

@@ -97,7 +97,7 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
     let figures = Figures::of(intake);
     if json {
         let defects = intake.defects.iter().map(Told::of).collect();
-        let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
+        let schema_version = cardiotwin_schemas::formats::MESH_CHECK.version;
         talk.json(&Answer {
             schema_version,
             file,

@@ -139,7 +139,10 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
     let out = &args.target.out;
     if args.json {
         let left = intake.defects.iter().map(Told::of).collect();
-        let (schema_version, unit) = (cardiotwin_schemas::SCHEMA_VERSION, args.target.unit());
+        let (schema_version, unit) = (
+            cardiotwin_schemas::formats::MESH_REPAIR.version,
+            args.target.unit(),
+        );
         let mesh = Figures::of(&intake);
         talk.json(&Answer {
             schema_version,

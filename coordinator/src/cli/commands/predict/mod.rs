@@ -7,7 +7,7 @@ mod scenarios;
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
@@ -148,7 +148,7 @@ pub async fn execute(args: &PredictArgs, talk: &Talk) -> Result<Exit, CliError> 
     }
     if args.json {
         talk.json(&Answer {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::PREDICTION.version,
             predictions: &predictions,
         })?;
     } else if args.scenarios.is_some() {

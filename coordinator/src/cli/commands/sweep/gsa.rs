@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec, SweptOrgan};
@@ -320,7 +320,7 @@ async fn settle(args: &GsaArgs) -> Result<GsaSpec, CliError> {
             (
                 spec,
                 SweepFile {
-                    schema_version: SCHEMA_VERSION,
+                    schema_version: formats::SWEEP.version,
                     version,
                     created: clock::now_utc(),
                     sweep,

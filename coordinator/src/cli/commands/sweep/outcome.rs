@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::sensitivity::SensitivityRecord;
 use serde::Serialize;
 
@@ -71,7 +71,7 @@ impl<'a> Answer<'a> {
             published_now: run.published,
         };
         Self {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::SWEEP_OUTCOME.version,
             folder,
             chunks,
             stopped: run.stopped,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::RunRecord;
@@ -333,7 +333,7 @@ fn take(out: &Path, spec: &RobustnessSpec) -> Result<(), CliError> {
         return Ok(());
     }
     let file = SweepFile {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SWEEP.version,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         created: before.map_or_else(clock::now_utc, |file| file.created),
         sweep,

@@ -240,7 +240,7 @@ mod tests {
             ],
         };
         let result = RobustnessResult {
-            schema_version: 1,
+            schema_version: cardiotwin_schemas::formats::ROBUSTNESS.version,
             version: "test".into(),
             cohort: "coa".into(),
             spec: RobustnessSpec {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::robustness::RobustnessSpec;
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_schemas::sweep::SweepSpec;
@@ -92,7 +92,7 @@ async fn robustness(
 ) -> Result<Exit, CliError> {
     let status = Reader::open(&args.folder).await?.status().await?;
     let found = RobustnessStatus {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::ROBUSTNESS_STATUS.version,
         kind: "robustness",
         over: spec.over.word(),
         as_of: status.as_of,
@@ -137,7 +137,7 @@ async fn read(folder: &Path) -> Result<SweepStatus, CliError> {
         .max()
         .unwrap_or(0);
     Ok(SweepStatus {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::SENSITIVITY_STATUS.version,
         kind,
         as_of: status.as_of,
         coordinator_running: status.coordinator_running,

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use cardiotwin_protocol::closing::{self, Closing, PreparedOutcome, Winner};
 use cardiotwin_protocol::{claim, names};
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -106,7 +106,7 @@ impl Executor for OnDisk {
             bytes: 1,
         };
         let outcome = TaskOutcome {
-            schema_version: SCHEMA_VERSION,
+            schema_version: formats::OUTCOME.version,
             attempt: attempt.clone(),
             ending: self.script.lock().unwrap().ending(&order.spec.task),
             artefacts: vec![nodal],

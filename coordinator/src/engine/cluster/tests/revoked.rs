@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use cardiotwin_protocol::closing::{PreparedOutcome, Winner};
 use cardiotwin_protocol::names;
-use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::AttemptSpec;
@@ -27,7 +27,7 @@ async fn orphan() -> (Lab, PathBuf, TaskOutcome) {
     let spec = std::fs::read(directory.join(names::SPEC)).unwrap();
     let spec: AttemptSpec = serde_json::from_slice(&spec).unwrap();
     let outcome = TaskOutcome {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::OUTCOME.version,
         attempt: spec.attempt,
         ending: lab.script.lock().unwrap().ending(&spec.task),
         artefacts: vec![],

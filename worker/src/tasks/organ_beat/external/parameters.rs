@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::external::{
     ExternalContraction, ExternalOrgan, ExternalParameters, ParametersFormat,
 };
+use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ::{
     BeatCount, CELL_DEFAULTS, CELL_PARAMETERS, ContractionSpec, RICE_PARAMETERS,
 };
@@ -19,7 +19,7 @@ pub(super) const CALCIUM_FILE: &str = "calcium.csv";
 /// All parameters of a simulation.
 pub(super) fn of(spec: &OrganBeatSpec, organ: &ExternalOrgan) -> ExternalParameters {
     ExternalParameters {
-        schema_version: SCHEMA_VERSION,
+        schema_version: formats::EXTERNAL_PARAMETERS.version,
         cycle_length_ms: spec.cycle_length_ms,
         time_step_ms: spec.time_step_ms,
         beats: match spec.beats {
