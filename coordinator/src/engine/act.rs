@@ -1,4 +1,5 @@
-//! Doing what was committed to be done. Every action may come twice and then does nothing more.
+//! Executes the committed actions of the outbox. Actions are idempotent: a second execution changes
+//! nothing.
 
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
@@ -16,14 +17,13 @@ use crate::dispatch::{DispatchError, Evidence, Executor, Order};
 use crate::store::outbox::Action;
 
 impl<E: Executor> LocalLoop<E> {
-    /// Does what was committed to be done.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         if self.seen_stop == StopLevel::Now {
             return Ok(());
         }
         self.world.now_ms = self.surroundings.clock.now_ms();
         for (id, action) in std::mem::take(&mut self.world.outbox) {
-            // Stopped before it was handed over: the next run does it.
+            // A stopping coordinator submits nothing new; the next run executes this action.
             if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
                 continue;
             }
@@ -33,12 +33,13 @@ impl<E: Executor> LocalLoop<E> {
                 Action::Stop { attempt } => {
                     let directory = self.world.directory(&attempt);
                     if !self.executor.stop(&attempt, &directory, false)? {
-                        // Nobody is left whose end would be told.
+                        // No process is left whose end would be reported.
                         self.adopt_stopped(&attempt)?;
                     }
                 }
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
-                // Of a time when this run's tasks were jobs of a cluster: `advance` does it.
+                // Left over from a time when this run's tasks were jobs of a cluster. The next tick
+                // on the cluster executes it.
                 Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => {
                     continue;
                 }
@@ -53,11 +54,12 @@ impl<E: Executor> LocalLoop<E> {
         if !self.world.attempts.contains_key(attempt) || self.adopt(attempt)? {
             return Ok(());
         }
-        // Fenced, and not to be seen from here: it can publish nothing.
+        // The attempt is fenced and invisible from here: it can publish nothing.
         self.forget(attempt)
     }
 
-    /// An attempt that was ended before anybody claimed it, or that is fenced out of sight.
+    /// Closes the books on an attempt that was ended before any worker claimed it, or that is
+    /// fenced and out of sight.
     pub(super) fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
         let evidence = Evidence::Nothing {
             class: FailureClass::Site,
@@ -68,7 +70,8 @@ impl<E: Executor> LocalLoop<E> {
     }
 
     async fn submit(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
-        // Over, unwanted, or found alive by now: an action may come twice.
+        // An action may be executed twice: by now the attempt may be over, cancelled or already
+        // running.
         let wanted =
             |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
         let wanted = self.world.attempts.get(attempt).is_some_and(wanted)
@@ -132,7 +135,8 @@ impl<E: Executor> LocalLoop<E> {
                     Circumstance::Watched,
                 )
             }
-            // Not this attempt's affair: nothing could be started. It stays as it is for the next run.
+            // No attempt could be started for this reason, so the attempt keeps its state for the
+            // next run.
             Err(error) => Err(error.into()),
         }
     }

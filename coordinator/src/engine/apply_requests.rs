@@ -1,4 +1,4 @@
-//! What people ask for: other settings, another try, an end.
+//! Applies requests of people: changed settings, retries and cancellations.
 
 use cardiotwin_calibrate::fixed_point;
 use cardiotwin_schemas::cohort::SettingsLayer;
@@ -13,7 +13,7 @@ use super::world::World;
 use super::{EngineError, PatientEnding, settings};
 
 impl Decider {
-    /// Makes a requested change; tells what it did, a line each.
+    /// Applies a requested change. Returns one line for each effect, for a person.
     pub fn request(
         &mut self,
         world: &mut World,
@@ -102,7 +102,8 @@ impl Decider {
         let n = patient.chain.iterations.len();
         match from {
             Stage::Step0 => patient.carried.clear(),
-            // Kept, continued and not repeated: also those that an earlier rerun kept.
+            // Step 1 continues from its stored iterations without repeating them, including those
+            // that an earlier rerun kept.
             Stage::Step1 if n > 0 => {
                 patient.carried = patient
                     .chain

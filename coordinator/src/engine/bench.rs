@@ -1,4 +1,5 @@
-//! What orchestration costs: many patients of three no-op tasks, through store, outbox and executor.
+//! Benchmark of the orchestration: many patients of three no-op tasks each, through store, outbox
+//! and executor.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -11,51 +12,53 @@ use serde::Serialize;
 
 use super::{EngineError, Reader, RunOptions, StopSignal, run};
 
-/// What to measure.
+/// Options of the benchmark of the orchestration.
 #[derive(Debug, Clone)]
 pub struct BenchOptions {
-    /// Where the run is made; must be empty or absent.
+    /// Run directory; must be empty or absent.
     pub run_dir: PathBuf,
-    /// How many patients, of three tasks each.
+    /// Number of patients, of three tasks each.
     pub patients: usize,
-    /// A worker process for each task, instead of in-process.
+    /// Whether a worker process is started for each task. Otherwise tasks run in-process.
     pub spawn: bool,
-    /// Workers at once; 0 is one for each core.
+    /// Number of workers at once; 0 means one per core.
     pub workers: u32,
-    /// The worker's executable; `None`: beside our own.
+    /// Path of the worker's executable; `None` means the one beside this program.
     pub worker: Option<PathBuf>,
-    /// A command that drives the same run in a process of its own (arguments after the program), to be killed on the
-    /// way so that the restart can be measured; `None`: the restart of a finished run is measured.
+    /// Arguments (after the program's name) of a command that drives the same run in a process of
+    /// its own. This process is killed midway to measure the restart. `None`: the restart of a
+    /// finished run is measured.
     pub victim: Option<Vec<String>>,
 }
 
-/// What was found.
+/// Results of the benchmark of the orchestration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BenchResult {
-    /// Patients of three tasks each.
+    /// Number of patients, of three tasks each.
     pub patients: usize,
-    /// Tasks.
+    /// Number of tasks.
     pub tasks: usize,
-    /// `in-process` or `local`.
+    /// Executor: `in-process` or `local`.
     pub executor: &'static str,
-    /// Wall time of the whole run.
+    /// Wall time of the whole run, s.
     pub run_s: f64,
-    /// Wall time per task.
+    /// Wall time per task, ms.
     pub ms_per_task: f64,
-    /// Opening the store and reading the status of all patients, best of five.
+    /// Time to open the store and read the status of all patients, best of five, ms.
     pub status_ms: f64,
-    /// From the start of a coordinator to its first commit, with everything loaded; after kill -9 where there was one.
+    /// Time from the start of a coordinator to its first commit, with everything loaded, s.
+    /// Measured after the kill -9 if there was one.
     pub restart_s: f64,
-    /// Tasks published before kill -9, where there was one.
+    /// Number of tasks published before the kill -9; `None` if there was none.
     pub published_before_kill: Option<u64>,
-    /// Size of the database at the end.
+    /// Size of the database at the end, MB.
     pub database_mb: f64,
 }
 
-/// Measures.
+/// Measures the run, the status and the restart.
 ///
 /// # Errors
-/// The engine's.
+/// [`EngineError`] if the run fails or its store cannot be read.
 pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, EngineError> {
     let (mut restart_s, mut published_before_kill) = (None, None);
     if let Some(arguments) = &options.victim {
@@ -101,7 +104,7 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
 /// Runs the cohort of no-ops, or what is left of it.
 ///
 /// # Errors
-/// The engine's.
+/// [`EngineError`] as for [`run`].
 pub async fn once(
     options: &BenchOptions,
     stop: StopSignal,
@@ -138,10 +141,11 @@ fn run_options(options: &BenchOptions) -> RunOptions {
     }
 }
 
-/// From the start of a coordinator until it has loaded, looked at what was left, decided and committed.
+/// Time from the start of a coordinator until it has loaded the run, inspected what was left,
+/// decided and committed, s.
 async fn time_restart(options: &BenchOptions) -> Result<f64, EngineError> {
     let stop = StopSignal::new();
-    // Asked to stop before it begins: what remains is the way in (and out).
+    // The run is asked to stop before it begins, so only its start-up and shutdown are measured.
     stop.ask();
     stop.ask();
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
@@ -158,7 +162,7 @@ async fn published(run_dir: &Path) -> Result<u64, EngineError> {
     Ok(history.iter().filter(published).count() as u64)
 }
 
-/// Starts a coordinator of its own process and kills it as soon as half of the work is done.
+/// Starts a coordinator in a process of its own and kills it as soon as half of the work is done.
 async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(), EngineError> {
     let own = std::env::current_exe().unwrap_or_default();
     let failed = |source| EngineError::File {

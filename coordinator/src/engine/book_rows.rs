@@ -1,4 +1,4 @@
-//! Rows of the store as the mirror keeps them.
+//! Rows of the store as the in-memory mirror keeps them.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -18,12 +18,12 @@ use crate::store::attempts::{AttemptChange, NewAttempt};
 use crate::store::patients::{PatientRow, PlanRow};
 use crate::store::tasks::{NewTask, TaskChange};
 
-/// A patient with everything that its chain follows from.
+/// A patient with everything from which its chain is derived.
 #[derive(Debug)]
 pub struct PatientEntry {
     pub row: PatientRow,
     pub plan_row: PlanRow,
-    /// Read from the row when it is needed first: most patients of a resumed run are over.
+    /// Parsed from the row on first use: most patients of a resumed run are over and never need it.
     pub(super) plan: OnceLock<ResolvedPatient>,
     pub carried: Vec<Step1Parameters>,
     pub chain: Chain,
@@ -40,12 +40,12 @@ pub struct PatientEntry {
 pub struct TaskEntry {
     pub state: Task,
     pub kind: String,
-    /// The specification; once it is settled nobody asks for it again.
+    /// JSON of the specification. It is not read again once the task is settled.
     pub spec: String,
     pub(super) version: i64,
     pub(super) outcome_text: Option<String>,
     pub(super) outcome: OnceLock<Option<TaskOutcome>>,
-    /// Patients that wait for it.
+    /// Indices of the patients that wait for this task.
     pub waiters: Vec<usize>,
     pub(super) stored: bool,
     pub(super) outcome_changed: bool,
@@ -55,7 +55,7 @@ pub struct TaskEntry {
 #[derive(Debug)]
 pub struct AttemptEntry {
     pub state: Attempt,
-    /// Relative to the run directory.
+    /// Path relative to the run directory.
     pub directory: String,
     pub(super) version: i64,
     pub(super) stored: bool,
@@ -87,7 +87,8 @@ impl TaskEntry {
                 spec: &self.spec,
             });
             self.stored = true;
-            // What a job did while nobody looked is wanted, begun and settled in one commit.
+            // A task whose job did its work between two ticks is inserted, begun and settled in one
+            // commit.
             if !self.outcome_changed {
                 return;
             }

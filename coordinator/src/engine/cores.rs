@@ -1,4 +1,4 @@
-//! How many threads a task gets, and how many tasks run beside it.
+//! Number of threads of a task, and number of tasks that run side by side.
 
 use cardiotwin_schemas::finite_element::{ElementKind, FiniteElementSettings, LinearSolver};
 use cardiotwin_schemas::organ::OrganSpec;
@@ -7,15 +7,16 @@ use cardiotwin_schemas::task::TaskSpec;
 
 use super::book_rows::TaskEntry;
 
-/// From so many nodes on step 0 and a beat in 3D are shared among all cores: below, threads wait for each other more than they save, and
-/// other patients make better use of the cores.
+/// Number of nodes of a mesh from which step 0 and a beat in 3D are shared among all cores. On
+/// smaller meshes threads wait for each other more than they save, and other patients make better
+/// use of the cores.
 const LARGE_MESH_NODES: u64 = 8000;
 
 fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// Workers at once: as asked, or one for each core.
+/// Number of workers at once: as set, or one per core.
 #[must_use]
 pub fn workers(settings: &ExecutorSettings) -> usize {
     match settings.workers {
@@ -25,11 +26,11 @@ pub fn workers(settings: &ExecutorSettings) -> usize {
     .max(1)
 }
 
-/// Nodes of a mesh for each thread of a beat in a job: with fewer, threads wait for each other.
+/// Nodes of a mesh per thread of a beat in a job. With fewer, threads wait for each other.
 const NODES_PER_THREAD: u32 = 4000;
 
-/// Threads of a patient's workers in a job, where a node has `cores`: as asked, or those that a beat on its mesh of so many
-/// nodes makes use of.
+/// Number of threads of a patient's workers in a job on a node with `cores`: as set, or as many as
+/// a beat on a mesh of `mesh_nodes` nodes can use.
 #[must_use]
 pub fn threads_in_job(
     settings: &ExecutorSettings,
@@ -48,11 +49,12 @@ pub fn threads_in_job(
     }
 }
 
-/// Threads of a task: as asked, or all cores for step 0 and a beat on a large mesh and one for anything else.
+/// Number of threads of a task: as set, or all cores for step 0 and a beat on a large mesh, and one
+/// for any other task.
 #[must_use]
 pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
     match settings.threads {
-        // In a job, its allotment says ([`threads_in_job`]).
+        // In a job, [`threads_in_job`] decides.
         0 if settings.kind == ExecutorKind::Local && is_large(task) => cores() as u32,
         0 => 1,
         n => n,
@@ -65,11 +67,12 @@ pub(super) fn takes_all(settings: &ExecutorSettings, task: &TaskEntry) -> bool {
         && settings.kind == ExecutorKind::Local
         && cores() > 1
         && ["organ-beat", "passive-state"].contains(&&*task.kind)
-        // One that cannot be read fails when it is begun, and says so there.
+        // A specification that cannot be read fails when its attempt begins, with its own message.
         && serde_json::from_str(&task.spec).is_ok_and(|spec| is_large(&spec))
 }
 
-/// Step 0 or a beat on a large mesh, of elements and with a solver that several threads share.
+/// Whether the task is step 0 or a beat on a large mesh, with elements and a solver that several
+/// threads can share.
 fn is_large(task: &TaskSpec) -> bool {
     let beat = match task {
         TaskSpec::OrganBeat(beat) => beat,

@@ -1,4 +1,4 @@
-//! What can end the loop itself; what a task does never is among it.
+//! Errors that end the loop itself. A failed task is none of them.
 
 use std::path::PathBuf;
 
@@ -8,110 +8,110 @@ use crate::dispatch::DispatchError;
 use crate::store::StoreError;
 use crate::store::lock::LockError;
 
-/// The loop cannot go on. What was committed stays; `run` again continues.
+/// The loop cannot continue. What was committed stays, and another `run` continues from there.
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
-    /// Another coordinator holds the run, or the lock cannot be had.
+    /// Another coordinator holds the run, or the lock cannot be taken.
     #[error(transparent)]
     Lock(#[from] LockError),
-    /// The database.
+    /// The database cannot be opened, read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A file or directory of the run.
+    /// A file or directory of the run cannot be accessed.
     #[error("cannot {what} {path}")]
     File {
-        /// Verb.
+        /// Verb of the failed operation.
         what: &'static str,
-        /// Which.
+        /// Path of the file or directory.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The worker is not where it should be.
+    /// The worker's executable does not exist.
     #[error("no worker at {path}: build it (`cargo build --release`) or name it with --worker")]
     NoWorker {
-        /// Where it was looked for.
+        /// Path at which it was expected.
         path: PathBuf,
     },
-    /// The launcher of MPI ranks is not there.
+    /// The launcher of MPI ranks does not exist.
     #[error(
         "executor.launcher: no program {program:?} in PATH, expected the launcher of an MPI, such as mpirun: install one \
          (docs/mpi.md), or leave executor.launcher away: 3D simulations then run on threads"
     )]
     NoLauncher {
-        /// As it was set.
+        /// Program as set in `executor.launcher`.
         program: String,
     },
-    /// The worker for MPI ranks is not where it should be.
+    /// The worker for MPI ranks does not exist.
     #[error(
         "no worker for executor.launcher at {path}: build it with the launcher's MPI \
          (`cargo build --release --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi`, docs/mpi.md), or leave \
          executor.launcher away: 3D simulations then run on threads"
     )]
     NoMpiWorker {
-        /// Where it was looked for.
+        /// Path at which it was expected.
         path: PathBuf,
     },
-    /// Another worker than the run began with.
+    /// The worker differs from the one with which the run began.
     #[error(
         "this run began with the worker {began}, and this one is {found}: results of both would stand side by side; \
          go on with the first, or say --adopt-version"
     )]
     OtherWorker {
-        /// Version and hash of the first.
+        /// Version and hash of the worker with which the run began.
         began: String,
-        /// Version and hash of this one.
+        /// Version and hash of the present worker.
         found: String,
     },
-    /// A defect of ours.
+    /// A state machine refused an event: a defect of the program.
     #[error("a decision led nowhere")]
     Transition(#[from] IllegalTransition),
-    /// A request that makes no sense.
+    /// A request cannot be applied.
     #[error("{message}")]
     Request {
-        /// What was asked, what was found, what to do.
+        /// What was requested, what was found, and what to do.
         message: String,
     },
-    /// An attempt cannot be handed over or looked at.
+    /// An attempt cannot be started or inspected.
     #[error(transparent)]
     Dispatch(#[from] DispatchError),
-    /// The disk is full.
+    /// The disk of the run is full.
     #[error(
         "only {free_mb} MB are free for {path}: free some and run again, nothing that is finished is lost"
     )]
     NoSpace {
         /// The run directory.
         path: PathBuf,
-        /// What is left.
+        /// Free space, MB.
         free_mb: u64,
     },
-    /// A stored plan that this version cannot read.
+    /// A stored plan cannot be read by this version.
     #[error("the stored plan of {patient} cannot be read; run the cohort again to replace it")]
     Plan {
-        /// Whose.
+        /// Pseudonym of the patient.
         patient: String,
-        /// Why.
+        /// Error of the JSON parser.
         source: serde_json::Error,
     },
-    /// The site's profile.
+    /// The site's profile is missing or wrong.
     #[error("{message}")]
     Site {
-        /// What is wrong with it, where, and what to do.
+        /// What is wrong, in which file, and what to do.
         message: String,
     },
-    /// A run with jobs on a cluster, asked to run elsewhere.
+    /// A run with jobs on a cluster was started with another executor.
     #[error(
         "{jobs} of this run are on a cluster: go on with executor.kind = \"slurm\", or end them with `cardiotwin cancel --all` first"
     )]
     OnCluster {
-        /// How many, in words.
+        /// Number of jobs, in words.
         jobs: String,
     },
-    /// A crash that a test asked for.
+    /// A crash point that a test set.
     #[cfg(test)]
     #[error("crash point: {place}")]
     Crashed {
-        /// Where.
+        /// Name of the crash point.
         place: String,
     },
 }

@@ -1,99 +1,100 @@
-//! What the engine tells whoever watches: typed, so that a terminal, a log and a test see the same.
+//! Events that the engine sends to its observer. They are typed, so that a terminal, a log and a
+//! test see the same.
 
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::Step1Summary;
 use cardiotwin_workflow::patient::Patient;
 
-/// Where events go; the engine never waits for a reader, and goes on when there is none.
+/// Sender of the events. The engine never waits for a receiver and continues without one.
 pub type EventSender = tokio::sync::mpsc::UnboundedSender<EngineEvent>;
 
-/// Something worth telling.
+/// An event of the engine.
 #[derive(Debug, Clone, PartialEq)]
 pub enum EngineEvent {
-    /// The loop begins.
+    /// The loop has begun.
     Started {
-        /// Patients of the cohort.
+        /// Number of patients of the cohort that are worked on.
         patients: usize,
-        /// Those that are over already and stay as they are.
+        /// Number of patients that were over before.
         settled: usize,
-        /// Attempts that outlived an earlier coordinator and were adopted.
+        /// Number of attempts that outlived an earlier coordinator and were adopted.
         adopted: usize,
     },
     /// An attempt at a patient's task was handed to the executor.
     TaskStarted {
-        /// Who.
+        /// Patient that waits for the task.
         patient: PatientId,
-        /// Where: `step-1 iteration 3`.
+        /// Step of the chain, such as `step-1 iteration 3`.
         step: String,
-        /// Which try.
+        /// Generation of the attempt, from 1.
         generation: u32,
     },
-    /// How far a running task is.
+    /// A running task reported progress.
     Progress {
-        /// Who.
+        /// Patient that waits for the task.
         patient: PatientId,
-        /// Where.
+        /// Step of the chain.
         step: String,
-        /// What is being done.
+        /// Phase of the task.
         phase: String,
         /// Units of work done.
         done: f64,
         /// Units of work in all, where known.
         total: Option<f64>,
-        /// For a person.
+        /// Remark for a person.
         note: String,
     },
     /// A patient's task was published.
     TaskPublished {
-        /// Who.
+        /// Patient that waited for the task.
         patient: PatientId,
-        /// Where.
+        /// Step of the chain.
         step: String,
-        /// For a person: `cost 0.043`.
+        /// Remark for a person, such as `cost 0.043`.
         note: String,
     },
-    /// An attempt failed; the task is tried again where the failure's class allows it.
+    /// An attempt failed. The task is tried again if the class of the failure allows it.
     AttemptFailed {
-        /// Who.
+        /// Patient that waits for the task.
         patient: PatientId,
-        /// Where.
+        /// Step of the chain.
         step: String,
-        /// Which try.
+        /// Generation of the attempt, from 1.
         generation: u32,
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
-        /// Whether another try follows by itself.
+        /// Whether another attempt follows without a request.
         retried: bool,
     },
     /// Step 1 ended for a patient.
     Step1Ended {
-        /// Who.
+        /// Patient whose step 1 ended.
         patient: PatientId,
-        /// How.
+        /// Ending, best iteration and its parameters.
         summary: Step1Summary,
     },
     /// A patient's chain ended.
     PatientEnded {
-        /// Who.
+        /// Patient whose chain ended.
         patient: PatientId,
-        /// How.
+        /// How the chain ended.
         ending: PatientEnding,
-        /// Patients over, this one included.
+        /// Number of patients that are over, this one included.
         over: usize,
-        /// Patients worked on.
+        /// Number of patients that are worked on.
         of: usize,
     },
-    /// A request of another process was taken up.
+    /// A request of another process was applied or refused.
     Request {
-        /// What followed.
+        /// Effects of the request, or the reason of the refusal.
         text: String,
     },
-    /// A stop was asked for.
+    /// The engine was asked to stop.
     Stopping {
-        /// Tasks still running.
+        /// Number of attempts that are not over.
         running: usize,
-        /// Whether they are given time to finish.
+        /// Whether they may finish first.
         draining: bool,
     },
 }
@@ -101,43 +102,43 @@ pub enum EngineEvent {
 /// How a patient's chain ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PatientEnding {
-    /// All steps done.
+    /// All steps are done.
     Done,
-    /// Held by a failure.
+    /// A failure holds the chain.
     Failed(Failure),
-    /// A person ended it.
+    /// A person cancelled it.
     Cancelled,
 }
 
-/// What a run did.
+/// Summary of what a run did.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RunSummary {
-    /// Patients worked on.
+    /// Number of patients that were worked on.
     pub patients: usize,
-    /// Of these, all steps done.
+    /// Number of patients whose steps are all done.
     pub done: usize,
-    /// Held by a failure.
+    /// Number of patients held by a failure.
     pub failed: usize,
-    /// Ended by a person.
+    /// Number of patients cancelled by a person.
     pub cancelled: usize,
-    /// Not over: the run was stopped.
+    /// Number of patients that are not over because the run was stopped.
     pub unfinished: usize,
-    /// Attempts handed to the executor by this run.
+    /// Number of attempts, or of elements of jobs, that this run submitted.
     pub submitted: u64,
-    /// Tasks published by this run.
+    /// Number of tasks that this run published.
     pub published: u64,
     /// Whether the run was stopped before its end.
     pub stopped: bool,
-    /// Wall time.
+    /// Wall time, s.
     pub wall_s: f64,
     /// Whether tasks are jobs of a cluster.
     pub cluster: bool,
-    /// Jobs on a cluster that are not over.
+    /// Number of elements of jobs on the cluster that are not over.
     pub jobs: usize,
 }
 
 impl RunSummary {
-    /// Counts patients by what became of them.
+    /// Counts patients by their states.
     pub(super) fn count<'a>(&mut self, patients: impl Iterator<Item = &'a Patient>) {
         for state in patients {
             self.patients += 1;
@@ -150,13 +151,13 @@ impl RunSummary {
         }
     }
 
-    /// Whether the run goes on without this process.
+    /// Whether the run continues on the cluster without this process.
     #[must_use]
     pub fn on_cluster(&self) -> bool {
         self.cluster && (self.jobs > 0 || self.unfinished > 0)
     }
 
-    /// Whether everything had been done before.
+    /// Whether everything had been done before this run.
     #[must_use]
     pub fn nothing_to_do(&self) -> bool {
         self.submitted == 0 && self.published == 0 && self.unfinished == 0

@@ -1,4 +1,4 @@
-//! What a run would do with each patient, without doing it.
+//! Predicts what a run would do with each patient, without doing it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,22 +13,22 @@ use super::world::World;
 use crate::clock;
 use crate::store::Writer;
 
-/// What would become of a patient.
+/// Effect that a run would have on a patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Foreseen {
-    /// It is over and stays so.
+    /// The patient is over and stays so.
     Stays,
-    /// It was over, and this is the first task that is wanted again.
+    /// The patient was over; this is the first task that would be computed again.
     Redone(Step),
-    /// It goes on with this task.
+    /// The patient continues with this task.
     GoesOn(Step),
 }
 
-/// Decides for every patient as a run would, by the keys of the tasks, and writes nothing; without patients where there is no
-/// run.
+/// Decides for every patient as a run would, by the keys of the tasks, and writes nothing. Without
+/// an existing run the answer is empty.
 ///
 /// # Errors
-/// The store's; a plan that cannot be read.
+/// [`EngineError`] if the store or a plan cannot be read.
 pub async fn foresee(
     run_dir: &Path,
     plans: &[ResolvedPatient],
@@ -41,7 +41,7 @@ pub async fn foresee(
         .collect();
     decide_unwritten(&mut world, Some(plans))?;
     let mut foreseen = BTreeMap::new();
-    // Patients that the store lacks come after those that it has.
+    // Patients that are new to the store come after the stored ones and are not part of the answer.
     for (patient, was_over) in world.patients.iter().zip(was_over) {
         if !patient.row.active {
             continue;
@@ -56,7 +56,8 @@ pub async fn foresee(
     Ok(foreseen)
 }
 
-/// Takes plans up and decides for every patient of the mirror, which is thrown away afterwards: nothing is committed.
+/// Takes plans up and decides for every patient of the in-memory mirror. Nothing is committed, so
+/// the mirror must be dropped afterwards.
 pub(super) fn decide_unwritten(
     world: &mut World,
     plans: Option<&[ResolvedPatient]>,

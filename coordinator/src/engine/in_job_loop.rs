@@ -1,9 +1,10 @@
-//! The driver inside an allocation: walks patients' chains by the same decisions as the coordinator, without its
-//! database.
+//! The driver inside an allocation: it walks patients' chains by the same decisions as the
+//! coordinator, without the coordinator's database.
 //!
-//! A patient waits in the queue once: what follows from a simulation is derived here ([`derivation::evaluate`]) and begun
-//! at once. Every simulation is an attempt in a directory of its own, as if the coordinator had begun it; the coordinator
-//! finds these directories and writes its books from them. What the time left does not hold is not begun.
+//! A patient waits in the queue only once: the task that follows from a simulation is derived here
+//! ([`derivation::evaluate`]) and begun at once. Every simulation is an attempt in a directory of
+//! its own, as if the coordinator had begun it; the coordinator finds these directories and updates
+//! its books from them. A task that is expected to exceed the remaining time is not begun.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -33,32 +34,34 @@ use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
 use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
 
-/// How often fence and clock are looked at.
+/// Interval at which fence and clock are checked.
 const TICK: Duration = Duration::from_millis(500);
-/// How long workers may take to leave their checkpoints when the job ends.
+/// Time that workers have to write their checkpoints when the job ends.
 const GRACE: Duration = Duration::from_secs(60);
 
-/// Which part of which job a driver is.
+/// Position of a driver in its job.
 #[derive(Debug, Clone)]
 pub struct DriverPlace {
-    /// The job's folder.
+    /// Path of the job's folder.
     pub folder: PathBuf,
-    /// Element of the array; 0 where it is none.
+    /// Element of the array; 0 for a single job.
     pub element: u32,
-    /// Which of the element's nodes, from 0.
+    /// Number of the node within the element, from 0.
     pub node: u32,
-    /// The scheduler's number of the job.
+    /// The scheduler's number of the job; `None` if it is unknown.
     pub id: Option<String>,
-    /// When it is to have left, milliseconds since 1970.
+    /// Time at which the driver must have left, milliseconds since 1970; `None` if there is no
+    /// limit.
     pub leave_at_ms: Option<i64>,
 }
 
-/// Does what the order of a driver's place says.
+/// Executes the order of a driver's place.
 ///
-/// `warned` tells whether a stop means that the time ran out. `None`: another driver had claimed the place before.
+/// `warned` returns whether a stop means that the time ran out. Returns `None` if another driver
+/// had claimed the place before.
 ///
 /// # Errors
-/// [`EngineError`] where the job's folder or an attempt's cannot be read or written.
+/// [`EngineError`] if the folder of the job or of an attempt cannot be read or written.
 pub async fn drive_job<E: Executor>(
     place: &DriverPlace,
     executor: impl FnOnce(&JobOrder) -> E,
@@ -107,10 +110,11 @@ pub async fn drive_job<E: Executor>(
     Ok(Some(end))
 }
 
-/// Does what the order of a job's folder says, with worker processes on this node; SIGUSR1 is the warning before the walltime.
+/// Executes the order of a job's folder with worker processes on this node. SIGUSR1 is the warning
+/// before the walltime.
 ///
 /// # Errors
-/// [`EngineError`] where the job's folder or an attempt's cannot be read or written.
+/// [`EngineError`] if the folder of the job or of an attempt cannot be read or written.
 pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, EngineError> {
     let file = |source| EngineError::File {
         what: "catch signals for",
@@ -146,12 +150,12 @@ struct InJobLoop<'a, E> {
     executor: E,
     surroundings: Surroundings,
     ledger: Ledger,
-    /// Patients that nobody has taken yet, as far as this driver knows.
+    /// Patients that no driver has taken yet, as far as this driver knows.
     queue: VecDeque<usize>,
-    /// Attempts at work, with the patients that wait for each.
+    /// Running attempts, with the patients that wait for each.
     running: HashMap<AttemptId, Vec<usize>>,
     left: BTreeMap<usize, String>,
-    /// Of these, whose worker died of a defect.
+    /// Patients in `left` whose worker died of a defect.
     defects: BTreeSet<usize>,
     leaving: Option<DriverEnding>,
 }
@@ -202,7 +206,8 @@ impl<E: Executor> InJobLoop<'_, E> {
         }
     }
 
-    /// The warning before the walltime, a stop, a fence: workers leave their checkpoints and end.
+    /// Reacts to the warning before the walltime, a stop or a fence: workers write their
+    /// checkpoints and end.
     fn leave_if_told(
         &mut self,
         stop: &StopSignal,
@@ -235,12 +240,12 @@ impl<E: Executor> InJobLoop<'_, E> {
         Ok(())
     }
 
-    /// A crash point.
+    /// Passes a crash point.
     fn pass(&self, place: &str) -> Result<(), EngineError> {
         self.surroundings.crash.pass(place)
     }
 
-    /// Whether something that takes so long would not be done in time.
+    /// Whether work that takes `takes_s` would not be done in time.
     fn is_late(&self, takes_s: f64) -> bool {
         self.place.leave_at_ms.is_some_and(|at| {
             self.surroundings.clock.now_ms() as f64 + takes_s * 1000.0 >= at as f64
@@ -255,7 +260,7 @@ impl<E: Executor> InJobLoop<'_, E> {
         self.order.run_dir.join(attempt_directory(attempt))
     }
 
-    /// Goes on with a patient until an attempt runs, or nothing is left to do.
+    /// Continues with a patient until an attempt runs or nothing is left to do.
     async fn walk(&mut self, patient: usize) -> Result<(), EngineError> {
         loop {
             let of = &self.order.patients[patient];
@@ -269,7 +274,7 @@ impl<E: Executor> InJobLoop<'_, E> {
                 .iter_mut()
                 .find(|(attempt, _)| attempt.task == key)
             {
-                waiters.push(patient); // two patients want the same
+                waiters.push(patient); // two patients want the same task
                 return Ok(());
             }
             if let Some(why) = self.hindrance(spec.kind()) {
@@ -312,7 +317,7 @@ impl<E: Executor> InJobLoop<'_, E> {
         }
     }
 
-    /// Begins an attempt; false where its directory was there before.
+    /// Begins an attempt; false if its directory existed before.
     async fn begin(&mut self, attempt: &AttemptId, task: &TaskSpec) -> Result<bool, EngineError> {
         let directory = self.directory(attempt);
         let spec = AttemptSpec {
@@ -338,9 +343,9 @@ impl<E: Executor> InJobLoop<'_, E> {
         Ok(true)
     }
 
-    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; an attempt
-    /// whose job was revoked is revoked and gone past; an attempt whose job may live keeps the patient. Tells why the
-    /// patient is left.
+    /// Deals with an attempt of this generation that another job began. A result that it left is
+    /// used. If that job was revoked, the attempt is revoked as well and skipped. If that job may
+    /// be live, the patient is left to it. Returns the reason for which the patient is left.
     fn take_over(
         &mut self,
         attempt: &AttemptId,
@@ -395,7 +400,8 @@ impl<E: Executor> InJobLoop<'_, E> {
             if settled {
                 Box::pin(self.walk(patient)).await?;
             } else {
-                // Whose fault it was the coordinator decides: it knows what the scheduler says.
+                // The coordinator decides on the class of the failure, because it also has the
+                // scheduler's account.
                 self.left.insert(patient, reason.clone());
                 if defect {
                     self.defects.insert(patient);
@@ -411,7 +417,7 @@ impl<E: Executor> InJobLoop<'_, E> {
         }
     }
 
-    /// Takes an attempt's end to the ledger; tells whether it settled its task.
+    /// Enters the end of an attempt in the ledger. Returns whether the attempt settled its task.
     fn settle(&mut self, attempt: &AttemptId, kind: &str, evidence: Evidence) -> bool {
         let (how, outcome) = match evidence {
             Evidence::Outcome { outcome, .. } => (judge(attempt, kind, &outcome), Some(*outcome)),
@@ -421,7 +427,7 @@ impl<E: Executor> InJobLoop<'_, E> {
     }
 }
 
-/// What a driver knows of tasks.
+/// States and outcomes of tasks, as far as a driver knows them.
 #[derive(Debug, Default)]
 struct Ledger {
     run_dir: PathBuf,
@@ -461,7 +467,8 @@ impl Ledger {
                 Standing::Published => match read_outcome(&ledger.run_dir, &known.task, generation)
                 {
                     Some(outcome) => (Task::Published { generation }, Some(outcome)),
-                    // Its files are gone: it is computed once more, under a further generation.
+                    // The files of the result are gone, so it is computed once more under a further
+                    // generation.
                     None => (
                         Task::Open {
                             generation,
@@ -501,7 +508,7 @@ impl Ledger {
             .unwrap_or_default()
     }
 
-    /// Longest wall time of a task of this kind that was seen here.
+    /// Longest wall time among the outcomes of this kind of task, s.
     fn longest_s(&self, kind: &str) -> f64 {
         let outcomes = self
             .tasks
@@ -522,7 +529,7 @@ impl Ledger {
         };
     }
 
-    /// A generation that another, revoked job had begun.
+    /// Skips a generation that another, revoked job had begun.
     fn skip(&mut self, key: &TaskKey) {
         let generation = self.generation(key) + 1;
         self.tasks.entry(key.clone()).or_default().state = Task::Open {
@@ -540,7 +547,7 @@ impl Ledger {
         let Some(entry) = self.tasks.get_mut(&attempt.task) else {
             return false;
         };
-        // Whether a failure of the site's is tried again is the coordinator's to say.
+        // The coordinator decides whether a site failure is tried again.
         if how.failure().is_some_and(|f| f.class == FailureClass::Site) {
             return false;
         }

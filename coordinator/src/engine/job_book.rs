@@ -5,16 +5,16 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use crate::store::Batch;
 use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, SeenElement, id_text};
 
-/// Jobs as the mirror keeps them.
+/// Jobs in the in-memory mirror.
 #[derive(Debug, Default)]
 pub struct Jobs {
-    /// Those that are not over, by name.
+    /// Jobs that are not over, by name.
     pub rows: BTreeMap<String, JobRow>,
-    /// Where a patient is: job and element.
+    /// Job and element in which a patient is placed, by the patient's row id.
     pub placed: HashMap<i64, (String, usize)>,
-    /// What patients' next jobs are given.
+    /// Resources and spent retries for patients' next jobs, by the patient's row id.
     pub allotments: HashMap<i64, Allotment>,
-    /// Why nothing is submitted at present, for those who wait.
+    /// Reason for which nothing is submitted at present, shown with the waiting patients.
     pub holds: Option<String>,
     fresh: BTreeSet<String>,
     dirty: BTreeSet<String>,
@@ -22,7 +22,7 @@ pub struct Jobs {
 }
 
 impl Jobs {
-    /// From what the store holds.
+    /// Jobs and allotments as the store holds them.
     pub fn new(rows: Vec<JobRow>, allotments: HashMap<i64, Allotment>) -> Self {
         let mut jobs = Self {
             allotments,
@@ -47,7 +47,7 @@ impl Jobs {
         }
     }
 
-    /// What a patient's next job is given.
+    /// Allotment for a patient's next job; the default if none is stored.
     pub fn allotment(&self, patient_id: i64) -> Allotment {
         self.allotments
             .get(&patient_id)
@@ -55,7 +55,7 @@ impl Jobs {
             .unwrap_or_default()
     }
 
-    /// Changes it.
+    /// Changes a patient's allotment.
     pub fn set_allotment(&mut self, patient_id: i64, allotment: Allotment) {
         if self.allotments.get(&patient_id) != Some(&allotment) {
             self.allotments.insert(patient_id, allotment);
@@ -63,7 +63,7 @@ impl Jobs {
         }
     }
 
-    /// What was seen of an element; tells whether it is news.
+    /// Changes what was seen of an element. Returns whether this made a difference.
     pub fn see(
         &mut self,
         name: &str,
@@ -86,7 +86,7 @@ impl Jobs {
         news
     }
 
-    /// How a patient stands with its job, in a word and a note.
+    /// State of a patient's job, as a word and a note.
     pub fn note(&self, patient_id: i64) -> Option<(&'static str, String)> {
         let (name, element) = self.placed.get(&patient_id)?;
         let row = self.rows.get(name)?;
@@ -104,7 +104,7 @@ impl Jobs {
         })
     }
 
-    /// A job that the store does not hold yet.
+    /// Adds a job that the store does not hold yet.
     pub fn insert_fresh(&mut self, row: JobRow) {
         self.place(&row);
         self.fresh.insert(row.name.clone());
@@ -116,7 +116,7 @@ impl Jobs {
         self.dirty.insert(name.to_owned());
     }
 
-    /// Moves what changed into a batch, and lets go of jobs that are over.
+    /// Moves changed rows into a batch, and drops jobs that are over.
     pub fn flush(&mut self, batch: &mut Batch) {
         for name in std::mem::take(&mut self.fresh) {
             if let Some(row) = self.rows.get(&name) {

@@ -1,12 +1,13 @@
-//! The loop: observe, decide, commit, act.
+//! The loop of a run on this machine: observe, decide, commit, act.
 //!
 //! ```text
 //!        ┌──────────────► act: outbox ──► executor, files
 //!        │                       │
 //!     commit ◄── decide ◄── observe: news, requests, signals
 //! ```
-//! Actions only ever come from committed batches, and what they led to is observed, not assumed: so it does not matter
-//! where the process is killed. A resumed run begins with looking at every attempt that is not over.
+//! Actions come only from committed batches, and their effects are observed, not assumed. The
+//! process may therefore be killed anywhere. A resumed run begins by examining every attempt that
+//! is not over.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -30,14 +31,15 @@ use crate::dispatch::{Evidence, Executor, Found, News};
 use crate::store::Writer;
 use crate::store::outbox::Action;
 
-/// How often progress, requests and hung workers are looked at.
+/// Interval at which progress, requests and hung workers are checked.
 const TICK: Duration = Duration::from_millis(200);
-/// Less free space than this is taken for none when workers fail.
+/// Free space below this counts as a full disk when workers fail.
 const LEAST_FREE_BYTES: u64 = 2 << 20;
-/// Attempts begun in one commit at most, so that the first ones need not wait for the commit of thousands.
+/// Largest number of attempts begun in one commit, so that the first ones need not wait for the
+/// commit of thousands.
 const LARGEST_GROUP: usize = 2048;
 
-/// A run at work.
+/// A running run.
 pub struct LocalLoop<E> {
     pub(super) world: World,
     pub(super) decider: Decider,
@@ -50,16 +52,16 @@ pub struct LocalLoop<E> {
     pub(super) tails: HashMap<AttemptId, Tail>,
     pub(super) hung: HashMap<AttemptId, String>,
     pub(super) submitted: u64,
-    /// How far the loop has followed the wish to stop.
+    /// Stop level on which the loop has acted.
     pub(super) seen_stop: StopLevel,
-    /// The last level that was heard.
+    /// Stop level that was read last.
     pub(super) heard_stop: StopLevel,
     pub(super) drain_until: Option<Instant>,
     pub(super) leave_until: Option<Instant>,
 }
 
 impl<E: Executor> LocalLoop<E> {
-    /// A run about to begin.
+    /// A run that is about to begin.
     pub fn new(
         (writer, world, decider): (Writer, World, Decider),
         executor: E,
@@ -87,14 +89,14 @@ impl<E: Executor> LocalLoop<E> {
         }
     }
 
-    /// Runs to the end, or until it is stopped.
+    /// Runs until every patient is over or the run is stopped.
     pub async fn run(mut self) -> Result<RunSummary, EngineError> {
         let began = Instant::now();
         self.resume().await?;
         loop {
             self.act().await?;
             if self.idle() {
-                // What the last actions led to.
+                // Commit the effects of the last actions.
                 self.commit().await?;
                 if self.world.outbox.is_empty() {
                     break;
@@ -112,9 +114,11 @@ impl<E: Executor> LocalLoop<E> {
         Ok(summary)
     }
 
-    /// Looks at what an earlier coordinator left, decides for every patient, begins what can begin.
+    /// Examines the attempts of an earlier coordinator, decides for every patient, and begins tasks
+    /// that are ready.
     async fn resume(&mut self) -> Result<(), EngineError> {
-        // Who waits for what comes first: the end of an attempt found now is news for those who wait.
+        // Waiters are registered first, because the end of an attempt that is found now concerns
+        // them.
         for i in 0..self.world.patients.len() {
             self.world.await_present_task(i);
         }
@@ -147,7 +151,7 @@ impl<E: Executor> LocalLoop<E> {
         Ok(adopted)
     }
 
-    /// Looks for an attempt that is not over; tells whether it lives.
+    /// Examines an attempt that is not over. Returns whether its worker lives.
     pub(super) fn adopt(&mut self, attempt: &AttemptId) -> Result<bool, EngineError> {
         let directory = self.world.directory(attempt);
         match self.executor.adopt(attempt, &directory)? {
@@ -181,8 +185,8 @@ impl<E: Executor> LocalLoop<E> {
                 self.world
                     .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
             }
-            // Decided, perhaps even spawned, but not claimed: submitting it again is harmless, since only one process
-            // can claim it.
+            // The attempt was decided on, perhaps even spawned, but not claimed. Submitting it
+            // again is harmless, since only one process can claim it.
             Found::Unclaimed => {
                 let pending = |action: &Action| matches!(action, Action::Submit { attempt: a } if a == attempt);
                 let state = &self.world.attempts[attempt].state;
@@ -198,7 +202,8 @@ impl<E: Executor> LocalLoop<E> {
         Ok(false)
     }
 
-    /// Attempts whose tasks nobody waits for any more: inputs changed while no coordinator ran.
+    /// Cancels attempts whose tasks have no waiters any more because inputs changed while no
+    /// coordinator ran.
     fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
         let unwanted: Vec<AttemptId> = self
             .world
@@ -225,7 +230,7 @@ impl<E: Executor> LocalLoop<E> {
         if self.seen_stop > StopLevel::Run {
             return Ok(());
         }
-        // Decided and not yet handed over: these take their room, too.
+        // Attempts that are decided on but not yet submitted take room, too.
         let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
         let mut free = self
             .executor
@@ -256,7 +261,7 @@ impl<E: Executor> LocalLoop<E> {
             }
             alone = cores::takes_all(&self.settings, task);
             if alone && others > 0 {
-                // Nothing begins until all cores are free for it.
+                // No other task begins until all cores are free for this one.
                 self.world.ready.insert((position, key));
                 break;
             }
@@ -279,7 +284,7 @@ impl<E: Executor> LocalLoop<E> {
         Ok(())
     }
 
-    /// Commits everything that was decided, then tells it.
+    /// Commits everything that was decided, then sends the events.
     async fn commit(&mut self) -> Result<(), EngineError> {
         let mut batch = self.world.flush();
         if !batch.is_empty() {
@@ -288,13 +293,13 @@ impl<E: Executor> LocalLoop<E> {
             self.surroundings.crash.pass("after a commit")?;
         }
         for event in self.decider.events.drain(..) {
-            // Nobody may be listening.
+            // There may be no receiver.
             let _ = self.events.send(event);
         }
         Ok(())
     }
 
-    /// Waits for something to happen and takes it up.
+    /// Waits for news, a stop or the next tick, and takes it up.
     async fn observe(&mut self) -> Result<(), EngineError> {
         let deadline = [self.drain_until, self.leave_until]
             .into_iter()
@@ -362,7 +367,8 @@ impl<E: Executor> LocalLoop<E> {
         }
     }
 
-    /// A full disk fails every attempt: the run ends before it has spent their retries.
+    /// Ends the run if the disk is full. A full disk fails every attempt, and would otherwise use
+    /// up their retries.
     fn check_space(&self, evidence: &Evidence) -> Result<(), EngineError> {
         let site = match evidence {
             Evidence::Nothing { class, .. } => *class == FailureClass::Site,
@@ -387,7 +393,8 @@ impl<E: Executor> LocalLoop<E> {
         }
     }
 
-    /// What is not told by anybody: requests, progress, hung workers, attempts out of sight.
+    /// Checks everything that sends no news: requests, progress, hung workers, attempts out of
+    /// sight.
     async fn look_around(&mut self) -> Result<(), EngineError> {
         self.take_requests().await?;
         let mut hung = Vec::new();
@@ -440,7 +447,7 @@ impl<E: Executor> LocalLoop<E> {
         Ok(())
     }
 
-    /// Makes the changes that other processes asked for.
+    /// Applies the changes that other processes requested.
     async fn take_requests(&mut self) -> Result<(), EngineError> {
         let (told, paths) = requests::take(&mut self.world, &mut self.decider)?;
         if paths.is_empty() {
@@ -459,7 +466,7 @@ impl<E: Executor> LocalLoop<E> {
             && self.leave_until.is_some_and(|at| Instant::now() >= at)
             && self.seen_stop == StopLevel::Now;
         let running = self.world.attempts.values().any(|a| {
-            // Not handed over when the stop came: it waits for the next run.
+            // The attempt was not submitted when the stop came, so it waits for the next run.
             !(stopping && matches!(a.state, Attempt::Planned | Attempt::Submitting))
         });
         left || (!running && (stopping || self.world.ready.is_empty()))

@@ -1,8 +1,9 @@
-//! The loop: observe, decide, commit, act. Resume is this same loop: nothing in memory matters that the store and the
-//! attempt directories do not hold.
+//! The engine: observe, decide, commit, act. A resumed run uses the same loop, because memory holds
+//! nothing of importance that the store and the attempt directories lack.
 //!
-//! [`run`] drives a cohort; [`rerun`], [`retry`] and [`cancel`] ask for a change, which the coordinator that holds the
-//! run takes up, or which is made at once where none runs. What is asked for takes effect at the next [`run`].
+//! [`run`] drives a cohort. [`rerun`], [`retry`] and [`cancel`] request a change: the coordinator
+//! that holds the run applies it, or else it is applied at once. It takes effect at the next
+//! [`run`].
 
 use std::path::{Path, PathBuf};
 
@@ -82,55 +83,56 @@ pub use programs::first_line;
 pub use stop::{StopLevel, StopSignal};
 pub use world::ATTEMPTS;
 
-/// What to run, where and how.
+/// Options of a run.
 #[derive(Debug, Clone)]
 pub struct RunOptions {
-    /// Directory of database, attempts and results; made if absent.
+    /// Directory of database, attempts and results; created if absent.
     pub run_dir: PathBuf,
     /// Short name of the cohort.
     pub cohort_name: String,
-    /// One sentence.
+    /// Description of the cohort in one sentence.
     pub description: String,
-    /// Where the cohort's files lie.
+    /// Directory of the cohort's files.
     pub cohort_dir: PathBuf,
-    /// All patients of the cohort, in its order. `None`: go on with what the store holds.
+    /// All patients of the cohort, in its order. `None` continues with the plans in the store.
     pub patients: Option<Vec<ResolvedPatient>>,
-    /// Work on these only; empty: on all.
+    /// Patients to work on; empty means all.
     pub only: Vec<PatientId>,
-    /// Where tasks run and how many at once.
+    /// Executor, number of workers and further settings of the execution.
     pub executor: ExecutorSettings,
-    /// The worker's executable; `None`: `cardiotwin-worker` beside our own.
+    /// Path of the worker's executable; `None` means `cardiotwin-worker` beside this program.
     pub worker: Option<PathBuf>,
-    /// Go on with this worker, though the run began with another.
+    /// Whether to continue with this worker although the run began with another.
     pub adopt_version: bool,
-    /// With a cluster: stay and tick until everything is over; else one tick.
+    /// On a cluster: whether to keep ticking until everything is over, instead of one tick.
     pub watch: bool,
 }
 
-/// What became of a request.
+/// Result of a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Answer {
-    /// It was made; say `run` to go on.
+    /// The change was applied; `run` continues with it.
     Applied {
-        /// What changed, for a person, a line each.
+        /// Effects, one line each, for a person.
         changes: Vec<String>,
     },
-    /// A coordinator runs and was asked to make it.
+    /// A running coordinator was asked to apply the change.
     Asked {
-        /// Which.
+        /// Process that holds the run.
         holder: LockHolder,
     },
 }
 
 /// Drives a cohort until every patient is over or `stop` is raised.
 ///
-/// Opens (or makes) the run directory, takes its lock, adopts what an earlier coordinator left, then observes, decides,
-/// commits and acts until nothing is left. What was published is never done again; changed inputs or settings lead to
-/// other tasks, and only these are done. Calling it again continues.
+/// Opens (or creates) the run directory, takes its lock and adopts the attempts of an earlier
+/// coordinator. It then observes, decides, commits and acts until nothing is left. Published tasks
+/// are never computed again; changed inputs or settings lead to other tasks, and only these are
+/// computed. Another call continues the run.
 ///
 /// # Errors
-/// [`EngineError`]: another coordinator holds the run, the store or a file system fails, a state is impossible. Never
-/// because of what a task did: that is in the summary.
+/// [`EngineError`] if another coordinator holds the run, the store or a file system fails, or a
+/// state is impossible. A failed task is not an error but part of the summary.
 pub async fn run(
     options: RunOptions,
     events: EventSender,
@@ -139,7 +141,7 @@ pub async fn run(
     if options.executor.kind == ExecutorKind::Slurm {
         let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
         let worker = find_worker(options.worker.as_deref())?;
-        // The launcher itself may be on the nodes alone, or come with a module of the job.
+        // The launcher itself may exist only on the nodes, or come with a module of the job.
         Launcher::beside(&options.executor.launcher, &worker)
             .map_or(Ok(()), |launcher| is_built(&launcher))?;
         let program = std::env::current_exe().map_err(|source| EngineError::File {
@@ -167,7 +169,7 @@ pub async fn run(
             let local = Local::new(worker.clone(), workers).with_launcher(launcher);
             drive(options, &run_dir, Some(&worker), local, events, stop).await
         }
-        // As many as fit in a commit: there is no process to wait for.
+        // As many tasks as fit in a commit, because there is no process to wait for.
         ExecutorKind::InProcess => {
             drive(options, &run_dir, None, InProcess::new(4096), events, stop).await
         }
@@ -220,7 +222,8 @@ async fn drive<E: Executor>(
     .await
 }
 
-/// A run on a cluster: one tick, or ticks until it is over. `programs` are worker and driver.
+/// Runs one tick on a cluster, or ticks until the run is over. `programs` are the paths of worker
+/// and driver.
 async fn tick<S: Scheduler>(
     options: RunOptions,
     (run_dir, lease): (PathBuf, Lease),
@@ -258,10 +261,11 @@ async fn tick<S: Scheduler>(
     Ok(summary)
 }
 
-/// Ends jobs of patients that nobody works on any more, and waits for the truth: `scancel` alone is a wish.
+/// Ends jobs whose patients are not wanted any more, and waits until they have ended: `scancel`
+/// alone is only a request.
 ///
 /// # Errors
-/// [`EngineError`]; what was committed stays.
+/// Any [`EngineError`]; what was committed before stays committed.
 pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), EngineError> {
     let (_lock, lease, run_dir) = enter_with_lease(run_dir)?;
     let options = RunOptions {
@@ -278,7 +282,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     };
     let surroundings = Surroundings::of_this_process();
     let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
-    // Nobody is to be taken further: only ends are taken up.
+    // No patient is selected, so that only ends of jobs are taken up.
     opened.0.under(lease);
     opened
         .1
@@ -303,7 +307,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     cluster.close().await
 }
 
-/// Store, mirror and decider of a run, with the cohort taken up.
+/// Store, mirror and decider of a run, with the cohort's plans taken up.
 async fn open(
     options: &RunOptions,
     run_dir: &Path,
@@ -344,7 +348,7 @@ async fn open(
     Ok((writer, world, decider))
 }
 
-/// The run directory, made if need be, absolute and locked.
+/// Creates and locks the run directory. Returns its absolute path.
 fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
     let file = |what| {
         move |source| EngineError::File {
@@ -358,8 +362,8 @@ fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
     Ok((RunLock::acquire(&run_dir)?, run_dir))
 }
 
-/// As [`enter`], with a lease as well, which holds among hosts that share the run's file system; locks need not be known
-/// to it.
+/// As [`enter`], but also takes a lease, which holds among hosts that share the run's file system.
+/// The file system need not support locks.
 fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf), EngineError> {
     let file = |what| {
         move |source| EngineError::File {
@@ -382,10 +386,10 @@ fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf),
     Ok((lock, lease, run_dir))
 }
 
-/// The worker's executable: as named, else beside our own.
+/// Path of the worker's executable: the named one, or else the one beside this program.
 ///
 /// # Errors
-/// [`EngineError::NoWorker`].
+/// [`EngineError::NoWorker`] if the file does not exist.
 pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     let path = match named {
         Some(path) => path.to_owned(),
@@ -394,7 +398,7 @@ pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
             own.with_file_name("cardiotwin-worker")
         }
     };
-    // Absolute, since workers are started from wherever we are.
+    // The path is absolute because workers are started in other directories.
     let path = std::path::absolute(&path).unwrap_or(path);
     if path.is_file() {
         Ok(path)
@@ -403,7 +407,7 @@ pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     }
 }
 
-/// The launcher of MPI ranks, where one is set; their program lies beside the worker.
+/// The launcher of MPI ranks, if one is set. The program of the ranks is beside the worker.
 fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, EngineError> {
     let Some(program) = command.first() else {
         return Ok(None);
@@ -432,12 +436,15 @@ fn is_built(launcher: &Launcher) -> Result<(), EngineError> {
     }
 }
 
-/// Changes settings of a patient from a stage on; step 1 goes on from its stored iterations without repeating them.
+/// Changes settings of a patient from a stage on. Step 1 continues from its stored iterations
+/// without repeating them.
 ///
-/// `overrides` has the tables of `cohort.toml`, win over every other layer, and stay until changed by another rerun.
+/// `overrides` has the tables of `cohort.toml`. They override every other layer and stay until
+/// another rerun changes them.
 ///
 /// # Errors
-/// [`EngineError::Request`] for an unknown patient, a stage or a setting that makes no sense; the store's errors.
+/// [`EngineError::Request`] for an unknown patient, or a stage or setting that makes no sense;
+/// [`StoreError`] in [`EngineError::Store`].
 pub async fn rerun(
     run_dir: &Path,
     patient: &PatientId,
@@ -455,10 +462,11 @@ pub async fn rerun(
     .await
 }
 
-/// Opens the failed tasks of a patient for another try with the same settings; a cancelled patient goes on.
+/// Opens the failed tasks of a patient for another attempt with the same settings. A cancelled
+/// patient continues.
 ///
 /// # Errors
-/// [`EngineError::Request`] where nothing failed; the store's errors.
+/// [`EngineError::Request`] if nothing failed; [`StoreError`] in [`EngineError::Store`].
 pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, EngineError> {
     retry_all(run_dir, std::slice::from_ref(patient)).await
 }
@@ -466,7 +474,7 @@ pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, Engine
 /// [`retry`] for several patients, in one commit.
 ///
 /// # Errors
-/// As [`retry`], and then for none of them.
+/// As [`retry`], and then none of the patients is changed.
 pub async fn retry_all(run_dir: &Path, patients: &[PatientId]) -> Result<Answer, EngineError> {
     let requests: Vec<Request> = patients
         .iter()
@@ -477,10 +485,10 @@ pub async fn retry_all(run_dir: &Path, patients: &[PatientId]) -> Result<Answer,
     ask(run_dir, &requests).await
 }
 
-/// Ends a patient's chain; `None`: those of all patients. What is published stays.
+/// Cancels a patient, or all patients with `None`. Published results stay.
 ///
 /// # Errors
-/// [`EngineError::Request`] for an unknown patient; the store's errors.
+/// [`EngineError::Request`] for an unknown patient; [`StoreError`] in [`EngineError::Store`].
 pub async fn cancel(run_dir: &Path, patient: Option<&PatientId>) -> Result<Answer, EngineError> {
     ask(
         run_dir,
@@ -491,9 +499,10 @@ pub async fn cancel(run_dir: &Path, patient: Option<&PatientId>) -> Result<Answe
     .await
 }
 
-/// Makes changes where no coordinator runs, and asks the one that does.
+/// Applies changes if no coordinator runs, and else passes them to the running one.
 async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError> {
-    // A run that is not there, or no patient of that name, is said at once, whoever would make the change.
+    // A missing run or an unknown patient is reported at once, whichever process would apply the
+    // change.
     let reader = Reader::open(run_dir).await?;
     if let [
         Request::Rerun { patient, .. }
@@ -528,7 +537,8 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
         changes.extend(decider.request(&mut world, request)?);
     }
     writer.commit(&mut world.flush()).await?;
-    // Workers that outlived their coordinator and are not wanted any more are ended now, not at the next run.
+    // Workers that outlived their coordinator and are not wanted any more are ended now, not at the
+    // next run.
     let mut local = Local::new(PathBuf::new(), 0);
     for (_, action) in &world.outbox {
         if let Action::Stop { attempt } = action {

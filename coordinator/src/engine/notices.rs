@@ -1,15 +1,18 @@
-//! Notices: a command of the operator's and mail when a run is done, a patient fails or stalls, or the disk fills up.
+//! Notices: commands of the operator and mail when a run is done, a patient fails or stalls, or the
+//! disk fills up.
 //!
-//! What there is to tell is derived from the database, not from what a process heard: a coordinator that was killed before it told
-//! something is followed by one that does. Each event has a name of its own and a folder with it in `notices/` of the run:
+//! Notices are derived from the database and not from what a process observed, so a coordinator
+//! that is killed before it sent one is followed by another that does. Each event has a name of its
+//! own and a folder with this name in `notices/` of the run:
 //!
 //! ```text
-//!  event.json       what happened: durable before anything is started
-//!  begun-COMMAND    created exclusively just before the command starts, so that it is never started twice
-//!  ended-COMMAND    how it ended
+//!  event.json       the event, durable before any command is started
+//!  begun-COMMAND    created exclusively just before the command starts, at most once
+//!  ended-COMMAND    how the command ended
 //! ```
-//! So each is started once: `kill -9` between the second and the third leaves no second try. Nothing that happens here changes
-//! the run: what fails is said and noted beside the event.
+//! Each command is therefore started at most once: a `kill -9` between the second and the third
+//! file leaves no second attempt. Notices never change the run. A command that fails is reported
+//! and noted beside the event.
 
 use std::fs;
 use std::io;
@@ -28,17 +31,18 @@ use crate::store::{Notable, Reader};
 
 const FOLDER: &str = "notices";
 
-/// Tells what has not been told; what went wrong in telling, a line each.
+/// Sends all notices that have not been sent. Returns one line for each command that went wrong.
 ///
 /// # Errors
-/// The store's, and folders that cannot be written: for a person, who goes on without notices.
+/// [`EngineError`] if the store cannot be read or a folder cannot be written. The caller reports it
+/// and continues without notices.
 pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<String>, EngineError> {
     if settings.is_silent() {
         return Ok(Vec::new());
     }
     let reader = Reader::open(run_dir).await?;
     let notable = reader.notable().await?;
-    // Attempts may lie on a file system of their own.
+    // Attempts may be on a file system of their own.
     let free = |path: &Path| {
         rustix::fs::statvfs(path)
             .ok()
@@ -56,7 +60,7 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<Strin
     Ok(said)
 }
 
-/// What there is to tell, each under a name that is the same whenever it is derived.
+/// Present notices. The name of each is the same whenever it is derived.
 fn events(
     notable: &Notable,
     settings: &NoticeSettings,
@@ -97,7 +101,7 @@ fn events(
     }
     let least = settings.least_free_gb * 1e9;
     if let Some(free) = free_bytes.filter(|free| (*free as f64) < least) {
-        // Once a day, as long as it lasts.
+        // Once a day, as long as the condition lasts.
         let day = at.get(..10).unwrap_or_default();
         events.push((
             format!("quota-low-{day}"),
@@ -160,7 +164,7 @@ async fn tell_one(
     Ok(said)
 }
 
-/// A message for sendmail: pseudonyms, steps and classes, nothing of data or paths.
+/// A message for sendmail: pseudonyms, steps and classes, but no data or paths.
 fn mail(notice: &Notice, to: &[String]) -> String {
     let who = notice
         .patient
@@ -204,7 +208,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
         .collect();
     lines.push(format!("patients: {}", counts.join(", ")));
     lines.push("`cardiotwin status` tells more.".to_owned());
-    // Names come from files: none may add a header.
+    // Names come from files, so control characters are replaced: no name may add a header.
     let plain = |line: &String| {
         line.chars()
             .map(|c| if c.is_control() { ' ' } else { c })
@@ -213,7 +217,7 @@ fn mail(notice: &Notice, to: &[String]) -> String {
     lines.iter().map(plain).collect::<Vec<_>>().join("\n") + "\n"
 }
 
-/// Whether this process is the first: a name is created once.
+/// Whether this process is the first: the file is created exclusively.
 fn claim(path: &Path) -> Result<bool, EngineError> {
     SyncedDraft::beside(path, b"")
         .and_then(|draft| draft.place_exclusively(path))

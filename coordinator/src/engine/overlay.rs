@@ -1,4 +1,5 @@
-//! `models/<patient>/model.toml`: what was learned about a patient, versioned, never mixed with what was measured.
+//! `models/<patient>/model.toml`: everything learned about a patient, versioned, and never mixed
+//! with measured data.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,7 +19,7 @@ use super::EngineError;
 use super::world::World;
 use crate::clock::utc_text;
 
-/// What is learned about a patient so far, without version and time; `None` before step 0.
+/// Everything learned about a patient so far, without version and time; `None` before step 0.
 pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
     let plan = world.plan(i)?;
     let chain = &world.patients[i].chain;
@@ -31,7 +32,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
     };
     let passive = match &step0.organ {
         OrganSpec::Reduced { passive, .. } => Some(*passive),
-        // Its law is that of a mesh: it stays with step 0's artefact.
+        // The passive law belongs to a mesh, so it stays with step 0's artefact.
         OrganSpec::FiniteElement(_) | OrganSpec::External(_) => None,
     };
     let fit = match chain.cell_fit.as_ref().and_then(result) {
@@ -39,7 +40,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         _ => None,
     };
     let step3 = chain.step3.as_ref();
-    // Every iteration of steps 1 and 3 but the best one is a way, no foundation.
+    // Iterations of steps 1 and 3 other than the best one do not contribute to the model.
     let best = [
         chain.step1.as_ref().map(|s| s.best_iteration),
         chain.step3.as_ref().map(|s| s.best_iteration),
@@ -62,7 +63,8 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
                 s.parameters.valves.with(&step3.parameters)
             })
         }),
-        // `a_p` stays out of the organ, but it was learned: the overlay keeps all that was fitted.
+        // `a_p` is not used in the organ, but it was fitted, and the overlay keeps every fitted
+        // parameter.
         cell: fit.map_or_else(BTreeMap::new, |fit| {
             let mut cell = cell_parameters(plan, fit);
             cell.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
@@ -80,7 +82,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
     }))
 }
 
-/// - `best`: the iterations that were taken, of step 1 and of step 3
+/// - `best`: best iterations of step 1 and of step 3
 fn is_foundation(step: Step, best: [Option<u32>; 2]) -> bool {
     match step.stage {
         Stage::Step1 | Stage::Step1Proposal => best[0] == Some(step.number),
@@ -93,7 +95,7 @@ fn is_valve(name: &str) -> bool {
     VALVE_PARAMETERS.contains(&name)
 }
 
-/// Writes what was learned about a patient, if anything was.
+/// Writes everything learned about a patient, if there is anything yet.
 pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
     let Some(i) = world.patients.iter().position(|p| p.row.id == patient_id) else {
         return Ok(());
@@ -104,7 +106,8 @@ pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
     }
 }
 
-/// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.
+/// Writes the next version if it differs from the present one. Earlier versions stay as
+/// `model.vN.toml`.
 ///
 /// - `now`: UTC, RFC 3339
 pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(), EngineError> {
@@ -120,7 +123,8 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(
         Err(source) => return Err(file("read", &path)(source)),
     };
     if let Some(text) = &before {
-        // One that a person has made unreadable is kept aside like any other, under the next free number.
+        // A file that a person has made unreadable is kept like any other version, under the next
+        // free number.
         let old = toml::from_str::<ModelOverlay>(text).ok();
         let version = old
             .as_ref()
@@ -146,7 +150,7 @@ pub fn write(run_dir: &Path, mut overlay: ModelOverlay, now: String) -> Result<(
     files::write_atomic(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
 }
 
-/// Highest N of `model.vN.toml`.
+/// Highest N of the `model.vN.toml` in a folder; 0 if there is none.
 fn kept_versions(folder: &Path) -> u32 {
     let number = |name: &str| {
         name.strip_prefix("model.v")?

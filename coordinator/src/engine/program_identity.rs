@@ -1,16 +1,18 @@
-//! Which build of the coordinator decided last.
+//! Identity of the build of the coordinator that decided last.
 //!
-//! The derivation of a patient's chain is a function of plan, outcomes and program. A finished patient whose plan stands needs
-//! no new decision by the program that finished it; another build may want other tasks, of any patient.
+//! The derivation of a patient's chain is a function of plan, outcomes and program. A finished
+//! patient with an unchanged plan needs no new decision by the program that finished it; another
+//! build may derive other tasks for any patient.
 
 use std::sync::OnceLock;
 
 use cardiotwin_schemas::hash::sha256_hex;
 
-/// Key among the store's single values.
+/// Key of the identity among the store's single values.
 pub const DECIDED_BY: &str = "decided_by";
 
-/// SHA-256 of the running executable; empty where it cannot be read, which equals no stored one.
+/// SHA-256 of the running executable. It is empty if the executable cannot be read, and then equals
+/// no stored value.
 pub fn of_this_program() -> &'static str {
     static SHA256: OnceLock<String> = OnceLock::new();
     SHA256.get_or_init(|| {
@@ -19,7 +21,7 @@ pub fn of_this_program() -> &'static str {
     })
 }
 
-/// Whether `stored` names the running program.
+/// Whether `stored` is the identity of the running program.
 pub fn is_this_program(stored: Option<&String>) -> bool {
     stored.is_some_and(|stored| !stored.is_empty() && stored == of_this_program())
 }

@@ -1,9 +1,9 @@
-//! What programs say of themselves.
+//! Output that programs print about themselves.
 
 use std::ffi::OsStr;
 use std::process::{Command, Stdio};
 
-/// The first line that a program says, if it is there and ends well.
+/// First line that a program prints; `None` if it does not exist or fails.
 #[must_use]
 pub fn first_line(program: impl AsRef<OsStr>, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program)

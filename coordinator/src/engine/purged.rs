@@ -1,5 +1,6 @@
-//! Files that somebody else removed: a scratch file system that empties itself, a hand that tidies up. A published task whose files
-//! are gone is made again only where a task that is about to begin reads them; what nobody reads any more stays as it is.
+//! Files that something else removed: a scratch file system that empties itself, or a person who
+//! tidied up. A published task whose files are gone is computed again only if a task that is about
+//! to begin reads them. Files that no task reads any more stay missing.
 
 use std::path::{Path, PathBuf};
 
@@ -13,11 +14,13 @@ use super::transitions::Decider;
 use super::world::{ATTEMPTS, World};
 use super::{EngineError, EngineEvent};
 
-/// A task that was tried so often is not made again by itself, should its files be missed each time: whoever reads them says so.
+/// A task with this many attempts is not computed again by itself, even if its files are missing
+/// each time. The task that reads them then reports the error.
 const MOST_GENERATIONS: u32 = 10;
 
 impl Decider {
-    /// Opens the tasks whose files the next one of a patient's would look for in vain; whether there were any.
+    /// Reopens published tasks whose files are missing and are needed by a patient's next task.
+    /// Returns whether there were any.
     pub(super) fn open_purged(
         &mut self,
         world: &mut World,
@@ -27,7 +30,7 @@ impl Decider {
         let Next::Run { step, key, spec } = next else {
             return Ok(false);
         };
-        // One that is at work has read what it needs, or says itself what it misses.
+        // A task that is already running has read its inputs, or reports a missing one itself.
         if world
             .tasks
             .get(key)
@@ -44,7 +47,8 @@ impl Decider {
             let Some(made) = maker(world, &path) else {
                 continue;
             };
-            // Once by a coordinator: what it saw published a moment ago and cannot find is no purge.
+            // Each task is reopened once per coordinator: a file that is still missing after that
+            // was not purged.
             if world.tasks[&made].state.generation() >= MOST_GENERATIONS
                 || !self.remade.insert(made.clone())
             {
@@ -61,7 +65,7 @@ impl Decider {
     }
 }
 
-/// Every file that a specification names: `path` beside `sha256`, wherever it stands.
+/// Every file that a specification names: each `path` beside a `sha256`, at any depth.
 fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
     fn look(value: &Value, found: &mut Vec<PathBuf>) {
         match value {
@@ -88,7 +92,7 @@ fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
     found
 }
 
-/// The published task whose present attempt made a file of this run.
+/// The published task whose present attempt wrote a file of this run.
 fn maker(world: &World, path: &Path) -> Option<TaskKey> {
     let inside = path.strip_prefix(world.run_dir.join(ATTEMPTS)).ok()?;
     let attempt = inside.components().nth(1)?.as_os_str().to_str()?;

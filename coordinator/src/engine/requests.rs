@@ -1,5 +1,6 @@
-//! What other processes ask of a running coordinator: files in `requests/`, put there by rename, taken up at the next
-//! tick, removed after the commit. Each may be taken up twice and then changes nothing more.
+//! Requests of other processes to a running coordinator: files in `requests/`, placed by rename,
+//! applied at the next tick, removed after the commit. A request that is applied twice has no
+//! second effect.
 
 use std::fs;
 use std::io;
@@ -18,32 +19,32 @@ use crate::clock;
 
 const FOLDER: &str = "requests";
 
-/// A change that a person asks for.
+/// A change requested by a person.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "request", rename_all = "kebab-case")]
 pub enum Request {
-    /// Other settings from a stage on.
+    /// Change settings from a stage on.
     Rerun {
-        /// Whose.
+        /// Patient whose settings change.
         patient: PatientId,
-        /// From where.
+        /// First stage to which the settings apply.
         from: Stage,
-        /// Laid over all other settings.
+        /// Settings that override all other layers.
         overrides: Box<SettingsLayer>,
     },
-    /// The failed tasks again.
+    /// Try the failed tasks again.
     Retry {
-        /// Whose.
+        /// Patient whose tasks failed.
         patient: PatientId,
     },
-    /// No more.
+    /// Cancel the work.
     Cancel {
-        /// Whose; none: all.
+        /// Patient to cancel; `None` means all.
         patient: Option<PatientId>,
     },
 }
 
-/// Puts a request where the running coordinator looks.
+/// Places a request where the running coordinator finds it.
 pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
     let folder = run_dir.join(FOLDER);
     let file = |what, path: &Path| {
@@ -51,17 +52,17 @@ pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
         move |source| EngineError::File { what, path, source }
     };
     fs::create_dir_all(&folder).map_err(file("make", &folder))?;
-    // Sorted by time; the process id keeps two requests of the same millisecond apart.
+    // Names sort by time; the process id keeps two requests of the same millisecond apart.
     let name = format!("{:015}-{}", clock::now_ms(), std::process::id());
     let path = folder.join(format!("{name}.json"));
     let text = serde_json::to_vec(request).expect("a request is JSON");
     files::replace(&path, &text).map_err(file("write", &path))
 }
 
-/// A request's file and what it says, or why it cannot be read.
+/// A request's file, and its content or the reason why it cannot be read.
 pub type Pending = (PathBuf, Result<Request, String>);
 
-/// All requests in the order in which they were made; what cannot be read is told and left out.
+/// All pending requests, in the order in which they were made.
 pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
     let folder = run_dir.join(FOLDER);
     let entries = match fs::read_dir(&folder) {
@@ -92,7 +93,7 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
         .collect())
 }
 
-/// Makes the changes that were asked for; what to tell, and the files to remove once it is committed.
+/// Applies all pending requests. Returns events, and the files to remove after the commit.
 pub fn take(
     world: &mut World,
     decider: &mut Decider,
@@ -113,7 +114,7 @@ pub fn take(
     Ok((told, paths))
 }
 
-/// Forgets requests that were taken up.
+/// Removes the files of requests that were applied.
 pub fn remove(paths: &[PathBuf]) -> Result<(), EngineError> {
     for path in paths {
         match fs::remove_file(path) {

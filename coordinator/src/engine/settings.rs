@@ -1,14 +1,14 @@
-//! A patient's plan: what the cohort's files give, with what reruns changed on top.
+//! A patient's plan: the cohort's files with the changes of reruns on top.
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_workflow::patient::Stage;
 use serde_json::Value;
 
-/// `given` with the overrides' tables laid over its settings, key by key.
+/// `given` with the tables of `overrides` laid over its settings, key by key.
 ///
 /// # Errors
-/// The key that makes no sense, in serde's words.
+/// A `serde_json::Error` that names a key which makes no sense.
 pub fn plan(
     given: &ResolvedPatient,
     overrides: &SettingsLayer,
@@ -21,7 +21,7 @@ pub fn plan(
     })
 }
 
-/// Earlier overrides with later ones on top.
+/// Earlier overrides with later ones laid on top.
 ///
 /// # Errors
 /// None in practice: both are JSON already.
@@ -66,7 +66,8 @@ pub fn acts_before(layer: &SettingsLayer, from: Stage) -> Option<(&'static str, 
         .map(|(name, _, stage)| (name, stage))
 }
 
-/// Whether two plans lead to the same tasks: where tasks run and where files lie is no part of them.
+/// Whether two plans lead to the same tasks: executor settings and the paths of traces do not
+/// count.
 #[must_use]
 pub fn same_tasks(a: &ResolvedPatient, b: &ResolvedPatient) -> bool {
     let bare = |plan: &ResolvedPatient| {

@@ -1,4 +1,4 @@
-//! What tables show of a patient.
+//! Columns of a patient in tables.
 
 use super::world::World;
 use crate::store::patients::Shown;
@@ -10,7 +10,7 @@ use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use cardiotwin_workflow::task::Task;
 
 impl World {
-    /// Brings the shown columns of a patient's row up to date with its state.
+    /// Updates the shown columns of a patient's row from the patient's state.
     pub fn show(&mut self, i: usize) {
         let shown = self.shown(i);
         let row = &mut self.patients[i].row;
@@ -95,13 +95,13 @@ impl World {
         shown
     }
 
-    /// How it stands with a wanted task, in a word and a note.
+    /// State of a wanted task, as a word and a note.
     fn at_work(&self, patient_id: i64, key: &TaskKey) -> (&'static str, String) {
         let Some(task) = self.tasks.get(key) else {
             return ("waiting", String::new());
         };
         if let Some((word, note)) = self.jobs.note(patient_id) {
-            // In a job that runs, a patient whose turn has not come waits.
+            // In a running job, a patient whose turn has not come waits.
             let begun = matches!(task.state, Task::Attempting { .. }) || word != "running";
             return if begun {
                 (word, note)
@@ -136,11 +136,11 @@ impl World {
     }
 }
 
-/// The step as the table's column has it.
+/// The step as shown in the table's column.
 fn column(step: Step) -> String {
     match step.stage {
         Stage::Noop => step.to_string(),
-        // For people a part of the step.
+        // To people a proposal is part of its step.
         Stage::Step1Proposal => Stage::Step1.to_string(),
         Stage::Step3Proposal => Stage::Step3.to_string(),
         stage => stage.to_string(),

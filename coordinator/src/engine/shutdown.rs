@@ -1,4 +1,5 @@
-//! Leaving on request: once, short tasks finish; twice, or when they take too long, workers are ended.
+//! Shutdown on request: after the first request short tasks may finish; after the second, or when
+//! they take too long, workers are ended.
 
 use std::time::{Duration, Instant};
 
@@ -8,13 +9,13 @@ use super::local_loop::LocalLoop;
 use super::{EngineError, EngineEvent, StopLevel};
 use crate::dispatch::Executor;
 
-/// How long short tasks may take to finish after the first Ctrl-C.
+/// Time that short tasks have to finish after the first Ctrl-C.
 const DRAIN: Duration = Duration::from_secs(5);
-/// How long workers may take to leave when they are ended.
+/// Time that workers have to leave when they are ended.
 const LEAVE: Duration = Duration::from_secs(2);
 
 impl<E: Executor> LocalLoop<E> {
-    /// The person's wish to stop, and the ends of the times given.
+    /// Reacts to stop requests and to the ends of these times.
     pub(super) fn take_stop(&mut self) -> Result<(), EngineError> {
         let level = self.stop.level();
         self.heard_stop = level;

@@ -1,22 +1,23 @@
-//! Ctrl-C and SIGTERM: once, finish what is cheap and stop cleanly; twice, stop now. Both resume.
+//! Ctrl-C and SIGTERM: the first finishes short tasks and stops cleanly; the second stops now. Both
+//! kinds of stop can be resumed.
 
 use std::io;
 
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// How urgently to stop.
+/// Urgency of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StopLevel {
-    /// Go on.
+    /// Keep running.
     Run,
-    /// Start nothing new, let short tasks finish.
+    /// Start nothing new and let short tasks finish.
     Soon,
     /// End the workers and leave.
     Now,
 }
 
-/// Asks a running engine to stop; clones share the state.
+/// Handle by which a running engine is stopped; clones share the state.
 #[derive(Debug, Clone)]
 pub struct StopSignal {
     level: watch::Sender<StopLevel>,
@@ -40,7 +41,7 @@ impl StopSignal {
     /// A signal that SIGINT and SIGTERM raise, each time by one level.
     ///
     /// # Errors
-    /// When the handlers cannot be installed.
+    /// [`io::Error`] if the handlers cannot be installed.
     pub fn from_signals() -> io::Result<Self> {
         let stop = Self::new();
         for kind in [SignalKind::interrupt(), SignalKind::terminate()] {
@@ -72,7 +73,7 @@ impl StopSignal {
         *self.level.borrow()
     }
 
-    /// Resolves at the next raise above `seen`.
+    /// Resolves as soon as the level is above `seen`.
     pub async fn raised_above(&self, seen: StopLevel) {
         // The sender lives as long as `self`, so that waiting cannot fail.
         let _ = self.level.subscribe().wait_for(|level| *level > seen).await;

@@ -1,19 +1,19 @@
-//! What an engine is given beside its task.
+//! Clock and crash points of an engine.
 
 use super::crash::CrashPoints;
 use crate::clock::Clock;
 
-/// The clock that an engine reads, and where tests let it die.
+/// The clock that an engine reads, and the points where tests let it die.
 #[derive(Debug, Clone, Default)]
 pub struct Surroundings {
-    /// Read for every time that the engine writes down or compares.
+    /// Clock for every time that the engine writes down or compares.
     pub clock: Clock,
-    /// Passed around commits, actions and commands.
+    /// Passed before and after commits, actions and commands.
     pub crash: CrashPoints,
 }
 
 impl Surroundings {
-    /// The wall clock, and crash points as the environment asks.
+    /// The wall clock, and the crash points set in the environment.
     pub fn of_this_process() -> Self {
         Self {
             clock: Clock::Wall,

@@ -1,4 +1,5 @@
-//! Decisions on the mirror: which task a patient wants next, what an attempt's end means, what a request changes.
+//! Decisions on the in-memory mirror: a patient's next task, the consequences of an attempt's end,
+//! the effects of a request.
 
 use std::collections::HashSet;
 
@@ -20,34 +21,34 @@ use crate::dispatch::Evidence;
 use crate::store::outbox::Action;
 use crate::store::patients::PlanRow;
 
-/// How a missing outcome is to be understood.
+/// Circumstance by which a missing outcome is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Circumstance {
-    /// The worker ended under our eyes.
+    /// The worker ended while this coordinator watched it.
     Watched,
-    /// We ended it, or it was found dead at a restart.
+    /// The worker was ended by the coordinator, or found dead at a restart.
     Excused,
 }
 
-/// Decides, and collects what is worth telling once it is committed.
+/// Decides, and collects events to be sent after the commit.
 #[derive(Debug, Default)]
 pub struct Decider {
-    /// To be told after the commit.
+    /// Events to be sent after the commit.
     pub events: Vec<EngineEvent>,
-    /// Patients that are over, among those worked on.
+    /// Number of patients that are over, among those worked on.
     pub over: usize,
-    /// Patients worked on.
+    /// Number of patients worked on.
     pub of: usize,
-    /// Tasks published.
+    /// Number of tasks published.
     pub published: u64,
-    /// How many site failures of a task are forgiven.
+    /// Number of site failures of a task that are forgiven.
     pub site_retries: u32,
-    /// Published tasks that were opened for files that were gone.
+    /// Published tasks that were reopened because their files were gone.
     pub remade: HashSet<TaskKey>,
 }
 
 impl Decider {
-    /// Takes up the cohort's plans: new patients, changed inputs or settings, patients that are gone.
+    /// Takes up the cohort's plans: new patients, changed inputs or settings, removed patients.
     pub fn take_up(
         &mut self,
         world: &mut World,
@@ -79,7 +80,8 @@ impl Decider {
             }
             if world.patients[i].plan_row.given != text {
                 let overrides = self.overrides(world, i)?;
-                // A plan is read from its row when it is needed first: now, while the row still says the old one.
+                // Plans are parsed from their rows on first use. Parse the old plan now, before the
+                // row is overwritten.
                 let _ = world.plan(i);
                 world.patients[i].plan_row.given = text;
                 self.replan(
@@ -109,7 +111,8 @@ impl Decider {
         })
     }
 
-    /// Makes a patient's plan anew; where it leads to other tasks, or `force`, everything is decided anew.
+    /// Makes a patient's plan anew. If it leads to other tasks, or with `force`, the chain is
+    /// decided anew.
     pub(super) fn replan(
         &mut self,
         world: &mut World,
@@ -140,10 +143,10 @@ impl Decider {
         Ok(())
     }
 
-    /// Decides for every patient, and for those that are settled where another program decided last.
+    /// Decides for every patient. Settled patients are skipped if this program decided last.
     ///
-    /// - `program`: which decided last
-    /// - `is_settled`: needs no new decision by the same program
+    /// - `program`: identity of the program that decided last
+    /// - `is_settled`: whether a patient needs no new decision by the same program
     pub fn decide_all(
         &mut self,
         world: &mut World,
@@ -156,14 +159,15 @@ impl Decider {
                 self.decide(world, i)?;
             }
         }
-        // Patients that are not worked on today were not decided: the next run of the whole cohort does it.
+        // Patients that are not selected were not decided, so the identity is stored only after a
+        // run of the whole cohort.
         if !is_the_same && world.patients.iter().all(|p| p.selected || !p.row.active) {
             world.put_meta(DECIDED_BY, program_identity::of_this_program());
         }
         Ok(())
     }
 
-    /// Derives a patient's chain and asks for what it needs next.
+    /// Derives a patient's chain and requests the task that it needs next.
     pub fn decide(&mut self, world: &mut World, i: usize) -> Result<(), EngineError> {
         if !world.patients[i].selected
             || matches!(world.patients[i].row.state, Patient::Cancelled { .. })
@@ -174,7 +178,7 @@ impl Decider {
             let patient = &world.patients[i];
             let evaluation =
                 derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
-            // Each time round a published task is opened, so that it ends.
+            // Each pass reopens a published task, so the loop ends.
             if !self.open_purged(world, i, &evaluation.next)? {
                 break evaluation;
             }
@@ -230,8 +234,8 @@ impl Decider {
         }
     }
 
-    /// A stored state that the derivation does not confirm (another version decides otherwise, a shared task was tried
-    /// again) is left for what is derived.
+    /// Replaces a stored state that the derivation does not confirm, because another version
+    /// decides differently or a shared task was tried again.
     fn align(&mut self, world: &mut World, i: usize, next: &Next) -> Result<(), EngineError> {
         let settled = match &world.patients[i].row.state {
             Patient::Working { task, .. } => world
@@ -306,7 +310,7 @@ impl Decider {
         });
     }
 
-    /// What the end of an attempt means for its task and for those who wait.
+    /// Judges the evidence of an attempt's end and updates its task and the waiting patients.
     pub fn attempt_ended(
         &mut self,
         world: &mut World,
@@ -333,7 +337,8 @@ impl Decider {
                 (AttemptEnding::Failed { failure }, None)
             }
         };
-        // A worker that was stopped by neither us nor a person was stopped by its site.
+        // A worker that was stopped by neither the coordinator nor a person was stopped by its
+        // site.
         let how = match how {
             AttemptEnding::Interrupted if circumstance == Circumstance::Watched => {
                 AttemptEnding::Lost {
@@ -351,7 +356,7 @@ impl Decider {
         )
     }
 
-    /// The end of an attempt, as it is understood, for its task and for those who wait.
+    /// Enters the judged end of an attempt for its task and the waiting patients.
     pub fn attempt_over(
         &mut self,
         world: &mut World,
@@ -363,13 +368,14 @@ impl Decider {
         let Some(task) = world.tasks.get(&attempt.task) else {
             return Ok(());
         };
-        // Late news of an older generation, or of one that is over, changes nothing.
+        // Late news of an older generation, or of an attempt that is over, changes nothing.
         let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
         world.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
         if !current {
             return Ok(());
         }
-        // What the attempt made of it: one that was being cancelled is not lost.
+        // The attempt's machine may have changed the ending: an attempt that was being cancelled is
+        // not lost.
         let how = match world.attempts.get(attempt).map(|a| &a.state) {
             Some(Attempt::Done { how }) => how.clone(),
             _ => how,
@@ -459,7 +465,7 @@ impl Decider {
         Ok(())
     }
 
-    /// A patient that was over is worked on again.
+    /// Counts a patient that was over as unfinished again.
     pub(super) fn reopen(&mut self, world: &World, i: usize) {
         if world.patients[i].selected && world.patients[i].row.state.is_final() {
             self.over -= 1;
@@ -467,7 +473,7 @@ impl Decider {
     }
 }
 
-/// A patient waits for a task; an open one is ready to be begun.
+/// Registers a patient as waiting for a task, and marks an open task as ready.
 fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
     let position = world.patients[i].row.position;
     let Some(task) = world.tasks.get_mut(key) else {
@@ -481,7 +487,7 @@ fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
     }
 }
 
-/// What a published step brought, for a person.
+/// Result of a published step in a few words, for a person.
 fn note(world: &World, i: usize, step: Step) -> String {
     let chain = &world.patients[i].chain;
     match step.stage {

@@ -1,4 +1,4 @@
-//! Following the `progress.jsonl` of running attempts.
+//! Reading of the `progress.jsonl` of running attempts.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -7,17 +7,17 @@ use std::time::Instant;
 
 use cardiotwin_schemas::progress::Progress;
 
-/// The tail of one attempt's progress.
+/// Reader of one attempt's progress.
 #[derive(Debug)]
 pub struct Tail {
     path: PathBuf,
     offset: u64,
-    /// When it last grew, or was opened.
+    /// Time of the last growth, or of the opening.
     pub grew: Instant,
 }
 
 impl Tail {
-    /// Of an attempt's directory.
+    /// Starts reading the progress of the attempt in `directory`.
     #[must_use]
     pub fn of(directory: &Path) -> Self {
         Self {
@@ -27,7 +27,8 @@ impl Tail {
         }
     }
 
-    /// The last complete line that was not told yet. Progress is for people: what cannot be read is passed over.
+    /// The last complete line since the previous call; `None` if there is none. Progress is only
+    /// informative, so unreadable lines are skipped.
     pub fn next(&mut self) -> Option<Progress> {
         let mut file = File::open(&self.path).ok()?;
         if file.metadata().ok()?.len() <= self.offset {

@@ -1,4 +1,5 @@
-//! A run keeps the worker that it began with: results of two versions in one cohort would not be comparable without a word.
+//! A run keeps the worker with which it began, because results of two versions in one cohort are
+//! not comparable.
 
 use std::path::Path;
 
@@ -10,17 +11,19 @@ use super::programs::first_line;
 use super::world::World;
 use crate::store::Writer;
 
-/// Keys among the single values.
+/// Keys of version and hash among the store's single values.
 const VERSION: &str = "worker_version";
 const SHA256: &str = "worker_sha256";
 
-/// Records the worker where the run has none yet, and refuses another one while there is something left to do. Where nothing is,
-/// the refusal is returned: it holds if decisions find that a finished patient wants other tasks now.
+/// Records the worker if the run has none yet, and refuses another one while work is left. If no
+/// work is left, the refusal is returned: it applies if a finished patient turns out to need other
+/// tasks.
 ///
-/// - `adopts`: go on with this worker, whatever it is
+/// - `adopts`: whether to continue with this worker, whatever it is
 ///
 /// # Errors
-/// [`EngineError::OtherWorker`]; the store's; the worker's file.
+/// [`EngineError::OtherWorker`] for another worker; further errors if the store or the worker's
+/// file cannot be read.
 pub async fn keep(
     writer: &mut Writer,
     world: &World,
@@ -69,7 +72,7 @@ pub async fn keep(
             ),
             found: name(&version, &sha256),
         };
-        // Nothing will be computed: the record stays.
+        // Nothing will be computed, so the recorded worker stays.
         return if is_over {
             Ok(Some(refusal))
         } else {

@@ -1,5 +1,6 @@
-//! What the store holds, mirrored in memory, and the one way to change it: feed an event to a machine, which logs the
-//! event, marks the row and puts the machine's actions in the outbox. [`World::flush`] makes a batch of all that.
+//! In-memory mirror of the store, and the only way to change it: an event is fed to a state
+//! machine, the event is logged, the row is marked, and the machine's actions go to the outbox.
+//! [`World::flush`] turns the changes into a batch.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ use crate::store::patients::{ChainRow, PatientRow, PlanRow};
 use crate::store::steps::StepRow;
 use crate::store::{Batch, Loaded};
 
-/// All of it.
+/// The mirror of all rows.
 #[derive(Debug)]
 pub struct World {
     pub run_dir: PathBuf,
@@ -35,16 +36,18 @@ pub struct World {
     pub by_name: HashMap<String, usize>,
     pub tasks: HashMap<TaskKey, TaskEntry>,
     pub attempts: HashMap<AttemptId, AttemptEntry>,
-    /// Open tasks that somebody waits for, by place in the cohort: the first patients finish first.
+    /// Open tasks with waiting patients, by position in the cohort: the first patients finish
+    /// first.
     pub ready: BTreeSet<(i64, TaskKey)>,
-    /// Actions of committed batches that are still to be done, oldest first.
+    /// Actions of committed batches that are still to be executed, oldest first.
     pub outbox: Vec<(i64, Action)>,
     /// Jobs of a cluster.
     pub jobs: Jobs,
     pub by_id: HashMap<i64, usize>,
     pub allocation: i64,
     pub now_ms: i64,
-    /// The refusal of another worker than the run's: raised where a patient that was finished wants something computed.
+    /// Refusal of a worker other than the run's. It is raised if a finished patient needs a
+    /// computation.
     pub refused_worker: Option<EngineError>,
     fresh_actions: Vec<Action>,
     next_action: i64,
@@ -55,10 +58,11 @@ pub struct World {
     batch: Batch,
 }
 
-/// Folder of the attempts in a run's: a link where they lie on a file system of their own.
+/// Folder of the attempts in the run's folder: a link if they are on a file system of their own.
 pub const ATTEMPTS: &str = "attempts";
 
-/// A settled task as the chain sees it, from either set of books; none while it is open.
+/// A settled task as the chain sees it, for the coordinator's mirror and the driver's ledger;
+/// `None` while the task is not settled.
 pub fn settled<'a>(
     key: &TaskKey,
     state: &'a Task,
@@ -86,7 +90,7 @@ pub fn settled<'a>(
     }
 }
 
-/// Where an attempt's files lie, relative to the run directory.
+/// Directory of an attempt, relative to the run directory.
 pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     let key = attempt.task.as_str();
     format!(
@@ -98,7 +102,7 @@ pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
 }
 
 impl World {
-    /// States of the patients that are worked on.
+    /// States of the selected patients.
     pub fn selected_states(&self) -> impl Iterator<Item = &Patient> {
         self.patients
             .iter()
@@ -106,7 +110,7 @@ impl World {
             .map(|p| &p.row.state)
     }
 
-    /// Raises the refusal of the worker at hand where a patient that is worked on is not finished.
+    /// Raises the refusal of the present worker if a selected patient is not finished.
     pub fn need_a_worker(&mut self) -> Result<(), EngineError> {
         let all_final = self.selected_states().all(Patient::is_final);
         let refused = self.refused_worker.take().filter(|_| !all_final);
@@ -118,7 +122,7 @@ impl World {
         self.batch.put_meta(key, value);
     }
 
-    /// From what the store holds.
+    /// Mirrors the rows of the store.
     pub fn new(run_dir: &Path, loaded: Loaded, now_ms: i64) -> Result<Self, EngineError> {
         let mut steps = loaded.steps;
         let mut patients = Vec::with_capacity(loaded.patients.len());
@@ -206,7 +210,7 @@ impl World {
         })
     }
 
-    /// A patient's plan.
+    /// Plan of a patient, parsed on first use.
     pub fn plan(&self, i: usize) -> Result<&ResolvedPatient, EngineError> {
         let patient = &self.patients[i];
         if let Some(plan) = patient.plan.get() {
@@ -223,7 +227,7 @@ impl World {
         Ok(patient.plan.get_or_init(|| plan))
     }
 
-    /// Replaces a patient's plan; what is in `plan_row` must say the same.
+    /// Replaces a patient's plan. `plan_row` must hold the same plan.
     pub fn set_plan(&mut self, i: usize, plan: ResolvedPatient) {
         let patient = &mut self.patients[i];
         patient.plan = OnceLock::from(plan);
@@ -231,7 +235,7 @@ impl World {
         self.dirty_patients.insert(i);
     }
 
-    /// A patient that the store does not know.
+    /// Adds a patient that the store does not have. Returns its index.
     pub fn add_patient(
         &mut self,
         name: &str,
@@ -272,7 +276,7 @@ impl World {
         i
     }
 
-    /// A task, made if the store does not know it.
+    /// Adds a task unless it exists.
     pub fn add_task(&mut self, key: &TaskKey, spec: &TaskSpec) {
         if self.tasks.contains_key(key) {
             return;
@@ -292,7 +296,7 @@ impl World {
         self.dirty_tasks.insert(key.clone());
     }
 
-    /// A step of a patient's chain is this task (now).
+    /// Links a step of a patient's chain to a task, in place of an earlier one.
     pub fn link(&mut self, i: usize, step: Step, key: &TaskKey) {
         let patient = &mut self.patients[i];
         if patient.steps.get(&step) == Some(key) {
@@ -316,7 +320,7 @@ impl World {
         settled(key, &task.state, || task.outcome(), &self.run_dir)
     }
 
-    /// A patient at work waits for its task: known to the store through the patient's state alone.
+    /// Registers a working patient with its task. The store holds this only in the patient's state.
     pub fn await_present_task(&mut self, i: usize) {
         let Patient::Working { task, .. } = &self.patients[i].row.state else {
             return;
@@ -333,12 +337,12 @@ impl World {
         self.run_dir.join(attempt_directory(attempt))
     }
 
-    /// Feeds a patient's machine.
+    /// Feeds an event to a patient's machine.
     pub fn patient_event(&mut self, i: usize, event: PatientEvent) -> Result<(), EngineError> {
         let patient = &mut self.patients[i].row;
         let (state, actions) = patient.state.clone().on(event.clone())?;
         if state == patient.state && actions.is_empty() {
-            return Ok(()); // an observation that changed nothing
+            return Ok(()); // an observation without effect
         }
         patient.state = state;
         let id = patient.id;
@@ -350,7 +354,8 @@ impl World {
         Ok(())
     }
 
-    /// A patient does not wait any more; a task that nobody waits for is not worth an attempt.
+    /// Removes a patient from the waiters of a task. An attempt at a task without waiters is
+    /// cancelled.
     fn release(&mut self, i: usize, key: &TaskKey) -> Result<(), EngineError> {
         let position = self.patients[i].row.position;
         self.ready.remove(&(position, key.clone()));
@@ -377,7 +382,7 @@ impl World {
         Ok(())
     }
 
-    /// Feeds a task's machine.
+    /// Feeds an event to a task's machine.
     pub fn task_event(&mut self, key: &TaskKey, event: TaskEvent) -> Result<(), EngineError> {
         let Some(task) = self.tasks.get_mut(key) else {
             return Ok(());
@@ -392,7 +397,7 @@ impl World {
         Ok(())
     }
 
-    /// Keeps what an attempt left for its task.
+    /// Stores the outcome that settles a task.
     pub fn keep_outcome(&mut self, key: &TaskKey, outcome: TaskOutcome, text: String) {
         if let Some(task) = self.tasks.get_mut(key) {
             task.outcome_text = Some(text);
@@ -402,7 +407,7 @@ impl World {
         }
     }
 
-    /// Feeds an attempt's machine.
+    /// Feeds an event to an attempt's machine.
     pub fn attempt_event(
         &mut self,
         id: &AttemptId,
@@ -436,7 +441,7 @@ impl World {
                 AttemptAction::Stop => Action::Stop { attempt },
             });
         }
-        // What `status` shows of those who wait depends on the attempt.
+        // The rows of the waiting patients show the state of the attempt.
         if let Some(task) = self.tasks.get(&id.task) {
             self.dirty_patients.extend(task.waiters.iter().copied());
         }
@@ -466,13 +471,13 @@ impl World {
         Ok(id)
     }
 
-    /// Takes back the wish to hand an attempt over: a job of a cluster has begun it.
+    /// Withdraws the submission of an attempt that a job of the cluster has begun.
     pub(super) fn drop_submission(&mut self, id: &AttemptId) {
         self.fresh_actions
             .retain(|action| !matches!(action, Action::Submit { attempt } if attempt == id));
     }
 
-    /// Remembers who claimed an attempt.
+    /// Stores the claim of an attempt.
     pub fn claimed(&mut self, id: &AttemptId, claim: Claim) {
         if let Some(attempt) = self.attempts.get_mut(id) {
             attempt.claim = Some(claim);
@@ -480,12 +485,12 @@ impl World {
         }
     }
 
-    /// Puts an action in the outbox of the next commit.
+    /// Adds an action to the outbox of the next commit.
     pub fn put_action(&mut self, action: Action) {
         self.fresh_actions.push(action);
     }
 
-    /// Marks an action as done in the next commit.
+    /// Marks an action as executed in the next commit.
     pub fn action_done(&mut self, id: i64) {
         self.batch.actions_done([id]);
     }
@@ -516,7 +521,8 @@ impl World {
         });
     }
 
-    /// Everything that changed since the last flush, as one batch; the mirror takes it for committed.
+    /// Turns all changes since the last flush into one batch, which the mirror then counts as
+    /// committed.
     pub fn flush(&mut self) -> Batch {
         for i in std::mem::take(&mut self.dirty_patients) {
             self.show(i);

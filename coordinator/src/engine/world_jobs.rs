@@ -1,4 +1,5 @@
-//! What jobs do to the books: their machines, the patients placed in them, the attempts that they began.
+//! Effects of jobs on the mirror: their state machines, the patients placed in them, the attempts
+//! that they began.
 
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
@@ -12,7 +13,7 @@ use crate::store::cluster_jobs::{Allotment, JobRow, JobSpec, SeenElement};
 use crate::store::outbox::Action;
 
 impl World {
-    /// A job whose name is to be durable before the scheduler hears of it.
+    /// Adds a job, whose name must be committed before the scheduler receives it.
     pub fn intend_job(&mut self, name: String, spec: JobSpec) {
         let n_elements = spec.elements.len();
         let row = JobRow {
@@ -29,7 +30,7 @@ impl World {
         self.put_action(Action::SubmitJob { job: name });
     }
 
-    /// Feeds a job's machine.
+    /// Feeds an event to a job's machine.
     pub fn job_event(&mut self, name: &str, event: JobEvent) -> Result<(), EngineError> {
         let Some(row) = self.jobs.rows.get_mut(name) else {
             return Ok(());
@@ -63,7 +64,8 @@ impl World {
         Ok(())
     }
 
-    /// A patient's plan leads to other tasks: what its job does is stale, and what it spent was for another one.
+    /// Resets a patient's allotment after its plan changed: its job is stale, and spent retries
+    /// belonged to other tasks.
     pub fn plan_changed(&mut self, i: usize) {
         let patient_id = self.patients[i].row.id;
         let plans = self.jobs.allotment(patient_id).plans + 1;
@@ -76,7 +78,8 @@ impl World {
         );
     }
 
-    /// What `status` shows of the patients of a job, or of one element of it, follows from the job.
+    /// Marks the patients of a job, or of one element of it, because their rows show the state of
+    /// the job.
     pub fn touch_placed(&mut self, name: &str, element: Option<usize>) {
         let Some(row) = self.jobs.rows.get(name) else {
             return;
@@ -94,7 +97,7 @@ impl World {
         patients.into_iter().for_each(|i| self.touch(i));
     }
 
-    /// The end of an element was taken up: its patients are free.
+    /// Frees the patients of an element whose end was dealt with.
     pub fn element_settled(&mut self, name: &str, element: usize) {
         self.jobs.see(name, element, |seen| seen.settled = true);
         let Some(row) = self.jobs.rows.get_mut(name) else {
@@ -113,7 +116,7 @@ impl World {
         }
     }
 
-    /// An attempt that a job began: as [`World::begin`], but nobody needs to hand it over.
+    /// Begins an attempt that a job has begun already: as [`World::begin`], without a submission.
     pub fn begin_found(
         &mut self,
         key: &TaskKey,
@@ -127,7 +130,7 @@ impl World {
         Ok(id)
     }
 
-    /// An attempt of a job's, seen to have begun.
+    /// Records that a job's attempt was seen to have begun.
     pub fn attempt_seen(&mut self, id: &AttemptId, external: &str) -> Result<(), EngineError> {
         let accepted = AttemptEvent::Accepted {
             id: external.into(),
@@ -138,7 +141,7 @@ impl World {
         }
     }
 
-    /// Elements of jobs that are not over and whose end was not taken up.
+    /// Elements of jobs that are not over.
     pub fn elements_at_work(&self) -> Vec<(String, usize)> {
         let rows = self.jobs.rows.values();
         rows.flat_map(|row| {

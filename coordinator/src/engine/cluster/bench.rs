@@ -1,7 +1,9 @@
-//! What a cluster costs on our side: ticks over many living jobs, status and restart of many samples.
+//! Benchmark of the coordinator's own time on a cluster: ticks over many live jobs, status and
+//! restart of many samples.
 //!
-//! Slurm is its model, which answers in the words of a real one; the time in which it makes up its answers is not counted.
-//! Everything else is as in a run: the store, the folders of the jobs with the claims of their drivers, the attempts.
+//! Slurm is replaced by its model, which answers in Slurm's formats; the time that the model takes
+//! to answer is not counted. Everything else is as in a run: the store, the job folders with the
+//! drivers' claims, the attempts.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -26,53 +28,56 @@ use crate::engine::in_job_loop::{DriverPlace, drive_job};
 use crate::engine::surroundings::Surroundings;
 use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
 
-/// What to measure.
+/// Options of the benchmark of a cluster.
 #[derive(Debug, Clone)]
 pub struct ClusterBenchOptions {
-    /// Where the runs are made; must be empty or absent.
+    /// Folder in which the runs are made; must be empty or absent.
     pub folder: PathBuf,
-    /// Living jobs, half of which run.
+    /// Number of live jobs, half of which run.
     pub jobs: usize,
-    /// Samples, each a task of its own.
+    /// Number of samples, each a task of its own.
     pub samples: usize,
 }
 
-/// What was found.
+/// Results of the benchmark of a cluster.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClusterBenchResult {
-    /// Living jobs.
+    /// Number of live jobs.
     pub jobs: usize,
-    /// The tick that placed and submitted them.
+    /// Cost of the tick that placed and submitted them.
     pub submit: TickCost,
-    /// The tick that saw half of them begin, and what each had begun.
+    /// Cost of the tick that saw half of them begin, each with a begun task.
     pub news: TickCost,
-    /// A tick in which nothing had happened, the slowest of five.
+    /// Cost of a tick in which nothing had happened, the slowest of five.
     pub quiet: TickCost,
-    /// The tick that saw one in a hundred of them fail, and submitted those again.
+    /// Cost of the tick that saw one in a hundred of the running jobs fail and submitted them
+    /// again.
     pub failures: TickCost,
-    /// Samples.
+    /// Number of samples.
     pub samples: usize,
-    /// Their in-process run, coordinator's time for each, µs.
+    /// Coordinator's time per sample in their in-process run, µs.
     pub us_per_sample: f64,
-    /// One screen of their status: counted, the first 60 read, best of five, ms.
+    /// Time to read one screen of their status (all counted, the first 60 rows read), best of five,
+    /// ms.
     pub status_ms: f64,
-    /// Reading the status of every one of them and writing it as JSON, best of five, ms.
+    /// Time to read the status of all samples and write it as JSON, best of five, ms.
     pub status_json_ms: f64,
-    /// From the start of a coordinator to its first commit, with all of them loaded, s.
+    /// Time from the start of a coordinator to its first commit, with all samples loaded, s.
     pub restart_s: f64,
 }
 
-/// What a tick cost.
+/// Cost of a tick.
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct TickCost {
-    /// Our time: opening the store, looking, deciding, committing, closing it, ms.
+    /// Coordinator's time for opening the store, observing, deciding, committing and closing it,
+    /// ms.
     pub ours_ms: f64,
-    /// Commands asked, by program.
+    /// Number of commands run, by program.
     pub commands: BTreeMap<&'static str, u32>,
 }
 
 impl TickCost {
-    /// Questions, without what submits or cancels.
+    /// Number of queries, that is of commands other than `sbatch` and `scancel`.
     #[must_use]
     pub fn questions(&self) -> u32 {
         self.commands
@@ -83,14 +88,14 @@ impl TickCost {
     }
 }
 
-/// Measures.
+/// Measures ticks over the jobs, then the run, the status and the restart of the samples.
 ///
 /// # Errors
-/// The engine's.
+/// [`EngineError`] if a tick or a run fails.
 pub async fn cluster(options: &ClusterBenchOptions) -> Result<ClusterBenchResult, EngineError> {
     let stand = Stand::new(options)?;
     let submit = stand.tick().await?;
-    // Drivers of those that have begun: each claims its place, and begins its first task.
+    // Drivers of the started jobs: each claims its place and begins its first task.
     stand.model().advance(3);
     stand.begin_all().await?;
     let news = stand.tick().await?;
@@ -128,7 +133,7 @@ pub async fn cluster(options: &ClusterBenchOptions) -> Result<ClusterBenchResult
             "a status names every sample"
         );
     }
-    // Asked to stop before it begins: what remains is the way in (and out).
+    // The run is asked to stop before it begins, so only its start-up and shutdown are measured.
     let stop = StopSignal::new();
     stop.ask();
     stop.ask();
@@ -194,12 +199,13 @@ fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
     }
 }
 
-/// Single jobs of a core each: arrays would make it too easy.
+/// Profile that allows only single jobs of one core, since job arrays would make the ticks too
+/// cheap.
 const SITE: &str = "name = \"model\"\ndescription = \"a model of Slurm\"\nscheduler = \"slurm\"\n\
                     node = { cores = 1, memory_mib = 4000, unit = \"core\" }\narrays = { allowed = false }\n\
                     [[queue]]\nname = \"q\"\nqos = \"normal\"\nuses = [\"chunks\", \"simulations\"]\nwalltime = \"24:00:00\"\n";
 
-/// A run on the model.
+/// A run on the model of Slurm.
 struct Stand {
     options: RunOptions,
     slurm: Modelled,
@@ -293,7 +299,7 @@ impl Stand {
         })
     }
 
-    /// Drivers of all that have begun, up to where each works at its first task.
+    /// Runs the driver of each started job up to the moment when it works at its first task.
     async fn begin_all(&self) -> Result<(), EngineError> {
         let runs = self.model().runs().to_vec();
         for (n, run) in runs.into_iter().enumerate() {
@@ -318,7 +324,7 @@ impl Stand {
         Ok(())
     }
 
-    /// One in a hundred of what runs dies without a word.
+    /// Lets every 50th running job end with exit code 1 without a final record of its driver.
     fn fail_some(&self) {
         let mut model = self.model();
         let names: Vec<String> = model
@@ -337,18 +343,18 @@ impl Stand {
                 },
             );
         }
-        model.advance(5); // and accounting has heard of it
+        model.advance(5); // long enough for accounting to list them as well
     }
 }
 
-/// What was asked, and how long the model took.
+/// Commands that were asked, and the time that the model took to answer them.
 #[derive(Debug, Default)]
 struct Log {
     asked: BTreeMap<&'static str, u32>,
     spent: Duration,
 }
 
-/// The model of Slurm, with a clock beside it.
+/// The model of Slurm, with a log of its commands and of its own time.
 #[derive(Debug, Clone)]
 struct Modelled {
     model: Arc<Mutex<Model>>,
@@ -359,7 +365,7 @@ impl Scheduler for Modelled {
     async fn ask(&mut self, command: &Command) -> Output {
         let began = Instant::now();
         let output = match command.program {
-            // What a site tells of itself: nothing.
+            // The model has no configuration to report, so these answers are empty.
             "scontrol" | "sacctmgr" => Output {
                 exit: Exit::Code(0),
                 stdout: String::new(),
@@ -377,7 +383,7 @@ impl Scheduler for Modelled {
     }
 }
 
-/// A worker that goes on working.
+/// A worker that keeps working and never ends.
 struct AtWork {
     begun: Arc<Notify>,
     holds: bool,

@@ -1,16 +1,17 @@
-//! Slurm that does not answer is left alone for a while: a controller in trouble is not helped by more questions, and each of
-//! ours may hang for a minute.
+//! Circuit breaker for Slurm: after several commands without an answer, no command is sent for a
+//! while. More queries do not help a controller in trouble, and each of them may hang for a minute.
 
 use super::Cluster;
 use crate::clock;
 use crate::dispatch::slurm::Scheduler;
 
-/// Commands in a row without an answer after which it is left alone.
+/// Number of consecutive commands without an answer after which Slurm is left alone.
 const PATIENCE: u32 = 3;
-/// Longest time that it is left alone, ms.
+/// Longest pause, ms.
 const LONGEST_MS: i64 = 3_600_000;
 
-/// How long Slurm is left alone after so many commands in a row without an answer; `None`: not yet.
+/// Length of the pause after `silent` consecutive commands without an answer, ms; `None` if no
+/// pause is due yet.
 pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
     let further = silent.checked_sub(PATIENCE)?;
     let grace_ms = i64::try_from(grace_s)
@@ -24,13 +25,13 @@ pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
 }
 
 impl<S: Scheduler> Cluster<S> {
-    /// Whether Slurm is to be left alone at present.
+    /// Whether a pause is in effect.
     pub(super) fn leaves_slurm_alone(&self) -> bool {
         self.world.now_ms < self.report.asks_again_ms
     }
 
-    /// Takes down whether a command was answered: after [`PATIENCE`] in a row that were not, Slurm is left alone for the
-    /// grace time, twice as long after each further one.
+    /// Records whether a command was answered. After [`PATIENCE`] consecutive commands without an
+    /// answer, Slurm is left alone for the grace time, which doubles with each further one.
     pub(super) fn answered(&mut self, unanswered: Option<&str>) {
         let Some(why) = unanswered else {
             (self.report.silent, self.report.asks_again_ms) = (0, 0);

@@ -1,5 +1,5 @@
-//! What is left to do will take on the disk: bytes and inodes of attempts, by what those of this run took, before that by
-//! those of the bundled cohort.
+//! Estimate of the disk space that the remaining work takes: bytes and inodes of attempts, from the
+//! measured attempts of this run, or else from those of the bundled cohort.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,14 +16,14 @@ use super::mesh_size;
 use crate::engine::EngineError;
 use crate::engine::world::{ATTEMPTS, World};
 
-/// So many measured attempts of a kind tell enough.
+/// Number of measured attempts of a kind that suffices for a mean.
 const ENOUGH: usize = 20;
-/// Nodal traces of a beat in 3D, bytes for each node of the mesh: 03-CoA with 500 and 1,000 nodes, the larger of its beats
-/// (1 ms steps, 917 ms), which leave 28 to 30 kB.
+/// Nodal traces of a beat in 3D, bytes per node of the mesh. Patient 03-CoA with 500 and 1,000
+/// nodes, the longer of its beats (1 ms steps, 917 ms): 28 to 30 kB.
 const BYTES_PER_NODE: f64 = 30_000.0;
-/// `ventricle.bin` and what else step 0 leaves, bytes for each node.
+/// `ventricle.bin` and the other files of step 0, bytes per node.
 const STEP0_BYTES_PER_NODE: f64 = 490.0;
-/// Attempts of 03-CoA on the reduced ventricle, by kind: bytes, and files with their folders.
+/// Attempts of 03-CoA on the reduced ventricle, by kind: bytes, and number of files and folders.
 const GUESSED: [(&str, f64, f64); 8] = [
     ("passive-state", 8_000.0, 7.0),
     ("organ-beat", 590_000.0, 9.0),
@@ -34,31 +34,32 @@ const GUESSED: [(&str, f64, f64); 8] = [
     ("cell-fit", 320_000.0, 10.0),
     ("noop", 2_000.0, 5.0),
 ];
-/// An attempt of any other kind.
+/// Size of an attempt of any other kind: bytes, and number of files and folders.
 const OTHER: (f64, f64) = (1_000_000.0, 8.0);
 
-/// What the tasks that are left are expected to leave.
+/// Disk space that the remaining tasks are expected to take.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct DiskNeed {
-    /// Bytes.
+    /// Size, bytes.
     pub bytes: f64,
-    /// Files and folders.
+    /// Number of files and folders.
     pub inodes: f64,
-    /// Kinds of tasks whose attempts in this run were measured.
+    /// Kinds of tasks whose attempts were measured in this run.
     pub measured: Vec<String>,
-    /// Kinds that were guessed.
+    /// Kinds of tasks whose size is a guess.
     pub guessed: Vec<String>,
-    /// Free where the run lies, bytes; absent where the file system does not tell.
+    /// Free space on the file system of the attempts, bytes; `None` if the file system does not
+    /// report it.
     pub free_bytes: Option<u64>,
-    /// Free inodes there; absent where the file system makes them as it needs them.
+    /// Free inodes there; `None` if the file system allocates inodes on demand.
     pub free_inodes: Option<u64>,
 }
 
 impl DiskNeed {
-    /// Of these patients, by their places in the cohort.
+    /// Estimate for the given patients, by their indices in `world.patients`.
     ///
     /// # Errors
-    /// A plan that cannot be read.
+    /// [`EngineError::Plan`] if a stored plan cannot be read.
     pub fn of(world: &World, patients: impl Iterator<Item = usize>) -> Result<Self, EngineError> {
         let measured = measured(world);
         let mut room = Self::default();
@@ -96,7 +97,7 @@ impl DiskNeed {
         Ok(room)
     }
 
-    /// In words, with what is short.
+    /// The estimate in words, with a warning if bytes or inodes run short.
     #[must_use]
     pub fn words(&self) -> String {
         let basis = match (self.measured.is_empty(), self.guessed.is_empty()) {
@@ -129,7 +130,7 @@ impl DiskNeed {
     }
 }
 
-/// Mean bytes and inodes of this run's attempts, by kind.
+/// Mean bytes and inodes of this run's published attempts, by kind.
 fn measured(world: &World) -> BTreeMap<String, (f64, f64)> {
     let mut seen: BTreeMap<String, (usize, f64, f64)> = BTreeMap::new();
     for (key, task) in &world.tasks {
@@ -152,7 +153,7 @@ fn measured(world: &World) -> BTreeMap<String, (f64, f64)> {
         .collect()
 }
 
-/// Of a folder with all that is in it; none where it is not there (any more).
+/// Bytes and inodes of a folder with everything in it; `None` if it does not exist (any more).
 fn size(folder: &Path) -> Option<(f64, f64)> {
     let (mut bytes, mut inodes) = (0.0, 1.0);
     for entry in fs::read_dir(folder).ok()?.flatten() {
@@ -226,7 +227,8 @@ mod tests {
             both.guessed == ["step3-proposal"] && both.measured.contains(&"organ-beat".to_owned()),
             "{both:?}"
         );
-        // Of each attempt: 6 files, and 4 folders with its own. Three proposals of step 3 are guessed.
+        // Each attempt leaves 6 files and 4 folders, its own included. Three proposals of step 3
+        // are guessed.
         let tasks = (both.inodes - 3.0 * 5.0) / 10.0;
         assert!(
             tasks.fract() == 0.0 && (5.0..20.0).contains(&tasks),

@@ -1,4 +1,4 @@
-//! What a site is like before anything is submitted: for `doctor`.
+//! Examines a site before anything is submitted, for `doctor`.
 
 use cardiotwin_schemas::settings::SlurmSettings;
 use cardiotwin_slurm::answers::{config, qos};
@@ -9,34 +9,34 @@ use super::profile::load_site;
 use crate::dispatch::slurm::{Installed, Scheduler as _};
 use crate::engine::EngineError;
 
-/// What profile and site say.
+/// What the profile and the site itself report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SiteReport {
     /// Slurm's version and the cluster's name.
     pub version: String,
-    /// Why Slurm did not answer, where it did not.
+    /// Reason why Slurm did not answer; `None` if it did.
     pub silent: Option<String>,
-    /// Limits that bind tighter than the profile says, and what else matters.
+    /// Limits of the site that are tighter than the profile's, and further remarks.
     pub remarks: Vec<String>,
-    /// Queues of the profile.
+    /// Queues of the profile, in its order.
     pub queues: Vec<QueueReport>,
 }
 
 /// A queue of the profile.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QueueReport {
-    /// Our name for it.
+    /// Name of the queue in the profile.
     pub name: String,
-    /// Its limits, in words.
+    /// Limits in words.
     pub limits: String,
-    /// What the site does not know of it.
+    /// Note that the site has no QoS of the queue's name; `None` if it has one or none is set.
     pub missing: Option<String>,
 }
 
-/// Reads the profile and asks the site.
+/// Reads the profile and queries the site.
 ///
 /// # Errors
-/// [`EngineError::Site`] where there is no such profile, or it is wrong.
+/// [`EngineError::Site`] if the profile does not exist or is wrong.
 pub async fn examine_site(settings: &SlurmSettings) -> Result<SiteReport, EngineError> {
     let mut site = load_site(settings)?;
     let mut scheduler = Installed::default();

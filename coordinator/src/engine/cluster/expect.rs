@@ -1,4 +1,4 @@
-//! How long tasks are expected to take: the longest that were measured in this run, before that a guess.
+//! Expected duration of tasks: the longest that was measured in this run, or else a guess.
 
 use std::collections::BTreeMap;
 
@@ -11,18 +11,19 @@ use cardiotwin_workflow::task::Task;
 use super::mesh_size;
 use crate::engine::world::World;
 
-/// So many measured tasks of a kind tell enough.
+/// Number of measured tasks of a kind that suffices.
 const ENOUGH: usize = 20;
-/// One thread's time of a beat of the finite-element ventricle, s for each node of the mesh (docs/benchmarks.md).
+/// Time of one thread for a beat of the finite-element ventricle, s per node of the mesh
+/// (docs/benchmarks.md).
 const S_PER_NODE: f64 = 0.1;
-/// A beat of an external solver, before one was measured, s.
+/// Guess for a beat of an external solver before one was measured, s.
 const EXTERNAL_S: f64 = 3600.0;
-/// Iterations of step 1 that a patient is expected to need (SPEC section 5: two to four, and one more).
+/// Expected number of iterations of step 1 (SPEC section 5: two to four, plus one).
 const ITERATIONS: usize = 5;
-/// Simulations of step 3, until it has ended.
+/// Expected number of simulations of step 3.
 const STEP3_ITERATIONS: usize = 3;
 
-/// Expected seconds by a task's kind.
+/// Expected seconds by kind of task.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Expectations {
     measured: BTreeMap<String, f64>,
@@ -30,7 +31,7 @@ pub struct Expectations {
 }
 
 impl Expectations {
-    /// From what this run measured, and what its settings say.
+    /// Collects measured wall times of this run and the guess from its settings.
     #[must_use]
     pub fn of(world: &World, settings: &ExecutorSettings) -> Self {
         let mut seen: BTreeMap<String, (usize, f64)> = BTreeMap::new();
@@ -60,14 +61,15 @@ impl Expectations {
         let guess = match plan.settings.solver.fidelity {
             _ if self.simulation_s > 0.0 => self.simulation_s,
             Fidelity::Reduced => 1.0,
-            // Nothing is known of it until the first has ended: `executor.slurm.simulation_s` says more.
+            // No better guess exists before the first beat has ended; `executor.slurm.simulation_s`
+            // sets one.
             Fidelity::External => EXTERNAL_S,
             Fidelity::FiniteElement => f64::from(mesh_size::nodes(plan)) * S_PER_NODE,
         };
         self.measured.get("organ-beat").copied().unwrap_or(guess)
     }
 
-    /// One task of a patient's.
+    /// Expected duration of one task of a patient, s.
     #[must_use]
     pub fn task_s(&self, kind: &str, plan: &ResolvedPatient) -> f64 {
         if let Some(measured) = self.measured.get(kind) {
@@ -75,7 +77,7 @@ impl Expectations {
         }
         match kind {
             "organ-beat" => self.beat_s(plan),
-            // Step 0 of an external solver is that of the reduced ventricle.
+            // With an external solver, step 0 runs on the reduced ventricle.
             "passive-state" if plan.settings.solver.fidelity == Fidelity::External => 3.0,
             "passive-state" => 3.0 * self.beat_s(plan),
             "step1-proposal" | "step3-proposal" | "posterior" | "cell-fit" | "cell-sweep" => 60.0,
@@ -84,7 +86,7 @@ impl Expectations {
         }
     }
 
-    /// All kinds of a patient's chain, for its driver.
+    /// Expected seconds for all kinds of a patient's chain, for the driver.
     #[must_use]
     pub fn by_kind(&self, plan: &ResolvedPatient) -> BTreeMap<String, f64> {
         let kinds = [
@@ -105,7 +107,7 @@ impl Expectations {
             .collect()
     }
 
-    /// What is left of a patient's chain.
+    /// Expected duration of the rest of a patient's chain, s; at least 0.1.
     #[must_use]
     pub fn rest_s(&self, plan: &ResolvedPatient, chain: &Chain) -> f64 {
         let task = |kind: &str| match &plan.workflow {
@@ -124,7 +126,7 @@ impl Expectations {
     }
 }
 
-/// Tasks that are left of a patient's chain, by kind.
+/// Number of remaining tasks of a patient's chain, by kind.
 #[must_use]
 pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)> {
     match &plan.workflow {

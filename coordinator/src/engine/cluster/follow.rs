@@ -1,5 +1,5 @@
-//! Following chains by what drivers left: attempts' directories are found by the keys that the chain derives, so that
-//! nothing needs to be told.
+//! Brings chains up to date from the attempt directories that drivers left. The directories follow
+//! from the task keys that the chain derives, so drivers need not report anything.
 
 use cardiotwin_protocol::closing;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
@@ -13,7 +13,8 @@ use crate::engine::EngineError;
 use crate::engine::transitions::Circumstance;
 
 impl<S: Scheduler> Cluster<S> {
-    /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.
+    /// Takes up everything that is there for a patient: begun attempts, their outcomes, and the
+    /// tasks that follow.
     pub(super) fn follow(&mut self, i: usize) -> Result<(), EngineError> {
         while let Some(key) = present_task(&self.world, i) {
             if !self.follow_task(&key)? {
@@ -23,7 +24,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// One step further with a task; false where nothing new is found.
+    /// Advances a task by one step; false if nothing new was found.
     fn follow_task(&mut self, key: &TaskKey) -> Result<bool, EngineError> {
         let Some(task) = self.world.tasks.get(key) else {
             return Ok(false);
@@ -55,7 +56,7 @@ impl<S: Scheduler> Cluster<S> {
                     self.take_up(&at_work, evidence)?;
                     return Ok(true);
                 }
-                // A further job went past it, after it was revoked: it can publish nothing.
+                // A later job went past this attempt after revoking it, so it can publish nothing.
                 let passed = folder::is_begun(&self.world.directory(&attempt(generation + 1)));
                 if passed && closing::is_revoked(&directory) {
                     self.interrupt(&at_work, "a later job went past it")?;
@@ -66,7 +67,7 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// Ends an attempt that can publish nothing, charged to nobody.
+    /// Ends an attempt that can publish nothing, without counting it against the retries.
     pub(super) fn interrupt(&mut self, attempt: &AttemptId, why: &str) -> Result<(), EngineError> {
         let class = cardiotwin_schemas::failure::FailureClass::Site;
         let evidence = Evidence::Nothing {
@@ -76,7 +77,7 @@ impl<S: Scheduler> Cluster<S> {
         self.take_up(attempt, evidence)
     }
 
-    /// Takes up what an attempt left, as of an attempt that no coordinator watched.
+    /// Takes up the evidence of an attempt that no coordinator watched.
     pub(super) fn take_up(
         &mut self,
         attempt: &AttemptId,

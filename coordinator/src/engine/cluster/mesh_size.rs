@@ -1,4 +1,5 @@
-//! How many nodes a patient's mesh has: as asked for where it is generated, as its file says where it is the patient's own.
+//! Number of nodes of a patient's mesh: the requested one for a generated mesh, the one in the file
+//! for the patient's own.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -6,11 +7,12 @@ use std::path::Path;
 
 use cardiotwin_schemas::plan::ResolvedPatient;
 
-/// The count stands in a file's first lines; of Gmsh's files the names and entities stand before it.
+/// Bytes read from the head of a mesh file. The count is in its first lines; in Gmsh's files the
+/// names and entities precede it.
 const HEAD_BYTES: u64 = 1 << 20;
 
-/// Nodes of the mesh of a patient in 3D. An own mesh whose file does not say counts as one that is generated: the
-/// figure decides what a job is given, not what is computed.
+/// Number of nodes of the mesh of a patient in 3D. If the file of a patient's own mesh does not
+/// state it, the requested number is used: it decides the resources of a job, not the results.
 #[must_use]
 pub fn nodes(plan: &ResolvedPatient) -> u32 {
     let own = plan
@@ -47,7 +49,7 @@ fn of_file(path: &Path) -> Option<u32> {
             .next()?
             .parse()
             .ok(),
-        // One number in version 2; blocks, nodes, first and last tag in version 4.
+        // Version 2 has the count alone; version 4 has blocks, nodes, first and last tag.
         "msh" => {
             let line = text.split_once("$Nodes")?.1.trim_start().lines().next()?;
             let numbers: Vec<&str> = line.split_whitespace().collect();

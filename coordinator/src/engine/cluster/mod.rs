@@ -1,11 +1,13 @@
-//! The coordinator's tick with a cluster: observe, decide, commit, act, and end. Nothing has to stay alive between two
-//! ticks; a tick may be killed anywhere and the next one goes on.
+//! The coordinator's tick on a cluster: observe, decide, commit, act, and end. No process has to
+//! stay alive between two ticks. A tick may be killed anywhere, and the next one continues.
 //!
 //! ```text
-//!  observe: attempts and jobs by what they left ([`follow`], [`observe`]); one squeue, at most one sacct; jobs that ended
-//!           are revoked, once their end is committed, so that what they left stands still
-//!  decide:  chains as ever (`Decider`), what ended jobs mean for their patients ([`settle`]), new jobs ([`place`])
-//!  commit:  events, states, names of new jobs, actions, in one transaction
+//!  observe: attempts and jobs by the files they left ([`follow`], [`observe`]); one squeue, at
+//!           most one sacct; jobs that ended are revoked once their end is committed, so that
+//!           their files do not change any more
+//!  decide:  chains as everywhere (`Decider`), consequences of ended jobs ([`settle`]), new jobs
+//!           ([`place`])
+//!  commit:  events, states, names of new jobs and actions, in one transaction
 //!  act:     fences, scancel, sbatch ([`submit`])
 //! ```
 
@@ -60,27 +62,28 @@ pub struct Cluster<S> {
     scheduler: S,
     site: Site,
     settings: ExecutorSettings,
-    /// The worker's executable, as compute nodes see it.
+    /// Path of the worker's executable, as compute nodes see it.
     worker: PathBuf,
-    /// This program's, which is the driver inside the allocations.
+    /// Path of this program, which is also the driver inside the allocations.
     program: PathBuf,
     events: EventSender,
     surroundings: Surroundings,
-    /// What the queue said in this tick.
+    /// Answer of squeue in this tick; `None` if it was not asked or did not answer.
     queue: Option<Table<QueueRow>>,
-    /// Whether the site said that it has no accounting.
+    /// Whether the site reported that it has no accounting.
     no_accounting: bool,
     report: ClusterReport,
     submitted: u64,
-    /// Names made by this process.
+    /// Number of job names made by this process.
     names: u32,
 }
 
 impl<S: Scheduler> Cluster<S> {
-    /// A run that was opened, on a cluster; `programs` are worker and driver as compute nodes see them.
+    /// Wraps an opened run. `programs` are the paths of worker and driver as compute nodes see
+    /// them.
     ///
     /// # Errors
-    /// The store's.
+    /// [`EngineError::Store`] if the store cannot be read or written.
     pub async fn new(
         (mut writer, mut world, decider): (Writer, World, Decider),
         scheduler: S,
@@ -128,7 +131,7 @@ impl<S: Scheduler> Cluster<S> {
     /// One tick.
     ///
     /// # Errors
-    /// [`EngineError`]; what was committed stays.
+    /// Any [`EngineError`]; what was committed before stays committed.
     pub async fn tick(&mut self) -> Result<(), EngineError> {
         self.world.now_ms = self.surroundings.clock.now_ms();
         self.report.commands = 0;
@@ -146,7 +149,8 @@ impl<S: Scheduler> Cluster<S> {
         self.commit().await
     }
 
-    /// What every coordinator does first: who waits for what, and a decision for every patient that is not over.
+    /// Registers which patient waits for which task and decides for every patient that is not
+    /// over, as every coordinator does first.
     pub async fn begin(&mut self) -> Result<(), EngineError> {
         for i in 0..self.world.patients.len() {
             self.world.await_present_task(i);
@@ -165,7 +169,8 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Ticks until every patient is over, or `stop` is raised.
+    /// Ticks until every patient is over or `stop` is raised. The pause between two ticks doubles
+    /// while nothing changes.
     ///
     /// # Errors
     /// As [`Cluster::tick`].
@@ -193,7 +198,7 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// Ticks until no job is asked to end any more.
+    /// Ticks until every job that was asked to end has ended.
     ///
     /// # Errors
     /// As [`Cluster::tick`].
@@ -214,7 +219,7 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// Whether nothing is left to do: every selected patient is over, and no job lives.
+    /// Whether nothing is left to do: every selected patient is over, and no job is live.
     pub fn is_over(&self) -> bool {
         self.world
             .patients
@@ -225,7 +230,7 @@ impl<S: Scheduler> Cluster<S> {
             && self.world.outbox.is_empty()
     }
 
-    /// Commits everything that was decided, then tells it.
+    /// Commits everything that was decided, then sends the events.
     pub(super) async fn commit(&mut self) -> Result<(), EngineError> {
         let mut batch = self.world.flush();
         let report = serde_json::to_string(&self.report).expect("a report is JSON");
@@ -234,18 +239,18 @@ impl<S: Scheduler> Cluster<S> {
         self.writer.commit(&mut batch).await?;
         self.pass("after a commit")?;
         for event in self.decider.events.drain(..) {
-            // Nobody may be listening.
+            // There may be no receiver.
             let _ = self.events.send(event);
         }
         Ok(())
     }
 
-    /// A crash point.
+    /// Passes a crash point.
     pub(super) fn pass(&self, place: &str) -> Result<(), EngineError> {
         self.surroundings.crash.pass(place)
     }
 
-    /// Runs a command of the scheduler's.
+    /// Runs a command of the scheduler, between two crash points.
     pub(super) async fn run_command(&mut self, command: &Command) -> Result<Output, EngineError> {
         self.pass("before a command")?;
         let output = self.scheduler.ask(command).await;
@@ -267,12 +272,12 @@ impl<S: Scheduler> Cluster<S> {
     /// Closes the database.
     ///
     /// # Errors
-    /// The store's.
+    /// [`EngineError::Store`] if the database cannot be closed.
     pub async fn close(self) -> Result<(), EngineError> {
         Ok(self.writer.close_file().await?)
     }
 
-    /// What became of the patients.
+    /// Counts the patients by their states, for the end of the process.
     #[must_use]
     pub fn summary(&self, began: Instant, stopped: bool) -> RunSummary {
         let mut summary = RunSummary {

@@ -1,4 +1,4 @@
-//! What became of jobs: their own evidence first, then one squeue, then at most one sacct.
+//! Observes jobs: the files that they left first, then one squeue, then at most one sacct.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -24,12 +24,13 @@ use crate::dispatch::slurm::folder::JobFolder;
 use crate::engine::EngineError;
 use crate::store::cluster_jobs::SeenElement;
 
-/// More names than this are not listed to sacct: all of the user's jobs are asked for.
+/// With more names than this, sacct is asked for all jobs of the user instead of a list.
 const MOST_NAMES: usize = 1000;
-/// The database may believe a job alive that the controller has forgotten: for so many graces.
+/// Number of grace times to wait while accounting says that a job is alive and the queue does not
+/// list it.
 const GRACES_OF_A_DISPUTE: i64 = 10;
 
-/// By name and element: of a large array each element finds its own rows.
+/// Rows by name and element, so that each element of a large array finds its own rows.
 type Queued = HashMap<(String, Option<u32>), Table<QueueRow>>;
 type Accounted = HashMap<String, Table<AccountingRow>>;
 
@@ -76,7 +77,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Asks, and remembers whether there was an answer.
+    /// Runs a query and records whether squeue was answered.
     async fn ask<T>(
         &mut self,
         command: commands::Command,
@@ -95,7 +96,8 @@ impl<S: Scheduler> Cluster<S> {
             }
             Err(error) => {
                 self.no_accounting |= error.says_no_accounting();
-                // Without accounting sacct never answers: the queue and the jobs themselves have to do.
+                // Without accounting sacct never answers, so its silence does not count: queue and
+                // job folders have to suffice.
                 if command.program == "squeue" {
                     self.report.no_answer = Some(error.to_string());
                     self.answered(Some(&error.to_string()));
@@ -125,7 +127,7 @@ impl<S: Scheduler> Cluster<S> {
             .await
     }
 
-    /// What an element left in its folder.
+    /// Takes up the files that an element left in its folder.
     fn own_evidence(&mut self, name: &str, element: usize) -> Result<(), EngineError> {
         let Some(row) = self.world.jobs.rows.get(name) else {
             return Ok(());
@@ -150,7 +152,7 @@ impl<S: Scheduler> Cluster<S> {
         else {
             return Ok(());
         };
-        // Who told it to stop only the scheduler knows.
+        // Only the scheduler knows who told the driver to stop.
         if ends.iter().any(|end| end.because == DriverEnding::Stopped) {
             return Ok(());
         }
@@ -175,7 +177,7 @@ impl<S: Scheduler> Cluster<S> {
             .job_event(name, JobEvent::Ended { element, ending })
     }
 
-    /// A job that was being submitted when the coordinator ended.
+    /// A submission that was interrupted by the end of the coordinator becomes doubtful.
     fn interrupted_submission(&mut self, name: &str) -> Result<(), EngineError> {
         let intended = self
             .world
@@ -208,7 +210,7 @@ impl<S: Scheduler> Cluster<S> {
         (name.to_owned(), self.wanted(name, element).element)
     }
 
-    /// Whether the queue alone leaves open what became of an element.
+    /// Whether the fate of an element cannot be told from the queue alone.
     fn needs_accounting(&self, name: &str, element: usize, queued: Option<&Queued>) -> bool {
         let Some(row) = self.world.jobs.rows.get(name) else {
             return false;
@@ -222,7 +224,7 @@ impl<S: Scheduler> Cluster<S> {
             None,
         ) {
             JobStatus::Alive(_) => false,
-            // Who cancelled it, and with which code it failed, only accounting tells.
+            // Only accounting has the canceller and the exit code.
             JobStatus::Ended(ended) => {
                 ended.exit.is_none()
                     && matches!(ended.state, SlurmState::Cancelled | SlurmState::Failed)
@@ -308,7 +310,8 @@ impl<S: Scheduler> Cluster<S> {
                 .ended(element, node)
                 .is_some_and(|end| end.because == DriverEnding::OutOfTime)
         });
-        // Of what never could start accounting may never hear; the rest it will tell, however late.
+        // Accounting may never list a job that could not start. Any other job appears there,
+        // however late.
         let graces = match ended.accounting {
             Accounting::Disagrees | Accounting::Silent if !self.no_accounting => {
                 GRACES_OF_A_DISPUTE
@@ -433,7 +436,7 @@ impl<S: Scheduler> Cluster<S> {
             (_, Some(Element::Unknown { since_ms, .. })) if over(*since_ms) => {
                 self.world.job_event(name, JobEvent::GiveUp { element })
             }
-            // Asked to end, and gone: that was what was wanted.
+            // The element was asked to end and is gone, as wanted.
             (_, Some(Element::Stopping)) if absent && self.left_its_last_word(name, element) => {
                 let ending = Ending {
                     cause: None,
@@ -444,7 +447,7 @@ impl<S: Scheduler> Cluster<S> {
             }
             _ => {
                 self.look(name, element, |seen| seen.why.clone_from(&why));
-                // Silence of the scheduler is no news of the job.
+                // A silent scheduler says nothing about the job.
                 if !matches!(
                     unknown,
                     Unknown::NotListed {
@@ -471,7 +474,7 @@ impl<S: Scheduler> Cluster<S> {
         folder.started(element, 0).is_none() || folder.ended(element, 0).is_some()
     }
 
-    /// What was seen of an element is shown with its patients.
+    /// Updates what was seen of an element and marks its patients' rows, which show it.
     fn look(&mut self, name: &str, element: usize, change: impl FnOnce(&mut SeenElement)) {
         if self.world.jobs.see(name, element, change) {
             self.world.touch_placed(name, Some(element));
@@ -479,7 +482,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
-/// What a class of failure is to people.
+/// Cause of a site failure as people see it.
 fn cause_of(class: Class) -> SiteCause {
     match class {
         Class::Walltime => SiteCause::Walltime,
@@ -493,7 +496,8 @@ fn cause_of(class: Class) -> SiteCause {
     }
 }
 
-/// A table's rows by what they are looked up by; what could not be read is everybody's doubt, under the empty key.
+/// Groups the rows of a table by a key. Unreadable lines may concern any row, so they are kept with
+/// every group and alone under the default key.
 fn by_key<Row, Key: Hash + Eq + Default>(
     table: Table<Row>,
     key: impl Fn(&Row) -> Key,
@@ -517,7 +521,7 @@ fn by_key<Row, Key: Hash + Eq + Default>(
     tables
 }
 
-/// The rows of one key; without any, the answer itself still counts.
+/// Rows of one key. Without any, the group of the default key still shows that there was an answer.
 fn of_key<'a, Row, Key: Hash + Eq + Default>(
     tables: Option<&'a HashMap<Key, Table<Row>>>,
     key: &Key,

@@ -1,4 +1,4 @@
-//! Placing patients into jobs: what waits, packed for the site, and no more than its limits take.
+//! Places waiting patients into jobs, packed for the site and within its limits.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -22,17 +22,17 @@ use cardiotwin_workflow::task::Task;
 /// A job that would be submitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedJob {
-    /// What is asked for.
+    /// Resources and patients of the job.
     pub spec: JobSpec,
-    /// Patients of each element, by their place in the cohort.
+    /// Patients of each element, as indices into the world's patients.
     pub patients: Vec<Vec<usize>>,
-    /// How long an element is expected to work, s.
+    /// Expected working time of an element, s.
     pub predicted_s: f64,
-    /// Whether it is of this wave; others are submitted once jobs have ended.
+    /// Whether the job belongs to this wave. Other jobs are submitted once earlier ones have ended.
     pub now: bool,
 }
 
-/// Patients whose jobs are alike.
+/// Key of a group of patients whose jobs get the same resources.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Like {
     in_3d: bool,
@@ -43,7 +43,7 @@ struct Like {
 }
 
 impl<S: Scheduler> Cluster<S> {
-    /// Makes jobs of the patients that wait, and commits to their names.
+    /// Packs waiting patients into jobs and puts these with their names into the next commit.
     pub(super) async fn place(&mut self) -> Result<(), EngineError> {
         self.world.jobs.holds = None;
         let waiting = waiting(&self.world);
@@ -55,7 +55,7 @@ impl<S: Scheduler> Cluster<S> {
         }
         self.discover().await?;
         let Some(queue) = &self.queue else {
-            // Limits count all of the user's jobs: without an answer nobody knows what there is room for.
+            // Limits apply to all jobs of the user, so without an answer the free room is unknown.
             let why = self.report.no_answer.clone().unwrap_or_default();
             self.hold(Some(format!(
                 "nothing is submitted while the queue does not answer: {why}"
@@ -63,7 +63,7 @@ impl<S: Scheduler> Cluster<S> {
             return Ok(());
         };
         let (rows, intended) = (queue.rows.clone(), self.intended());
-        // Names that are durable and not in the queue yet take their room, too.
+        // Jobs whose names are committed but which are not yet in the queue take room, too.
         let in_use = |queue: &Queue| in_use(queue, &rows, intended);
         let expected = Expectations::of(&self.world, &self.settings);
         let jobs = plan_jobs(
@@ -107,7 +107,7 @@ impl<S: Scheduler> Cluster<S> {
         self.world.jobs.holds = why;
     }
 
-    /// A name that no job ever had: the cohort, the time, the process, a number.
+    /// A name that no job has had: cohort, time, process id and a counter.
     fn fresh_name(&mut self) -> String {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
         let run = self
@@ -129,7 +129,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
-/// What of a queue the user takes already: jobs of ours and others alike.
+/// Share of a queue's limits that the user's jobs take, whether they belong to this run or not.
 pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
     let mut used = InUse {
         queued: intended,
@@ -164,7 +164,7 @@ pub fn wants_place(world: &World, i: usize) -> bool {
         && present_task(world, i).is_some_and(|key| open(&key))
 }
 
-/// The task that a patient waits for.
+/// Task that a patient waits for.
 pub fn present_task(world: &World, i: usize) -> Option<TaskKey> {
     match &world.patients[i].row.state {
         Patient::Working { task, .. } => Some(task.clone()),
@@ -172,7 +172,8 @@ pub fn present_task(world: &World, i: usize) -> Option<TaskKey> {
     }
 }
 
-/// Patients that want a place, one for each task: who wants the same waits for it.
+/// Patients that want a place, one per task: patients that want the same task wait for the same
+/// job.
 pub fn waiting(world: &World) -> Vec<usize> {
     let is_placed = |i: &usize| world.jobs.placed.contains_key(&world.patients[*i].row.id);
     let placed = (0..world.patients.len()).filter(is_placed);
@@ -185,10 +186,10 @@ pub fn waiting(world: &World) -> Vec<usize> {
     waiting
 }
 
-/// Jobs for these patients.
+/// Packs patients into jobs.
 ///
 /// # Errors
-/// [`EngineError::Site`] where the site has no queue for the work, or a patient fits into no job.
+/// [`EngineError::Site`] if the site has no queue for the work, or a patient fits into no job.
 pub fn plan_jobs(
     world: &World,
     patients: &[usize],
@@ -282,7 +283,7 @@ impl Group<'_> {
     fn choices(&self) -> Choices {
         let slurm = &self.settings.slurm;
         let bundle_nodes = Some(slurm.bundle_nodes).filter(|n| *n > 0);
-        // Start, end, and the warning, which Slurm may give a minute early.
+        // Time to start and to end, plus the warning, which Slurm may send a minute early.
         let overhead_s = 2 * (slurm.warning_s + 60);
         Choices {
             good_length_s: slurm.job_s,
@@ -298,7 +299,7 @@ impl Group<'_> {
             .rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
     }
 
-    /// Patients side by side on a whole node.
+    /// Number of patients side by side on a whole node.
     fn lanes(&self) -> u32 {
         let fit = (self.site.node.cores / self.like.threads.max(1)).max(1);
         self.like.lanes.unwrap_or(fit).clamp(1, fit)
@@ -364,14 +365,14 @@ impl Group<'_> {
         }
     }
 
-    /// Simulations into jobs of many whole nodes, as many on each as it has cores for: every node takes the next patient
-    /// when it is free.
+    /// Packs simulations into jobs of many whole nodes, with as many on each node as its cores
+    /// allow. Every node takes the next patient when it is free.
     fn bundles(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
         let mut rests = Vec::with_capacity(patients.len());
         for &i in patients {
             rests.push((self.rest_s(i)?, i));
         }
-        // Those of a node are alike, so that none of them waits long for the last.
+        // Patients of similar length share a node, so that none waits long for the last of them.
         rests.sort_by(|a, b| b.0.total_cmp(&a.0));
         let loads: Vec<&[(f64, usize)]> = rests.chunks(self.lanes() as usize).collect();
         let ranks = self.site.node.cores;
@@ -418,14 +419,14 @@ impl Group<'_> {
             .collect())
     }
 
-    /// Work of cores, many patients to an element, elements to arrays.
+    /// Packs work for single cores: many patients per element, many elements per array.
     fn chunks(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
         let mut rests = Vec::with_capacity(patients.len());
         for &i in patients {
             rests.push(self.rest_s(i)?);
         }
         let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
-        // Of a node, the time of a core: a patient takes as many cores as it has threads.
+        // Core time on a node: a patient takes as many cores as it has threads.
         let share = if whole_nodes {
             f64::from(self.like.threads)
         } else {
@@ -437,7 +438,8 @@ impl Group<'_> {
             samples_per_block: 1,
             s_per_sample: mean_s,
         };
-        // No chunk may be longer than a job, and where one chain is, its driver leaves off and goes on in another.
+        // A chunk may not be longer than a job. If a single chain is, its driver leaves off and
+        // continues in another job.
         let mut choices = self.choices();
         let longest_s =
             self.queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety;

@@ -1,4 +1,5 @@
-//! What a tick would submit: jobs, node-hours, expected end and the exact scripts, before anything is.
+//! Shows what a tick would submit, before anything is submitted: jobs, node-hours, expected end and
+//! the exact scripts.
 
 use std::path::Path;
 
@@ -21,60 +22,62 @@ use crate::engine::world::World;
 use crate::engine::{EngineError, RunOptions};
 use crate::store::Writer;
 
-/// What would be submitted.
+/// Jobs and costs that a tick would cause.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlannedRun {
-    /// The site.
+    /// Name of the site.
     pub site: String,
-    /// What the site told that its profile does not say, and what could not be asked.
+    /// Limits that the site reported beyond its profile, and queries that failed.
     pub remarks: Vec<String>,
     /// Jobs, those of this wave first.
     pub jobs: Vec<PlannedRow>,
-    /// Patients that are over, or in jobs already.
+    /// Number of selected patients that are over or already in jobs.
     pub others: usize,
-    /// Node-hours of all jobs.
+    /// Expected node-hours of all jobs.
     pub node_hours: f64,
-    /// What they are charged.
+    /// Charge for these node-hours, in `charge_unit`.
     pub charge: f64,
-    /// In what.
+    /// Unit of `charge`, from the site's profile.
     pub charge_unit: String,
-    /// From the start of the first job to the end of the last, s, if the queue gave at once all that its limits allow.
+    /// Time from the start of the first job to the end of the last, s, if the queue granted at once
+    /// all that its limits allow.
     pub finish_after_s: f64,
-    /// What the attempts of all patients that are not over will take on the disk.
+    /// Disk space that the attempts of all unfinished patients will take.
     pub disk: DiskNeed,
 }
 
 /// A job that would be submitted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlannedRow {
-    /// Queue.
+    /// Name of the queue in the profile.
     pub queue: String,
-    /// Elements of the array; 1 where it is none.
+    /// Number of elements of the array; 1 for a single job.
     pub elements: usize,
-    /// Elements at once, where that is throttled.
+    /// Largest number of elements at once, if the array is throttled.
     pub at_once: Option<u32>,
-    /// Nodes of each.
+    /// Nodes of each element.
     pub nodes: u32,
-    /// Cores of each, where single ones are given.
+    /// Cores of each element on a queue that gives single cores.
     pub cores: u32,
     /// Walltime, s.
     pub walltime_s: u64,
-    /// How long each is expected to work, s.
+    /// Expected working time of each element, s.
     pub predicted_s: f64,
     /// Expected node-hours of all elements.
     pub node_hours: f64,
-    /// Patients.
+    /// Number of patients in all elements.
     pub patients: usize,
-    /// Whether it would be submitted now; others follow once jobs have ended.
+    /// Whether it would be submitted now. Other jobs follow once earlier ones have ended.
     pub now: bool,
-    /// The batch script; the name is made at the submission.
+    /// The batch script, with a provisional name: the real one is made at submission.
     pub script: String,
 }
 
-/// Plans as a tick would, and submits nothing.
+/// Plans as a tick would, without submitting anything.
 ///
 /// # Errors
-/// [`EngineError`].
+/// [`EngineError`] if the profile, the store or a plan cannot be read, or a patient fits into no
+/// job.
 pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun, EngineError> {
     let run_dir = std::path::absolute(&options.run_dir).unwrap_or_else(|_| options.run_dir.clone());
     let mut site = load_site(&options.executor.slurm)?;

@@ -1,4 +1,5 @@
-//! The site's profile: shipped ones by name, others by path, with what the site tells laid over it.
+//! Profiles of sites: shipped ones by name, others by path, refined by the limits that the site
+//! reports.
 
 use cardiotwin_schemas::settings::SlurmSettings;
 use cardiotwin_slurm::answers::{Exit, Output, config, qos};
@@ -24,15 +25,15 @@ const SHIPPED: [(&str, &str); 3] = [
         include_str!("../../../../deploy/sites/laptop.toml"),
     ),
 ];
-/// What the site told is asked for again after this time, ms.
+/// Time after which the site is asked for its limits again, ms.
 const TOLD_FOR_MS: i64 = 24 * 3600 * 1000;
-/// Keys of what it told, among the single values.
+/// Keys of the site's answers among the store's single values.
 const TOLD: [&str; 3] = ["site_told_ms", "site_config", "site_qos"];
 
-/// The profile that the settings name.
+/// Loads the profile that the settings name.
 ///
 /// # Errors
-/// [`EngineError::Site`] naming file and key.
+/// [`EngineError::Site`] with the file and the key at fault.
 pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
     let name = &settings.site;
     let wrong = |message: String| EngineError::Site { message };
@@ -88,7 +89,8 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
 }
 
 impl<S: Scheduler> Cluster<S> {
-    /// Lays over the profile what the site tells; asked for once a day, since it hardly changes.
+    /// Refines the profile by the limits that the site reports. The site is asked once a day, since
+    /// these hardly change.
     pub async fn discover(&mut self) -> Result<(), EngineError> {
         let meta = self.writer.meta().await?;
         let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
@@ -103,7 +105,7 @@ impl<S: Scheduler> Cluster<S> {
         } else {
             let config = self.run_command(&commands::config()).await?;
             let qos = self.run_command(&commands::qos()).await?;
-            // What did not answer is asked again at the next tick.
+            // If the site did not answer, it is asked again at the next tick.
             if config.exit == Exit::Code(0) {
                 remember(
                     &mut self.writer,
@@ -122,7 +124,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
-/// Lays over a profile what the site tells now; what it changed.
+/// Refines a profile by the limits that the site reports now. Returns what this changed.
 pub async fn discover_now(site: &mut Site, scheduler: &mut impl Scheduler) -> Vec<String> {
     let config = config::read(&scheduler.ask(&commands::config()).await).ok();
     let rows = qos::read(&scheduler.ask(&commands::qos()).await)

@@ -1,4 +1,5 @@
-//! What the end of a job means for its patients: nothing, another job with what was learned, or a failure that stays.
+//! Consequences of the end of a job for its patients: none, another job with adjusted resources, or
+//! a permanent failure.
 
 use cardiotwin_protocol::closing;
 use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
@@ -20,7 +21,7 @@ use crate::store::cluster_jobs::{JobRow, Placed, id_text};
 use crate::store::outbox::Action;
 
 impl<S: Scheduler> Cluster<S> {
-    /// Elements that ended and whose end was not taken up yet.
+    /// Elements that ended and whose patients were not dealt with yet.
     fn ended_elements(&self) -> Vec<(String, usize, Ending)> {
         let rows = self.world.jobs.rows.values();
         rows.flat_map(|row| {
@@ -34,8 +35,9 @@ impl<S: Scheduler> Cluster<S> {
         .collect()
     }
 
-    /// Revokes the elements that ended, and the attempts that they left unfinished: what these did not publish before they
-    /// never will. The ends are committed first, so that a tick that is killed here does the same again.
+    /// Revokes the elements that ended, and the attempts that they left unfinished: an attempt that
+    /// had not published by then never will. The ends are committed first, so that a tick that is
+    /// killed here does the same again.
     pub(super) async fn revoke_ended(&mut self) -> Result<(), EngineError> {
         let ended = self.ended_elements();
         if ended.is_empty() {
@@ -57,7 +59,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Takes up the ends of elements that were revoked.
+    /// Deals with the patients of the elements that were revoked.
     pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
         for (name, element, ending) in self.ended_elements() {
             self.settle(&name, element, &ending)?;
@@ -114,7 +116,8 @@ impl<S: Scheduler> Cluster<S> {
                 && (anybody || matches!(row.state.submission, Submission::Void { .. }))
                 && ending.cause != Some(SiteCause::Refused)
             {
-                // Its turn did not come, or the job never was one: nothing happened to it.
+                // The patient's turn did not come, or the job never existed: nothing happened to
+                // the patient.
                 if ending.cause == Some(SiteCause::Cancelled) {
                     self.cancelled_by_person(i, name)?;
                 }
@@ -126,7 +129,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// The attempt at a patient's present task, where this job began it.
+    /// The attempt at a patient's present task, if this job began it.
     fn attempt_of(&self, i: usize, job: &str) -> Option<AttemptId> {
         let task = present_task(&self.world, i)?;
         let Task::Attempting { generation, .. } = self.world.tasks.get(&task)?.state else {
@@ -137,12 +140,12 @@ impl<S: Scheduler> Cluster<S> {
         (allocation.job == job).then_some(attempt)
     }
 
-    /// Settled tasks of a patient's chain.
+    /// Number of settled tasks of a patient's chain.
     pub(super) fn settled_tasks(&self, i: usize) -> usize {
         self.world.patients[i].chain.steps().count()
     }
 
-    /// What follows for a patient that the job did not bring to its end.
+    /// Consequences for a patient whose chain the job did not finish.
     fn follows(
         &mut self,
         i: usize,
@@ -164,7 +167,8 @@ impl<S: Scheduler> Cluster<S> {
             Some(SiteCause::Defect) => Class::Panic,
             _ if defect => Class::Panic,
             Some(SiteCause::Unexplained) => Class::Unexplained,
-            // The job came to its end: what it left had too little time, or a worker that died.
+            // The job ended in order: its remaining patients had too little time, or a worker that
+            // died.
             None if interrupted.is_none() => Class::Walltime,
             None => Class::Unexplained,
         };
@@ -258,7 +262,7 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// Why the driver left a patient, in its words, and whether its worker died of a defect.
+    /// Reason for which the driver left a patient, and whether its worker died of a defect.
     fn left_because(&self, i: usize, row: &JobRow, element: usize) -> (Option<String>, bool) {
         let folder = JobFolder::of(&self.world.run_dir, &row.name);
         let id = PatientId(self.world.patients[i].row.patient.clone());
@@ -271,7 +275,8 @@ impl<S: Scheduler> Cluster<S> {
         )
     }
 
-    /// A failure of the site's that stays: the attempt at the present task ends with it, or one that never began.
+    /// Fails a patient's present task for good: through the interrupted attempt, or through a new
+    /// one that never began.
     fn fail(
         &mut self,
         i: usize,
@@ -286,7 +291,7 @@ impl<S: Scheduler> Cluster<S> {
             None => {
                 let generation = self.world.tasks[&key].state.generation() + 1;
                 let attempt = self.world.begin_found(&key, generation)?;
-                // Nothing of this generation may come into being any more.
+                // No driver may begin this generation any more.
                 self.world.put_action(Action::Stop {
                     attempt: attempt.clone(),
                 });
@@ -302,7 +307,8 @@ impl<S: Scheduler> Cluster<S> {
         )
     }
 
-    /// A person cancelled its job at the scheduler: as if he had cancelled the patient here.
+    /// A person cancelled the job with `scancel`. This counts as `cardiotwin cancel` of its
+    /// patient.
     fn cancelled(
         &mut self,
         i: usize,
@@ -331,7 +337,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Elements none of whose patients is worked on any more are cancelled at the scheduler.
+    /// Cancels elements at the scheduler whose patients are all unwanted or done.
     pub(super) fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
         for (name, element) in self.world.elements_at_work() {
             let row = &self.world.jobs.rows[&name];

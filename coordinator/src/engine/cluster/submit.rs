@@ -1,4 +1,5 @@
-//! Doing what was committed to be done: fences, cancellations, submissions. Every action may come twice.
+//! Executes the committed actions of a tick: fences, cancellations, submissions. Every action may
+//! be executed twice.
 
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, Standing};
@@ -23,16 +24,16 @@ use cardiotwin_workflow::cluster_job::{JobEvent, Submission};
 use cardiotwin_workflow::task::Task;
 use std::path::Path;
 
-/// Whether submitting goes on in this tick.
+/// Whether submission continues in this tick.
 enum Room {
-    /// It does.
+    /// The queue takes jobs.
     Open,
     /// The queue is full, or the scheduler does not answer: the rest waits for the next tick.
     Closed,
 }
 
 impl<S: Scheduler> Cluster<S> {
-    /// Does the actions of committed batches.
+    /// Executes the actions of committed batches.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         let mut cancelled: Vec<(i64, String, usize)> = Vec::new();
         let mut room = if self.leaves_slurm_alone() {
@@ -42,7 +43,8 @@ impl<S: Scheduler> Cluster<S> {
         };
         let actions = std::mem::take(&mut self.world.outbox);
         let mut kept = Vec::new();
-        // Fences first: what is submitted below may go past what they stop.
+        // Fences come first, because jobs that are submitted below may go past the attempts that
+        // they stop.
         let (fences, others): (Vec<_>, Vec<_>) = actions.into_iter().partition(|(_, action)| {
             matches!(action, Action::FenceJob { .. } | Action::Stop { .. })
         });
@@ -68,7 +70,7 @@ impl<S: Scheduler> Cluster<S> {
                         continue;
                     }
                 }
-                // Attempts of jobs are begun by their drivers.
+                // Drivers begin the attempts of jobs.
                 Action::Submit { .. } => {}
             }
             self.pass("after an action")?;
@@ -80,7 +82,8 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Revokes an attempt that is not wanted any more; an outcome that was published first is taken up.
+    /// Revokes an attempt that is not wanted any more. An outcome that was published first is taken
+    /// up.
     fn stop(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
         let directory = self.world.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
@@ -99,7 +102,7 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// One scancel for all; what is not known by a number is cancelled by its name.
+    /// Cancels all given elements with one scancel, and jobs without a known number by their names.
     async fn cancel(
         &mut self,
         wanted: Vec<(i64, String, usize)>,
@@ -135,7 +138,7 @@ impl<S: Scheduler> Cluster<S> {
         for (id, job, element) in wanted {
             match done {
                 true => self.world.action_done(id),
-                // Asked again at the next tick.
+                // The cancellation is repeated at the next tick.
                 false => kept.push((id, Action::CancelJob { job, element })),
             }
         }
@@ -148,7 +151,7 @@ impl<S: Scheduler> Cluster<S> {
         };
         let folder = JobFolder::of(&self.world.run_dir, name);
         if row.state.submission != Submission::Intended || folder.was_submitting() {
-            return Ok(Room::Open); // asked before: looked up at the next tick
+            return Ok(Room::Open); // submitted before: the next tick looks it up
         }
         let text = match script_of(
             &row.spec,
@@ -200,7 +203,7 @@ impl<S: Scheduler> Cluster<S> {
                 Room::Open
             }
             Answer::Refused(refusal) => {
-                // A definite no: the name is free to be asked for again.
+                // The refusal is definite, so the same name may be submitted again.
                 folder.unmark_submitting()?;
                 self.pass("after a mark was taken back")?;
                 let why = format!("refused for now: {}", refusal.said);
@@ -235,7 +238,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(room)
     }
 
-    /// What each element is to do.
+    /// Orders for the driver of each element.
     fn orders(&self, row: &JobRow) -> Result<Vec<JobOrder>, EngineError> {
         let expected = Expectations::of(&self.world, &self.settings);
         let mut orders = Vec::with_capacity(row.spec.elements.len());
@@ -275,7 +278,8 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
-/// What a driver must know of a patient's tasks: those of its chain, and the one that it waits for.
+/// Tasks of a patient that its driver must know: those of its chain and the one that it waits for.
+/// Tasks without any attempt are left out.
 fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
     let mut keys: Vec<_> = world.patients[i].steps.values().collect();
     keys.sort();
@@ -289,7 +293,7 @@ fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
                 generation,
                 failure,
             } => (*generation, Standing::Failed(failure.clone())),
-            // Another patient's driver is at it: found there when its directory is.
+            // Another patient's driver works at it; this driver finds the attempt by its directory.
             Task::Attempting { generation, .. } => (generation.saturating_sub(1), Standing::Open),
         };
         Some(KnownTask {
@@ -304,7 +308,7 @@ fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
 /// The exact batch script of a job.
 ///
 /// # Errors
-/// [`script::ScriptError`] where the site does not allow it, or a path cannot stand in a script.
+/// [`script::ScriptError`] if the site does not allow the job, or a path cannot stand in a script.
 pub fn script_of(
     spec: &JobSpec,
     name: &str,

@@ -1,4 +1,4 @@
-//! What a file of a run is for, and so how long it is kept. Pure.
+//! Classes of a run's files by their purpose, which decides how long they are kept. Pure functions.
 
 use std::collections::HashSet;
 use std::path::{Component, Path};
@@ -6,30 +6,30 @@ use std::path::{Component, Path};
 use cardiotwin_protocol::names;
 use serde::Serialize;
 
-/// What a file is for.
+/// Purpose of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
     /// The run's database with its snapshot and log.
     Database,
-    /// What was asked, who did it, how it ended: provenance.
+    /// Provenance: what was requested, which process did it, how it ended.
     Record,
-    /// What was computed: a rerun, the report and later tasks read it.
+    /// Computed results, which a rerun, the report and later tasks read.
     Results,
     /// Scripts and logs of a cluster's jobs.
     Jobs,
-    /// The report, what was learned, tables.
+    /// The report, the patients' models, and tables.
     Report,
-    /// Series of VTU files: made on request, read by nothing of ours.
+    /// Series of VTU files, which are made on request and read by no later task.
     Series,
     /// Checkpoints and working folders.
     Scratch,
-    /// In a folder of the run, and none of ours.
+    /// Files in a folder of the run that the program did not write.
     Unknown,
 }
 
 impl Class {
-    /// All, in the order of tables.
+    /// All classes, in the order of tables.
     pub const ALL: [Self; 8] = [
         Self::Database,
         Self::Record,
@@ -41,7 +41,7 @@ impl Class {
         Self::Unknown,
     ];
 
-    /// As in tables.
+    /// Name of the class in tables.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -56,7 +56,7 @@ impl Class {
         }
     }
 
-    /// What it is for, and how long it is kept.
+    /// Purpose of the class, and how long its files are kept.
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {
@@ -74,16 +74,17 @@ impl Class {
     }
 }
 
-/// How an attempt's task stands.
+/// State of an attempt's task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
-    /// The database knows no such task.
+    /// The database has no such task.
     Foreign,
-    /// Somebody may be at work on it.
+    /// The attempt is not over, so a worker may be using its files.
     InUse,
-    /// Over, but its task has no result yet: the next try goes on from its checkpoints.
+    /// The attempt is over, but its task has no result yet: the next attempt continues from its
+    /// checkpoints.
     Unsettled,
-    /// Its task has a result.
+    /// The task has a result.
     Settled,
 }
 
@@ -101,10 +102,10 @@ const RECORD: [&str; 10] = [
     "external/parameters.json",
 ];
 
-/// What a file of an attempt is for.
+/// Class of a file of an attempt.
 ///
-/// - `file`: relative to the attempt's directory
-/// - `artefacts`: files that its outcome names
+/// - `file`: path relative to the attempt's directory
+/// - `artefacts`: files that the attempt's outcome names
 #[must_use]
 pub fn of_attempt(file: &Path, artefacts: &HashSet<String>) -> Class {
     let name = file.to_string_lossy();
@@ -116,7 +117,7 @@ pub fn of_attempt(file: &Path, artefacts: &HashSet<String>) -> Class {
     }
 }
 
-/// What a file of a run outside of attempts is for; `file` relative to the run's folder.
+/// Class of a file of a run outside of attempts; `file` is relative to the run's folder.
 #[must_use]
 pub fn of_run(file: &Path) -> Class {
     let name = file.to_string_lossy();
@@ -175,7 +176,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever an attempt left and however its task stands: records, results and checkpoints that a next try needs stay.
+        /// Whatever an attempt left and whatever the state of its task: records, results and
+        /// checkpoints that a next attempt needs stay.
         #[test]
         fn nothing_is_removed_that_somebody_needs(
             names in proptest::collection::vec("(checkpoint/|external/|vtu/|)[a-z]{1,6}(\\.csv|\\.json|\\.bin|)", 0..12),

@@ -1,4 +1,4 @@
-//! What a run's files take, what of them can go, and a copy of the rest elsewhere.
+//! Disk usage of a run, removal of files that nothing needs, and a copy of the rest elsewhere.
 
 pub mod classes;
 #[cfg(test)]
@@ -25,12 +25,12 @@ use super::{EngineError, enter_with_lease};
 use crate::clock;
 use crate::store::{DATABASE_FILE, Writer, back_up};
 
-/// Files and bytes.
+/// Number and size of files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Usage {
-    /// How many.
+    /// Number of files.
     pub files: u64,
-    /// Their sizes.
+    /// Sum of their sizes, bytes.
     pub bytes: u64,
 }
 
@@ -41,55 +41,56 @@ impl Usage {
     }
 }
 
-/// What a run takes.
+/// Disk usage of a run.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct DiskUsage {
-    /// By what files are for.
+    /// Usage by class of file.
     pub classes: BTreeMap<Class, Usage>,
-    /// What `clean` would remove, and with `--series`.
+    /// Files that `clean` would remove.
     pub removable: Usage,
-    /// The same.
+    /// Files that `clean --series` would remove.
     pub removable_with_series: Usage,
 }
 
-/// What was removed, or would be.
+/// Files that were removed, or would be in a dry run.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Cleaned {
-    /// By what files were for.
+    /// Usage by class of file.
     pub classes: BTreeMap<Class, Usage>,
-    /// Relative to the run's folder.
+    /// Paths relative to the run's folder.
     pub files: Vec<PathBuf>,
 }
 
-/// What was copied.
+/// Files that were copied to an archive.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Archived {
-    /// Files and bytes, the database's copy included.
+    /// Files of the copy, the database included.
     pub copied: Usage,
-    /// Scratch that stayed behind.
+    /// Scratch files that were not copied.
     pub left: Usage,
 }
 
-/// File that names every file of an archive with its SHA-256, as `sha256sum --check` reads it.
+/// File that names every file of an archive with its SHA-256, in the format of `sha256sum --check`.
 pub const MANIFEST: &str = "SHA256SUMS";
 
 /// A file of a run.
 struct Entry {
-    /// Relative to the run's folder.
+    /// Path relative to the run's folder.
     file: PathBuf,
     bytes: u64,
     class: Class,
-    /// Of its attempt, where it is of one.
+    /// Standing of the file's attempt; [`Standing::Foreign`] for a file outside of attempts.
     standing: Standing,
 }
 
-/// How tasks and attempts stand, by the names of their directories.
+/// Standing of tasks and attempts, by the names of their directories.
 struct Books {
-    /// First 16 digits of each task's key, and whether it has a result.
+    /// Whether the task has a result, by the first 16 digits of its key.
     settled: HashMap<String, bool>,
     /// Directories of attempts that are not over.
     in_use: HashSet<PathBuf>,
-    /// Files of results, by the directories of the attempts that published: their own records may have been purged.
+    /// Result files by the directories of the published attempts. These come from the database
+    /// because the attempts' own records may have been purged.
     results: HashMap<PathBuf, HashSet<String>>,
 }
 
@@ -130,7 +131,7 @@ impl Books {
         })
     }
 
-    /// - `attempt`: relative to the run's folder
+    /// - `attempt`: path relative to the run's folder
     fn standing(&self, attempt: &Path) -> Standing {
         let name = attempt.file_name().unwrap_or_default().to_string_lossy();
         match self
@@ -156,16 +157,17 @@ fn file_error<'a>(
     }
 }
 
-/// All files below `folder`, relative to `root`; links are not followed, but that to the attempts.
+/// Collects all files below `folder`, relative to `root`. Links are not followed, except the one to
+/// the attempts.
 fn walk(root: &Path, folder: &Path, found: &mut Vec<(PathBuf, u64)>) -> Result<(), EngineError> {
     for entry in fs::read_dir(folder).map_err(file_error("read", folder))? {
         let entry = entry.map_err(file_error("read", folder))?;
         let path = entry.path();
-        // A worker at work may remove one of its files meanwhile.
+        // A worker may remove one of its files at the same time.
         let Ok(mut metadata) = entry.metadata() else {
             continue;
         };
-        // `executor.scratch`: the attempts lie elsewhere, and are the run's all the same.
+        // With `executor.scratch` the attempts lie elsewhere, but still belong to the run.
         if metadata.is_symlink() && path == root.join(ATTEMPTS) {
             let Ok(elsewhere) = fs::metadata(&path) else {
                 continue;
@@ -221,7 +223,7 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
     Ok(entries)
 }
 
-/// Files that an outcome names; none where the attempt has no outcome.
+/// Files that an attempt's outcome names; empty if the attempt has no outcome.
 fn artefacts_of(attempt: &Path) -> HashSet<String> {
     let outcome = fs::read(attempt.join(names::OUTCOME)).ok();
     let outcome = outcome.and_then(|bytes| serde_json::from_slice::<TaskOutcome>(&bytes).ok());
@@ -232,10 +234,10 @@ fn artefacts_of(attempt: &Path) -> HashSet<String> {
         .collect()
 }
 
-/// What a run takes, by what it is for.
+/// Measures the disk usage of a run by class of file.
 ///
 /// # Errors
-/// The store's; folders that cannot be read.
+/// [`EngineError`] if the store or a folder cannot be read.
 pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
     let books = Books::read(run_dir).await?;
     let mut usage = DiskUsage::default();
@@ -255,10 +257,12 @@ pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
     Ok(usage)
 }
 
-/// Removes what nobody needs; nothing is removed with `is_dry`. Refused while a coordinator is at work on the run.
+/// Removes files that nothing needs; with `is_dry` only lists them. Refused while a coordinator
+/// works on the run.
 ///
 /// # Errors
-/// [`EngineError::Lock`]; the store's; files that cannot be removed.
+/// [`EngineError::Lock`] if another coordinator holds the run; further errors if the store cannot
+/// be read or a file cannot be removed.
 pub async fn clean(
     run_dir: &Path,
     with_series: bool,
@@ -278,7 +282,8 @@ pub async fn clean(
         if !is_dry {
             let path = run_dir.join(&entry.file);
             fs::remove_file(&path).map_err(file_error("remove", &path))?;
-            // Folders that are empty now go, too; others refuse.
+            // Remove folders that became empty, too. Removing a folder that is not empty fails
+            // without effect.
             let inside = entry.file.components().count().saturating_sub(4);
             path.ancestors()
                 .skip(1)
@@ -295,11 +300,13 @@ pub async fn clean(
     Ok(cleaned)
 }
 
-/// Copies a run without its scratch to a folder that must not be there, checks every copy, and writes `SHA256SUMS`. The copy
-/// is a run like any other. It appears whole: made beside and renamed.
+/// Copies a run without its scratch to a new folder, checks every copy, and writes `SHA256SUMS`.
+/// The copy is a run like any other. It appears whole, because it is made beside the target and
+/// then renamed.
 ///
 /// # Errors
-/// [`EngineError::Request`] where the folder is there; the store's; files that cannot be read or written.
+/// [`EngineError::Request`] if the folder exists already; further errors if the store or a file
+/// cannot be read or written.
 pub async fn archive(
     run_dir: &Path,
     target: &Path,
@@ -333,7 +340,7 @@ pub async fn archive(
         if entry.class == Class::Database || is_lock {
             continue;
         }
-        // What a next try would need is copied; what could be cleaned stays behind.
+        // Files that a next attempt would need are copied; files that `clean` could remove are not.
         if classes::is_removable(entry.class, entry.standing, !with_series) {
             done.left.add(entry.bytes);
             continue;

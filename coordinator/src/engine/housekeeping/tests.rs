@@ -1,5 +1,5 @@
-//! Random histories on disk: whatever was run, killed, asked for, cleaned, archived and purged, in whatever order, nothing is
-//! missing that a rerun, the report or provenance needs.
+//! Random histories on disk: whatever is run, killed, requested, cleaned, archived and purged, in
+//! any order, no file is lost that a rerun, the report or provenance needs.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,15 +16,16 @@ use super::*;
 use crate::engine::tests::{Bench, personalised};
 use crate::engine::{Reader, Stage, cancel, rerun, retry};
 
-/// Something that happens to a run.
+/// An event in the history of a run.
 #[derive(Debug, Clone)]
 enum Happening {
-    /// A coordinator, some of whose workers are lost, and which gives up after so many attempts.
+    /// A coordinator that loses this number of attempts, and simulations that diverge above this
+    /// peak stress.
     Run {
         lost: u32,
         diverges_above_kpa: Option<u8>,
     },
-    /// Other settings.
+    /// Step 1 is rerun with another damping.
     Rerun {
         patient: usize,
         damping_percent: u8,
@@ -41,7 +42,8 @@ enum Happening {
     Archive {
         with_series: bool,
     },
-    /// Scratch that empties itself: files of every n-th attempt.
+    /// A scratch file system that empties itself: one file in `every` below the attempts is
+    /// removed.
     Purge {
         every: usize,
     },
@@ -66,20 +68,22 @@ fn layer(value: serde_json::Value) -> SettingsLayer {
     serde_json::from_value(value).unwrap()
 }
 
-/// All files below a folder with their contents' hashes.
+/// All files below a folder with the hashes of their contents.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, String> {
     let mut files = Vec::new();
     walk(folder, folder, &mut files).unwrap();
     let read = |(file, _): (PathBuf, u64)| match fs::read(folder.join(&file)) {
         Ok(bytes) => Some((file, sha256_hex(&bytes))),
-        // SQLite takes its log away when the last connection is closed, a moment after the run's end.
+        // SQLite removes its log when the last connection is closed, a moment after the end of the
+        // run.
         Err(_) if file.to_string_lossy().starts_with("cardiotwin.db-") => None,
         Err(error) => panic!("{}: {error}", file.display()),
     };
     files.into_iter().filter_map(read).collect()
 }
 
-/// Files that the record names, which the report, the export and later tasks read, by themselves: nothing of `classes` is asked.
+/// Files named by the record, which the report, the export and later tasks read. They are collected
+/// independently of `classes`.
 fn named(record: &RunRecord) -> Vec<(PathBuf, String)> {
     fn of<T>(task: Option<&TaskRecord<T>>) -> Vec<(PathBuf, String)> {
         let files = task.into_iter().flat_map(|task| {
@@ -103,7 +107,8 @@ fn named(record: &RunRecord) -> Vec<(PathBuf, String)> {
     files
 }
 
-/// Files that must be there after `clean`, and in an archive: what was there before and somebody may want.
+/// Files that must remain after `clean`, and must be in an archive: those that existed before and
+/// may still be needed.
 fn needed(
     before: &BTreeMap<PathBuf, String>,
     settled: &[String],
@@ -121,7 +126,7 @@ fn needed(
         let scratch = inside.starts_with("checkpoint") || inside == Path::new("nodal.csv.part");
         let series = inside.starts_with("vtu");
         let is_settled = settled.iter().any(|key| attempt.starts_with(key.as_str()));
-        // A try that has no result yet goes on from its checkpoints.
+        // An attempt without a result continues from its checkpoints.
         !is_settled || !(scratch || (series && with_series))
     };
     before
@@ -131,7 +136,7 @@ fn needed(
         .collect()
 }
 
-/// First digits of the keys of tasks that have a result, as the database says.
+/// First 16 digits of the keys of the tasks that have a result in the database.
 async fn settled(run_dir: &Path) -> Vec<String> {
     let loaded = Writer::look(run_dir).await.unwrap();
     let published = loaded
@@ -177,7 +182,7 @@ async fn live(history: Vec<Happening>) {
                 .await
                 .unwrap();
             }
-            // Refused where nothing failed: then nothing happened.
+            // Refused if nothing failed; then nothing has happened.
             Happening::Retry { patient } => {
                 drop(retry(&run_dir, &PatientId::from(PATIENTS[*patient])).await)
             }
@@ -191,7 +196,8 @@ async fn live(history: Vec<Happening>) {
                 assert_eq!(said, done, "a dry run says what is done");
                 let after = contents(&run_dir);
                 for file in needed(&before, &settled, *with_series) {
-                    // Lock and lease say who held them last, and the database is SQLite's.
+                    // Lock and lease name their last holder, and the database's files belong to
+                    // SQLite.
                     let name = file.to_string_lossy();
                     let is_of_holders = name == "coordinator.lock" || file.starts_with("lease");
                     if !name.starts_with("cardiotwin.db") && !is_of_holders {
@@ -247,7 +253,8 @@ async fn live(history: Vec<Happening>) {
             }
         }
     }
-    // What has a result is not made again, whatever was cleaned; with nothing purged everything can be gone on with.
+    // Tasks with a result are not computed again, whatever was cleaned, and every patient can be
+    // finished.
     bench.may_fail(0, None);
     for patient in PATIENTS {
         drop(retry(&run_dir, &PatientId::from(patient)).await);
@@ -262,8 +269,8 @@ async fn live(history: Vec<Happening>) {
     );
 }
 
-/// An archive holds what is needed, is whole by its own list, and is a run that reads the same and has nothing to do that
-/// the first has not.
+/// An archive holds every file that is needed, agrees with its own list, and is a run that reads
+/// the same as the first.
 async fn archived(
     bench: &Bench,
     before: &BTreeMap<PathBuf, String>,
@@ -277,7 +284,7 @@ async fn archived(
     let settled = settled(run_dir).await;
     archive(run_dir, &target, with_series).await.unwrap();
     let copied = contents(&target);
-    // `archive` leaves scratch behind, and without the option series, too.
+    // `archive` leaves scratch behind, and series as well unless they are requested.
     for file in needed(before, &settled, !with_series) {
         let is_ours_alone = file.starts_with("lease") || file == Path::new("coordinator.lock");
         if !file.to_string_lossy().starts_with("cardiotwin.") && !is_ours_alone {
@@ -356,7 +363,8 @@ async fn a_purged_file_is_made_again_only_where_somebody_reads_it() {
     bench.refuses(None);
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
-    // The beat whose traces the targets read; neither step 0 nor the other iterations.
+    // The beat whose traces the targets read is computed again; neither step 0 nor the other
+    // iterations are.
     assert_eq!(
         submitted,
         [

@@ -1,4 +1,5 @@
-//! The loop with scripted answers: the whole chain, failures of each class, changed settings, requests.
+//! The local loop with scripted results: the whole chain, failures of each class, changed settings,
+//! requests.
 
 pub(super) mod scripted;
 
@@ -31,7 +32,7 @@ pub(super) fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
     patient.workflow = Workflow::Personalise;
     patient.step0.end_diastolic_pressure_mmhg = Some(edp_mmhg);
     patient.settings.step1.tolerance = 1e-3;
-    // The script answers as a ventricle that the fixed point suits.
+    // The fixed point converges with the scripted results.
     patient.settings.solver.fidelity = Fidelity::Reduced;
     patient
 }
@@ -53,22 +54,22 @@ impl Bench {
         change(&mut self.script.lock().unwrap());
     }
 
-    /// Attempts leave files from now on.
+    /// Makes attempts leave files from now on.
     pub(super) fn leaves_files(&self) {
         self.script(|s| s.leaves_files = true);
     }
 
-    /// So many attempts are lost, and simulations with a larger peak stress diverge.
+    /// Loses this number of attempts, and lets simulations with a larger peak stress diverge.
     pub(super) fn may_fail(&self, lost: u32, diverges_above_kpa: Option<f64>) {
         self.script(|s| (s.lost_attempts, s.diverges_above_kpa) = (lost, diverges_above_kpa));
     }
 
-    /// Tasks of this kind are told that their input is wrong.
+    /// Makes tasks of this kind fail with wrong input.
     pub(super) fn refuses(&self, kind: Option<&'static str>) {
         self.script(|s| s.refuses = kind);
     }
 
-    /// Runs, and tells what was submitted.
+    /// Runs the patients. Returns the kinds of the submitted tasks as well.
     pub(super) async fn run(&self) -> (RunSummary, Vec<&'static str>) {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         self.run_with(events, StopSignal::new()).await
@@ -84,7 +85,7 @@ impl Bench {
         (summary, self.script.lock().unwrap().submitted.clone())
     }
 
-    /// Goes on with the stored plans and a worker, and tells what was submitted.
+    /// Continues with the stored plans and a worker. Returns the kinds of the submitted tasks.
     async fn resume(&self, worker: Option<&Path>) -> Result<Vec<&'static str>, EngineError> {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         self.driven(None, worker, events, StopSignal::new()).await?;
@@ -156,7 +157,8 @@ async fn a_beat_on_a_large_mesh_takes_all_cores_and_nothing_runs_beside_it() {
                 if *kind == "organ-beat" { threads } else { 1 },
                 "{kind} on {nodes} nodes"
             );
-            // Two run at most: what runs beside is the one before.
+            // At most two tasks run at once, so the previous task is the one that runs beside this
+            // one.
             beside += usize::from(*others > 0 && [*kind, last].contains(&"organ-beat"));
             last = kind;
         }
@@ -219,7 +221,7 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
     let step1 = &submitted[1..submitted.len() - 4];
-    // The last proposal may promise too little to be simulated.
+    // The last proposal may promise too little gain to be simulated.
     assert!(
         step1.len() >= 4
             && step1
@@ -260,7 +262,8 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     assert_eq!(steps[..5], begin);
     assert!(bench.run().await.0.nothing_to_do());
 
-    // The second simulation diverges: no end, but the scripted proposal is the same again, so nothing is left to try.
+    // The second simulation diverges. This does not end step 1, but the scripted proposal is the
+    // same again, so nothing is left to try.
     let mut patient = personalised("P2", 9.0);
     patient.settings.step1.update = Update::SpaceMapping;
     let bench = Bench::new(vec![patient]);
@@ -283,7 +286,8 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     assert_eq!(quality, "stalled: best iteration 1");
 }
 
-/// Both are done, and the first one's chain still stands: the second is looked at for its own sake.
+/// Both patients are done, and the first one's chain is unchanged: the second must be decided on
+/// its own.
 #[tokio::test]
 async fn changed_input_of_a_later_patient_is_seen_where_the_first_is_as_it_was() {
     let mut bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 9.0)]);
@@ -329,7 +333,7 @@ async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_wit
         .iter()
         .filter(|kind| **kind == "organ-beat")
         .count();
-    // New iterations and the verification beat; none of the stored ones.
+    // Only new iterations and the verification beat were simulated, none of the stored iterations.
     assert_eq!(record.iterations.len(), n + simulations - 1);
     let keys: std::collections::BTreeSet<_> = record
         .iterations
@@ -345,7 +349,7 @@ async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_wit
     assert_eq!(bench.overlay("P1", "model.toml").version, 2);
     assert_eq!(bench.overlay("P1", "model.v1.toml").version, 1);
     assert_eq!(record.plan.settings.step1.damping, 0.3);
-    // The override outlives the next run, in which the files give the old value again.
+    // The override persists in the next run, although the files still give the old value.
     assert!(bench.run().await.0.nothing_to_do());
 }
 
@@ -361,7 +365,8 @@ async fn a_first_beat_whose_valves_stay_shut_leads_on_and_is_not_the_result() {
         (valve.name.as_str(), first.failure.as_ref()),
         ("aortic valve opened and closed", None)
     );
-    // Both time constants of volume count as missed by all of them, and their valves stay.
+    // Both time constants of volume count as missed by their whole value, and their valves stay
+    // unchanged.
     assert!(first.cost.unwrap() > 2.0, "{:?}", first.cost);
     assert_eq!(first.relative_differences["tau_VD_ms"], -1.0);
     assert_eq!(second.parameters.valves, first.parameters.valves);
@@ -480,7 +485,7 @@ async fn a_first_simulation_that_fails_fails_the_patient_and_a_retry_repeats_it(
         "{}",
         status.patients[0].note
     );
-    // Again alone changes nothing: a failure of the numerics is not tried again by itself.
+    // Another run alone changes nothing: a failure of the numerics is not tried again by itself.
     assert_eq!(bench.run().await.1.len(), 0);
     retry(bench.path(), &"P1".into()).await.unwrap();
     let (summary, submitted) = bench.run().await;
@@ -533,7 +538,7 @@ async fn equal_work_of_two_patients_is_done_once() {
     assert_eq!(summary.done, 2);
     let count = |kind| submitted.iter().filter(|k| **k == kind).count();
     assert_eq!((count("passive-state"), count("targets")), (1, 1));
-    // Each has its own seed; equal fits lead to one verification beat.
+    // Each patient has its own seed; equal fits lead to one verification beat.
     assert_eq!(count("cell-fit"), 2);
     let explained = bench.reader().await.explain(&"P1".into()).await.unwrap();
     assert_eq!(explained[0].shared_with, [PatientId::from("P2")]);
@@ -595,7 +600,7 @@ async fn a_request_reaches_a_running_coordinator_and_cancels_its_work() {
         "requests are forgotten"
     );
 
-    // Stays cancelled until a person wants it again.
+    // The patients stay cancelled until a person wants them again.
     assert_eq!(bench.run().await.1.len(), 0);
     bench.script(|s| s.silent_on = None);
     retry(bench.path(), &"P2".into()).await.unwrap();

@@ -1,4 +1,5 @@
-//! An executor whose answers follow a formula, so that a test can say what fails and count what was asked.
+//! An executor whose results follow formulas, so that a test can decide what fails and count the
+//! submitted tasks.
 
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
@@ -28,30 +29,32 @@ use cardiotwin_schemas::task::{InputFile, TaskSpec};
 
 use crate::dispatch::{DispatchError, Evidence, Executor, Found, News, Order};
 
-/// What a test says and what it asks afterwards.
+/// Instructions of a test to the executor, and the executor's records for the test.
 #[derive(Debug, Default)]
 pub struct Script {
     /// Simulations with a peak stress above this diverge.
     pub diverges_above_kpa: Option<f64>,
     /// In simulations with a peak stress below this the aortic valve stays shut.
     pub shut_below_kpa: Option<f64>,
-    /// With the fitted cell it does.
+    /// With the fitted cell the aortic valve stays shut.
     pub fitted_cell_is_shut: bool,
-    /// With step 2's cell biomarkers are far off; with step 3's they are not.
+    /// Biomarkers of a beat with step 2's cell are far off; with step 3's cell they are not.
     pub fitted_cell_is_off: bool,
-    /// So many attempts of any task are lost first.
+    /// Number of attempts, of any task, that are lost first.
     pub lost_attempts: u32,
     /// Kinds of the tasks that were submitted, in order.
     pub submitted: Vec<&'static str>,
-    /// Threads of each of them, and how many ran beside it when it was submitted.
+    /// Threads of each submitted task, and number of tasks that ran beside it at that time.
     pub threads_and_others: Vec<(u32, usize)>,
-    /// Never answers tasks of this kind.
+    /// Tasks of this kind never end.
     pub silent_on: Option<&'static str>,
-    /// Attempts leave what a worker leaves: records, results, series, and the scratch of one that is lost.
+    /// Attempts leave the files of a real worker: records, results and series; a lost one leaves
+    /// scratch.
     pub leaves_files: bool,
-    /// Tasks of this kind are told that their input is wrong.
+    /// Tasks of this kind fail with wrong input.
     pub refuses: Option<&'static str>,
-    /// Step 0 makes a finite-element ventricle of so many nodes.
+    /// Number of nodes of the finite-element ventricle that step 0 makes; `None` makes a reduced
+    /// ventricle.
     pub nodes: Option<u64>,
 }
 
@@ -71,10 +74,11 @@ impl Scripted {
     }
 }
 
-/// The parameters that the measured biomarkers belong to.
+/// Parameters whose biomarkers count as measured.
 pub const TRUTH: [f64; 6] = [180.0, 25.0, 70.0, 420.0, 0.02, 0.02];
 
-/// Biomarkers that answer each parameter as in the heart, but less than in proportion: the fixed point has work to do.
+/// Biomarkers that respond to each parameter as in the heart, but less than in proportion, so that
+/// the fixed point needs several iterations.
 fn answer(p: [f64; 6]) -> Biomarkers {
     let [smax, tau_sr, tau_sd, t_cr, r_av, r_mv] = p;
     Biomarkers {
@@ -253,7 +257,8 @@ impl Script {
                 }
             },
             TaskSpec::Step1Proposal(spec) => {
-                // The first is as far off as a guess, each further one halves the logarithms of what is missing.
+                // The first proposal is a rough guess; each further one halves the remaining
+                // logarithmic error.
                 let from = spec
                     .runs
                     .iter()
@@ -275,7 +280,7 @@ impl Script {
                     reduced_beats: 100,
                 })
             }
-            // Another cell, nearer to the truth.
+            // A different cell, nearer to the truth with each iteration.
             TaskSpec::Step3Proposal(spec) => {
                 let share = 0.5_f64.powi(spec.runs.len() as i32);
                 TaskResult::Step3Proposal(Step3ProposalResult {
@@ -346,7 +351,7 @@ impl Script {
     }
 }
 
-/// Files of an attempt, and the records that every one has.
+/// Writes the given files of an attempt and the records that every attempt has.
 fn leave(order: &Order, files: &[(&str, &str)]) {
     let spec = serde_json::to_string(&order.spec).unwrap();
     for (name, text) in [
@@ -419,7 +424,7 @@ impl Executor for Scripted {
                 provenance: Provenance::default(),
             };
             let text = serde_json::to_string(&outcome).unwrap();
-            // A published file is there: what is not, is taken for purged and made again.
+            // A published file must exist: a missing one counts as purged and is made again.
             let directory = &order.directory;
             std::fs::create_dir_all(directory).unwrap();
             std::fs::write(directory.join("nodal.csv"), &traces).unwrap();
@@ -480,7 +485,7 @@ impl Executor for Scripted {
     }
 }
 
-/// A posterior as wide as its prior, of one draw.
+/// A posterior as wide as its prior, with a single draw.
 fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
     let parameters = spec.parameters.iter().map(|(name, moved)| {
         let prior = Spread {

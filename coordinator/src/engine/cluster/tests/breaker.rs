@@ -32,7 +32,7 @@ fn pauses_double_from_the_third_silence_on_up_to_an_hour() {
     );
 }
 
-/// Three questions without an answer, and Slurm is left alone; once the pause is over it is asked again.
+/// After three queries without an answer Slurm is left alone; after the pause it is asked again.
 #[tokio::test]
 async fn a_scheduler_that_does_not_answer_is_left_alone() {
     let mut lab = Lab::new(noops(1), Settings::default());

@@ -1,4 +1,4 @@
-//! Simulations in 3D where whole nodes are given: several nodes in one job, each filled.
+//! Simulations in 3D on sites that give whole nodes: several nodes in one job, each of them filled.
 
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::Fidelity;
@@ -7,7 +7,7 @@ use cardiotwin_slurm::model::Settings;
 use super::lab::Lab;
 use crate::engine::tests::personalised;
 
-/// Patients in 3D, longer than a node is given to one after the other.
+/// Patients in 3D. Their chains in sequence on one node exceed its walltime.
 fn in_3d(n: usize) -> Vec<ResolvedPatient> {
     let patient = |i: usize| {
         let mut patient = personalised(&format!("P{i}"), 8.0 + i as f64);
@@ -31,7 +31,7 @@ fn demand(lab: &Lab) -> Vec<String> {
     scripts.filter_map(line).collect()
 }
 
-/// Nodes of four cores, a core each: five patients are two nodes, not five.
+/// Nodes of four cores, one core per patient: five patients take two nodes, not five.
 #[tokio::test]
 async fn a_node_is_filled_before_another_is_taken() {
     let mut lab = Lab::new(in_3d(5), Settings::default()).with_whole_nodes();
@@ -49,7 +49,8 @@ async fn a_node_is_filled_before_another_is_taken() {
     );
 }
 
-/// One of several nodes is lost: what its driver had not brought to an end goes on in another job.
+/// A job loses one of its nodes: the patients that the driver there had not finished continue in
+/// another job.
 #[tokio::test]
 async fn a_bundle_that_loses_a_node_is_continued() {
     let mut lab = Lab::new(in_3d(9), Settings::default()).with_whole_nodes();
@@ -57,7 +58,7 @@ async fn a_bundle_that_loses_a_node_is_continued() {
     lab.tick().await;
     assert_eq!(demand(&lab), ["3"]);
     lab.pass(5);
-    // The driver of each node dies at its fourth simulation, after it was claimed.
+    // The driver of each node dies at its fourth simulation, after claiming it.
     lab.drive(|| Some((3, true))).await;
     lab.slurm.model.lock().unwrap().lose_node(2);
     assert_eq!(lab.finish().await.done, 9);

@@ -1,4 +1,5 @@
-//! A job that is CANCELLED: by a person, who is obeyed, or by Slurm, whose failure is the site's.
+//! Jobs in state CANCELLED: by a person, whose wish holds, or by Slurm, which counts as a failure
+//! of the site.
 
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::job::JobName;
@@ -8,7 +9,7 @@ use super::lab::Lab;
 use super::noops;
 use crate::dispatch::slurm::folder::JobFolder;
 
-/// `scancel` of the first job, as a person would.
+/// Cancels a job by its name, as a person would.
 fn scancel(lab: &Lab, name: &str) {
     let cancel = commands::cancel_name(&JobName::new(name).unwrap());
     lab.slurm
@@ -38,7 +39,8 @@ async fn a_job_that_a_person_cancelled_stays_cancelled() {
     );
 }
 
-/// The database still has it as running: it is asked again, and then names the person.
+/// While the database still has the job as running, it is asked again, and then it names the
+/// person.
 #[tokio::test]
 async fn while_accounting_lags_nobody_is_blamed() {
     let mut lab = Lab::new(
@@ -67,7 +69,8 @@ async fn while_accounting_lags_nobody_is_blamed() {
     assert_eq!((summary.cancelled, summary.jobs), (1, 0));
 }
 
-/// A controller that lost its state gives a number once more, and cancels the new job as it starts: no person did.
+/// A controller that lost its state hands out a number twice and cancels the new job as it starts.
+/// No person did.
 #[tokio::test]
 async fn a_job_whose_number_still_runs_is_submitted_again() {
     for has_accounting in [true, false] {
@@ -108,7 +111,8 @@ async fn a_job_whose_number_still_runs_is_submitted_again() {
     }
 }
 
-/// Without accounting the job's own evidence tells: its processes were asked to end, or it never had a node.
+/// Without accounting the job's own evidence decides: its processes were asked to end, or it never
+/// had a node.
 #[tokio::test]
 async fn without_accounting_the_jobs_own_evidence_tells() {
     let settings = || Settings {
@@ -127,7 +131,7 @@ async fn without_accounting_the_jobs_own_evidence_tells() {
     let mut lab = Lab::new(noops(2), settings());
     lab.settings.job_s = 1;
     lab.tick().await;
-    lab.slurm.model.lock().unwrap().lose_node(1); // nothing starts
+    lab.slurm.model.lock().unwrap().lose_node(1); // nothing starts any more
     let names: Vec<String> = (std::fs::read_dir(lab.run_dir().join("slurm"))
         .unwrap()
         .flatten())

@@ -1,5 +1,5 @@
-//! Coordinators and drivers that die at every one of their crash points: around every commit, file action and command.
-//! The next tick goes on, and the end is the same.
+//! Coordinators and drivers that die at each of their crash points: around every commit, file
+//! action and command. The next tick continues, and the end is the same.
 
 use cardiotwin_slurm::model::{Fault, Settings};
 
@@ -8,14 +8,15 @@ use super::noops;
 use crate::engine::cancel;
 use crate::engine::crash::CrashPoints;
 
-/// What happens besides: each course leads the coordinator through other actions.
+/// Events that accompany the run. Each course leads the coordinator through other actions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Course {
-    /// Nothing.
+    /// No event.
     Peaceful,
-    /// The first submission has its effect, and its answer is lost.
+    /// The first submission takes effect, but its answer is lost.
     DoubtfulSubmission,
-    /// A driver dies at its second attempt and its node is lost: its job is settled, its attempt revoked.
+    /// A driver dies at its second attempt and its node is lost: the job is settled and the attempt
+    /// revoked.
     LostNode,
     /// A person cancels the run while its job waits or runs: `scancel`.
     Cancelled,
@@ -29,8 +30,8 @@ const COURSES: [Course; 4] = [
 ];
 
 impl Course {
-    /// Lives through the course with coordinators and drivers that die where these crash points say, and ends it with
-    /// others that do not; tells whether any died.
+    /// Runs the course with coordinators and drivers that die at these crash points, and ends it
+    /// with others that do not. Returns the lab, and whether any of them died.
     async fn live(self, coordinator: &CrashPoints, driver: &CrashPoints) -> (Lab, bool) {
         let mut lab = Lab::new(
             noops(2),
@@ -68,7 +69,7 @@ impl Course {
         let has_died = coordinator.is_over() || driver.is_over();
         lab.moment();
         if self == Self::Cancelled && !is_cancelled {
-            lab.tick().await; // Died before there was anything to cancel.
+            lab.tick().await; // The coordinator died before there was anything to cancel.
             cancel(&lab.run_dir(), None).await.unwrap();
         }
         let summary = lab.finish().await;

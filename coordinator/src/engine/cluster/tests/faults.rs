@@ -1,4 +1,5 @@
-//! Faults of `sacct` and `scancel`: a command that fails is asked again, and its answer is taken for what it is.
+//! Faults of `sacct` and `scancel`: a command that fails is repeated, and a faulty answer is not
+//! trusted.
 
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::job::JobName;
@@ -36,7 +37,8 @@ async fn a_faulty_scancel_is_asked_again() {
             summary = lab.tick().await;
         }
         assert_eq!((summary.cancelled, summary.jobs), (1, 0), "{fault:?}");
-        // Asked again where nothing came of it; where only the answer was lost, the job is seen to have ended.
+        // The cancellation is repeated if it had no effect. If only the answer was lost, the job is
+        // seen to have ended.
         let has_no_effect = matches!(fault, Fault::TimeoutBefore | Fault::Down);
         assert_eq!(lab.n_asked("scancel") > 1, has_no_effect, "{fault:?}");
         let runs = lab.slurm.model.lock().unwrap().runs().to_vec();
@@ -47,8 +49,8 @@ async fn a_faulty_scancel_is_asked_again() {
     }
 }
 
-/// A person cancelled the job. Only accounting names the person, and its first answer is faulty: the patient is neither
-/// failed nor submitted again before it has told.
+/// A person cancelled the job. Only accounting names the person, and its first answer is faulty:
+/// before a proper answer the patient is neither failed nor submitted again.
 #[tokio::test]
 async fn a_faulty_sacct_blames_nobody() {
     for fault in every_fault() {

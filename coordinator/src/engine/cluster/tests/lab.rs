@@ -1,4 +1,5 @@
-//! A run on a model of Slurm: the tick as it is, jobs whose drivers are the real driver, workers that answer by script.
+//! A run on a model of Slurm: the real tick, the real driver in the jobs, and workers with scripted
+//! results.
 
 use std::collections::{BTreeMap, HashSet, VecDeque};
 use std::fs;
@@ -28,11 +29,11 @@ use crate::engine::{
     EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick,
 };
 
-/// Slurm, as the tick meets it.
+/// The scheduler that the tick talks to.
 #[derive(Debug, Clone)]
 pub struct Modelled {
     pub model: Arc<Mutex<Model>>,
-    /// Faults of the next commands, by program; used up in order.
+    /// Faults of the next commands, by program. Each is used once, in order.
     pub faults: Arc<Mutex<Vec<(&'static str, Fault)>>>,
     pub asked: Arc<Mutex<Vec<&'static str>>>,
 }
@@ -57,13 +58,14 @@ impl Scheduler for Modelled {
     }
 }
 
-/// Workers that claim, heed revocations and publish as the real one does, with results by script.
+/// Workers that claim, respect revocations and publish as the real one does, with scripted results.
 pub struct OnDisk {
     script: Arc<Mutex<Script>>,
     ended: VecDeque<AttemptId>,
-    /// Dies with its driver at this attempt, before it is claimed or after.
+    /// The worker dies with its driver at the attempt of this number (from 0), after claiming it if
+    /// true.
     pub dies: Option<(usize, bool)>,
-    /// How many attempts were begun here.
+    /// Number of attempts begun by this worker.
     begun: usize,
     directories: BTreeMap<AttemptId, PathBuf>,
 }
@@ -84,7 +86,7 @@ impl Executor for OnDisk {
             source: std::io::ErrorKind::Other.into(),
         };
         if self.dies == Some((self.begun, false)) {
-            return Err(died(&order.directory)); // after the directory was made, before anybody claimed it
+            return Err(died(&order.directory)); // the directory exists, but nobody has claimed it
         }
         self.begun += 1;
         let attempt = order.spec.attempt.clone();
@@ -94,7 +96,7 @@ impl Executor for OnDisk {
             return Err(died(&order.directory));
         }
         if self.dies == Some((self.begun - 1, true)) {
-            return Err(died(&order.directory)); // claimed, and nothing came of it
+            return Err(died(&order.directory)); // claimed, without an outcome
         }
         fs::write(order.directory.join("nodal.csv"), "x").unwrap();
         let nodal = Artefact {
@@ -141,7 +143,7 @@ impl Executor for OnDisk {
     }
 }
 
-/// Nodes of each element of a job: on each of them its script starts a driver.
+/// Number of nodes of each element of a job. The job's script starts a driver on each of them.
 fn n_nodes(folder: &Path) -> u32 {
     let script = fs::read_to_string(folder.join("job.sh")).unwrap();
     script
@@ -157,14 +159,14 @@ pub struct Lab {
     pub patients: Vec<ResolvedPatient>,
     pub settings: SlurmSettings,
     pub site_retries: u32,
-    /// The clock of ticks and drivers.
+    /// Clock of ticks and drivers.
     pub clock: Clock,
-    /// Ticks go on with the stored plans.
+    /// Whether ticks continue with the stored plans instead of `patients`.
     pub has_stored_plans: bool,
     driven: HashSet<usize>,
 }
 
-/// A moment in 2023, at which the lab's clock begins.
+/// Start of the lab's clock, ms since 1970: a moment in 2023.
 const START_MS: i64 = 1_700_000_000_000;
 
 const SITE: &str = "name = 'model'\ndescription = ''\nscheduler = 'slurm'\nnode = { cores = 4, memory_mib = 8000, unit = 'core' }\n\
@@ -200,7 +202,7 @@ impl Lab {
         }
     }
 
-    /// Where whole nodes are given.
+    /// The same lab on a site that gives whole nodes.
     pub fn with_whole_nodes(self) -> Self {
         fs::write(
             &self.settings.site,
@@ -214,17 +216,18 @@ impl Lab {
         self.dir.path().join("run")
     }
 
-    /// One tick.
+    /// Runs one tick.
     pub async fn tick(&self) -> RunSummary {
         self.tick_until(&CrashPoints::default()).await.unwrap()
     }
 
-    /// One tick, which dies at its n-th crash point.
+    /// Runs one tick, which dies at its n-th crash point.
     pub async fn tick_dying_at(&self, n: u64) -> Result<RunSummary, EngineError> {
         self.tick_until(&CrashPoints::ending_at(n)).await
     }
 
-    /// One tick, which dies where these crash points say, counted over all ticks that are given them.
+    /// Runs one tick, which dies at these crash points. They are counted over all ticks that share
+    /// them.
     pub async fn tick_until(&self, crash: &CrashPoints) -> Result<RunSummary, EngineError> {
         let slurm = self.settings.clone();
         let options = RunOptions {
@@ -272,28 +275,29 @@ impl Lab {
         self.clock.advance_ms(seconds * 1000);
     }
 
-    /// Lets a moment pass for the coordinator alone: a grace of nothing is over then.
+    /// Lets a moment pass for the coordinator alone, after which a grace of zero is over.
     pub fn moment(&self) {
         self.clock.advance_ms(1);
     }
 
-    /// The next command of this program meets this fault.
+    /// Lets the next command of this program meet this fault.
     pub fn fault(&self, program: &'static str, fault: Fault) {
         self.slurm.faults.lock().unwrap().push((program, fault));
     }
 
-    /// How often this program was asked.
+    /// How often this program was run.
     pub fn n_asked(&self, program: &str) -> usize {
         let asked = self.slurm.asked.lock().unwrap();
         asked.iter().filter(|p| **p == program).count()
     }
 
-    /// Runs the drivers of what Slurm has started; those whose processes were killed do not run any more.
+    /// Runs the drivers of the jobs that Slurm has started. A driver whose processes were killed
+    /// does not run any more.
     pub async fn drive(&mut self, dies: impl FnMut() -> Option<(usize, bool)>) {
         self.drive_until(dies, &CrashPoints::default()).await;
     }
 
-    /// The same with drivers that die where these crash points say; a driver that is dead does nothing more.
+    /// The same with drivers that die at these crash points. A dead driver does nothing more.
     pub async fn drive_until(
         &mut self,
         mut dies: impl FnMut() -> Option<(usize, bool)>,
@@ -323,7 +327,7 @@ impl Lab {
                     begun: 0,
                     directories: BTreeMap::new(),
                 };
-                // A driver that dies says nothing; its job ends all the same.
+                // A driver that dies writes no end; its job ends all the same.
                 let surroundings = self.surroundings(crash);
                 let _ =
                     drive_job(&place, executor, StopSignal::new(), || false, surroundings).await;
@@ -331,7 +335,7 @@ impl Lab {
         }
     }
 
-    /// Ticks, lets time pass and runs drivers until everything is over.
+    /// Ticks, lets time pass and runs drivers until the run is over.
     pub async fn finish(&mut self) -> RunSummary {
         for _ in 0..400 {
             let summary = self.tick().await;
@@ -355,7 +359,7 @@ impl Lab {
         self.reader().await.history(None).await.unwrap()
     }
 
-    /// Every task that was published was published once, and was not begun again afterwards.
+    /// Asserts that every published task was published once and was not begun again afterwards.
     pub async fn assert_published_once(&self) {
         let mut published: HashSet<String> = HashSet::new();
         for event in self
@@ -385,7 +389,7 @@ impl Lab {
         shards.iter().flat_map(|p| folders(p)).collect()
     }
 
-    /// Attempts that a worker claimed and nobody closed.
+    /// Attempts that a worker claimed and that are still open.
     pub fn attempts_at_work(&self) -> Vec<PathBuf> {
         let mut all = self.attempt_directories();
         all.retain(|path| {
@@ -394,7 +398,7 @@ impl Lab {
         all
     }
 
-    /// How many attempts were claimed by a worker, and how many were published.
+    /// Number of attempts that were claimed, and number of attempts that were published.
     pub fn attempts(&self) -> (usize, usize) {
         let all = self.attempt_directories();
         let n = |is: fn(&PathBuf) -> bool| all.iter().filter(|path| is(path)).count();

@@ -1,4 +1,5 @@
-//! The tick against a model of Slurm: both ways of running a patient alike, every crash point, random faults.
+//! The tick against a model of Slurm: same results as the local loop, every crash point, random
+//! faults.
 
 mod breaker;
 mod bundles;
@@ -26,7 +27,7 @@ fn noops(n: usize) -> Vec<ResolvedPatient> {
         .collect()
 }
 
-/// Events as they are compared: without times, numbers of processes and jobs.
+/// Events in a comparable form: without times and the numbers of processes and jobs.
 fn told(events: Vec<EventRecord>) -> Vec<String> {
     let events = events.into_iter().filter(|event| event.machine != "job");
     events
@@ -163,7 +164,8 @@ async fn a_full_queue_is_waited_for_and_told() {
         },
     );
     let mut lab = Lab::new(noops(1), settings);
-    // Another job of the user's; the site's profile knows nothing of the limit, so that Slurm itself refuses.
+    // Another job of the user. The site's profile does not contain the limit, so Slurm itself
+    // refuses.
     let filler = "#!/bin/bash\n#SBATCH --job-name=filler\n#SBATCH --hold\n#SBATCH --qos=normal\n";
     let submit = cardiotwin_slurm::commands::submit("filler.sh");
     lab.slurm
@@ -192,7 +194,8 @@ async fn a_full_queue_is_waited_for_and_told() {
     assert_eq!(lab.attempts(), (3, 3));
 }
 
-/// Lost nodes are avoided and charged to nothing; memory and silence are charged; what goes on for ever is stopped.
+/// Lost nodes are avoided and charged to nothing, exhausted memory and unexplained ends are
+/// charged, and endless repeats are stopped.
 #[tokio::test]
 async fn what_follows_from_a_failure_is_bounded_and_named() {
     for (signal, cause) in [(125, SiteCause::OutOfMemory), (9, SiteCause::Unexplained)] {
@@ -275,7 +278,7 @@ async fn a_node_that_is_lost_publishes_nothing_and_is_avoided() {
     lab.pass(2);
     lab.slurm.model.lock().unwrap().lose_node(1);
     lab.tick().await; // NODE_FAIL is seen, the zombie is revoked, another job is submitted
-    lab.drive(|| None).await; // only now the zombie wakes
+    lab.drive(|| None).await; // the zombie wakes only now
     assert_eq!(lab.attempts(), (0, 0), "a revoked job begins nothing");
     assert_eq!(lab.finish().await.done, 1);
     let scripts: Vec<String> = walk_scripts(&lab);
@@ -296,7 +299,7 @@ fn walk_scripts(lab: &Lab) -> Vec<String> {
         .collect()
 }
 
-/// A small generator: the crate has no random numbers, and runs are to be repeated by their seed.
+/// A small random generator, which repeats a run from its seed; the crate has none.
 struct Dice(u64);
 
 impl Dice {
@@ -308,8 +311,8 @@ impl Dice {
     }
 }
 
-/// Random kills and faults: of ticks, drivers, nodes, the controller, single commands. `CARDIOTWIN_KILLS` sets how many
-/// kills there are at least (docs/slurm.md has the figures of 10,000).
+/// Random kills and faults of ticks, drivers, nodes, the controller and single commands.
+/// `CARDIOTWIN_KILLS` sets the least number of kills (docs/slurm.md has the figures of 10,000).
 #[tokio::test]
 async fn random_kills_lose_nothing_and_publish_nothing_twice() {
     let wanted: u64 = std::env::var("CARDIOTWIN_KILLS")

@@ -1,4 +1,5 @@
-//! A worker that lives on when its job was taken for ended: of its outcome and the revocation one counts.
+//! A worker that outlives the end of its job: either its outcome or the revocation counts, not
+//! both.
 
 use std::path::PathBuf;
 
@@ -13,7 +14,8 @@ use cardiotwin_slurm::model::Settings;
 use super::lab::Lab;
 use super::noops;
 
-/// A job whose driver is dead and whose worker has claimed an attempt, and what that worker is to publish.
+/// A job whose driver is dead and whose worker has claimed an attempt, with the outcome that this
+/// worker will publish.
 async fn orphan() -> (Lab, PathBuf, TaskOutcome) {
     let mut lab = Lab::new(noops(1), Settings::default());
     lab.tick().await;
